@@ -44,10 +44,10 @@ style: .venv/dev
 types: .venv/dev
 	$(BIN)/mypy
 
-# Files and requests that nobody meant, for MINUTES; what is found is kept in tests/corpus, which the tests read.
-MINUTES ?= 60
+# Files and requests that nobody meant, FUZZ of each kind; what is found is kept in tests/corpus, which the tests read.
+FUZZ ?= 5000
 fuzz: .venv/dev
-	OMP_NUM_THREADS=1 nice $(BIN)/python -m tests.fuzzing --minutes $(MINUTES)
+	FUZZ=$(FUZZ) OMP_NUM_THREADS=1 nice $(BIN)/pytest tests/test_fuzz.py
 
 bench: .venv/dev
 	$(BIN)/python -m benchmarks

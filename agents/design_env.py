@@ -24,7 +24,7 @@ from pendulum_env.lookup import find
 from pendulum_env.plant import make_plant
 from pendulum_env.rendering import MODES, Renderer
 from pendulum_env.vector_env import DirectDrivePendulumVector
-from pendulum_env.wrappers.spread import Spread
+from pendulum_env.wrappers.randomize_plant import Spread
 
 RATE = 1000.0  # [Hz], of the measurement and of the physics
 

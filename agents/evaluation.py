@@ -118,18 +118,19 @@ def compare(
     """
     sizes = [min(PART, plants - first) for first in range(0, plants, PART)]
     alike = partial(observe, constraint=constraint, effects=tuple(effects), scheme_id=scheme_id)
-    jobs = {
-        (name, part): partial(alike, contender, plants=size, seed=seed + 4 * FRESH * part)
-        for name, contender in contenders.items()
+    jobs = [
+        partial(alike, contender, plants=size, seed=seed + 4 * FRESH * part)
+        for contender in contenders.values()
         for part, size in enumerate(sizes)
-    }
+    ]
     work: Callable[..., Iterable[Outcome]] = map if executor is None else executor.map
-    done: dict[tuple[str, int], Outcome] = {}
-    for job, outcome in zip(jobs, work(operator.call, jobs.values()), strict=True):
-        done[job] = outcome
+    done: list[Outcome] = []
+    for outcome in work(operator.call, jobs):
+        done.append(outcome)
         if tell is not None:
-            tell(job[0], len(done) / len(jobs))
-    return {name: Outcome.join([done[name, part] for part in range(len(sizes))]) for name in contenders}
+            tell([*contenders][(len(done) - 1) // len(sizes)], len(done) / len(jobs))
+    count = len(sizes)
+    return {name: Outcome.join(done[k * count : (k + 1) * count]) for k, name in enumerate(contenders)}
 
 
 def observe(
@@ -221,31 +222,10 @@ def interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) ->
     return float(low), float(high)
 
 
-def evaluation_json(outcomes: Mapping[str, Outcome], base: str, trained: Sequence[str] = (), **setting: object) -> JSON:
-    """All policies beside a baseline, for programs; what is infinite or unknown is null.
-
-    Args:
-        outcomes: by name of the policy.
-        base: name of the baseline.
-        trained: policies of one training with several seeds, of which median and worst are told as well.
-        setting: what else is to be written down.
-    """
+def evaluation_json(outcomes: Mapping[str, Outcome], base: str, **setting: object) -> JSON:
+    """All policies beside a baseline, for programs, and what else is to be written; the infinite or unknown is null."""
     told = {name: _policy_json(outcome, outcomes[base]) for name, outcome in outcomes.items()}
-    written: JSON = {"schema": SCHEMA, **setting, "baseline": base, "policies": told}
-    if len(trained) > 1:
-        written["trainings"] = {
-            "policies": list(trained),
-            "gain": {
-                name: _median_and_worst([told[policy]["gain"][name]["ratio"] for policy in trained])
-                for name in told[base]["gain"]
-            },
-        }
-    return written
-
-
-def _median_and_worst(ratios: Sequence[float | None]) -> JSON:
-    known = [0.0 if ratio is None else ratio for ratio in ratios]  # what half the plants never reach
-    return {"median": float(np.median(known)), "worst": min(known)}
+    return {"schema": SCHEMA, **setting, "baseline": base, "policies": told}
 
 
 def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
@@ -255,9 +235,9 @@ def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
     gains = {name: _against(improvement, own, usual) for name, own, usual in series}
     gains["information"] = _against(information_ratio, outcome.log_det[-1], base.log_det[-1])
     return {
-        "error": _each(moments, outcome.errors),
-        "cramer_rao": _each(moments, outcome.bound),
-        "time_to": _each(bounds, outcome.close),
+        "error": dict(zip(moments, map(_quartiles, outcome.errors), strict=True)),
+        "cramer_rao": dict(zip(moments, map(_quartiles, outcome.bound), strict=True)),
+        "time_to": dict(zip(bounds, map(_quartiles, outcome.close), strict=True)),
         "gain": gains,
         "torque_peak": float(outcome.peak.max()),
         "torque_rms": _quartiles(outcome.rms),
@@ -267,13 +247,9 @@ def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
     }
 
 
-def _each(names: Sequence[str], values: Array) -> JSON:
-    return {name: _quartiles(own) for name, own in zip(names, values, strict=True)}
-
-
 def _against(statistic: Statistic, policy: Array, base: Array) -> JSON:
-    low, high = interval(statistic, policy, base)
-    return {"ratio": _finite(statistic(policy, base)), "low": _finite(low), "high": _finite(high)}
+    values = statistic(policy, base), *interval(statistic, policy, base)
+    return dict(zip(("ratio", "low", "high"), map(_finite, values), strict=True))
 
 
 def _quartiles(values: Array) -> list[float | None]:

@@ -22,7 +22,7 @@ SHIPPED = Path(__file__).parent / "policies"
 NAMES = tuple(CONSTRAINTS)  # of those that ship, one for each
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Network:
     """Perceptron with tanh between its layers; it sees the arm turn forwards.
 
@@ -37,11 +37,6 @@ class Network:
     biases: Sequence[Array]
     levels: Array
     constraint: str
-
-    def __repr__(self) -> str:
-        """One line: what it sees, its layers, what it may play, and for which bound it was trained."""
-        layers = "-".join(str(one.shape[1]) for one in self.weights)
-        return f"<Network of {layers} units, which plays {len(self.levels)} torques, trained under {self.constraint!r}>"
 
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
@@ -87,43 +82,35 @@ class Network:
 
     @classmethod
     def _of(cls, arrays: Mapping[str, NDArray[Any]]) -> Network:
-        count = sum(name.startswith("weight") for name in arrays)
-        weights = [_numbers(arrays, f"weight{k}", 2) for k in range(count)]
-        biases = [_numbers(arrays, f"bias{k}", 1) for k in range(count)]
-        levels = _numbers(arrays, "levels", 1)
-        constraint = str(arrays["constraint"]) if "constraint" in arrays else ""
+        """A policy of the arrays of a file.
+
+        Raises:
+            ValueError: if one is missing or holds no numbers, or they do not fit together.
+        """
+        layers = range(max(1, sum(name.startswith("weight") for name in arrays)))
+        names = [*(f"weight{k}" for k in layers), *(f"bias{k}" for k in layers), "levels"]
+        for name in [*names, "constraint"]:
+            if name not in arrays:
+                raise ValueError(f"it lacks {name}")
+        for name in names:
+            own = arrays[name]
+            if own.dtype.kind not in "iuf" or not own.size or not _bounded(own):
+                raise ValueError(f"{name} holds something else than numbers up to {LARGEST_WEIGHT:g}")
+        *parameters, levels = (arrays[name].astype(float) for name in names)
+        weights, biases = parameters[: len(layers)], parameters[len(layers) :]
+        seen, constraint = weights[0].shape[-1], str(arrays["constraint"])
+        sizes = [seen if seen == INPUTS + 1 else INPUTS, *(bias.size for bias in biases)]  # one more with limited turns
+        if [w.shape for w in weights] != [*zip(sizes[1:], sizes, strict=False)] or levels.shape != biases[-1].shape:
+            raise ValueError("its layers, outputs and levels do not follow from one another")
         if constraint not in CONSTRAINTS:
             raise ValueError(f"its constraint is {shown(constraint)}, none of {', '.join(CONSTRAINTS)}")
-        if not weights:
-            raise ValueError("it lacks weight0")
-        seen = weights[0].shape[1]  # one more with a limit on turns
-        inputs = [seen if seen == INPUTS + 1 else INPUTS, *(len(bias) for bias in biases)]
-        for k, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
-            if weight.shape != (len(bias), inputs[k]):
-                raise ValueError(f"weight{k} has shape {weight.shape}, where {(len(bias), inputs[k])} follows")
-        if len(biases[-1]) != len(levels):
-            raise ValueError("outputs and levels differ in number")
         if np.abs(levels).max() > 1.0:
             raise ValueError("a level is beyond 1, the peak")
         return cls(weights, biases, levels, constraint)
 
 
-def _numbers(arrays: Mapping[str, NDArray[Any]], name: str, axes: int) -> Array:
-    """An array of a policy file that holds nothing but finite numbers.
-
-    Raises:
-        ValueError: if it is missing, or none.
-    """
-    if name not in arrays:
-        raise ValueError(f"it lacks {name}")
-    array = arrays[name]
-    if array.dtype.kind not in "iuf" or array.ndim != axes or not array.size:
-        raise ValueError(f"{name} has type {shown(str(array.dtype))} and shape {shown(array.shape)}")
-    with np.errstate(over="ignore"):
-        numbers = array.astype(float)
-    if not (np.abs(numbers) <= LARGEST_WEIGHT).all():  # nor NaN
-        raise ValueError(f"{name} holds a number that is not finite, or beyond {LARGEST_WEIGHT:g}")
-    return numbers
+def _bounded(numbers: NDArray[Any]) -> bool:
+    return bool((np.abs(numbers.astype(np.longdouble)) <= LARGEST_WEIGHT).all())  # which NaN is not
 
 
 def load(name: str) -> Network:

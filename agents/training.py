@@ -10,12 +10,10 @@ import random
 from dataclasses import asdict, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import cloudpickle
 import numpy as np
 import torch
-from gymnasium.vector import VectorEnv
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
@@ -23,7 +21,7 @@ from agents.config import Config
 from agents.design_env import ExcitationDesignVector
 from agents.network import Network
 from agents.observer import CONSTRAINTS
-from agents.tasks import FinalWorth, Forwards, PriceTorque, in_levels
+from agents.tasks import LearntOn
 from agents.vec_env import BatchedVecEnv
 from estimators.progress import Progress
 from pendulum_env.files import write_whole
@@ -75,19 +73,10 @@ def _begin(config: Config, folder: Path | None, resume: bool) -> PPO:
     return _restore(folder / CHECKPOINT, config)
 
 
-def make_env(config: Config) -> BatchedVecEnv:
-    """Pendulums to learn on."""
-    design = ExcitationDesignVector(config.pendulums, constraint=config.constraint, autoreset_mode="SameStep")
-    env: VectorEnv[Any, Any, Any] = FinalWorth(design, config.head_start)
-    if design.constraint.rms is not None:
-        env = PriceTorque(env, design.constraint, config.price_rate)
-    env = Forwards(env)
-    return BatchedVecEnv(in_levels(env, config.levels))
-
-
 def make_model(config: Config) -> PPO:
     """What learns, before it has."""
-    env = make_env(config)
+    design = ExcitationDesignVector(config.pendulums, constraint=config.constraint, autoreset_mode="SameStep")
+    env = BatchedVecEnv(LearntOn(design, config))
     model = PPO(
         policy="MlpPolicy",
         env=env,

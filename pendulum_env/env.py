@@ -108,23 +108,24 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             raise ValueError(f"a configuration is for backend='dm1015b', not for '{backend}'")
         if backend in OWN_PLANT and (effects or theta is not None or model is not None):
             raise ValueError(f"{OWN_PLANT[backend]}: leave out effects, theta and model")
-        ideal = find("velocity", velocity, VELOCITIES)
-        self.model = make_plant(theta, effects, model)
-        self.max_torque, self.render_mode = float(max_torque), render_mode
-        self.overlay: Callable[[], Sequence[str]] = tuple  # lines that a wrapper wants to have shown
-        sensor = Sensor(counts, torque_noise, ideal)
+        sensor = Sensor(counts, torque_noise, find("velocity", velocity, VELOCITIES))
         files = [None if file is None else str(file) for file in (recording, config)]
-        self._setup = Setup(self.model, float(rate), int(substeps), sensor, *files)
+        self._setup = Setup(make_plant(theta, effects, model), float(rate), int(substeps), sensor, *files)
         self._make = find("backend", backend, BACKENDS)
-        self.backend = self._make(self._setup)
-        self.backend.open()
+        self._connect(self._setup)
+        self.render_mode = render_mode
+        self.overlay: Callable[[], Sequence[str]] = tuple  # lines that a wrapper wants to have shown
         # what a wrapper may want to know of the measurement
         self.traits = self.backend.traits
         self.recording, self.rate, self.counts = self.traits.recording, self.traits.rate, self.traits.counts
-        self.max_torque = min(self.max_torque, self.traits.max_torque)
+        self.max_torque = min(float(max_torque), self.traits.max_torque)
         self.metadata = {**self.metadata, "render_fps": self.rate}
         self.observation_space, self.action_space = spaces(self.max_torque)
         self._running = False
+
+    def _connect(self, setup: Setup) -> None:
+        self.model, self.backend = setup.model, self._make(setup)
+        self.backend.open()
 
     @property
     def simulated(self) -> bool:
@@ -156,9 +157,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         if self._running:
             self.backend.disable()
         if "theta" in options:
-            self.model = self.model.at(options["theta"])
-            self.backend = self._make(replace(self._setup, model=self.model))
-            self.backend.open()
+            self._connect(replace(self._setup, model=self.model.at(options["theta"])))
         position, velocity = (float(options.get(name, 0.0)) for name in ("position", "velocity"))
         if not math.isfinite(position + velocity):
             raise ValueError(f"a pendulum cannot start at {position:g} rad with {velocity:g} rad/s: give numbers")
@@ -185,11 +184,10 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         try:
             (torque,) = map(float, action)
         except (TypeError, ValueError):
-            self.backend.disable()  # no torque goes on while somebody wonders
-            raise ValueError(f"the action has shape {np.shape(action)}, it needs (1,): a torque in N m") from None
+            torque = math.nan
         if not math.isfinite(torque):
-            self.backend.disable()
-            raise ValueError(f"the action is {torque}: a torque in N m is needed")
+            self.backend.disable()  # no torque goes on while somebody wonders
+            raise ValueError(f"the action is {action}, of shape {np.shape(action)}: it needs (1,), a torque in N m")
         sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
         observation, info = self._show(sample, clipped=is_beyond(torque, self.max_torque))
         if self.simulated:

@@ -6,9 +6,10 @@ same torque for one instant or for N of them, in any order, and never exceeds `a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -33,15 +34,6 @@ class Excitation(Protocol):
         """Torque at a time or at times (N,), in the same shape [N m]."""
 
 
-class Drawn(Protocol):
-    """A kind of excitation: what the registry holds."""
-
-    usual: float  # [N m], the amplitude it has unless another is asked for
-
-    def draw(self, rng: np.random.Generator, seconds: float, amplitude: float) -> Excitation:
-        """One signal of the kind, laid out for a recording of that many seconds."""
-
-
 @dataclass(frozen=True)
 class TwoTone:
     """The paper's excitation 3 sin(12.07 t + r1) + 3 sin(2.25 t + r2): a fast tone for inertia, a slow one for gravity.
@@ -52,13 +44,10 @@ class TwoTone:
     amplitude: float = within(*TORQUE)
     phases: tuple[float, ...] = several(-LARGE, LARGE, 2)  # [rad]
 
-    usual: ClassVar[float] = 6.0
-
     @classmethod
-    def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float = usual) -> Self:
+    def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
         """Random phases."""
-        first, second = rng.uniform(0, 2 * np.pi, 2)
-        return cls(amplitude, (float(first), float(second)))
+        return cls(amplitude, tuple(rng.uniform(0, 2 * np.pi, 2).tolist()))
 
     def signal(self, time: ArrayLike) -> Array:
         """Torque [N m]."""
@@ -75,10 +64,8 @@ class Multisine:
     harmonics: tuple[int, ...] = several(1, 1000, 100)
     phases: tuple[float, ...] = several(-LARGE, LARGE, 100)  # [rad]
 
-    usual: ClassVar[float] = 5.0
-
     @classmethod
-    def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float = usual) -> Self:
+    def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
         """Ten harmonics of 0.1 Hz up to 4 Hz, with random phases."""
         return cls.band(rng, amplitude, 0.1, np.arange(2, 41), 10)
 
@@ -114,10 +101,8 @@ class Chirp:
     seconds: float = within(1e-3, 1e6)
     phase: float = within(-LARGE)  # [rad]
 
-    usual: ClassVar[float] = 4.5
-
     @classmethod
-    def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float = usual) -> Self:
+    def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
         """From about 0.1 to about 4 Hz over the whole recording."""
         low, high, phase = rng.uniform(0.08, 0.2), rng.uniform(3, 5), rng.uniform(0, 2 * np.pi)
         return cls(amplitude, float(low), float(high), seconds, float(phase))
@@ -142,45 +127,37 @@ class Levels:
         t = np.mod(np.asarray(time, dtype=float), self.edges[-1])
         return np.asarray(np.array(self.levels)[np.searchsorted(self.edges, t, side="right")])
 
-
-class PRBS:
-    """Pseudo-random binary torque: full power at every frequency below its clock of about 0.2 s."""
-
-    usual: ClassVar[float] = 3.5
-
-    @staticmethod
-    def draw(rng: np.random.Generator, seconds: float, amplitude: float = usual) -> Levels:
-        """Signs drawn for every tick of the clock."""
+    @classmethod
+    def binary(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
+        """Pseudo-random signs: full power at every frequency below their clock of about 0.2 s."""
         clock = float(rng.uniform(0.12, 0.25))  # [s]
         count = int(seconds / clock) + 1
-        edges = clock * np.arange(1, count + 1)
-        return Levels(amplitude, tuple(edges.tolist()), tuple((amplitude * rng.choice([-1.0, 1.0], count)).tolist()))
+        levels = amplitude * rng.choice([-1.0, 1.0], count)
+        return cls(amplitude, tuple((clock * np.arange(1, count + 1)).tolist()), tuple(levels.tolist()))
 
-
-class Steps:
-    """Random levels held for random times: the arm settles, starts from rest and overshoots."""
-
-    usual: ClassVar[float] = 5.0
-
-    @staticmethod
-    def draw(rng: np.random.Generator, seconds: float, amplitude: float = usual) -> Levels:
-        """Levels within the amplitude, held for 0.2 to 1.2 s."""
-        return Steps.held(rng, seconds, amplitude, 0.2, 1.2)
-
-    @staticmethod
-    def held(rng: np.random.Generator, seconds: float, amplitude: float, shortest: float, longest: float) -> Levels:
-        """Levels within the amplitude, held for random times [s]."""
+    @classmethod
+    def steps(
+        cls, rng: np.random.Generator, seconds: float, amplitude: float, shortest: float = 0.2, longest: float = 1.2
+    ) -> Self:
+        """Random levels held for random times [s]: the arm settles, starts from rest and overshoots."""
         edges = np.cumsum(rng.uniform(shortest, longest, int(seconds / shortest) + 1))
         edges = edges[: int(np.searchsorted(edges, seconds)) + 1]
-        return Levels(amplitude, tuple(edges.tolist()), tuple(rng.uniform(-amplitude, amplitude, len(edges)).tolist()))
+        return cls(amplitude, tuple(edges.tolist()), tuple(rng.uniform(-amplitude, amplitude, len(edges)).tolist()))
 
 
-EXCITATIONS: dict[str, Drawn] = {
-    "paper": TwoTone,
-    "multisine": Multisine,
-    "chirp": Chirp,
-    "prbs": PRBS,
-    "steps": Steps,
+class Kind(NamedTuple):
+    """A kind of excitation."""
+
+    usual: float  # [N m], the amplitude it has unless another is asked for
+    draw: Callable[[np.random.Generator, float, float], Excitation]  # for so many seconds, of an amplitude
+
+
+EXCITATIONS: dict[str, Kind] = {
+    "paper": Kind(6.0, TwoTone.draw),
+    "multisine": Kind(5.0, Multisine.draw),
+    "chirp": Kind(4.5, Chirp.draw),
+    "prbs": Kind(3.5, Levels.binary),
+    "steps": Kind(5.0, Levels.steps),
 }
 
 
@@ -223,25 +200,20 @@ def family(rng: np.random.Generator, seconds: float, amplitude: float) -> list[E
             Multisine.band(rng, bound, fast, np.arange(4, 21), 6),
             Chirp.draw(rng, seconds, bound),
             TwoTone.draw(rng, seconds, bound),
-            Steps.draw(rng, seconds, bound),
-            Steps.held(rng, seconds, bound, 1.5, 3.0),
+            Levels.steps(rng, seconds, bound),
+            Levels.steps(rng, seconds, bound, 1.5, 3.0),
         ]
     return signals
 
 
-SIGNALS: dict[str, type[Any]] = {
-    "two_tone": TwoTone,
-    "multisine": Multisine,
-    "chirp": Chirp,
-    "levels": Levels,
-}
+SIGNALS: dict[str, type[Any]] = {"two_tone": TwoTone, "multisine": Multisine, "chirp": Chirp, "levels": Levels}
 
 
 def signal_json(signal: Excitation) -> JSON:
     """Plain dictionary for JSON of a signal that `SIGNALS` knows."""
     kind = next(name for name, kind in SIGNALS.items() if isinstance(signal, kind))
-    values = {f.name: getattr(signal, f.name) for f in fields(SIGNALS[kind])}
-    return {"kind": kind, **{name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}}
+    values = asdict(signal).items()  # type: ignore[call-overload]  # all that SIGNALS knows are records
+    return {"kind": kind, **{name: list(v) if isinstance(v, tuple) else v for name, v in values}}
 
 
 def signal_from_json(data: JSON) -> Excitation:

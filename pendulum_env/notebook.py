@@ -86,28 +86,23 @@ def folded(title: str, *parts: Html) -> Html:
 
 def table(content: Table) -> Html:
     """Rows of words under their headers; blocks are drawn as bars."""
-    flush = ["left" if k == 0 or header in content.left else "right" for k, header in enumerate(content.headers)]
-
-    def cell(tag: str, style: str, place: int, text: str) -> Html:
-        color = f"color:{BLUE};letter-spacing:-.05em;" if text.startswith("█") else ""
-        prose = tag == "th" or (place > 0 and flush[place] == "left")
-        wrap = "normal" if prose else "nowrap"
-        layout = f"padding:.22em .75em .22em 0;vertical-align:top;{LINE};text-align:{flush[place]};white-space:{wrap}"
-        return element(tag, f"{layout};{color}{style}", text)
+    left = [k == 0 or header in content.left for k, header in enumerate(content.headers)]
 
     def row(tag: str, style: str, cells: Sequence[str]) -> Html:
-        return element("tr", "background:none", *(cell(tag, style, place, text) for place, text in enumerate(cells)))
+        return element("tr", "background:none", *(cell(tag, style, k, text) for k, text in enumerate(cells)))
+
+    def cell(tag: str, style: str, place: int, text: str) -> Html:
+        bar = f"color:{BLUE};letter-spacing:-.05em;" if text.startswith("█") else ""
+        wrap = "normal" if tag == "th" or (place > 0 and left[place]) else "nowrap"
+        layout = f"padding:.22em .75em .22em 0;vertical-align:top;{LINE};white-space:{wrap}"
+        return element(tag, f"{layout};text-align:{'left' if left[place] else 'right'};{bar}{style}", text)
 
     # a unit stays on one line
-    headers = [
-        re.sub(r"\[.*?\]", lambda found: found[0].replace(" ", "\N{NO-BREAK SPACE}"), text) for text in content.headers
-    ]
+    headers = [re.sub(r"\[.*?\]", lambda unit: unit[0].replace(" ", "\xa0"), text) for text in content.headers]
     head = row("th", "font-weight:500;opacity:.75", headers)
     body = [row("td", "font-variant-numeric:tabular-nums", cells) for cells in content.rows]
-    return Html(
-        '<table class="pendulum" style="border-collapse:collapse;border:0;margin:.3em 0;font-size:.92em">'
-        f"<thead>{head}</thead><tbody>{''.join(body)}</tbody></table>"
-    )
+    parts = element("thead", "", head), element("tbody", "", *body)
+    return element("table", "border-collapse:collapse;border:0;margin:.3em 0;font-size:.92em", *parts)
 
 
 class Curve(NamedTuple):
@@ -121,15 +116,10 @@ class Curve(NamedTuple):
 def legend(entries: Iterable[tuple[str, Curve]]) -> Html:
     """Names of curves, each in its colour."""
     line = "display:inline-block;width:1.6em;margin:0 .4em .25em 0;border-top:2px"
-    keys = [
-        element(
-            "span",
-            "margin-right:1.2em;white-space:nowrap",
-            element("span", f"{line} {'dashed' if curve.dashed else 'solid'} {curve.color}"),
-            name,
-        )
-        for name, curve in entries
-    ]
+    keys = []
+    for name, curve in entries:
+        drawn = element("span", f"{line} {'dashed' if curve.dashed else 'solid'} {curve.color}")
+        keys.append(element("span", "margin-right:1.2em;white-space:nowrap", drawn, name))
     return element("div", SMALL, *keys)
 
 
@@ -149,10 +139,8 @@ def plot(
         noise: half width of a band about zero (N,).
         span: lowest and highest value shown; what is beyond is cut off.
     """
-    low, high = span or (
-        float(min(curve.values.min() for curve in curves)),
-        float(max(curve.values.max() for curve in curves)),
-    )
+    seen = np.concatenate([curve.values for curve in curves])
+    low, high = span or (float(seen.min()), float(seen.max()))
     room = (high - low) or 1.0
 
     def path(x_values: Array, y_values: Array) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -77,40 +79,36 @@ def hide(plant: Model, text: str) -> Model:
         ValueError: if the effect or a parameter is unknown, or a value is not a number in the admissible range.
         ModelError: if the plant has the effect already.
     """
-    id, given = _read(text)
+    id, separator, listed = re.fullmatch("([^:=]*)([:=]?)(.*)", text, re.DOTALL).groups()  # type: ignore[union-attr]
+    id = id.strip()
     kind = effect(id)
     parameters = typical(kind)
-    if isinstance(given, list):
-        if len(given) > len(parameters):
-            raise ValueError(f"{id} takes at most {len(parameters)} values ({', '.join(parameters)}), got {len(given)}")
-        given = dict(zip(parameters, given, strict=False))
+    if separator == "=":
+        values = [_number(part, text) for part in listed.split(",")]
+        if len(values) > len(parameters):
+            raise ValueError(
+                f"{id} takes at most {len(parameters)} values ({', '.join(parameters)}), got {len(values)}"
+            )
+        given = dict(zip(parameters, values, strict=False))
+    else:
+        given = read_parameters(listed) if separator else {}
     shapes = {shape.name: given.get(shape.name, parameters[shape.name]) for shape in kind.shapes}
     for shape in kind.shapes:
         value = shapes[shape.name]
         if not shape.low <= value <= shape.high or (shape.integer and value != round(value)):
-            what = "an integer" if shape.integer else "a number"
-            allowed = f"{what} from {shape.low:g} to {shape.high:g}"
+            allowed = f"{'an integer' if shape.integer else 'a number'} from {shape.low:g} to {shape.high:g}"
             raise ValueError(f"{shape.name} of {id} cannot be {value:g}: give {allowed} [{shape.unit}]")
     term = kind(**shapes)
     parameters = sizes(term)
     for name in given:
         find(f"parameter of {id}", name, parameters)
-    parameters = {name: value for name, value in (parameters | given).items() if name not in shapes}
-    for name, value in parameters.items():
+    linear = {name: given.get(name, usual) for name, usual in parameters.items() if name not in shapes}
+    for name, value in linear.items():
         if not abs(value) <= LARGE:
             raise ValueError(f"{name} of {id} cannot be {value:g}: give a number from {-LARGE:g} to {LARGE:g}")
     if term.fault:
         raise ValueError(f"{id} cannot be as '{text}' says: {term.fault}")
-    return plant.add(term, np.array(list(parameters.values())))
-
-
-def _read(text: str) -> tuple[str, list[float] | dict[str, float]]:
-    """Id of an effect and its parameters, in order or by name."""
-    id, named, listed = text.partition(":")
-    if named:
-        return id.strip(), read_parameters(listed)
-    id, ordered, listed = text.partition("=")
-    return id.strip(), [_number(part, text) for part in listed.split(",")] if ordered else []
+    return plant.add(term, np.array([*linear.values()]))
 
 
 def read_parameters(text: str) -> dict[str, float]:
@@ -129,13 +127,10 @@ def read_parameters(text: str) -> dict[str, float]:
 
 
 def _number(part: str, text: str) -> float:
-    try:
-        value = float(part)
-    except ValueError:
-        value = math.nan
-    if math.isnan(value):
-        raise ValueError(f"'{part}' in '{text}' is not a number")
-    return value
+    with suppress(ValueError):
+        if not math.isnan(value := float(part)):
+            return value
+    raise ValueError(f"'{part}' in '{text}' is not a number")
 
 
 def make_plant(
@@ -156,17 +151,12 @@ def make_plant(
         TypeError: if theta or an effect is of another kind.
         ModelError: if the model cannot be read.
     """
-    if model is None:
-        if theta is not None and not isinstance(theta, Mapping):
-            values = _values(theta)
-            if len(values) != len(PAPER):
-                raise ValueError(f"theta has {len(values)} values, it needs {len(PAPER)}: {', '.join(PAPER)}")
-            theta = dict(zip(PAPER, values, strict=True))
-        plant = paper_plant(theta)
-    elif theta is not None:
-        raise ValueError("a plant is given by its theta or by a model, not by both")
-    else:
+    if model is not None:
+        if theta is not None:
+            raise ValueError("a plant is given by its theta or by a model, not by both")
         plant = model if isinstance(model, Model) else Model.load(model)
+    else:
+        plant = paper_plant(theta if theta is None or isinstance(theta, Mapping) else _named(theta))
     for text in [effects] if isinstance(effects, str) else effects or ():
         if not isinstance(text, str):
             raise TypeError(f"an effect is given as a text such as 'stribeck=0.4', got {text!r}")
@@ -174,10 +164,14 @@ def make_plant(
     return plant
 
 
-def _values(theta: Sequence[float]) -> list[float]:
+def _named(theta: Sequence[float]) -> dict[str, float]:
+    """The four parameters, in order."""
     try:
-        return [float(value) for value in theta]
+        values = [float(value) for value in theta]
     except (TypeError, ValueError):
         raise TypeError(
             f"theta is given by name or as {len(PAPER)} numbers ({', '.join(PAPER)}), got {theta!r}"
         ) from None
+    if len(values) != len(PAPER):
+        raise ValueError(f"theta has {len(values)} values, it needs {len(PAPER)}: {', '.join(PAPER)}")
+    return dict(zip(PAPER, values, strict=True))

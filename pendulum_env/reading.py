@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import io
 import json
-import math
 import os
 import re
+import reprlib
 import stat
 import tomllib
 import zipfile
@@ -46,22 +46,11 @@ class Unreadable(Mistake):
 
 
 def shown(value: object, most: int = SHOWN) -> str:
-    """A value as a sentence quotes it, up to so many characters."""
-    if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= 10**DIGITS:
-        return f"a number of more than {DIGITS} digits"
-    if isinstance(value, str) and len(value) > most - 2:
-        value = f"{value[: most - 5]}..."  # between quotes
-    text = repr(value) if not isinstance(value, dict | list | tuple | set) else _shallow(value)
+    """A value as a sentence quotes it, up to so many characters; what it holds in turn is left out."""
+    brief = reprlib.Repr()
+    brief.maxlevel, brief.maxlong, brief.maxstring, brief.maxother = 1, most, most, most
+    text = brief.repr(value)
     return text if len(text) <= most else f"{text[: most - 3]}..."
-
-
-def _shallow(value: dict[Any, Any] | list[Any] | tuple[Any, ...] | set[Any]) -> str:
-    """What holds other values, but for those that hold others in turn: they may nest without end."""
-    if isinstance(value, dict):
-        return "a table" if value else "an empty table"
-    if any(isinstance(item, dict | list | tuple | set) for item in value):
-        return "a list of lists or tables"
-    return f"[{', '.join(shown(item) for item in list(value)[:8])}{', ...' if len(value) > 8 else ''}]"
 
 
 def amount(size: float) -> str:
@@ -83,15 +72,12 @@ def regular_size(path: str | os.PathLike[str], most: float, remedy: str = "it is
     """
     try:
         status = os.stat(path)
-        made_up = status.st_size == 0 and hasattr(os, "statvfs") and os.statvfs(path).f_blocks == 0  # as /proc/kmsg
     except (OSError, ValueError) as error:
         raise Unreadable(f"{path}: cannot be read ({_reason(error)}): check the path") from None
     if stat.S_ISDIR(status.st_mode):
         raise Unreadable(f"{path}: cannot be read (it is a directory): name a file in it")
     if not stat.S_ISREG(status.st_mode):
         raise Unreadable(f"{path}: cannot be read (it is a device or a pipe): copy what it gives to a file first")
-    if made_up:
-        raise Unreadable(f"{path}: cannot be read (the system makes it up, maybe without end): copy it to a file first")
     if status.st_size > most:
         raise Unreadable(f"{path}: holds {amount(status.st_size)}, of which at most {amount(most)} are read: {remedy}")
     return status.st_size
@@ -106,12 +92,9 @@ def read_bytes(path: str | os.PathLike[str], most: int = DOCUMENT) -> bytes:
     regular_size(path, most)
     try:
         with open(path, "rb") as file:
-            data = file.read(most + 1)  # files of /proc are larger than they say
+            return file.read()
     except OSError as error:
         raise Unreadable(f"{path}: cannot be read ({_reason(error)})") from None
-    if len(data) > most:
-        raise Unreadable(f"{path}: holds more than the {amount(most)} that are read: it is not what was asked for")
-    return data
 
 
 def read_own(path: str | os.PathLike[str]) -> bytes:
@@ -168,7 +151,7 @@ def read_json(path: str | os.PathLike[str], hint: str) -> Any:
     """
     data = read_bytes(path)
     try:
-        content = json.loads(data.decode("utf-8-sig"), parse_int=_whole)
+        content = json.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError):
         raise Unreadable(f"{path}: is not JSON; {hint}") from None
     _refuse_values(path, content)
@@ -188,12 +171,10 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
         )
     try:
         content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise Unreadable(f"{path}: is not TOML: {one_line(error)}") from None
-    except ValueError:  # Python reads no whole number of 4,300 digits
-        raise Unreadable(f"{path}: holds a number of more than {DIGITS} digits: write it shorter") from None
     except RecursionError:
         raise Unreadable(f"{path}: nests too deeply: write it flatter") from None
+    except ValueError as error:  # also of a whole number of 4,300 digits
+        raise Unreadable(f"{path}: is not TOML: {one_line(error)}") from None
     _refuse_values(path, content)
     return content
 
@@ -211,10 +192,6 @@ def _toml(value: Any) -> str:
     if isinstance(value, float):
         return repr(float(value))  # of NumPy's, too
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # whole numbers, truth values and texts
-
-
-def _whole(text: str) -> int | float:
-    return int(text) if len(text) <= 400 else math.inf  # Python itself refuses those of 4,300 digits
 
 
 def _refuse_values(path: str | os.PathLike[str], content: Any) -> None:
@@ -255,6 +232,10 @@ class Value:
         of: what the document is, as a sentence names it: `the model`; empty where the file's name says it.
         key: such as `theta.inertia.value`; empty for the whole document.
         content: as the parser gave it.
+
+    Raises:
+        Unreadable: by every method, if it is not what was asked for: the sentence has the key, the value and what it
+            has to be.
     """
 
     of: str
@@ -270,11 +251,7 @@ class Value:
         return " of ".join(filter(None, [self.key and f"'{self.key}'", self.of])) or "it"
 
     def __getitem__(self, name: str | int) -> Value:
-        """What stands under a key of a table, or at a place in a list.
-
-        Raises:
-            Unreadable: if this is no table, or lacks the key.
-        """
+        """What has to stand under a key of a table, or at a place in a list."""
         if isinstance(name, int):
             return Value(self.of, f"{self.key}[{name}]", self.content[name])
         found = self.get(name)
@@ -284,30 +261,18 @@ class Value:
         return found
 
     def get(self, name: str) -> Value | None:
-        """What stands under a key of a table, None if nothing does, or null.
-
-        Raises:
-            Unreadable: if this is no table.
-        """
+        """What stands under a key of a table, None if nothing does, or null."""
         inner = self.table().get(name)
         return None if inner is None else Value(self.of, f"{self.key}.{name}".lstrip("."), inner)
 
     def table(self) -> dict[str, Any]:
-        """A table.
-
-        Raises:
-            Unreadable: if it is none.
-        """
+        """A table."""
         if not isinstance(self.content, dict):
             raise self.fault("a table")
         return self.content
 
     def items(self, most: int = 10_000) -> list[Value]:
-        """The values of a list.
-
-        Raises:
-            Unreadable: if it is none, or longer than `most`.
-        """
+        """The values of a list, no longer than `most`."""
         if not isinstance(self.content, list | tuple):
             raise self.fault("a list")
         if len(self.content) > most:
@@ -315,21 +280,13 @@ class Value:
         return [self[k] for k in range(len(self.content))]
 
     def text(self, most: int = 200) -> str:
-        """A text.
-
-        Raises:
-            Unreadable: if it is none, empty, or of more than `most` characters.
-        """
+        """A text, not empty, of up to `most` characters."""
         if not isinstance(self.content, str) or not self.content.strip() or len(self.content) > most:
             raise self.fault(f"a text of up to {most} characters")
         return self.content
 
     def number(self, low: float = -LARGE, high: float = LARGE, above: bool = False, whole: bool = False) -> float:
-        """A number from low to high, or `above` low.
-
-        Raises:
-            Unreadable: if it is none.
-        """
+        """A number from low to high, or `above` low."""
         number = isinstance(self.content, int if whole else int | float) and not isinstance(self.content, bool)
         if not number or not low <= self.content <= high or (above and self.content == low):
             kind = "whole" if whole else "finite"
@@ -341,7 +298,6 @@ class Value:
         """A record of a table, whose keys are its fields: of their types, and as they are bounded there.
 
         Raises:
-            Unreadable: if this is no table, or lacks a key, or a value is not what its field asks for.
             Mistake: if it has a key of another name.
         """
         known = {asked.name: asked for asked in fields(kind)}  # type: ignore[arg-type]

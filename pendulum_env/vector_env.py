@@ -79,12 +79,12 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         self.model = make_plant(theta, effects, model)
         self.sensor, self.counts = Sensor(counts, torque_noise, ideal), counts
         self.num_envs, self.rate, self.substeps, self.max_torque = num_envs, float(rate), int(substeps), max_torque
-        self.max_episode_steps = None if max_episode_steps in (None, -1) else max_episode_steps
+        self.max_episode_steps = np.inf if max_episode_steps in (None, -1) else max_episode_steps
         self.render_mode = None
         self.single_observation_space, self.single_action_space = spaces(max_torque)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._everyone = np.ones(num_envs, dtype=bool)
+        self._everyone, self._nobody = np.ones(num_envs, dtype=bool), np.zeros(num_envs, dtype=bool)
         self.set_theta(np.repeat(self.model.theta[:, None], num_envs, axis=1))
         self._x: Samples | None = None
 
@@ -122,18 +122,23 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
             find("option of reset", name, RESET_OPTIONS)
         if "theta" in options:
             self.set_theta(options["theta"])
-        count = self.num_envs
-        self.steps = np.zeros(count, dtype=np.int64)
-        self._ended = np.zeros(count, dtype=bool)
-        self._command = CommandLine(self.model.terms, 1.0 / self.rate, self.substeps)
-        position, velocity = (np.full(count, options.get(name, 0.0), dtype=float) for name in ("position", "velocity"))
-        x = Samples(np.zeros(count), position, velocity, np.zeros(count))
-        self._x = replace(x, memory=self._balance.start(x))
+        position, velocity = (
+            np.full(self.num_envs, options.get(name, 0.0), dtype=float) for name in ("position", "velocity")
+        )
         if not np.isfinite(position + velocity).all():
             raise ValueError("pendulums start at positions and velocities that are numbers")
+        self.steps = np.zeros(self.num_envs, dtype=np.int64)
+        self._ended = self._nobody
+        self._command = CommandLine(self.model.terms, 1.0 / self.rate, self.substeps)
+        self._x = self._begun(position, velocity)
         self._before = self.sensor.position(position - velocity / self.rate)
-        observation, info = self._show(np.zeros(count), clipped=np.zeros(count, dtype=bool))
-        return observation, {**info, "torque": np.zeros(count)}
+        observation, info = self._show(np.zeros(self.num_envs), clipped=self._nobody)
+        return observation, {**info, "torque": np.zeros(self.num_envs)}
+
+    def _begun(self, position: Array, velocity: Array) -> Samples:
+        """Begin of a run (B,) of joints that have been so for long."""
+        x = Samples(np.zeros(self.num_envs), position, velocity, np.zeros(self.num_envs))
+        return replace(x, memory=self._balance.start(x))
 
     def step(  # type: ignore[override]  # Gymnasium types the flags like the rewards
         self, actions: Batch
@@ -151,16 +156,13 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         torque = np.clip(asked, -self.max_torque, self.max_torque)
         if np.isnan(torque).any():
             raise ValueError(f"the action of pendulum {int(np.isnan(torque).argmax())} is NaN: a torque is needed")
-        revived = self._ended if self.autoreset is AutoresetMode.NEXT_STEP else np.zeros_like(self._ended)
+        revived = self._ended if self.autoreset is AutoresetMode.NEXT_STEP else self._nobody
         self._advance(torque)
         if revived.any():
             torque = np.where(revived, 0.0, torque)
             self._restart(revived)
         observation, info = self._show(torque, clipped=is_beyond(asked, self.max_torque) & ~revived)
-        truncated = np.zeros(self.num_envs, dtype=bool)
-        if self.max_episode_steps is not None:
-            truncated = self.steps >= self.max_episode_steps
-        self._ended = truncated
+        truncated = self._ended = self.steps >= self.max_episode_steps
         if self.autoreset is AutoresetMode.SAME_STEP and truncated.any():
             info = {"final_obs": observation, "_final_obs": truncated, "final_info": info, "_final_info": truncated}
             self._restart(truncated)
@@ -168,7 +170,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
             for name in ("time", "position", "velocity", "torque", "clipped"):
                 info[name] = np.where(truncated, np.zeros_like(info["final_info"][name]), info["final_info"][name])
             info |= {name: self._everyone for name in info["final_info"] if name not in info}
-        return observation, np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=bool), truncated, info
+        return observation, np.zeros(self.num_envs), self._nobody.copy(), truncated, info
 
     def _advance(self, torque: Array) -> None:
         assert self._x is not None
@@ -180,23 +182,20 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
 
     def _restart(self, which: Mask) -> None:
         """Put those pendulums (B,) at rest, hanging down."""
-        assert self._x is not None
-        x = self._x
-        self.steps = np.where(which, 0, self.steps)
-        still = Samples(np.zeros_like(x.time), *np.zeros((3, self.num_envs)))
-        self._command.forget(which)
+        x, still = self._x, self._begun(*np.zeros((2, self.num_envs)))
+        assert x is not None
 
-        def fresh(old: Array, new: Array) -> Array:
-            return np.where(which, new, old)
+        def fresh(name: str) -> Array:
+            return np.where(which, getattr(still, name), getattr(x, name))
 
         memory: dict[str, Memory] = {
-            id: tuple(map(fresh, x.memory[id], states)) for id, states in self._balance.start(still).items()
+            id: tuple(np.where(which, *each) for each in zip(states, x.memory[id], strict=True))
+            for id, states in still.memory.items()
         }
-        self._x = Samples(
-            fresh(x.time, still.time), fresh(x.position, still.position), fresh(x.velocity, still.velocity),
-            fresh(x.torque, still.torque), memory,
-        )  # fmt: skip
-        self._before = fresh(self._before, still.position)
+        self._x = Samples(fresh("time"), fresh("position"), fresh("velocity"), fresh("torque"), memory)
+        self._before = np.where(which, 0.0, self._before)
+        self._command.forget(which)
+        self.steps = np.where(which, 0, self.steps)
 
     def _show(self, torque: Array, clipped: Bools) -> tuple[Batch, dict[str, Any]]:
         """Observation and info of the pendulums as they are, after `torque` (B,), of which some were `clipped`."""
@@ -206,9 +205,8 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         if velocity is None:
             velocity = (position - self._before) * self.rate
         self._before = position
-        observation = np.empty((self.num_envs, 3), dtype=np.float32)
-        observation[:, 0], observation[:, 1] = np.cos(position), np.sin(position)
-        observation[:, 2] = np.clip(velocity, -MAX_VELOCITY, MAX_VELOCITY)
+        bounded = np.clip(velocity, -MAX_VELOCITY, MAX_VELOCITY)
+        observation = np.stack([np.cos(position), np.sin(position), bounded], axis=1, dtype=np.float32)
         seen = {
             "time": self._x.time,
             "position": position,

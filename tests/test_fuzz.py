@@ -1,6 +1,8 @@
-"""A minute of what `make fuzz` does for an hour, and all that it has ever found."""
+"""Files and requests that nobody meant: a minute of what `make fuzz` does at length, and all that it has ever found."""
 
+import hashlib
 import os
+import signal
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -13,6 +15,18 @@ for module in ("dash", "h5py", "pinocchio", "python_calamine", "rosbags"):
     pytest.importorskip(module)
 
 FOUND = sorted(CORPUS.glob("*-*"))
+MANY = int(os.environ.get("FUZZ", 0))  # examples of each kind, others each time; else a few, always the same
+HANG = 10  # [s] that a reader may take, where there are many
+
+
+def examples(few: int) -> settings:
+    return settings(
+        max_examples=MANY or few,
+        derandomize=not MANY,
+        deadline=None,
+        database=None,
+        suppress_health_check=list(HealthCheck),
+    )
 
 
 @pytest.mark.parametrize("path", FOUND, ids=lambda path: path.name)
@@ -28,26 +42,29 @@ def test_files_that_were_changed_are_read_or_refused_in_one_sentence(name, tmp_p
     ending, read, _ = ALL[name]
     path = tmp_path_factory.getbasetemp() / f"fuzz-{os.getpid()}{ending}"
 
-    @settings(max_examples=25, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+    @examples(25)
     @given(content=changed(good(name)))
     def each(content):
         path.write_bytes(content)
+        signal.alarm(HANG if MANY else 0)
         check(read, path)
 
     path.write_bytes(good(name))
     assert read(path) is not None
-    each()
+    try:
+        each()
+    except BaseException:
+        if MANY:  # keep the shortest
+            digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+            path.rename(CORPUS / f"{name.partition('.')[0]}-{digest}{ending}")
+        raise
+    finally:
+        signal.alarm(0)
 
 
 def test_whatever_the_page_asks_for_it_gets_an_answer():
     page = Page()
-
-    @settings(max_examples=60, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
-    @given(data=st.data())
-    def each(data):
-        ask_anything(page, data)
-
     try:
-        each()
+        examples(60)(given(data=st.data())(lambda data: ask_anything(page, data)))()
     finally:
         page.close()

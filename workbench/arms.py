@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from estimators.arms.addition import add_arm
-from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
+from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm, parted
 from estimators.arms.excitation import PERIOD, design_excitation
 from estimators.arms.following import follow
 from estimators.arms.gains import in_torque, without_loads
-from estimators.arms.identification import ArmIdentification, JointError, compare_arm, for_arms, identify_arm
+from estimators.arms.identification import ArmIdentification, ArmStep, JointError, compare_arm, for_arms, identify_arm
 from estimators.arms.payload import Payload, find_payload
 from estimators.arms.standard import nearest_body
 from estimators.arms.transmission import find_transmissions
@@ -47,6 +47,7 @@ SAVED = "filtered_dynamic"  # whose model is written, or the base model
 TIMES = "errors, times the least"  # a row that tells which schemes to trust
 TRUST = f"{TIMES}: how large a scheme's standard errors are beside the smallest, trust those near 1"
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
+BOTH = ("before", "after")
 
 
 def record(
@@ -96,40 +97,30 @@ def record(
 def _simulated(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
     """The arm in pymunk if all joints turn in a vertical plane, else, or where that is asked for, in MuJoCo."""
     seen = {"rate": arguments.rate, "counts": arguments.counts, "torque_noise": arguments.noise}
-    links = None
+    seen |= {"effects": arguments.effects, "max_torque": MOST_TORQUE}
     if arguments.backend != "mujoco":
         try:
             links = planar_links(body)
+            steps = max(1, round(STEP_RATE / arguments.rate))
+            # velocities as the controller sees them
+            return PlanarArm(links, joints=body.joints, substeps=steps, velocity="ideal", **seen)
         except BodyError:
             if arguments.backend is not None:
                 raise
-    try:
-        if links is None:
-            return SpatialArm(body, effects=arguments.effects, max_torque=MOST_TORQUE, **seen)
-        return PlanarArm(
-            links,
-            joints=body.joints,
-            effects=arguments.effects,
-            substeps=max(1, round(STEP_RATE / arguments.rate)),
-            max_torque=MOST_TORQUE,
-            velocity="ideal",  # as the controller sees it
-            **seen,
-        )
-    except BodyError:
-        raise
-    except ValueError as error:  # an effect that cannot be there
-        raise InputError(str(error)) from None
+    return SpatialArm(body, **seen)
 
 
 def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print base parameters and friction as each scheme finds them."""
-    _refuse(arguments)
     outputs = [arguments.json, arguments.output]
     asked = _given(arguments, outputs, terminal)
-    body, recordings = asked.body, asked.recordings
+    body = asked.body
     with terminal.progress("identifying"):
-        found = identify_arm(recordings, body, schemes=for_arms(arguments.scheme))
-    _tell_body(body, terminal)
+        found = identify_arm(asked.recordings, body, schemes=for_arms(arguments.scheme))
+    terminal.say(f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters")
+    for parameter in body.base:
+        if len(parameter.parts) > 1:
+            terminal.say(f"  {parameter.name} stands for {parameter.text}")
     terminal.heading("Estimates ± standard errors")
     terminal.table(*schemes_table(found))
     if len(found.schemes) > 1:
@@ -146,50 +137,37 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print how far the torque of a model is from recordings, joint by joint."""
-    _refuse(arguments)
     if arguments.without and arguments.payload is None:
         raise InputError("--without is of the arm without its payload: say --payload, too")
     outputs = [arguments.json, arguments.report]
     asked = _given(arguments, outputs, terminal, arguments.model)
-    body, recordings = asked.body, [*asked.recordings, *asked.held]
-    model = ArmModel.load(arguments.model, body)
+    recordings, model = [*asked.recordings, *asked.held], ArmModel.load(arguments.model, asked.body)
     without = [source for name in arguments.without for source in sources_of(name, arguments)]
     sources = [read_as(source, model.log_format, arguments.model) for source in without]
     empty = read_all(sources, terminal, asked.robot.read)
     with terminal.progress("comparing"):
-        errors = compare_arm(model, recordings)
-        carried = _carried(model, recordings, empty, arguments.payload)
+        errors, carried = compare_arm(model, recordings), None
+        try:
+            carried = find_payload(model, recordings, empty, arguments.payload or None)
+        except IdentificationError:
+            if arguments.payload is not None:
+                raise
     if arguments.report is not None:
-        from workbench.report.arm import write_arm_comparison_report  # plotly takes a while to import
+        from workbench.report.arm import render_arm  # plotly takes a while to import
 
         with terminal.progress("writing the report"):
-            write_arm_comparison_report(arguments.report, recordings, model, errors)
+            write_whole(arguments.report, render_arm(recordings, [ArmStep(None, model, {"holdout": errors})]))
     terminal.heading("Torque errors, clear of stick and reversals")
     terminal.table(*errors_table([errors], ("torque error",)))
+    content: JSON = {"schema": "pendulum-ident/arm-comparison@1", "joints": [error.json() for error in errors]}
     if carried is not None and arguments.payload is not None:
-        _tell_payload(carried, body, terminal)
+        _tell_payload(carried, asked.body, terminal)
+        content["payload"] = carried.json()
     elif carried is not None and carried.stands_out:
         mass = carried.estimates["m"].text
         terminal.say(f"\nA payload of {mass} kg behind {carried.joint} would explain most of it: see --payload")
-    content: JSON = {"schema": "pendulum-ident/arm-comparison@1", "joints": [error.json() for error in errors]}
-    if carried is not None and arguments.payload is not None:
-        content["payload"] = carried.json()
     write_json(arguments.json, content)
     wrote(outputs, terminal)
-
-
-def _carried(
-    model: ArmModel, recordings: Sequence[ArmRecording], empty: Sequence[ArmRecording], joint: str | None
-) -> Payload | None:
-    """What the arm carries; None if that was not asked for and cannot be told."""
-    try:
-        return find_payload(model, recordings, empty, joint or None)
-    except IdentificationError:
-        if joint is None:
-            return None
-        raise
-    except ValueError as error:  # no such joint
-        raise InputError(str(error)) from None
 
 
 def _tell_payload(found: Payload, body: Body, terminal: Terminal) -> None:
@@ -203,19 +181,12 @@ def _tell_payload(found: Payload, body: Body, terminal: Terminal) -> None:
     if found.exists is False:
         terminal.say("no body has these moments: something else changed as well, or the motion says too little")
     terminal.heading("Torque left, friction fitted anew")
-    terminal.table(
-        ("joint", "without payload", "with it", "unit"),
-        [
-            (joint, f"{before:.4g}", f"{after:.4g}", body.said(joint, "N m"))
-            for joint, (before, after) in found.left.items()
-        ],
-        left=("unit",),
-    )
+    left = [(at, f"{old:.4g}", f"{new:.4g}", body.said(at, NEWTON_METRE)) for at, (old, new) in found.left.items()]
+    terminal.table(("joint", "without payload", "with it", "unit"), left, left=("unit",))
 
 
 def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print which effects are missing at which joints."""
-    _refuse(arguments)
     outputs = [arguments.json, arguments.report, arguments.output]
     asked = _given(arguments, outputs, terminal, arguments.model)
     body, recordings, held = asked.body, asked.recordings, asked.held
@@ -228,10 +199,10 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     write_json(arguments.json, found.json() | more)
     write_model(found.model, arguments.output, asked.fitted, terminal)
     if arguments.report is not None:
-        from workbench.report.arm import write_arm_report  # plotly takes a while to import
+        from workbench.report.arm import render_arm  # plotly takes a while to import
 
         with terminal.progress("writing the report"):
-            write_arm_report(arguments.report, recordings, held, found)
+            write_whole(arguments.report, render_arm(parted(recordings, held)[0], found.steps, found))
     for one in between:
         terminal.say(one.text)
     story(found, arguments.all).tell(terminal, arguments.verbose or arguments.all, more=arguments.report is None)
@@ -240,27 +211,21 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit a model without and with one more effect at a joint."""
-    _refuse(arguments)
     outputs = [arguments.output]
     asked = _given(arguments, outputs, terminal, arguments.model)
-    body, recordings, held = asked.body, asked.recordings, asked.held
-    model = ArmModel.load(arguments.model, body)
-    try:
-        kind_at(arguments.effect, body)
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    model = ArmModel.load(arguments.model, asked.body)
+    kind_at(arguments.effect, asked.body)
     with terminal.progress(f"adding {arguments.effect}") as progress:
-        added = add_arm(model, arguments.effect, recordings, held, progress)
-    write_model(added.after.model, arguments.output, asked.fitted, terminal)
+        added = add_arm(model, arguments.effect, asked.recordings, asked.held, progress)
+    after = added.after.model
+    write_model(after, arguments.output, asked.fitted, terminal)
     for part, what in (("train", "fitted"), ("holdout", "held-out")):
         terminal.heading(f"Torque errors on {what} data, the model refitted without and with the effect")
-        errors = [getattr(side, part) for side in (added.before, added.after)]
-        terminal.table(*errors_table(errors, ("before", "after")))
-    terminal.say(added.text)
-    if added.looks_like is not None:
-        terminal.say(added.looks_like)
+        terminal.table(*errors_table([step.errors[part] for step in (added.before, added.after)], BOTH))
+    for text in filter(None, (added.text, added.looks_like)):
+        terminal.say(text)
     terminal.heading("Parameters")
-    terminal.table(*parameters_table(added.after.model))
+    terminal.table(*parameters_table(after))
     wrote(outputs, terminal)
 
 
@@ -284,21 +249,17 @@ def export(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 def schemes_table(found: ArmIdentification) -> Table:
     """A row a parameter, a column a scheme."""
-    first = next(iter(found.schemes.values())).model
-    rows = [
-        (name, *(one.model.estimates[name].text for one in found.schemes.values()), own.unit)
-        for name, own in first.estimates.items()
-    ]
+    models = [one.model.estimates for one in found.schemes.values()]
+    rows = [(name, *(own[name].text for own in models), one.unit) for name, one in models[0].items()]
     rows.append(("condition", *(f"{one.condition:.3g}" for one in found.schemes.values()), ""))
-    if len(found.schemes) == 1:
-        return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
-    errors = np.array([[own.std for own in one.model.estimates.values()] for one in found.schemes.values()])
-    times = np.median(errors / np.maximum(errors.min(axis=0), 1e-300), axis=1)
-    rows.append((TIMES, *(f"{own:.2g}" for own in times.tolist()), ""))
+    if len(models) > 1:
+        errors = np.array([[one.std for one in own.values()] for own in models])
+        times = np.median(errors / np.maximum(errors.min(axis=0), 1e-300), axis=1)
+        rows.append((TIMES, *(f"{own:.2g}" for own in times.tolist()), ""))
     return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
 
 
-def errors_table(columns: Sequence[Sequence[JointError]], headers: Sequence[str]) -> Table:
+def errors_table(columns: Sequence[Sequence[JointError]], headers: Sequence[str] = BOTH) -> Table:
     """A row a joint: torque errors of one or more models, and the share of the torque that the last one leaves."""
     rows = [
         (
@@ -312,35 +273,24 @@ def errors_table(columns: Sequence[Sequence[JointError]], headers: Sequence[str]
     return Table(("joint", *headers, "unit", "of its torque"), rows, left=("unit",))
 
 
-def _tell_body(body: Body, terminal: Terminal) -> None:
-    terminal.say(f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters")
-    for parameter in body.base:
-        if len(parameter.parts) > 1:
-            terminal.say(f"  {parameter.name} stands for {parameter.text}")
-
-
 def story(found: ArmDiagnosis, every: bool = False) -> Story:
     """A diagnosis of an arm, with the candidates that matter or every one."""
+    errors, said = [step.errors["holdout"] for step in (found.before, found.after)], found.model.body.said
     falls = ", ".join(
         f"{before.joint} {f'{before.torque_rms:.4g} -> ' if found.selected else ''}{after.torque_rms:.4g} {after.unit}"
-        for before, after in zip(found.before, found.after, strict=True)
+        for before, after in zip(*errors, strict=True)
     )
-    said = found.model.body.said
     lines = [f"{own.id}: {own.law}" for own in found.model.terms if own.id in found.selected]
     lines += [f"error held out: {falls}", *parameters_line(found.parameters, bool(found.unexplained))]
     for joint, size in found.unexplained.items():
         where = f"; {said(joint, found.regions[joint].text)}" if joint in found.regions else ""
         lines.append(f"left: {size:.2g} {said(joint, NEWTON_METRE)} at {joint}{where}")
-    lines += found.remarks
     parts: list[tuple[str, Sequence[Table | str]]] = [
-        (
-            "Torque errors on held-out data, clear of stick and reversals",
-            [errors_table([found.before, found.after], ("before", "after"))],
-        ),
+        ("Torque errors on held-out data, clear of stick and reversals", [errors_table(errors)]),
         ("Parameters", [parameters_table(found.model)]),
         judged(found.candidates, every),
     ]
-    return Story(found.headline, lines, found.next_step, parts)
+    return Story(found.headline, [*lines, *found.remarks], found.next_step, parts)
 
 
 @dataclass(frozen=True)
@@ -357,6 +307,7 @@ class _Given:
 def _given(
     arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, model: str | None = None
 ) -> _Given:
+    _refuse(arguments)
     asked = given(arguments)
     check_outputs(outputs, [*asked.files, arguments.robot])
     told = Asked.of_model(model) if model else Asked()
@@ -366,7 +317,7 @@ def _given(
     if len(named) > 1:
         raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
     robot = _robot(arguments, replace(told, joints=named.pop() if named else told.joints))
-    body = robot.body()  # what is wrong with it is told first
+    robot.body()  # what is wrong with it is told first
     recordings = read_all(sources, terminal, robot.read)
     body = robot.body(told.held) if told.held else robot.holding(recordings)
     _tell_held(body, recordings, terminal)

@@ -27,7 +27,7 @@ from pendulum_env.reading import DIGITS, LARGE, LARGEST, Unreadable, Value, read
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.columns import refuse_unknown_quantity
 from pendulum_env.recording.record import WARNING
-from pendulum_env.recording.study import format_of, named_twice, read_as, read_sources, read_together
+from pendulum_env.recording.study import format_of, named_twice, read_as, read_sources
 from pendulum_env.recording.vocabulary import TOLD
 from pendulum_env.servo.drive import KEYS, Drive
 from workbench.mistakes import InputError
@@ -463,7 +463,6 @@ def read_recordings(sources: Sequence[Source], terminal: Terminal) -> list[Recor
     return read_all(sources, terminal, Source.read)
 
 
-@read_together()
 def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Source], Logged]) -> list[Logged]:
     """The same of recordings of one joint or of several, as `read` reads them."""
     recordings = []

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimators.arms.gains import in_torque, without_loads
 from estimators.arms.meaning import shares
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.joints import joint_effects, kinds_at
@@ -18,6 +19,7 @@ from pendulum_env.arms.robot import pinocchio
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Term
 from pendulum_env.recording import Source
+from pendulum_env.recording.study import read_sources
 from pendulum_env.words import listing
 
 AWAY = 0.01  # [rad] or [m], from where a joint is held: beyond, it is said
@@ -54,6 +56,19 @@ class RobotFile:
         body = self.body()
         return read_arm_source(source, body.joints, [at for at in (*body.held, *body.links) if at not in body.joints])
 
+    def read_study(self, path: str | Path) -> tuple[Body, list[ArmRecording], list[ArmRecording]]:
+        """Its links, and recordings of a study to fit and to hold out: in N m, and without known loads.
+
+        Raises:
+            RecordingError: if one cannot be read, or two say that the current of a joint is in two units.
+            IdentificationError: if all that are fitted, or held out, have a known load.
+        """
+        sources = read_sources(path)
+        recordings = [self.read(source) for source in sources]
+        body = self.holding(recordings)
+        both = list(zip(sources, in_torque(recordings, body).recordings, strict=True))
+        return body, *without_loads(*([own for one, own in both if one.role == role] for role in ("fit", "holdout")))
+
     def holding(self, recordings: Sequence[ArmRecording]) -> Body:
         """Its links, other joints held where recordings have them on average."""
         body = self.body()
@@ -77,18 +92,18 @@ def meaning(recordings: Sequence[ArmRecording], body: Body, off: str = "say --no
         off: what to do where gravity is taken off.
     """
     found = [] if any(one.currents for one in recordings) else shares(recordings, body)
-    weightless = [one.joint for one in found if one.is_weightless]
+    weightless = [one.joint for one in found if one.kind == "weightless"]
     texts = []
     if weightless:
         joints = f"joint{'s' * (len(weightless) > 1)} {listing(weightless)}"
         texts.append(f"no gravity in the torque of {joints}: does the driver take it off? Then {off}")
     for one in found:
-        if one.is_geared:
+        if one.kind == "geared":
             texts.append(
                 f"the torque of joint {one.joint} is about {one.weight:.1g} times what the links of the file need: is "
                 f"it the motor's, before its gear? Then say --columns torque_{one.joint}=NAME*RATIO"
             )
-        if one.is_reversed:
+        elif one.kind == "reversed":
             texts.append(
                 f"joint {one.joint} seems to carry the weight of its links upwards: does its torque, or its position, "
                 f"count the other way? Then say --columns torque_{one.joint}=-NAME, for one"
@@ -103,13 +118,23 @@ def held_text(body: Body) -> str:
     return f"held: {', '.join(places)}" if places else ""
 
 
+def straying(body: Body, recordings: Sequence[ArmRecording]) -> list[str]:
+    """Joints that are held and that recordings have elsewhere, a sentence each."""
+    found = []
+    for recording, (joint, q) in product(recordings, body.held.items()):
+        if (off := np.max(np.abs(recording.still.get(joint, q) - q))) > AWAY:
+            away = f"{joint} gets {off:.2g} {body.said(joint, 'rad')} away from there in {recording.name}"
+            found.append(f"{away}: name it in --joints if it moves")
+    return found
+
+
 def loaded_text(recordings: Sequence[ArmRecording], left: Sequence[ArmRecording]) -> str:
     """Which recordings are left out for their loads; empty if none is."""
     names = [one.name for one in recordings if one not in left]
     return f"left out, as a known load is no part of the arm: {listing(names)}" if names else ""
 
 
-def looked_for(body: Body, only: Sequence[str] | None, without: Sequence[str]) -> dict[str, type[Term]]:
+def looked_for(body: Body, only: Sequence[str] | None, without: Sequence[str] = ()) -> dict[str, type[Term]]:
     """Effects that a diagnosis looks for at the joints of a robot, by id: all, or only some, or all but some.
 
     Args:
@@ -126,14 +151,4 @@ def looked_for(body: Body, only: Sequence[str] | None, without: Sequence[str]) -
     found = {kind.id: kind for kind in wanted if kind.id not in barred}
     if not found:
         raise Mistake("no effect is left to look for: leave out fewer, or look for more")
-    return found
-
-
-def straying(body: Body, recordings: Sequence[ArmRecording]) -> list[str]:
-    """Joints that are held and that recordings have elsewhere, a sentence each."""
-    found = []
-    for recording, (joint, q) in product(recordings, body.held.items()):
-        if (off := np.max(np.abs(recording.still.get(joint, q) - q))) > AWAY:
-            away = f"{joint} gets {off:.2g} {body.said(joint, 'rad')} away from there in {recording.name}"
-            found.append(f"{away}: name it in --joints if it moves")
     return found

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
-from pendulum_env.backends.hardware.priority import ordinary
+from pendulum_env.backends.hardware.process import ordinary
 from pendulum_env.words import listing, name
 from workbench.processes import Done, Failed, Worker, attend
 
@@ -83,7 +83,7 @@ class Apart:
         Raises:
             OSError: if the process has died.
         """
-        if self._waiting and not self._stands:
+        if not self._stands:
             self._worker.send(self._waiting)
         self._worker.send(None)
         while not isinstance(word := self._worker.hear(), Done | Failed):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.arms.diagnosis import models_of_arm, of_arm, parted
-from estimators.arms.identification import JointError, compare_arm
+from estimators.arms.identification import ArmStep
 from estimators.checks.physical import objection
 from estimators.diagnosis.added import CHANCE, looks
 from estimators.progress import Progress, no_progress
@@ -24,42 +24,34 @@ from pendulum_env.physics.term import loads
 
 
 @dataclass(frozen=True, eq=False)
-class Refitted:
-    """A model of an arm fitted to recordings, and its torque errors on them and on what was held out."""
-
-    model: ArmModel
-    train: tuple[JointError, ...]
-    holdout: tuple[JointError, ...]
-
-
-@dataclass(frozen=True, eq=False)
 class ArmAddition:
     """One effect added at a joint of an arm.
 
     Attributes:
-        effect: `stribeck@elbow`.
-        joint: index of its joint, the first of two that it loads.
         before: the model refitted without the effect.
-        after: the same with the effect.
+        after: the same with the effect, `stribeck@elbow`.
         objection: what speaks against the effect, None if nothing does.
-        looks_like: the formulas that a table comes nearest to, in a sentence; None of an effect.
     """
 
-    effect: str
-    joint: int
-    before: Refitted
-    after: Refitted
+    before: ArmStep
+    after: ArmStep
     objection: str | None
-    looks_like: str | None = None
 
     @property
     def text(self) -> str:
         """Whether the effect earns its place, in a sentence: only data that it was not fitted to can tell."""
+        effect = self.after.added or ""
         if self.objection is not None:
-            return f"{self.effect} {self.objection}: these recordings give no reason to keep it"
-        old, new = (part.holdout[self.joint] for part in (self.before, self.after))
+            return f"{effect} {self.objection}: these recordings give no reason to keep it"
+        joint = self.after.model.body.joints.index(next(iter(loads(effect.partition("@")[2]))))
+        old, new = (step.errors["holdout"][joint] for step in (self.before, self.after))
         share = new.torque_rms / old.torque_rms
-        return f"{self.effect} lowers the held-out torque error of {new.joint} to {share:.1%} of before"
+        return f"{effect} lowers the held-out torque error of {new.joint} to {share:.1%} of before"
+
+    @property
+    def looks_like(self) -> str | None:
+        """The formulas that a table which was added comes nearest to, in a sentence; None of an effect."""
+        return looks(self.after) if self.objection is None else None
 
 
 def add_arm(
@@ -88,25 +80,22 @@ def add_arm(
         ModelError: if the model has the effect already.
         IdentificationError: if a joint hardly moves, or its motion does not show the effect at all.
     """
-    body, criterion = model.body, criterion or Criterion()
-    kind = kind_at(effect, body)
-    if any(own.id == effect for own in model.terms):
+    criterion, base = criterion or Criterion(), model.terms
+    kind = kind_at(effect, model.body)
+    if any(own.id == effect for own in base):
         raise ModelError(f"the model has {effect} already")
-    refuse_held(model.terms, kind())
+    refuse_held(base, kind())
     train, held = parted(recordings, holdout)
-    base = model.terms
     models = models_of_arm(train, held, base, {kind.id: kind}, criterion, rng, progress)
     trial = best(models, base, kind)
     if trial is None:
         names = ", ".join(recording.name for recording in train)
         raise IdentificationError(f"{names}: the motion does not show {effect} at all: record another one")
-    steps = models.report(None, base), models.report(effect, trial.terms)
-    before, after = (
-        Refitted(fitted, compare_arm(fitted, train), compare_arm(fitted, held))
-        for fitted in (of_arm(step.model) for step in steps)
-    )
-    against = objection(steps[1], steps[0], models.train.motions)
+    without, with_it = models.report(None, base), models.report(effect, trial.terms)
+    against = objection(with_it, without, models.train.motions)
     if against is None and models.gain(trial.terms, base).chance > criterion.chance:
         against = CHANCE
-    joint = body.joints.index(next(iter(loads(kind.at))))
-    return ArmAddition(effect, joint, before, after, against, looks(steps[1]) if against is None else None)
+    before, after = (
+        ArmStep.of(step.added, of_arm(step.model), train=train, holdout=held) for step in (without, with_it)
+    )
+    return ArmAddition(before, after, against)

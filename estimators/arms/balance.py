@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.regression.equations import Equations
-from estimators.schemes.six import View, energy_view, impulse_view, increments, means, supply, torque_view
+from estimators.schemes import six
+from estimators.schemes.six import View, increments, means
 from estimators.signals.measurements import Measurements, measure_joints, remember
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
@@ -51,15 +52,14 @@ def measure_arm(recording: ArmRecording) -> list[Joints]:
     return measure_joints(recording.joints)
 
 
-def motion(joints: Joints) -> tuple[Array, Array, Array]:
+def series(joints: Joints, *names: str) -> tuple[Array, ...]:
+    """Some of what was measured of all joints, (N, n) each."""
+    return tuple(np.column_stack([getattr(m, name) for m in joints]) for name in names)
+
+
+def motion(joints: Joints) -> tuple[Array, ...]:
     """Smoothed position, velocity and acceleration of all joints, (N, n) each."""
-    parts = ((m.position, m.velocity, m.acceleration) for m in joints)
-    q, v, a = (np.column_stack(series) for series in zip(*parts, strict=True))
-    return q, v, a
-
-
-def _torque(joints: Joints, body: Body) -> Array:
-    return body.torque(*motion(joints))
+    return series(joints, "position", "velocity", "acceleration")
 
 
 def _impulse(joints: Joints, body: Body) -> Array:
@@ -72,10 +72,10 @@ def _power(joints: Joints, body: Body) -> Array:
     return increments(body.stored(q, v))[:, None] / joints[0].period
 
 
-VIEWS = {
-    "torque": ArmView(_torque, torque_view, lambda m: m.torque),
-    "impulse": ArmView(_impulse, impulse_view, lambda m: m.held),
-    "energy": ArmView(_power, energy_view, supply, adds_up=True),
+VIEWS = {  # as of one joint, with the regressor of the links
+    "torque": ArmView(lambda joints, body: body.torque(*motion(joints)), *six.VIEWS["torque"]),
+    "impulse": ArmView(_impulse, *six.VIEWS["impulse"]),
+    "energy": ArmView(_power, *six.VIEWS["energy"], adds_up=True),
 }
 
 

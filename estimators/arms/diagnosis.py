@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.arms.identification import JointError, compare_arm
+from estimators.arms.identification import ArmStep
 from estimators.arms.untold import untold
 from estimators.checks.residual import Region, stand_out
 from estimators.diagnosis.judge import judge
@@ -42,29 +42,35 @@ class ArmDiagnosis:
     """What an arm's model lacks.
 
     Attributes:
-        base: the model without them.
-        model: with the effects that were found.
+        before, after: the model without the effects that were found and with them, and their held-out torque errors.
         selected: them, `stribeck@elbow`.
         candidates: every effect at every joint, what was selected first.
         ambiguous: groups of effects that these data cannot tell apart, a selected one first.
-        before, after: torque errors on held-out data without and with them, joint by joint.
         unexplained: torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
         regions: where it stands out most, of these joints where it does.
         tables: functions that no effect is and that would explain most of it, `torque_by_angle@elbow`.
         heavier: joints that feel heavier in slow motion than in all, and how many times.
     """
 
-    base: ArmModel
-    model: ArmModel
+    before: ArmStep
+    after: ArmStep
     selected: tuple[str, ...]
     candidates: tuple[Candidate, ...]
     ambiguous: tuple[tuple[str, ...], ...]
-    before: tuple[JointError, ...]
-    after: tuple[JointError, ...]
     unexplained: Mapping[str, float]
     regions: Mapping[str, Region] = field(default_factory=dict)
     tables: tuple[str, ...] = ()
     heavier: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def model(self) -> ArmModel:
+        """The model with the effects."""
+        return self.after.model
+
+    @property
+    def steps(self) -> tuple[ArmStep, ...]:
+        """The base model and, where effects were found, the one with them."""
+        return (self.before, self.after) if self.selected else (self.before,)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -111,7 +117,10 @@ class ArmDiagnosis:
             "selected": list(self.selected),
             "ambiguous": [list(group) for group in self.ambiguous],
             "candidates": [candidate.json() for candidate in self.candidates],
-            "errors": {"before": [e.json() for e in self.before], "after": [e.json() for e in self.after]},
+            "errors": {
+                name: [error.json() for error in step.errors["holdout"]]
+                for name, step in (("before", self.before), ("after", self.after))
+            },
             "unexplained": dict(self.unexplained),
             "regions": {joint: region.json() for joint, region in self.regions.items()},
             "tables": list(self.tables),
@@ -253,13 +262,11 @@ def diagnose_arm(
     parts = ((x.position, x.velocity, x.torque) for x in seen)
     model = model.withholding(untold(model, *map(np.column_stack, zip(*parts, strict=True))))
     return ArmDiagnosis(
-        base=lacking,
-        model=model,
+        before=ArmStep.of(None, lacking, holdout=held),
+        after=ArmStep.of(None, model, holdout=held),
         selected=tuple(term.id for term in found.terms[len(base) :]),
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
-        before=compare_arm(lacking, held),
-        after=compare_arm(model, held),
         unexplained=unexplained,
         heavier=heavier_when_slow(models, train, unexplained) if unexplained else {},
         regions=where_it_stands_out(models, found.terms, list(unexplained)),

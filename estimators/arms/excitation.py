@@ -9,7 +9,7 @@ Beyer and Schwefel, Evolution strategies, Natural Computing 1(1), 2002.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -38,7 +38,6 @@ class Excited:
         middle: of the motion (n,) [rad].
         sines, cosines: of the harmonics (K, n) [rad].
         period: after which it repeats [s].
-        condition: of the torque regressor in base parameters and friction, columns scaled to equal length.
     """
 
     body: Body
@@ -46,23 +45,30 @@ class Excited:
     sines: Array
     cosines: Array
     period: float
-    condition: float
 
     def __call__(self, time: Array) -> tuple[Array, Array, Array]:
         """Position [rad], velocity [rad/s] and acceleration [rad/s^2] of the joints (N, n) at N instants [s]."""
-        order = np.arange(1, len(self.sines) + 1)
-        w = 2 * np.pi / self.period * order
+        w = 2 * np.pi / self.period * np.arange(1, len(self.sines) + 1)
         s, c = np.sin(np.outer(time, w)), np.cos(np.outer(time, w))
         a, b = self.sines, self.cosines
-        return (
-            self.middle + s @ a + c @ b,
-            (c * w) @ a - (s * w) @ b,
-            -(s * w**2) @ a - (c * w**2) @ b,
-        )
+        return self.middle + s @ a + c @ b, (c * w) @ a - (s * w) @ b, -(s * w**2) @ a - (c * w**2) @ b
 
     def torque(self, time: Array) -> Array:
         """Torque that the body needs by its file, without friction (N, n) [N m]."""
         return np.asarray(self.body.torque(*self(time)) @ self.body.values)
+
+    def rows(self, time: Array) -> Array:
+        """Regressor of the torques in base parameters, viscous and dry friction (N, n, P)."""
+        q, v, a = self(time)
+        own = np.eye(v.shape[1])
+        return np.concatenate([self.body.torque(q, v, a), v[:, :, None] * own, np.sign(v)[:, :, None] * own], axis=2)
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the torque regressor in base parameters and friction, columns scaled to equal length."""
+        rows = self.rows(np.linspace(0, self.period, POINTS, endpoint=False))
+        phi = rows.reshape(-1, rows.shape[-1])
+        return float(np.linalg.cond(phi / np.linalg.norm(phi, axis=0)))
 
 
 def design_excitation(
@@ -92,18 +98,17 @@ def design_excitation(
         IdentificationError: if no series keeps within the torque limits, or a joint's limits leave no room.
     """
     rng = rng or np.random.default_rng(0)
-    low, high = body.position_limits
-    slides = np.array(body.slides)
-    usual = np.where(slides, USUAL_STROKE, USUAL_RANGE)
+    slides, joints = np.array(body.slides), np.array(body.joints)
+    (low, high), usual = body.position_limits, np.where(slides, USUAL_STROKE, USUAL_RANGE)
     low, high = np.where(np.isfinite(low), low, -usual), np.where(np.isfinite(high), high, usual)
     if max_angle is not None:
         reach = np.where(slides, np.inf, max_angle)
         low, high = np.maximum(low, -reach), np.minimum(high, reach)
-        for joint in np.array(body.joints)[low >= high]:
+        for joint in joints[low >= high]:
             raise IdentificationError(
                 f"{body.name}: joint '{joint}' is never within {max_angle:g} rad of zero: allow a larger angle"
             )
-    for joint in np.array(body.joints)[high - low < NARROWEST]:
+    for joint in joints[high - low < NARROWEST]:
         raise IdentificationError(f"{body.name}: the limits of joint '{joint}' leave it no room to move: widen them")
     speed = np.where(slides, USUAL_SLIDE, USUAL_SPEED if max_speed is None else max_speed)
     speed = np.minimum(body.velocity_limits, speed)
@@ -119,14 +124,13 @@ def design_excitation(
         if anew:
             waves, at = rng.normal(size=waves.shape) * alike, rng.uniform(0.4, 0.6, len(low))
         middle = low + (high - low) * at
-        q, v, _ = Excited(body, np.zeros(len(low)), waves[0], waves[1], period, np.inf)(time)
+        q, v, _ = Excited(body, np.zeros(len(low)), waves[0], waves[1], period)(time)
         room = np.minimum(high - middle, middle - low)
         scale = MARGIN * np.minimum(room / np.abs(q).max(axis=0), speed / np.abs(v).max(axis=0))
         known = -np.inf
         for share in SHARES:
-            sines, cosines = waves * scale * share
-            tried = Excited(body, middle, sines, cosines, period, np.inf)
-            rows = _rows(tried, time)
+            tried = Excited(body, middle, waves[0] * scale * share, waves[1] * scale * share, period)
+            rows = tried.rows(time)
             if np.all(np.abs(rows[..., : len(body.values)] @ body.values) <= MARGIN * most):
                 phi = rows.reshape(-1, rows.shape[-1])
                 known = float(np.linalg.slogdet(phi.T @ phi).logabsdet)
@@ -140,12 +144,4 @@ def design_excitation(
             f"{body.name}: every motion of {tries} needs more torque than the joints have: allow less speed or "
             "angle, or more torque"
         )
-    phi = _rows(best, time).reshape(-1, rows.shape[-1])
-    return replace(best, condition=float(np.linalg.cond(phi / np.linalg.norm(phi, axis=0))))
-
-
-def _rows(excited: Excited, time: Array) -> Array:
-    """Regressor of the torques in base parameters, viscous and dry friction (N, n, P)."""
-    q, v, a = excited(time)
-    own = np.eye(v.shape[1])
-    return np.concatenate([excited.body.torque(q, v, a), v[:, :, None] * own, np.sign(v)[:, :, None] * own], axis=2)
+    return best

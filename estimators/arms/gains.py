@@ -21,6 +21,7 @@ from pendulum_env._typing import Array
 from pendulum_env.arms.body import STANDARD, Body
 from pendulum_env.arms.joints import Links, friction
 from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.arms.robot import pinocchio
 from pendulum_env.recording.record import RecordingError, TorqueConstant
 from pendulum_env.recording.study import Carried
 
@@ -57,13 +58,9 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
     parts = [measure_joints(recording.joints) for recording in recordings]
     measured = [m for part in parts for m in part]
     data = stack(SCHEME, measured, [rows(m, (Links(body), *friction(body)), VIEWS[SCHEME.view]) for m in measured])
-    count = len(body.base)
-    weighs = np.zeros(len(data.joint))
     of = np.repeat(np.arange(len(parts)), [sum(len(m[0]) * len(m) for m in part) for part in parts])
-    for k, recording in enumerate(recordings):
-        if recording.carried is not None:
-            here = of == k
-            weighs[here] = data.equations.phi[here, :count] @ body.combine @ _standard(recording.carried, body)
+    carried = [body.combine @ _standard(recording.carried, body) for recording in recordings]  # (P,) each
+    weighs = np.einsum("rp,rp->r", data.equations.phi[:, : len(body.base)], np.array(carried)[of])
     gains = {}
     for joint, unit in asked.items():
         alike = np.array([joint in recording.currents for recording in recordings])  # others are in N m
@@ -88,12 +85,9 @@ def without_loads(
     Raises:
         IdentificationError: if none is left of those to fit, or of those to hold out.
     """
-
-    def mass(one: ArmRecording) -> float:
-        return 0.0 if one.carried is None else one.carried.mass
-
-    least = min(map(mass, (*fitted, *held_out)), default=0.0)
-    left, checks = ([one for one in part if mass(one) <= least] for part in (fitted, held_out))
+    masses = {id(one): one.carried.mass if one.carried else 0.0 for one in (*fitted, *held_out)}
+    least = min(masses.values(), default=0.0)
+    left, checks = ([one for one in part if masses[id(one)] <= least] for part in (fitted, held_out))
     for what, part, bare in (("fitted", fitted, left), ("held-out", held_out, checks)):
         if part and not bare:
             raise IdentificationError(
@@ -116,12 +110,12 @@ def _units(recordings: Sequence[ArmRecording]) -> dict[str, str]:
     return {joint: unit for joint, (_, unit) in first.items()}
 
 
-def _standard(carried: Carried, body: Body) -> Array:
+def _standard(carried: Carried | None, body: Body) -> Array:
     """Standard parameters (S,) of a weight that is small, in the frame of the last joint."""
-    m, c = carried.mass, np.array(carried.center)
-    inertia = m * (c @ c * np.eye(3) - np.outer(c, c))
     found, first = np.zeros(len(body.standard)), len(STANDARD) * body.links.index(body.joints[-1])
-    found[first : first + len(STANDARD)] = [m, *m * c, *inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
+    if carried is not None:
+        weight = pinocchio().Inertia(carried.mass, np.array(carried.center), np.zeros((3, 3)))
+        found[first : first + len(STANDARD)] = weight.toDynamicParameters()
     return found
 
 
@@ -137,7 +131,7 @@ def _beside(phi: Array, x: Array, y: Array, clusters: Array) -> tuple[float, flo
 
 
 def _converted(recording: ArmRecording, gains: dict[str, TorqueConstant]) -> ArmRecording:
-    known = {joint: gains[joint].value for joint in recording.currents if joint in gains}
-    factors = np.array([known.get(joint, 1.0) for joint in recording.names])
+    known = recording.currents.keys() & gains.keys()
+    factors = [gains[joint].value if joint in known else 1.0 for joint in recording.names]
     left = {joint: unit for joint, unit in recording.currents.items() if joint not in known}
-    return replace(recording, torque=recording.torque * factors, currents=left)
+    return replace(recording, torque=recording.torque * np.array(factors), currents=left)

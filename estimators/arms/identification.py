@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from estimators.arms.balance import VIEWS, Joints, measure_arm, motion, rows
+from estimators.arms.balance import VIEWS, Joints, measure_arm, rows, series
 from estimators.arms.untold import untold
 from estimators.checks.identifiability import Doubt, inseparable
 from estimators.regression.equations import Equations, IdentificationError
@@ -24,6 +24,7 @@ from estimators.schemes.identification import (
     converge,
 )
 from estimators.schemes.six import SCHEMES, Regression, Regressor, Scheme, give
+from estimators.selection.data import Step
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Links, check_places, friction
@@ -134,8 +135,8 @@ def identify_arm(
         if scheme is schemes[0]:  # the same of all
             phi, columns = data.equations.phi, results[scheme.id].model.columns
             doubts = inseparable(phi[data.usable], [column.name for column in columns], np.any(phi, axis=0))
-    parts = [(*motion(m)[:2], np.column_stack([own.held for own in m])) for m in measured]
-    seen = [np.concatenate(series) for series in zip(*parts, strict=True)]
+    parts = [series(m, "position", "velocity", "held") for m in measured]
+    seen = [np.concatenate(each) for each in zip(*parts, strict=True)]
     alike = {name for doubt in doubts for name in doubt.withheld}
     unknown = {id: untold(one.model, *seen) for id, one in results.items()}
     if alone := sorted(frozenset.intersection(*unknown.values()) - alike):  # by no scheme; others show no number for it
@@ -159,24 +160,18 @@ class Stack:
 def stack(scheme: Scheme, measured: Sequence[Joints], balances: Sequence[Sequence[Equations]]) -> Stack:
     """What a scheme makes of the balances of all recordings, one after the other."""
     length = min(CLUSTER, sum(len(m[0]) * m[0].period for m in measured) / CLUSTERS)
-    parts, clusters, times, seconds = [], [], [], 0.0
+    parts, times, seconds = [], [], 0.0
     for m, own in zip(measured, balances, strict=True):
         joints = [through(scheme, equations, m, k) for k, equations in enumerate(own)]
-        parts.append(
-            (
-                np.stack([one.equations.phi for one in joints], axis=1),
-                np.column_stack([one.equations.y for one in joints]),
-                np.column_stack([one.usable for one in joints]),
-            )
-        )
+        both = [np.column_stack([one.equations.phi, one.equations.y, one.usable]) for one in joints]
+        parts.append(np.stack(both, axis=1).reshape(-1, both[0].shape[1]))
         elapsed = seconds + np.arange(1, len(m[0]) + 1) * m[0].period
         seconds = float(elapsed[-1])
         times.append(np.repeat(elapsed, len(joints)))
-        clusters.append(np.repeat((elapsed / length).astype(np.intp), len(joints)))
-    phi, y, usable = (np.concatenate(whole) for whole in zip(*parts, strict=True))
-    joint = np.tile(np.arange(y.shape[1]), len(y))
-    equations = Equations(phi.reshape(-1, phi.shape[2]), y.ravel())
-    return Stack(equations, usable.ravel(), joint, np.concatenate(clusters), np.concatenate(times))
+    whole, time, count = np.concatenate(parts), np.concatenate(times), len(balances[0])
+    joint = np.tile(np.arange(count), len(whole) // count)
+    equations = Equations(whole[:, :-2], whole[:, -2])
+    return Stack(equations, whole[:, -1] > 0, joint, (time / length).astype(np.intp), time)
 
 
 def through(scheme: Scheme, equations: Equations, m: Joints, joint: int) -> Regression:
@@ -266,20 +261,30 @@ def compare_arm(model: ArmModel, recordings: ArmRecording | Sequence[ArmRecordin
         IdentificationError: if a recording is too short, or a joint is never clear of stick.
     """
     recordings = [recordings] if isinstance(recordings, ArmRecording) else list(recordings)
-    errors: list[list[Array]] = [[] for _ in model.body.joints]
-    torques: list[list[Array]] = [[] for _ in model.body.joints]
-    scheme = ARM_SCHEMES[0]
-    for m in (m for recording in recordings for m in measure_arm(recording)):
-        for k, equations in enumerate(rows(m, model.terms, VIEWS["torque"])):
-            clear = through(scheme, equations, m, k).usable
-            errors[k].append((equations.y - equations.phi @ model.theta)[clear])
-            torques[k].append(m[k].torque[clear])
+    measured = [m for recording in recordings for m in measure_arm(recording)]
+    data = stack(ARM_SCHEMES[0], measured, [rows(m, model.terms, VIEWS["torque"]) for m in measured])
+    left = data.equations.y - data.equations.phi @ model.theta
+    torque = np.concatenate([series(m, "torque")[0].ravel() for m in measured])
     found = []
-    for joint, own, all_torque in zip(model.body.joints, errors, torques, strict=True):
-        if not any(len(part) for part in own):
+    for k, joint in enumerate(model.body.joints):
+        own = data.usable & (data.joint == k)
+        if not own.any():
             raise IdentificationError(
                 f"{recordings[0].name}: joint '{joint}' is never clear of stick and reversals: its error cannot be told"
             )
-        rms, size = (float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for parts in (own, all_torque))
+        rms, size = (float(np.sqrt(np.mean(values[own] ** 2))) for values in (left, torque))
         found.append(JointError(joint, rms, rms / size if size else None, model.body.said(joint, NEWTON_METRE)))
     return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmStep(Step):
+    """A model of an arm with one effect more than the one before, and its torque errors joint by joint."""
+
+    model: ArmModel
+    errors: Mapping[str, tuple[JointError, ...]]  # type: ignore[assignment]  # no simulation follows an arm
+
+    @classmethod
+    def of(cls, added: str | None, model: ArmModel, **parts: Sequence[ArmRecording]) -> ArmStep:
+        """The model with its errors on parts of the data, `train` and `holdout`; raises as `compare_arm` does."""
+        return cls(added, model, {part: compare_arm(model, own) for part, own in parts.items()})

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.arms.balance import measure_arm, motion
-from pendulum_env._typing import Array
+from estimators.arms.balance import measure_arm, series
+from estimators.regression.equations import Equations
+from estimators.regression.least_squares import solve
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.recording import ArmRecording
 
@@ -41,23 +42,14 @@ class Share:
     inertia: float
 
     @property
-    def is_weightless(self) -> bool:
-        """Whether links have inertia and no weight, as where the driver takes gravity off."""
-        return self._is_little and self.inertia > LITTLE
-
-    @property
-    def is_geared(self) -> bool:
-        """Whether all is as much smaller, as before a gear."""
-        return self._is_little and not self.is_weightless and self.weight > SURE * self.weight_std
-
-    @property
-    def is_reversed(self) -> bool:
-        """Whether the weight has the other sign."""
-        return self.weight + SURE * self.weight_std < -LITTLE
-
-    @property
-    def _is_little(self) -> bool:
-        return abs(self.weight) + SURE * self.weight_std < LITTLE
+    def kind(self) -> str:
+        """What is odd: "weightless" (inertia without weight), "geared" (all is smaller), "reversed", or nothing."""
+        reach = SURE * self.weight_std
+        if self.weight + reach < -LITTLE:
+            return "reversed"
+        if not abs(self.weight) + reach < LITTLE:
+            return ""
+        return "weightless" if self.inertia > LITTLE else "geared" if self.weight > reach else ""
 
 
 def shares(recordings: Sequence[ArmRecording], body: Body) -> list[Share]:
@@ -67,31 +59,24 @@ def shares(recordings: Sequence[ArmRecording], body: Body) -> list[Share]:
         recordings: whose torques are in N m.
         body: links with masses as the file has them.
     """
+    parts = [
+        series(m, "position", "velocity", "acceleration", "torque", "moving")
+        for recording in recordings
+        for m in measure_arm(recording)
+    ]
+    step = max(1, sum(len(part[0]) for part in parts) // POINTS)
+    q, v, a, torque, moving = (np.concatenate([own[::step] for own in each]) for each in zip(*parts, strict=True))
+    still = body.torque(q, 0 * v, 0 * a) @ body.values  # (N, n)
+    moved = body.torque(q, v, a) @ body.values - still
     found = []
-    parts = [m for recording in recordings for m in measure_arm(recording)]
-    step = max(1, sum(len(m[0]) for m in parts) // POINTS)
-    moves = [tuple(series[::step] for series in motion(m)) for m in parts]
-    still = np.concatenate([body.torque(q, 0 * v, 0 * a) @ body.values for q, v, a in moves])  # (N, n)
-    moved = np.concatenate([body.torque(q, v, a) @ body.values for q, v, a in moves]) - still
-    speed = np.concatenate([v for _, v, _ in moves])
-    torque, moving = (
-        np.concatenate([np.column_stack([getattr(m[k], what)[::step] for k in range(len(m))]) for m in parts])
-        for what in ("torque", "moving")
-    )
     for k, joint in enumerate(body.joints):
-        v = speed[:, k]
-        use = moving[:, k] & (np.abs(v) > FAST * np.abs(v).max())
-        phi = np.column_stack([still[:, k], moved[:, k], v, np.sign(v), np.ones(len(v))])[use]
-        notable = use.sum() > BLOCKS and np.std(phi[:, 0]) > NOTABLE * np.std(phi[:, 0] + phi[:, 1])
-        value, std = _weighed(phi, torque[use, k]) if notable else (np.full(5, np.nan), np.full(5, np.nan))
-        found.append(Share(joint, float(value[0]), float(std[0]), float(value[1])))
+        speed = v[:, k]
+        use = (moving[:, k] > 0) & (np.abs(speed) > FAST * np.abs(speed).max())
+        phi = np.column_stack([still[:, k], moved[:, k], speed, np.sign(speed), np.ones(len(v))])[use]
+        weight, std, inertia = np.nan, np.nan, np.nan
+        if len(phi) > BLOCKS and np.std(phi[:, 0]) > NOTABLE * np.std(phi[:, 0] + phi[:, 1]):
+            blocks = np.arange(len(phi)) * BLOCKS // len(phi)
+            fit = solve(Equations(phi, torque[use, k]), np.ones(len(phi)), blocks)
+            weight, std, inertia = float(fit.theta[0]), float(fit.std[0]), float(fit.theta[1])
+        found.append(Share(joint, weight, std, inertia))
     return found
-
-
-def _weighed(phi: Array, y: Array) -> tuple[Array, Array]:
-    """Least squares with standard errors by blocks of neighbours."""
-    inverse = np.linalg.pinv(phi.T @ phi)
-    value = inverse @ phi.T @ y
-    block = (np.arange(len(y)) * BLOCKS) // len(y)
-    scores = np.array([np.bincount(block, column * (y - phi @ value)) for column in phi.T])  # (columns, blocks)
-    return value, np.sqrt(np.diag(inverse @ (scores @ scores.T) @ inverse))

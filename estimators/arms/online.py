@@ -185,10 +185,6 @@ class ArmEstimator:
     def reset(self) -> None:
         """Forget everything."""
         self.state: State = start(sum(len(term.columns) for term in self.terms), self._prior)
-        self.forget_motion()
-
-    def forget_motion(self) -> None:
-        """Begin another recording, with what was estimated so far."""
         self._stream.reset()
 
     @property

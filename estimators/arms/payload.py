@@ -103,51 +103,39 @@ def find_payload(
     shown = null_space(unseen.T) if unseen.size else np.eye(len(STANDARD))  # (10, r)
     parts = [measure_arm(recording) for recording in (*without, *carrying)]
     measured = [m for part in parts for m in part]
-    is_loaded = np.repeat([False] * len(without) + [True] * len(carrying), [len(part) for part in parts])
     data = stack(SCHEME, measured, [rows(m, model.terms, VIEWS[SCHEME.view]) for m in measured])
-    of_base = data.equations.phi[:, : len(combine)]
-    loaded = np.repeat(is_loaded, [len(m[0]) * len(m) for m in measured])
+    lengths = [sum(len(m[0]) * len(m) for m in part) for part in parts]
+    loaded = np.repeat([False] * len(without) + [True] * len(carrying), lengths)
+    of_base, of_friction = np.split(data.equations.phi, [len(combine)], axis=1)
     extra = np.where(loaded[:, None], of_base @ combine @ shown, 0.0)
-    friction = data.equations.phi[:, len(combine) :]
-    days = (friction * (loaded[:, None] == day) for day in ((False, True) if without else (True,)))
-    phi, y = np.column_stack([*days, extra]), data.equations.y
     if without:
-        phi = np.column_stack([of_base, phi])
+        known, y = [of_base, of_friction * ~loaded[:, None], of_friction * loaded[:, None]], data.equations.y
     else:
-        y = y - of_base @ model.theta[: len(combine)]
+        known, y = [of_friction], data.equations.y - of_base @ model.theta[: len(combine)]
     use = data.usable
     if not (use & loaded).any():
         raise IdentificationError(f"{carrying[0].name}: too little motion clear of reversals to tell a payload")
-    size = shown.shape[1]
     empty, fit = (
-        weighted(Equations(phi[use][:, :last], y[use]), data.joint[use], data.clusters[use])[0]
-        for last in (phi.shape[1] - size, phi.shape[1])
+        weighted(Equations(np.column_stack(columns)[use], y[use]), data.joint[use], data.clusters[use])[0]
+        for columns in (known, [*known, extra])
     )
+    size = shown.shape[1]
     values, covariance = shown @ fit.theta[-size:], shown @ fit.covariance[-size:, -size:] @ shown.T
-    known = [n for n in range(len(STANDARD)) if not unseen.size or np.linalg.norm(unseen[n]) < HIDDEN]
+    std = np.sqrt(np.diag(covariance))
     estimates = {
-        STANDARD[n]: Estimate(
-            float(values[n]), float(np.sqrt(covariance[n, n])), body.unit_of(f"{STANDARD[n]}@{joint}")
-        )
-        for n in known
+        name: Estimate(float(values[n]), float(std[n]), body.unit_of(f"{name}@{joint}"))
+        for n, name in enumerate(STANDARD)
+        if not unseen.size or np.linalg.norm(unseen[n]) < HIDDEN
     }
-    of, judged = data.joint[use], loaded[use]
-    left = {
-        name: (_rms(empty.residual[judged & (of == n)]), _rms(fit.residual[judged & (of == n)]))
-        for n, name in enumerate(body.joints)
-        if (judged & (of == n)).any()
-    }
+    left = {}
+    for n, name in enumerate(body.joints):
+        if (own := loaded[use] & (data.joint[use] == n)).any():
+            before, after = (float(np.sqrt(np.mean(one.residual[own] ** 2))) for one in (empty, fit))
+            left[name] = before, after
+    center = _center(values, covariance) if set(STANDARD[:4]) <= estimates.keys() else None
     return Payload(
-        joint,
-        estimates,
-        _center(values, covariance) if set(range(4)) <= set(known) else None,
-        _exists(values, covariance) if len(known) == len(STANDARD) else None,
-        left,
+        joint, estimates, center, _exists(values, covariance) if len(estimates) == len(STANDARD) else None, left
     )
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _center(values: Array, covariance: Array) -> tuple[Estimate, ...] | None:
@@ -157,9 +145,9 @@ def _center(values: Array, covariance: Array) -> tuple[Estimate, ...] | None:
         return None
     found = []
     for n in (1, 2, 3):
-        slope = np.zeros(len(values))
-        slope[[0, n]] = -values[n] / mass**2, 1 / mass
-        found.append(Estimate(float(values[n] / mass), float(np.sqrt(slope @ covariance @ slope)), "m"))
+        slope = np.array([-values[n] / mass**2, 1 / mass])
+        variance = slope @ covariance[np.ix_([0, n], [0, n])] @ slope
+        found.append(Estimate(float(values[n] / mass), float(np.sqrt(variance)), "m"))
     return tuple(found)
 
 

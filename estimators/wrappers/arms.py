@@ -40,8 +40,8 @@ def effects_of(body: Body, names: Sequence[str] | None) -> dict[str, type[Term]]
     Raises:
         ValueError: if there is no such effect or joint.
     """
-    alone = [id for id, kind in joint_effects().items() if kind is not Coupling]
-    return {kind.id: kind for kind in kinds_at(alone if names is None else names, body)}
+    known = [id for id in joint_effects() if id != Coupling.id] if names is None else names
+    return {kind.id: kind for kind in kinds_at(known, body)}
 
 
 def body_of(env: gym.Env[Any, Any], robot: str | None = None) -> Body:

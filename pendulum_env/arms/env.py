@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -27,24 +27,6 @@ Observation = NDArray[np.float32]
 Action = NDArray[np.floating[Any]]
 
 
-class Bodies(Protocol):
-    """What moves: positions and velocities (n,) of the joints [rad] and [rad/s], in m and m/s where they slide."""
-
-    @property
-    def position(self) -> Array:
-        """Of the joints now."""
-
-    @property
-    def velocity(self) -> Array:
-        """Of the joints now."""
-
-    def start(self, position: Array, velocity: Array) -> None:
-        """Begin there."""
-
-    def advance(self, torque: Array) -> None:
-        """Hold torques (n,) [N m] for one period."""
-
-
 class SimulatedArm(gym.Env[Observation, Action]):
     """An arm of n joints with a torque at each, seen through its encoders: a plant, no task.
 
@@ -65,7 +47,13 @@ class SimulatedArm(gym.Env[Observation, Action]):
     metadata = {"render_modes": list(MODES), "render_fps": 50}  # noqa: RUF012  (Gymnasium's own interface)
 
     def __init__(
-        self, joints: Sequence[str], bodies: Bodies, sensor: Sensor, *, rate: float, max_torque: float
+        self,
+        joints: Sequence[str],
+        bodies: PlanarBodies | SpatialBodies,
+        sensor: Sensor,
+        *,
+        rate: float,
+        max_torque: float,
     ) -> None:
         """Take joints, what moves, what is seen of it, samples per second [Hz] and the bound of actions [N m]."""
         self.joints, self.sensor, self._bodies = tuple(joints), sensor, bodies

@@ -93,17 +93,50 @@ def joint_models(
     return tuple(models)
 
 
+class Acting:
+    """What acts at the joints of a simulated arm, and what it remembers: a torque balance for each joint."""
+
+    def __init__(self, models: Sequence[Model]) -> None:
+        """Take what acts at each joint, without inertia."""
+        self._balances = [Balance(model.terms, model.theta) for model in models]
+
+    def start(self, position: Array, velocity: Array) -> None:
+        """Begin with joints at positions (n,) with velocities (n,)."""
+        self.time = 0.0
+        self._memory: list[Mapping[str, Any]] = [{} for _ in self._balances]
+        samples = self._samples(position, velocity, np.zeros(len(self._balances)))
+        self._memory = [balance.start(x) for balance, x in zip(self._balances, samples, strict=True)]
+
+    def torques(self, position: Array, velocity: Array, torque: Array) -> tuple[Array, Array]:
+        """Torque that is left for acceleration and dry friction, and how large the latter may be (n,) [N m]."""
+        samples = self._samples(position, velocity, torque)
+        pairs = [(own.net(x), max(float(own.dry(x)), 0.0)) for own, x in zip(self._balances, samples, strict=True)]
+        net, dry = np.array(pairs, dtype=float).T
+        return net, dry
+
+    def advance(self, position: Array, velocity: Array, torque: Array, mean: Array, h: float) -> None:
+        """Go on by h [s] from there, the joints moving at mean velocities (n,) meanwhile."""
+        for k, x in enumerate(self._samples(position, velocity, torque)):
+            if x.memory:
+                self._memory[k] = self._balances[k].advance(x, mean[k], h)
+        self.time += h
+
+    def _samples(self, position: Array, velocity: Array, torque: Array) -> list[Samples]:
+        now: Any = np.float64(self.time)
+        each = zip(position, velocity, torque, self._memory, strict=True)
+        return [Samples(now, q, v, u, memory) for q, v, u, memory in each]
+
+
 class PlanarBodies:
     """The simulated arm: advance it with `advance`; positions and velocities are those of the joints."""
 
     def __init__(self, links: Sequence[Link], models: Sequence[Model], period: float, substeps: int) -> None:
         """Take links, what acts at their joints, the time between samples [s] and steps in it."""
         self.links, self.substeps, self.step = tuple(links), substeps, period / substeps
-        self._balances = [Balance(model.terms, model.theta) for model in models]
+        self._acting = Acting(models)
 
     def start(self, position: Array, velocity: Array) -> None:
         """Put the arm at joint angles (n,) [rad] with joint velocities (n,) [rad/s]."""
-        count = len(self.links)
         self._space = pymunk.Space()
         self._space.gravity = (0.0, -GRAVITY)
         self._space.iterations = ITERATIONS
@@ -129,11 +162,9 @@ class PlanarBodies:
             self._motors.append(motor)
             joint, joint_velocity = joint + link.length * along, joint_velocity + rate * link.length * across
             before = body
-        self._time, self._command = 0.0, np.zeros(count)
-        self._memory: list[Mapping[str, Any]] = []
-        for k, balance in enumerate(self._balances):
-            self._memory.append(balance.start(self._at(k, 0.0, self.position, self.velocity, self._command, {})))
-        self._half = self._before = self.velocity
+        self._command = np.zeros(len(self.links))
+        self._acting.start(self.position, self.velocity)
+        self._before = self.velocity
         # to where velocities belong: half a step on, the positions staying
         kept = [(body.position, body.angle) for body in self._bodies]
         self._push(self.position, self.velocity, self._command, 0.5 * self.step)
@@ -146,62 +177,42 @@ class PlanarBodies:
         h = self.step
         for k in range(self.substeps):
             command = torque
-            if (
-                k == 0
-            ):  # half of a change of torque belongs to the half step before, which is over; stick made up for it
-                command = torque + 0.5 * (torque - self._command) * (np.abs(self._half) > AT_REST)
+            if k == 0:  # half of a change of torque belongs to the half step before, which is over
+                command = torque + 0.5 * (torque - self._command) * (np.abs(self._half) > AT_REST)  # stick made up
             position = self.position + h * self._half
             expected = 1.5 * self._half - 0.5 * self._before
-            for joint, balance in enumerate(self._balances):
-                if self._memory[joint]:
-                    x = self._at(joint, self._time, self.position, self._half, torque, self._memory[joint])
-                    self._memory[joint] = balance.advance(x, self._half[joint], h)
-            self._time += h
+            self._acting.advance(self.position, self._half, torque, self._half, h)
             before, last = self._half, self._saved()
-            self._push(position, expected, command, h)
+            dry = self._push(position, expected, command, h)
             after = self._rates()
             turned = (before * after < 0) & (np.abs(before) > AT_REST)
             if turned.any():  # once more, with the friction that acted in the old direction until the reversal
                 slowing = np.where(turned, before - self._before, 1.0)
                 share = np.clip(np.where(turned, -before / np.where(slowing == 0, -before, slowing), 0.0), 0.0, 1.0)
-                dry = np.array([motor.max_force for motor in self._motors])
-                self._restore(last)
+                for body, state in zip(self._bodies, last, strict=True):
+                    body.position, body.angle, body.velocity, body.angular_velocity = state
                 self._push(position, expected, command - 2.0 * share * dry * np.sign(before), h)
                 after = self._rates()
             self.position, self._before, self._half = position, before, after
         self._command = torque
         self.velocity = 0.5 * (self._before + self._half)
 
-    def _push(self, position: Array, velocity: Array, torque: Array, h: float) -> None:
-        """One step of pymunk under the joints' torques at the end of its positions' step."""
-        count = len(self._bodies)
-        net = np.empty(count)
-        for k, (balance, motor) in enumerate(zip(self._balances, self._motors, strict=True)):
-            x = self._at(k, self._time, position, velocity, torque, self._memory[k])
-            net[k] = balance.net(x)
-            dry = max(float(balance.dry(x)), 0.0)
-            if motor.max_force != dry:
-                motor.max_force = dry
-        for k, body in enumerate(self._bodies):
-            body.torque = float(net[k] - (net[k + 1] if k + 1 < count else 0.0))
+    def _push(self, position: Array, velocity: Array, torque: Array, h: float) -> Array:
+        """One step of pymunk under the joints' torques at the end of its positions' step; dry friction (n,) [N m]."""
+        net, dry = self._acting.torques(position, velocity, torque)
+        for motor, most in zip(self._motors, dry.tolist(), strict=True):
+            if motor.max_force != most:
+                motor.max_force = most
+        for body, own in zip(self._bodies, (net - np.append(net[1:], 0.0)).tolist(), strict=True):
+            body.torque = own
         self._space.step(h)
+        return dry
 
     def _saved(self) -> list[tuple[Any, ...]]:
         return [(body.position, body.angle, body.velocity, body.angular_velocity) for body in self._bodies]
 
-    def _restore(self, saved: Sequence[tuple[Any, ...]]) -> None:
-        for body, state in zip(self._bodies, saved, strict=True):
-            body.position, body.angle, body.velocity, body.angular_velocity = state
-
     def _rates(self) -> Array:
         return np.diff([body.angular_velocity for body in self._bodies], prepend=0.0)
-
-    @staticmethod
-    def _at(
-        joint: int, time: float, position: Array, velocity: Array, torque: Array, memory: Mapping[str, Any]
-    ) -> Samples:
-        now: Any = np.float64(time)
-        return Samples(now, position[joint], velocity[joint], torque[joint], memory)
 
 
 def urdf(links: Sequence[Link], names: Sequence[str], name: str = "planar-arm") -> str:

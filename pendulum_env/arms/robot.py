@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import Array
 from pendulum_env.isolated import Answer, isolated
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake, one_line
@@ -28,6 +28,7 @@ LIGHTEST = 1e-9  # [kg], of a link that moves
 MOST = 64  # joints
 SPARSE = "write it without what does not move"  # what helps where a robot takes too long or too much memory
 TURNS, SLIDES = "Revolute", "Prismatic"  # Pinocchio's words
+ENDLESS = "1e30"  # of a limit that there is none
 
 
 class BodyError(Mistake):
@@ -61,25 +62,20 @@ class Robot:
 
 def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> Robot:
     """Read a robot; arguments and errors are those of `read_body`."""
-    pinocchio()
+    model = pinocchio().Model()
     try:
         regular_size(path, DOCUMENT)
         asked = None if joints is None else tuple(joints)
-        told, arrays = isolated(_told, Path(path), asked, dict(held), bolted, remedy=SPARSE)
+        told, (ratios, offsets) = isolated(_told, Path(path), asked, dict(held), bolted, remedy=SPARSE)
     except Mistake as error:
         raise BodyError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-    *fields, ratios, offsets = arrays
-    model = _built(told, dict(zip(FIELDS, fields, strict=True)))
+    model.loadFromString(told["model"])
     names, links = tuple(told["joints"]), tuple(told["links"])
     return Robot(told["name"], names, told["held"], links, frozenset(told["sliding"]), model, ratios, offsets)
 
 
-FIELDS = ("turns", "places", "axes", "masses", "centers", "inertias", "low", "high", "efforts", "speeds", "armature",
-          "damping", "friction", "gravity")  # fmt: skip
-
-
 def _told(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> Answer:
-    """Names, joints, links and their parents, the `FIELDS`, and what follows what, of a robot in a file."""
+    """Names, joints and links of a robot in a file, Pinocchio's model as text, and what follows what."""
     pin = pinocchio()
     try:
         tree = ElementTree.parse(path).getroot()
@@ -92,9 +88,13 @@ def _told(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], b
             "has an <include>, which is not followed: write all of it into one file, as MuJoCo's compile does"
         )
     ties = _ties(tree)
-    build = pin.buildModelFromUrdf if tree.tag == "robot" else pin.buildModelFromMJCF
+    _bound(tree)
     try:
-        model = build(str(path))
+        model = (
+            pin.buildModelFromXML(ElementTree.tostring(tree, encoding="unicode"))
+            if tree.tag == "robot"
+            else pin.buildModelFromMJCF(str(path))
+        )
     except Exception as error:  # Pinocchio raises what its parsers raise
         raise BodyError(f"Pinocchio cannot read it: {one_line(error)}") from None
     name, robot = tree.get("name") or tree.get("model") or path.stem, list(model.names)[1:]
@@ -116,52 +116,31 @@ def _told(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], b
     _refuse_others(model)
     if (option := tree.find("option[@gravity]")) is not None:  # which Pinocchio passes over
         model.gravity.linear = np.array(_numbers(option.get("gravity", ""), "gravity of <option>", 3))
+    for limit in ("lowerPositionLimit", "upperPositionLimit", "upperEffortLimit", "upperVelocityLimit"):
+        values = np.array(getattr(model, limit))
+        setattr(model, limit, np.where(np.abs(values) < float(ENDLESS), values, np.copysign(np.inf, values)))
     ratios = np.array([[leads[link].ratio * (leads[link].joint == joint) for joint in moves] for link in links])
     offsets = np.array([leads[link].offset for link in links])
-    places, bodies, kinds = (list(of)[1:] for of in (model.jointPlacements, model.inertias, model.joints))
-    first = [kind.idx_q for kind in kinds]
-    endless = np.array([kind.nq == 2 for kind in kinds])  # joints without limits are a cosine and a sine there
-    arrays = [
-        np.array([place.rotation for place in places]),
-        np.array([place.translation for place in places]),
-        np.array([np.ravel(kind.createData().S).reshape(2, 3).sum(axis=0) for kind in kinds]),  # one of them is zero
-        np.array([link.mass for link in bodies]),
-        np.array([link.lever for link in bodies]),
-        np.array([link.inertia for link in bodies]),
-        np.where(endless, -np.inf, model.lowerPositionLimit[first]),
-        np.where(endless, np.inf, model.upperPositionLimit[first]),
-        *(np.array(of, dtype=float) for of in (model.upperEffortLimit, model.upperVelocityLimit, model.armature)),
-        *(np.array(of, dtype=float) for of in (model.damping, model.upperDryFrictionLimit, model.gravity.linear)),
-        ratios,
-        offsets,
-    ]
-    if not all((np.abs(of) <= LARGE).all() for of in (*arrays[:6], *arrays[10:])):  # nor NaN
+    axes = [np.linalg.norm(np.ravel(kind.createData().S)) for kind in list(model.joints)[1:]]
+    places = [place.homogeneous for place in list(model.jointPlacements)[1:]]
+    numbers = (*places, model.armature, model.damping, model.upperDryFrictionLimit, model.gravity.linear)
+    if not all((np.abs(of) <= LARGE).all() for of in (*numbers, ratios, offsets)):  # nor NaN
         raise BodyError(f"holds a number beyond {LARGE:g}: give lengths in m and masses in kg")
-    if not np.allclose(np.linalg.norm(arrays[2], axis=1), 1.0):
+    if not np.allclose(axes, 1.0):
         raise BodyError("has a joint without an axis: give it one, of length 1")
     told = {"name": name, "joints": moves, "held": still, "links": links, "sliding": sliding}
-    return told | {"parents": list(model.parents)[1:]}, arrays
+    return told | {"model": model.saveToString()}, (ratios, offsets)
 
 
-def _built(told: JSON, of: dict[str, Array]) -> Any:
-    """Pinocchio's model of a robot that has been read."""
-    pin = pinocchio()
-    model = pin.Model()
-    for k, (link, parent) in enumerate(zip(told["links"], told["parents"], strict=True)):
-        kind = SLIDES if link in told["sliding"] else TURNS
-        aligned = np.flatnonzero(of["axes"][k] == 1.0)
-        joint = (
-            getattr(pin, f"JointModel{kind[0]}{'XYZ'[aligned[0]]}")()
-            if len(aligned)
-            else getattr(pin, f"JointModel{kind}Unaligned")(of["axes"][k])
+def _bound(tree: ElementTree.Element) -> None:
+    """Have joints of URDF that turn without end turn within bounds beyond all numbers, by an angle as others do."""
+    for joint in tree.iterfind("joint[@type='continuous']"):
+        joint.set("type", "revolute")
+        limit = joint.find("limit")
+        limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
+        limit.attrib |= (
+            {"effort": ENDLESS, "velocity": ENDLESS} | limit.attrib | {"lower": f"-{ENDLESS}", "upper": ENDLESS}
         )
-        model.addJoint(int(parent), joint, pin.SE3(of["turns"][k], of["places"][k]), str(link))
-        model.inertias[k + 1] = pin.Inertia(float(of["masses"][k]), of["centers"][k], of["inertias"][k])
-    model.lowerPositionLimit, model.upperPositionLimit = of["low"], of["high"]
-    model.upperEffortLimit, model.upperVelocityLimit = of["efforts"], of["speeds"]
-    model.armature, model.damping, model.upperDryFrictionLimit = of["armature"], of["damping"], of["friction"]
-    model.gravity.linear = of["gravity"]
-    return model
 
 
 def pinocchio() -> ModuleType:
@@ -209,8 +188,8 @@ def _holding(model: Any, held: Mapping[str, float]) -> Any:
     q = pin.neutral(model)
     for joint, position in held.items():
         kind = model.joints[model.getJointId(joint)]
-        if kind.nv == 1:  # others are held as they are
-            q[kind.idx_q : kind.idx_q + kind.nq] = [position] if kind.nq == 1 else [np.cos(position), np.sin(position)]
+        if kind.nq == 1:  # others are held as they are
+            q[kind.idx_q] = position
     return pin.buildReducedModel(model, [model.getJointId(joint) for joint in held], q) if held else model
 
 
@@ -218,7 +197,7 @@ def _kind(model: Any, joint: str) -> str:
     """Whether a joint of Pinocchio's turns or slides; its name if it does neither."""
     kind = str(model.joints[model.getJointId(joint)].shortname()).removeprefix("JointModel")
     for ours in (TURNS, SLIDES):
-        if kind.startswith(ours) or kind in (f"{ours[0]}{axis}" for axis in "XYZ") or kind[:3] == f"{ours[0]}UB":
+        if kind.startswith(ours) or kind in (f"{ours[0]}{axis}" for axis in "XYZ"):
             return ours
     return kind
 

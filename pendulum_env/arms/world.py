@@ -8,16 +8,18 @@ other effects act at the start of a step. Of first order in the step.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import STANDARD, Body, BodyError
+from pendulum_env.arms.planar import Acting
 from pendulum_env.arms.robot import pinocchio
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS
-from pendulum_env.physics import Model, Samples
-from pendulum_env.physics.simulation import UNBOUNDED, Balance
+from pendulum_env.physics import Model
+from pendulum_env.physics.simulation import UNBOUNDED
 
 STEP = 2.5e-4  # [s], at most
 TIED = (0.999, 0.9999, 1e-4, 0.5, 2.0)  # impedance of what ties a follower to its leader
@@ -97,22 +99,16 @@ class SpatialBodies:
         self._world.eq_solref[:] = STEPS * self._h, 1.0
         self._joints = [int(self._world.joint(at).dofadr[0]) for at in body.joints]  # each is one of position, too
         self._links = [int(self._world.joint(at).dofadr[0]) for at in body.links]
-        own = [[term for term in model.terms if term.id != "viscous"] for model in models]
-        self._balances = [
-            Balance(terms, np.array([model.estimates[c.name].value for term in terms for c in term.columns]))
-            for model, terms in zip(models, own, strict=True)
-        ]
+        self._acting = Acting(
+            [replace(model, terms=tuple(own for own in model.terms if own.id != "viscous")) for model in models]
+        )
 
     def start(self, position: Array, velocity: Array) -> None:
         """Put the joints at positions (n,) [rad] with velocities (n,) [rad/s]; m where they slide."""
         body, self._data = self._body, library().MjData(self._world)
         self._data.qpos[self._links] = body.ratios @ position + body.offsets
         self._data.qvel[self._links] = body.ratios @ velocity
-        self._time = 0.0
-        self._memory: list[Mapping[str, Any]] = [{}] * len(self._balances)
-        self._memory = [
-            balance.start(self._at(k, np.zeros(len(self._balances)))) for k, balance in enumerate(self._balances)
-        ]
+        self._acting.start(self.position, self.velocity)
 
     @property
     def position(self) -> Array:
@@ -128,20 +124,13 @@ class SpatialBodies:
         """Hold torques (n,) [N m], or forces [N], for one period."""
         world, data, mujoco = self._world, self._data, library()
         for _ in range(self._steps):
-            samples = [self._at(k, torque) for k in range(len(self._balances))]
-            for joint, balance, x in zip(self._joints, self._balances, samples, strict=True):
-                data.qfrc_applied[joint] = balance.net(x)
-                world.dof_frictionloss[joint] = max(float(balance.dry(x)), 0.0)
+            position, velocity = self.position, self.velocity
+            data.qfrc_applied[self._joints], world.dof_frictionloss[self._joints] = self._acting.torques(
+                position, velocity, torque
+            )
             mujoco.mj_step(world, data)
             np.clip(data.qvel, -UNBOUNDED, UNBOUNDED, out=data.qvel)
-            for k, (balance, x) in enumerate(zip(self._balances, samples, strict=True)):
-                if self._memory[k]:
-                    self._memory[k] = balance.advance(x, 0.5 * (x.velocity + self.velocity[k]), self._h)
-            self._time += self._h
-
-    def _at(self, k: int, torque: Array) -> Samples:
-        joint, now = self._joints[k], np.float64(self._time)
-        return Samples(now, self._data.qpos[joint], self._data.qvel[joint], torque[k], self._memory[k])  # type: ignore[arg-type]
+            self._acting.advance(position, velocity, torque, 0.5 * (velocity + self.velocity), self._h)
 
 
 def library() -> Any:

@@ -19,21 +19,13 @@ from pendulum_env.physics.term import upper
 
 
 class Push(NamedTuple):
-    """What an engine does in a step.
+    """What an engine does in a step."""
 
-    Attributes:
-        torque: besides dry friction [N m].
-        dry: largest dry friction [N m].
-        inertia: [kg m^2].
-        moving: time for which the body keeps its direction [s].
-        middle: velocity at the middle of the step [rad/s].
-    """
-
-    torque: float
-    dry: float
-    inertia: float
-    moving: float
-    middle: float
+    torque: float  # besides dry friction [N m]
+    dry: float  # largest dry friction [N m]
+    inertia: float  # [kg m^2]
+    moving: float  # time for which the body keeps its direction [s]
+    middle: float  # velocity at the middle of the step [rad/s]
 
 
 def half_steps(balance: Balance, longest: float) -> Compiled | Interpreted:
@@ -48,7 +40,6 @@ class Interpreted:
     """The two halves of a step by NumPy, with the state variables of the terms; they share their arguments."""
 
     def __init__(self, balance: Balance) -> None:
-        """Take the torques."""
         self._balance = balance
 
     def place(self, x: Samples) -> None:
@@ -67,19 +58,14 @@ class Interpreted:
         self._memory = self._balance.advance(x, x.velocity, 0.5 * h)
 
     def _samples(self, *state: float) -> Samples:
-        x: Any = Samples(*map(np.float64, state))  # type: ignore[arg-type]
-        return replace(x, memory=self._memory)
+        given: list[Any] = [*map(np.float64, state), self._memory]
+        return Samples(*given)
 
 
 class Compiled:
-    """The same as programs."""
+    """The same as programs; any exception comes where a law is no formula."""
 
     def __init__(self, balance: Balance, longest: float) -> None:
-        """Take the torques, and the longest step [s].
-
-        Raises:
-            Exception: of any kind, if a law is no formula.
-        """
         self._until, self._after = (Machine(half, (balance.terms, upper(longest)), 1) for half in (_first, _second))
         _, _, shapes = in_symbols(balance.terms)
         for machine in (self._until, self._after):

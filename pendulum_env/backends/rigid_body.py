@@ -55,27 +55,20 @@ class RigidBody:
 
     def step(self, torque: float, h: float) -> tuple[float, float]:
         """Advance by h [s] under a torque [N m]; returns angle [rad] and velocity [rad/s]."""
-        q, v = self._position, self._velocity
-        net, dry, inertia, moving, middle_v = self._halves.push(self._time, q, v, torque, h)
-        reached = self._push(net, dry, inertia, h)
-        self._body.angle = self._position = q + 0.5 * (v * moving + reached * (h if moving == h else h - moving))
+        q, v, body = self._position, self._velocity, self._body
+        body.torque, dry, inertia, moving, middle_v = self._halves.push(self._time, q, v, torque, h)
+        if inertia != self._inertia:
+            body.moment = self._inertia = inertia
+        if dry != self._dry:
+            self._motor.max_force = self._dry = dry
+        self._space.step(h)
+        reached = float(body.angular_velocity)
+        if not AT_REST < abs(reached) < UNBOUNDED:
+            reached = 0.0 if abs(reached) <= AT_REST else math.copysign(UNBOUNDED, reached)
+            body.angular_velocity = reached
+        body.angle = self._position = q + 0.5 * (v * moving + reached * (h if moving == h else h - moving))
         if self._balance.remembers:
             mean = 0.5 * (middle_v + reached)
             self._halves.complete(self._time + 0.5 * h, q + 0.5 * h * v, mean, torque, h)
         self._time, self._velocity = self._time + h, reached
         return self._position, reached
-
-    def _push(self, torque: float, dry: float, inertia: float, h: float) -> float:
-        """Velocity of the body [rad/s] after h [s] under a torque against the motor's friction."""
-        body = self._body
-        if inertia != self._inertia:
-            body.moment = self._inertia = inertia
-        if dry != self._dry:
-            self._motor.max_force = self._dry = dry
-        body.torque = torque
-        self._space.step(h)
-        reached = body.angular_velocity
-        if not AT_REST < abs(reached) < UNBOUNDED:
-            reached = 0.0 if abs(reached) <= AT_REST else math.copysign(UNBOUNDED, reached)
-            body.angular_velocity = reached
-        return float(reached)

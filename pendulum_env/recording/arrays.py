@@ -1,43 +1,40 @@
-"""Files that hold arrays by name: NPZ, MATLAB and HDF5, with columns of a matrix as columns of their own: `x[0]`."""
+"""NPZ, MATLAB, HDF5 and Parquet: arrays by name, the elements of a vector as columns of their own, `x[0]`."""
 
-import zipfile
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
-from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.record import RecordingError
-from pendulum_env.recording.table import Find, Table, need
-
-WIDEST = 64  # columns of a matrix
+from pendulum_env.recording.table import WIDEST, Find, Table, need, numbers
 
 
-def read_npz(path: Path, find: Find = find_columns) -> Table:
+def read_npz(path: Path, find: Find) -> Table:
     """The arrays in need, never unpickled.
 
     Raises:
         RecordingError: if an array is missing, does not hold real numbers, is no vector, or if the lengths differ.
     """
-    if not zipfile.is_zipfile(path):
-        raise RecordingError("it is no NPZ archive, or a damaged one: write it with numpy.savez")
     arrays: dict[str, NDArray[Any]] = {}
     with np.load(path, allow_pickle=False) as archive:
         for name in archive.files:
             try:
-                arrays[name] = np.asarray(archive[name])
+                arrays[name] = archive[name]
             except ValueError as error:
                 if "allow_pickle" not in str(error):
-                    raise RecordingError(f"array '{name}' is damaged: write it anew with numpy.savez") from None
+                    raise
                 arrays[name] = np.empty((), dtype=object)  # which only unpickling would make
     return _table(arrays, find)
 
 
-def read_mat(path: Path, find: Find = find_columns) -> Table:
+def read_mat(path: Path, find: Find) -> Table:
     """MATLAB, up to v7 by SciPy, v7.3 as the HDF5 file that it is; fields of structures are `run.position`.
 
     Raises:
@@ -49,8 +46,7 @@ def read_mat(path: Path, find: Find = find_columns) -> Table:
     from scipy.io import loadmat  # takes a while to import
 
     content = loadmat(path, simplify_cells=True)
-    named = {name: value for name, value in content.items() if not name.startswith("__")}
-    return _table(dict(_flat("", named)), find)
+    return _table(dict(_flat("", {name: value for name, value in content.items() if not name.startswith("__")})), find)
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -69,8 +65,8 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
         yield name, value
 
 
-def read_hdf5(path: Path, find: Find = find_columns) -> Table:
-    """Datasets of HDF5, those in groups by their paths: `run/position`.
+def read_hdf5(path: Path, find: Find) -> Table:
+    """Datasets of HDF5, those in groups by their paths: `run/position`; none that lies in another file.
 
     Raises:
         RecordingError: as `read_npz`, or if h5py is not installed.
@@ -78,43 +74,24 @@ def read_hdf5(path: Path, find: Find = find_columns) -> Table:
     need("h5py")
     import h5py
 
+    found: dict[str, h5py.Dataset] = {}
+
+    def note(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.shape is not None and not (item.external or item.is_virtual):
+            found[name] = item
+
     with h5py.File(path, "r") as file:
-        return _table(dict(_below(file)), find)
-
-
-def _below(group: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Datasets that hang below a group, none of them behind a link or a reference of MATLAB."""
-    import h5py
-
-    for name in group:
-        if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            continue
-        item = group[name]
-        if isinstance(item, h5py.Group):
-            yield from _below(item, f"{path}{name}/")
-        elif isinstance(item, h5py.Dataset) and item.shape is not None:
-            yield path + name, item
-
-
-def _loaded(stored: Any) -> NDArray[Any]:
-    """What a dataset of HDF5 holds, all of it in this file: others of this computer are nobody's business."""
-    if getattr(stored, "external", None) or getattr(stored, "is_virtual", False):
-        raise RecordingError(f"dataset {stored.name!r} lies in another file: save it in this one")
-    return np.asarray(stored[()])
-
-
-def _width(shape: tuple[int, ...]) -> int:
-    """Columns of a matrix, whose longer side is time; 1 of a vector, and of what is neither."""
-    return min(shape) if len(shape) == 2 else 1
+        file.visititems(note)  # which follows no links
+        return _table({name: item for name, item in found.items() if name[0] != "#"}, find)  # references of MATLAB
 
 
 def _table(stored: Mapping[str, Any], find: Find) -> Table:
-    """Columns of arrays by name, those of HDF5 not read yet."""
-    widths = {name: _width(array.shape) for name, array in stored.items()}
+    """Columns of arrays by name, those of HDF5 not read yet; the longer side of a matrix is time."""
+    widths = {name: min(item.shape) if len(item.shape) == 2 else 1 for name, item in stored.items()}
     places = [(name, k) for name, width in widths.items() if width <= WIDEST for k in range(width)]
     headers = [name if widths[name] == 1 else f"{name}[{k}]" for name, k in places]
     columns = find(headers)
-    load = cache(lambda name: _loaded(stored[name]))
+    load = cache(lambda name: stored[name][()])
     values: dict[str, Array] = {}
     for quantity, column in columns.items():
         name, k = places[column.index]
@@ -135,3 +112,43 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
         lengths = ", ".join(f"{quantity} {len(array)}" for quantity, array in values.items())
         raise RecordingError(f"the arrays differ in length ({lengths}): store one value of each per sample")
     return Table(headers, columns, values)
+
+
+def read_parquet(path: Path, find: Find) -> Table:
+    """The columns in need.
+
+    Raises:
+        RecordingError: if a column is missing or does not hold numbers.
+    """
+    with pq.ParquetFile(path, pre_buffer=False) as file:
+        places = _places(file)
+        headers = [name if k is None else f"{name}[{k}]" for name, k in places]
+        columns = find(headers)
+        needed = list(dict.fromkeys(places[column.index][0] for column in columns.values()))
+        table = file.read(columns=needed, use_threads=False)
+    values = {}
+    for quantity, column in columns.items():
+        name, k = places[column.index]
+        series = table[name] if k is None else pc.list_element(table[name], k)
+        is_date = quantity == "time" and pa.types.is_timestamp(series.type)
+        if not (
+            is_date
+            or any(test(series.type) for test in (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal))
+        ):
+            raise RecordingError(
+                f"column {column.header!r} ({quantity}) has type {series.type}: "
+                "store it as a floating-point number in SI"
+            )
+        values[quantity] = numbers(series)
+    return Table(headers, columns, values)
+
+
+def _places(file: pq.ParquetFile) -> list[tuple[str, int | None]]:
+    """Name and element of every column, the elements of vectors one by one."""
+    schema = file.schema_arrow
+    vectors = [
+        field.name for field in schema if isinstance(field.type, pa.ListType | pa.LargeListType | pa.FixedSizeListType)
+    ]
+    first = next(file.iter_batches(batch_size=1, columns=vectors), None) if vectors else None
+    widths = {name: min(len(first[name][0].as_py() or ()), WIDEST) for name in vectors if first}
+    return [(name, k) for name in schema.names for k in (range(widths.get(name, 0)) if name in vectors else [None])]

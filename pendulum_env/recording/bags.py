@@ -13,15 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
-from pendulum_env.recording.arrays import WIDEST
-from pendulum_env.recording.columns import Column, find_columns
-from pendulum_env.recording.table import Find, Table, need
+from pendulum_env.recording.columns import Column
+from pendulum_env.recording.table import WIDEST, Find, Table, need
 
 TIME = "time"  # the name of the column that every message has
 JOINT = ("position", "velocity", "effort")  # fields of a joint state, one element a joint
 
 
-def read_bag(path: Path, find: Find = find_columns) -> Table:
+def read_bag(path: Path, find: Find) -> Table:
     """The numbers in need, from a bag, a folder that is one, or MCAP.
 
     Raises:

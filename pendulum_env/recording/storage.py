@@ -20,12 +20,11 @@ from pendulum_env.isolated import Answer, isolated
 from pendulum_env.mistake import one_line
 from pendulum_env.reading import LARGEST, REMEDY, Unreadable, regular_size
 from pendulum_env.recording import checks, cleaning, sampling
-from pendulum_env.recording.arrays import read_hdf5, read_mat, read_npz
+from pendulum_env.recording.arrays import read_hdf5, read_mat, read_npz, read_parquet
 from pendulum_env.recording.bags import is_bag, read_bag
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.origin import Origin
-from pendulum_env.recording.parquet import read_parquet
 from pendulum_env.recording.record import WARNING, ColumnError, Recording, RecordingError
 from pendulum_env.recording.table import Find, Table
 from pendulum_env.recording.text import read_csv, read_excel

@@ -24,11 +24,10 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -54,19 +53,6 @@ class StudyError(RecordingError):
 
 
 Sliced = TypeVar("Sliced", bound=Recording)  # of one joint or of several
-
-
-_KEPT = ContextVar[dict[Hashable, Any]]("the file of the last range")
-
-
-@contextmanager
-def read_together() -> Iterator[None]:
-    """Within, a file is read once for all of its ranges that follow each other."""
-    token = _KEPT.set({})
-    try:
-        yield
-    finally:
-        _KEPT.reset(token)
 
 
 @dataclass(frozen=True)
@@ -126,19 +112,14 @@ class Source:
     def within_range(self, read: Callable[..., Sliced], *arguments: Hashable) -> Sliced:
         """The part that is asked for of `read(source, *arguments)`, which has the whole file.
 
-        The whole is kept for the next range of the same file within `read_together`, and not beyond.
-
         Raises:
             RecordingError: as `read` does, or if the part holds too little.
         """
         if self.range is None:
             return read(self, *arguments)
         whole = replace(self, role="fit", range=None, load=None, carried=None)
-        asked, kept = (read, whole, *arguments), _KEPT.get({})
-        if asked not in kept:
-            kept.clear()
-            kept[asked] = read(whole, *arguments)
-        recording: Sliced = kept[asked]
+        written = self.file.stat().st_mtime_ns if self.file.exists() else None
+        recording: Sliced = _read_once(read, whole, written, *arguments)
         first, last = np.searchsorted(recording.time - recording.time[0], self.range)
         try:
             return deepcopy(recording.slice(int(first), int(last)))  # without the rest of the file
@@ -147,6 +128,12 @@ class Source:
                 f"{self.file}: holds no two samples from {self.range[0]:g} to {self.range[1]:g} s: "
                 f"it lasts {recording.time[-1] - recording.time[0]:.3g} s"
             ) from None
+
+
+@lru_cache(maxsize=1)  # ranges of one file follow each other
+def _read_once(read: Callable[..., Any], source: Source, written: int | None, *arguments: Hashable) -> Any:
+    """The whole of a file that was written at a time [ns]."""
+    return read(source, *arguments)
 
 
 def _of_one_joint(source: Source) -> Recording:
@@ -215,7 +202,6 @@ class Study:
         return tuple(r for r, source in zip(self.recordings, self.sources, strict=True) if source.role == "holdout")
 
 
-@read_together()
 def read_study(path: str | os.PathLike[str]) -> Study:
     """Read a study and its recordings.
 

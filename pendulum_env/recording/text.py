@@ -13,7 +13,7 @@ import pyarrow.csv as pacsv
 from pendulum_env._typing import Array
 from pendulum_env.mistake import one_line
 from pendulum_env.reading import shown
-from pendulum_env.recording.columns import Column, find_columns
+from pendulum_env.recording.columns import Column
 from pendulum_env.recording.expression import letters
 from pendulum_env.recording.record import RecordingError
 from pendulum_env.recording.table import Find, Table, need, numbers
@@ -44,7 +44,7 @@ class Layout:
 Opened = Callable[[], pa.NativeFile]  # the text, from its beginning
 
 
-def read_csv(path: Path, find: Find = find_columns) -> Table:
+def read_csv(path: Path, find: Find) -> Table:
     """The columns in need, with empty cells as NaN.
 
     Comment lines (#) and lines of fewer cells at the top are passed over; if no header follows, the last comment may
@@ -59,7 +59,7 @@ def read_csv(path: Path, find: Find = find_columns) -> Table:
     return read_text(lambda: pa.input_stream(str(path), compression=packed), find)
 
 
-def read_excel(path: Path, find: Find = find_columns) -> Table:
+def read_excel(path: Path, find: Find) -> Table:
     """The first sheet of a workbook that is not empty, read as the text of its cells.
 
     Raises:

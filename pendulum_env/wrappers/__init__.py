@@ -1,7 +1,6 @@
 """Gymnasium wrappers around what is measured and around the plant."""
 
-from pendulum_env.wrappers.randomize_plant import RandomizePlant
-from pendulum_env.wrappers.randomize_plant_vector import RandomizePlantVector
+from pendulum_env.wrappers.randomize_plant import RandomizePlant, RandomizePlantVector
 from pendulum_env.wrappers.record_measurements import RecordMeasurements
 from pendulum_env.wrappers.record_video import RecordVideo
 

@@ -1,4 +1,4 @@
-"""A new plant for every episode."""
+"""A new plant for every episode, of one pendulum or of many."""
 
 from __future__ import annotations
 
@@ -7,9 +7,61 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.vector import VectorEnv, VectorWrapper
 
-from pendulum_env.env import DirectDrivePendulum
-from pendulum_env.wrappers.spread import Spread
+from pendulum_env._typing import Array
+from pendulum_env.physics import Model
+from pendulum_env.plant import PAPER
+
+COVARIANCE = "covariance"
+LARGEST = 0.2  # standard error of the inertia, as a share of it: five of them from a body without any
+
+
+class Spread:
+    """How linear parameters are drawn: within relative half widths of nominal values, or as well as these are known."""
+
+    def __init__(self, nominal: Model, spread: float | Mapping[str, float] | str) -> None:
+        """Take the nominal plant, and one half width for its four base parameters, some by name, or "covariance".
+
+        Raises:
+            ValueError: if a parameter is unknown, a width is not between 0 and 1, which a plant could not survive, or
+                the plant does not tell its covariance, or one so large.
+        """
+        self.names = [column.name for column in nominal.columns]
+        self._nominal = nominal.theta[:, None]
+        self._least, self._most = np.array([(column.least, column.most) for column in nominal.columns]).T[..., None]
+        self._uniform = not isinstance(spread, str)
+        if isinstance(spread, str):
+            self._root = _root(nominal, self.names, spread)
+            return
+        widths = dict(spread) if isinstance(spread, Mapping) else dict.fromkeys(PAPER, spread)
+        for name, width in widths.items():
+            if name not in self.names:
+                raise ValueError(f"the plant has no parameter '{name}' to draw: it has {', '.join(self.names)}")
+            if not 0 <= width < 1:
+                raise ValueError(f"the spread of {name} cannot be {width:g}: give a share from 0 to below 1")
+        self._root = np.diag(nominal.theta * [widths.get(name, 0.0) for name in self.names])
+
+    def draw(self, rng: np.random.Generator, count: int) -> Array:
+        """Parameters of `count` plants (P, count)."""
+        shape = len(self.names), count
+        unit = rng.uniform(-1.0, 1.0, shape) if self._uniform else rng.standard_normal(shape)
+        return np.clip(self._nominal + self._root @ unit, self._least, self._most)
+
+
+def _root(nominal: Model, names: list[str], spread: str) -> Array:
+    """A root (P, P) of the covariance of the linear parameters."""
+    if spread != COVARIANCE:
+        raise ValueError(f"plants cannot be drawn by '{spread}': give shares of parameters, or '{COVARIANCE}'")
+    inertia = nominal.estimates["inertia"]
+    if not 0 < inertia.std < LARGEST * inertia.value:
+        raise ValueError(
+            f"the plant's inertia is {inertia}, of which no covariance can be drawn: take a model that was fitted, or "
+            "give shares"
+        )
+    place = [list(nominal.estimates).index(name) for name in names]
+    variances, axes = np.linalg.eigh(nominal.assumed_covariance[np.ix_(place, place)])
+    return axes * np.sqrt(np.maximum(variances, 0.0))
 
 
 class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -31,8 +83,8 @@ class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         """
         gym.utils.RecordConstructorArgs.__init__(self, spread=spread)
         gym.Wrapper.__init__(self, env)
-        plant = env.unwrapped
-        if not isinstance(plant, DirectDrivePendulum) or not plant.simulated:
+        plant: Any = env.unwrapped
+        if not getattr(plant, "simulated", False):
             raise ValueError("only the plant of a simulated pendulum can be drawn: a recording or a rig is as it is")
         self._spread = Spread(plant.model, spread)
 
@@ -45,3 +97,46 @@ class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         observation, info = self.env.reset(seed=seed, options={"theta": plant, **(options or {})})
         info["plant"] = plant
         return observation, info
+
+
+class RandomizePlantVector(VectorWrapper):
+    """`RandomizePlant` for the batched pendulums; `info["plant"]` holds the linear parameters (B, P)."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], spread: float | Mapping[str, float] | str = 0.3) -> None:
+        """Wrap batched pendulums; see `RandomizePlant` for the spread.
+
+        Raises:
+            ValueError: if these are none, or see `Spread`.
+        """
+        super().__init__(env)
+        plants: Any = env.unwrapped
+        if getattr(plants, "set_theta", None) is None:
+            raise ValueError("only the plants of batched pendulums can be drawn: make them with gymnasium.make_vec")
+        self._plants, self._spread, self._rng = plants, Spread(plants.model, spread), np.random.default_rng()
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset all pendulums with new plants; the same seed draws the same plants."""
+        first = seed[0] if isinstance(seed, list) else seed
+        if first is not None:
+            self._rng = np.random.default_rng(first)
+        theta = self._spread.draw(self._rng, self.num_envs)
+        options = {**(options or {}), "theta": theta}
+        observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]  # lists are passed on
+        self._time = np.asarray(info["time"])
+        info["plant"] = theta.T
+        return observation, info
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Step; a pendulum that has just been reset gets a new plant."""
+        observation, reward, terminated, truncated, info = self.env.step(actions)
+        time = np.asarray(info["time"])
+        anew = time <= self._time
+        self._time = time
+        if anew.any():
+            theta = self._plants.theta.copy()
+            theta[:, anew] = self._spread.draw(self._rng, int(anew.sum()))
+            self._plants.set_theta(theta)
+        info["plant"] = self._plants.theta.T
+        return observation, reward, terminated, truncated, info

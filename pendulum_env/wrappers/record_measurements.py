@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from io import FileIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import gymnasium as gym
 
@@ -46,13 +47,11 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         self.path = check_output(path)
         if self.path.suffix.lower() != ".csv":
             raise ValueError(f"{path}: measurements are appended to a CSV file: let the name end in .csv")
-        self._overwrite, self._copied = overwrite, False
+        self._overwrite, self._episode = overwrite, 0
         self._joints: Sequence[str] | None = getattr(env.unwrapped, "joints", None)  # of an arm
-        self._episode, self._file = 0, None
+        self._file: FileIO | None = None  # without a buffer: what was written stays even if this process is killed
         self._rows: list[str] = []
         self._lost: OSError | None = None  # what the disk refused in this episode
-
-    _file: FileIO | None  # without a buffer: what was written is with the system, even if this process is killed
 
     def file_of(self, episode: int) -> Path:
         """File of an episode, counted from 1."""
@@ -63,8 +62,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         self._finish()
         self._lost = None
         observation, info = self.env.reset(seed=seed, options=options)
-        self._last = info
-        self._written = info["time"]
+        self._last, self._written = info, info["time"]
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
@@ -81,9 +79,9 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         observation, reward, terminated, truncated, info = self.env.step(action)
         last, self._last = self._last, info
         if "fault" not in info:  # else nothing was measured
-            position, torque = last["position"], info["torque"]
-            own = (position, torque) if self._joints is None else (*position, *torque)
-            row = (last["time"], *own, *(last[name] for name in TIMING if name in last))
+            own = (last["position"], info["torque"])
+            values = own if self._joints is None else (*own[0], *own[1])
+            row = (last["time"], *values, *(last[name] for name in TIMING if name in last))
             self._rows.append(",".join(repr(float(value)) for value in row) + "\n")
         if terminated or truncated or not math.isfinite(info["time"]) or info["time"] >= self._written + INTERVAL:
             self._flush()
@@ -100,73 +98,57 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         finally:  # a motor stops before a file is written
             self._finish()
 
-    def __getstate__(self) -> dict[str, Any]:
-        """A copy goes on in the next file that is free: two must not write one."""
-        return {**self.__dict__, "_file": None, "_rows": [], "_copied": True}
-
     def _open(self) -> None:
-        episode = self._episode + 1
-        while self._copied and self.file_of(episode).exists():
-            episode += 1
-        path = self.file_of(episode)
+        path = self.file_of(self._episode + 1)
         try:
             self._file = FileIO(path, "wb" if self._overwrite else "xb")
         except FileExistsError:
             raise FileExistsError(f"{path}: exists already: choose another name, or pass overwrite=True") from None
-        self._episode = episode
+        self._episode += 1
         columns: tuple[str, ...] = COLUMNS
         if self._joints is not None:
             columns = ("time", *(f"{quantity}_{joint}" for quantity in COLUMNS[1:] for joint in self._joints))
-        self._kept, self._whole = 0, 0
-        names = (*columns, *(name for name in TIMING if name in self._last))
-        self._append((",".join(names) + "\n").encode(), rows=0)
+        self._kept, self._size = -1, 0  # rows, without the header, and bytes
+        self._rows = [",".join((*columns, *(name for name in TIMING if name in self._last))) + "\n"]
+        self._flush()
 
     def _flush(self) -> None:
-        if self._file is not None and self._rows:
-            rows, self._rows = self._rows, []
-            self._append("".join(rows).encode(), len(rows))  # in one piece: a killed process leaves no half row
-        self._written = self._last["time"]
-
-    def _append(self, data: bytes, rows: int) -> None:
-        """Write rows to the end of the file; of those that do not fit, as many as do."""
-        assert self._file is not None
-        done = 0
+        """Write the rows to the end of the file; of those that do not fit, as many as do."""
+        if self._file is None or not self._rows:
+            return
+        data, self._rows = "".join(self._rows).encode(), []  # in one piece: a killed process leaves no half row
+        self._written, done = self._last["time"], 0
         try:
             while done < len(data):  # a disk that fills up takes a part first, and refuses the rest
                 done += self._file.write(data[done:]) or 0
         except OSError as error:
             end = data.rfind(b"\n", 0, done) + 1
-            kept = data.count(b"\n", 0, end) if rows else 0
             with suppress(OSError):  # a device has no length
-                self._file.truncate(self._whole + end)
-            self._kept += kept
-            self._give_up(error, rows - kept)
-        self._whole += len(data)
-        self._kept += rows
+                self._file.truncate(self._size + end)
+            self._give_up(error, data.count(b"\n", 0, end), data.count(b"\n", end))
+        self._kept, self._size = self._kept + data.count(b"\n"), self._size + len(data)
 
     def _finish(self) -> None:
         """Close the file, once all of it is on the disk."""
-        if self._file is None:
-            return
         self._flush()
-        try:
-            synchronise(self._file)
-            file, self._file = self._file, None
-            file.close()
-        except OSError as error:
-            self._give_up(error, 0)
+        if self._file is not None:
+            try:
+                synchronise(self._file)
+                self._file.close()
+            except OSError as error:
+                self._give_up(error)
+            self._file = None
 
-    def _give_up(self, error: OSError, lost: int) -> None:
-        """Let go of the file and say what is in it; always raises."""
-        file, self._file = self._file, None
-        if file is not None:
+    def _give_up(self, error: OSError, kept: int = 0, lost: int = 0) -> NoReturn:
+        """Let go of the file and say what is in it."""
+        assert self._file is not None
+        for end in (partial(synchronise, self._file), self._file.close):
             with suppress(OSError):
-                synchronise(file)
-            with suppress(OSError):
-                file.close()
+                end()
+        self._file, rows = None, max(0, self._kept + kept)
         self._lost = OSError(
             error.errno,
-            f"{error.strerror}: {self._kept} rows were written{f', the {lost} after them are lost' if lost else ''}: "
+            f"{error.strerror}: {rows} rows were written{f', the {lost} after them are lost' if lost else ''}: "
             "make room or choose another disk, and record again",
             str(self.file_of(self._episode)),
         )

@@ -146,12 +146,9 @@ def test_stick_teaches_nothing_and_is_told():
     assert (read(seen["observation"][-1]).stuck == 1).all()
 
 
-def test_the_peak_holds():
+def test_the_peak_and_the_budget_hold():
     seen = run(ExcitationDesignVector(2), 10, action=lambda k, count: np.full((count, 1), 7.0))
     assert np.abs(seen["torque"]).max() == 6.0
-
-
-def test_the_budget_is_enforced():
     env = ExcitationDesignVector(2, constraint="rms", seconds=2.0)
     seen = run(env, 100, action=lambda k, count: np.full((count, 1), (-1.0) ** (k // 7)))
     assert np.sqrt((seen["torque"] ** 2).mean(axis=0)) == pytest.approx(3.0)

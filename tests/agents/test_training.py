@@ -15,7 +15,7 @@ from agents import Network, load
 from agents.config import Config, read_settings
 from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS
-from agents.tasks import PriceTorque
+from agents.tasks import LearntOn
 from agents.training import CheckpointError, export, make_model, train
 from workbench.cli import main
 
@@ -84,14 +84,15 @@ def test_policies_ship_small_and_see_no_difference_in_a_mirror(constraint):
 
 
 def test_the_price_of_torque_rises_while_too_much_is_commanded():
-    env = PriceTorque(ExcitationDesignVector(4, constraint="rms"), CONSTRAINTS["rms"], rate=0.01)
+    config = Config.of({"constraint": "rms", "price_rate": 0.01, "levels": (0.0, 1.0)})
+    env = LearntOn(ExcitationDesignVector(4, constraint="rms"), config)
     env.reset(seed=0)
     for _ in range(3):
-        reward = env.step(np.ones((4, 1)))[1]
+        reward = env.step(np.ones(4, dtype=int))[1]
     assert env.price == pytest.approx(3 * 0.01 * 24)
     assert (reward < 0).all()
     for _ in range(100):
-        env.step(np.zeros((4, 1)))
+        env.step(np.zeros(4, dtype=int))
     assert env.price == 0.0
 
 
@@ -105,12 +106,6 @@ def test_a_configuration_is_read_from_a_file(tmp_path):
     ("setting", "reason"),
     [
         ('hidden = "a"', "'hidden' is 'a': it has to be a whole number from 1 to 4096"),
-        ("steps = 1e6", "'steps' is 1000000.0: it has to be a whole number from 1 to 1e+12"),
-        ("gamma = 2", "'gamma' is 2: it has to be a finite number from 0 to 1"),
-        ("checkpoint = 0", "'checkpoint' is 0: it has to be a whole number from 1"),
-        ("epochs = true", "'epochs' is True: it has to be a whole number"),
-        ("learning_rate = nan", "'learning_rate' is nan: it has to be a finite number"),
-        ("levels = 5", "'levels' is 5: it has to be a list"),
         ("levels = [0, 2]", "'levels[1]' is 2: it has to be a finite number from -1 to 1"),
         ("seed = 1048576", "'seed' is 1048576: it has to be a whole number from 0 to"),
         ("step = 3", "unknown key 'step': did you mean steps"),

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from pendulum_env.backends.hardware.adapters import need
+from pendulum_env.backends.hardware.drive import need
 from tests.pendulum_env.rigs import EmulatedRig, Host
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # windows of mode human need no screen

@@ -40,7 +40,6 @@ KINDS = ("serial", "canopen402", "nidaq")
 RATES = {"serial": 500.0, "canopen402": 250.0, "nidaq": 100.0}  # [Hz], that they hold on a machine that is busy
 SLOW = (  # what the guard says where the machine was too slow,
     "was held up or is too slow",
-    "or the program was held up meanwhile",
     "commands came too late",
     "did not hear of this computer in time",
     "does not say why",

@@ -16,9 +16,13 @@ def draw(name, seed=0, **options):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_same_seed_gives_the_same_signal_and_another_seed_another(name):
-    assert np.array_equal(draw(name).signal(TIME), draw(name).signal(TIME))
-    assert not np.allclose(draw(name).signal(TIME), draw(name, seed=1).signal(TIME))
+def test_a_signal_is_a_function_of_time_and_seed_that_goes_on_beyond_its_recording(name):
+    command = draw(name, seconds=5.0)
+    torque = command.signal(TIME)
+    assert torque.shape == TIME.shape and np.isfinite(torque).all() and torque[TIME > 5].std() > 0
+    assert np.array_equal(torque, draw(name, seconds=5.0).signal(TIME))
+    assert not np.allclose(torque, draw(name, seed=1, seconds=5.0).signal(TIME))
+    assert [float(command.signal(t)) for t in TIME[::4001]] == pytest.approx(list(torque[::4001]))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -29,19 +33,6 @@ def test_torque_stays_within_its_amplitude_and_comes_near_it(name, amplitude, se
     peak = np.abs(command.signal(TIME)).max()
     assert 0.8 * command.amplitude < peak <= command.amplitude
     assert amplitude is None or command.amplitude == amplitude
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_one_instant_gives_what_many_give(name):
-    command = draw(name)
-    assert command.signal(TIME).shape == TIME.shape
-    assert [float(command.signal(t)) for t in TIME[::4001]] == pytest.approx(list(command.signal(TIME[::4001])))
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_signal_goes_on_beyond_the_recording_it_is_meant_for(name):
-    later = draw(name, seconds=5.0).signal(TIME[TIME > 5])
-    assert np.isfinite(later).all() and later.std() > 0
 
 
 def test_paper_excitation_is_the_two_tones_of_the_paper():

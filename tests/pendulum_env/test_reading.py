@@ -5,7 +5,6 @@ import io
 import os
 import sys
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,7 @@ from pendulum_env.reading import (
 )
 from pendulum_env.recording import read_recording
 from tests import slow
-from tests.fuzzing import ALL, FILES, stored
+from tests.fuzzing import ALL, FILES
 from tests.pendulum_env.recording.test_formats import write_xlsx
 
 # ------------------------------------------------------------------------------------------------------- documents
@@ -40,7 +39,7 @@ from tests.pendulum_env.recording.test_formats import write_xlsx
         ('{"a": ["b\\u0000"]}', r"holds 'b\\x00', which is no text"),
         ('{"\\ud800": 1}', r"holds '\\ud800', which is no text"),
         ("", "is not JSON; a hint"),
-        ("\ufffe\0", "is not JSON; a hint"),
+        ('{"a": 1%s}' % ("0" * 5000), "is not JSON; a hint"),
         (" " * 5_000_001, "holds 5 MB, of which at most 5 MB are read"),
     ],
 )
@@ -56,7 +55,7 @@ def test_json_that_no_one_meant_is_refused(tmp_path: Path, text: str, match: str
     [
         ("a = " + "[" * 100_000, "nests too deeply"),
         ("a = 1\n" + "a." * 40_000 + "b = 1", f"has a line of more than {DOTS} dots: write fewer"),
-        ("a = " + "9" * 5000, f"holds a number of more than {DIGITS} digits"),
+        ("a = " + "9" * 5000, "is not TOML: Exceeds the limit"),
         ("a = [" + "9" * 400 + "]", f"holds a number of more than {DIGITS} digits"),
         ('a = "\\u0000"', r"holds '\\x00', which is no text"),
         (" " * 900_000 + "a", "is not TOML"),
@@ -76,14 +75,14 @@ def test_a_value_is_told_with_its_key_and_never_at_length() -> None:
     for fault, match in [
         (lambda: items[0].number(2, 3), r"^'a\.b\[0\]' of the model is 1: it has to be a finite number from 2 to 3$"),
         (lambda: items[0].number(1, 3, above=True), "a number above 1, up to 3"),
-        (lambda: items[1].number(), r"^'a\.b\[1\]' of the model is 'x{55}\.\.\.': it has to be"),
+        (lambda: items[1].number(), r"^'a\.b\[1\]' of the model is 'x{27}\.\.\.x{28}': it has to be"),
         (lambda: items[1].text(), "a text of up to 200 characters"),
-        (lambda: items[2].number(), "is a number of more than 18 digits"),
-        (lambda: items[3].text(), "is a table: it has to be a text"),
+        (lambda: items[2].number(), r"is 10{27}\.\.\.0{29}: it has"),
+        (lambda: items[3].text(), r"is {'c': \[\.\.\.\]}: it has to be a text"),
         (lambda: data["a"]["c"], "^the model lacks 'c' under 'a'$"),
         (lambda: data["c"], "^the model lacks 'c'$"),
         (lambda: items[0]["c"], r"'a\.b\[0\]' of the model is 1: it has to be a table"),
-        (lambda: data.items(), "^the model is a table: it has to be a list"),
+        (lambda: data.items(), "^the model is {.*: it has to be a list"),
         (lambda: data["a"]["b"].items(3), "is a list of 4: at most 3 are read"),
     ]:
         with pytest.raises(Unreadable, match=match):
@@ -103,11 +102,6 @@ def test_a_device_a_pipe_and_a_folder_are_refused_at_once(tmp_path: Path, name: 
     for path, reason in [(pipe, "it is a device or a pipe"), (link, "it is a device or a pipe"), (folder, "directory")]:
         with pytest.raises(ValueError, match=reason):
             read(path)
-    if Path("/proc/kmsg").exists():  # a regular file of Linux, which waits for what the system will say
-        link.unlink()
-        link.symlink_to("/proc/kmsg")
-        with pytest.raises(ValueError, match="the system makes it up"):
-            read(link)
     sparse = tmp_path / f"sparse{ending}"
     with sparse.open("wb") as file:
         file.truncate(100 * 10**9)  # takes no room
@@ -162,17 +156,6 @@ def test_what_unpacks_to_gigabytes_is_refused_before_it_fills_the_memory(tmp_pat
     assert "allow more by --max-size" in str(refusal.value)
 
 
-def test_the_limit_of_a_recording_is_an_option(tmp_path: Path) -> None:
-    for ending in (".csv", ".csv.gz", ".npz", ".parquet"):
-        path = tmp_path / f"run{ending}"
-        stored(path)
-        with pytest.raises(
-            ValueError, match=r"of which at most 2 kB are read: shorten it, or allow more by --max-size"
-        ):
-            read_recording(path, largest=2000)
-        assert len(read_recording(path, largest=30_000)) == 300
-
-
 def test_an_archive_is_no_larger_than_it_may_be_whatever_it_says(tmp_path: Path) -> None:
     path = tmp_path / "policy.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -189,51 +172,25 @@ def test_an_archive_is_no_larger_than_it_may_be_whatever_it_says(tmp_path: Path)
 # -------------------------------------------------------------------------------------------------------- policies
 
 
-def edited(**changes: object) -> Callable[[dict[str, Any]], None]:
-    """Replace arrays, or take them out where None."""
-
-    def edit(arrays: dict[str, Any]) -> None:
-        for name, value in changes.items():
-            if value is None:
-                del arrays[name]
-            else:
-                arrays[name] = value
-
-    return edit
-
-
 @pytest.mark.parametrize(
-    ("edit", "match"),
+    ("changes", "match"),
     [
-        (edited(weight0=None), "it lacks weight0"),
-        (edited(constraint=np.array("peek")), "its constraint is 'peek', none of peak, rms"),
-        (edited(levels=np.array([np.nan] * 5)), "levels holds a number that is not finite"),
-        (edited(levels=np.array([-2.0, -0.5, 0.0, 0.5, 1.0])), "a level is beyond 1"),
-        (edited(levels=np.array(["a"] * 5)), "levels has type '<U1'"),
-        (edited(levels=np.zeros(4)), "outputs and levels differ in number"),
-        (edited(weight1=np.zeros((64, 63))), r"weight1 has shape \(64, 63\), where \(64, 64\) follows"),
-        (edited(weight1=np.full((64, 64), 1e30)), r"weight1 holds a number that is not finite, or beyond 1e\+06"),
-        (edited(bias0=np.full(64, np.longdouble("1e4000"))), "bias0 holds a number that is not finite"),
-        (edited(bias0=np.zeros(0)), "bias0 has type"),
-        (edited(bias0=np.zeros(64, dtype=complex)), "bias0 has type 'complex128'"),
+        (dict(weight0=None), "it lacks weight0"),
+        (dict(constraint=np.array("peek")), "its constraint is 'peek', none of peak, rms"),
+        (dict(levels=np.array([np.nan] * 5)), "levels holds something else than numbers up to 1e"),
+        (dict(levels=np.array([-2.0, -0.5, 0.0, 0.5, 1.0])), "a level is beyond 1"),
+        (dict(levels=np.array(["a"] * 5)), "levels holds something else"),
+        (dict(levels=np.zeros(4)), "its layers, outputs and levels do not follow"),
+        (dict(bias0=np.full(64, np.longdouble("1e4000"))), "bias0 holds something else"),
     ],
 )
-def test_what_makes_no_policy_is_refused_with_the_reason(tmp_path: Path, edit: Any, match: str) -> None:
+def test_what_makes_no_policy_is_refused_with_the_reason(tmp_path: Path, changes: dict[str, Any], match: str) -> None:
     with np.load(SHIPPED / "peak.npz") as file:
-        arrays = dict(file)
-    edit(arrays)
+        arrays = dict(file) | changes
     path = tmp_path / "policy.npz"
-    np.savez(path, **arrays)
+    np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
     with pytest.raises(Unreadable, match=rf"policy\.npz: is no policy: {match}"):
         Network.load(path)
-
-
-def test_numbers_of_a_policy_may_be_of_any_kind(tmp_path: Path) -> None:
-    path = tmp_path / "policy.npz"
-    with np.load(SHIPPED / "peak.npz") as file:
-        np.savez(path, **{k: v.astype(np.float16) if v.dtype.kind == "f" else v for k, v in file.items()})
-    for weight, own in zip(Network.load(path).weights, Network.load(SHIPPED / "peak.npz").weights, strict=True):
-        np.testing.assert_allclose(weight, own, rtol=1e-3, atol=1e-6)
 
 
 def test_nothing_is_unpickled(tmp_path: Path) -> None:

@@ -18,29 +18,13 @@ def run(rng, model=None, seconds=2.0, **options):
     return record(model, excitation("paper", np.random.default_rng(0), seconds), seconds, rng=rng, **options)
 
 
-def test_recording_has_the_rate_and_length_asked_for(rng):
-    recording = run(rng, rate=500.0)
-    assert len(recording) == 1000
-    assert recording.rate == pytest.approx(500.0)
-    assert recording.time[0] == 0.0
-
-
-def test_encoder_counts_are_whole(rng):
-    turns = run(rng, counts=4096).position / (2 * np.pi) * 4096
-    assert turns == pytest.approx(np.round(turns), abs=1e-6)
-    assert len(np.unique(turns)) > 100
-
-
-def test_torque_noise_is_on_the_recorded_torque_and_not_on_the_motion(rng):
-    clean, noisy = run(rng, torque_noise=0.0), run(rng, torque_noise=0.1)
-    assert np.array_equal(clean.position, noisy.position)
+def test_a_recording_is_as_long_and_as_noisy_as_asked_for_and_repeats():
+    clean, noisy, again = (run(5, rate=500.0, counts=4096, torque_noise=noise) for noise in (0.0, 0.1, 0.1))
+    assert len(noisy) == 1000 and noisy.rate == pytest.approx(500.0) and noisy.time[0] == 0.0
+    assert np.array_equal(clean.position, noisy.position) and np.array_equal(noisy.torque, again.torque)
     assert (noisy.torque - clean.torque).std() == pytest.approx(0.1, rel=0.1)
-
-
-def test_same_seed_gives_the_same_recording():
-    first, second = run(np.random.default_rng(5)), run(np.random.default_rng(5))
-    assert np.array_equal(first.position, second.position)
-    assert np.array_equal(first.torque, second.torque)
+    turns = noisy.position / (2 * np.pi) * 4096
+    assert turns == pytest.approx(np.round(turns), abs=1e-6)
 
 
 def test_smooth_plant_moves_as_an_independent_integrator_says(rng):

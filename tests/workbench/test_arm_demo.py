@@ -28,7 +28,7 @@ def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, capsys):
 def test_every_effect_that_may_be_hidden_can_be_simulated():
     seen = set()
     for seed in range(60):
-        hidden = arm_demo.hide_somewhere(np.random.default_rng(seed), ("shoulder", "elbow"))
+        hidden = arm_demo.hide_somewhere(np.random.default_rng(seed))
         PlanarArm(effects=[hidden]).reset()
         seen.add(hidden.partition("@")[0])
     assert len(seen) > 12
@@ -45,5 +45,5 @@ def test_every_effect_that_may_be_hidden_can_be_simulated():
     ],
 )
 def test_the_verdict_is_honest(selected, ambiguous, told):
-    found = ArmDiagnosis(None, None, selected, (), ambiguous, (), (), {})
+    found = ArmDiagnosis(None, None, selected, (), ambiguous, {})
     assert verdict(["spring@elbow"], found).startswith(told)

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from benchmarks import six_joint
-from benchmarks.two_link import Multisine, TwoLink
+from benchmarks.two_link import TwoLink
 from pendulum_env.arms.body import read_body
-from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
+from pendulum_env.arms.recording import read_arm_recording, write_arm_recording
 from pendulum_env.plant import PAPER
 from tests import robots
+from tests.two_link import recorded
 from tests.workbench.pages import Page
 from workbench.cli import main
 
@@ -38,12 +39,8 @@ def folder(tmp_path_factory):
     (folder / "arm.urdf").write_text(ARM.urdf())
     (folder / "study.toml").write_text(STUDY)
     (folder / "loaded.toml").write_text('[[recording]]\nfile = "plain.csv"\nload = {mass = 1.0, length = 0.1}\n')
-    time, signal = np.arange(0, 8, 1e-3), Multisine.paper(0, (3.5, 2.2))
-    position, _ = ARM.simulate(signal, time)
-    torque = signal.held(time, 1e-3) + 0.02 * np.random.default_rng(0).normal(size=position.shape)
     for name, offset in (("plain", 0.0), ("hidden", 0.3)):
-        recording = ArmRecording.of(name, ("shoulder", "elbow"), time, position, torque + np.array([0.0, offset]))
-        write_arm_recording(recording, folder / f"{name}.csv")
+        write_arm_recording(recorded(ARM, seconds=8.0, offset=(0.0, offset)), folder / f"{name}.csv")
     return folder
 
 
@@ -101,22 +98,17 @@ def test_compare_tells_what_an_arm_carries(capsys, folder):
     """A body as heavy as the forearm, at the same place: twice its mass and moments."""
     run(capsys, folder, "identify", "plain.csv", "--scheme", "filtered_dynamic", "-o", "empty.json")
     heavy = replace(ARM, mass=(ARM.mass[0], 2 * ARM.mass[1]), inertia=(ARM.inertia[0], 2 * ARM.inertia[1]))
-    time, signal = np.arange(0, 8, 2e-3), Multisine.paper(3, (6.0, 3.5))
-    loaded = ArmRecording.of(
-        "heavy", ("shoulder", "elbow"), time, heavy.simulate(signal, time)[0], signal.held(time, 2e-3)
-    )
+    loaded = recorded(heavy, 3, seconds=8.0, rate=500.0, scale=(6.0, 3.5), noise=0.0)
     write_arm_recording(loaded, folder / "heavy.csv")
     code, out, _ = run(capsys, folder, "compare", "empty.json", "heavy.csv")
     assert code == 0 and re.search(
         r"A payload of 0\.\d+ ± .* kg behind elbow would explain most of it: see --payload", out
     )
-    for known in ([], ["--without", "plain.csv"]):
-        written = ("--payload", "--json", "payload.json")
-        code, out, _ = run(capsys, folder, "compare", "empty.json", "heavy.csv", *known, *written)
-        assert code == 0 and "Payload at the link behind elbow" in out and "no motion of the joints shows them" in out
-        told = json.loads((folder / "payload.json").read_text())["payload"]
-        assert told["theta"]["m"]["value"] == pytest.approx(ARM.mass[1], rel=0.02)
-        assert told["theta"]["mz"]["value"] == pytest.approx(-ARM.mass[1] * ARM.center[1], rel=0.02)
+    written = ("--payload", "--without", "plain.csv", "--json", "payload.json")
+    code, out, _ = run(capsys, folder, "compare", "empty.json", "heavy.csv", *written)
+    assert code == 0 and "Payload at the link behind elbow" in out and "no motion of the joints shows them" in out
+    told = json.loads((folder / "payload.json").read_text())["payload"]
+    assert told["theta"]["m"]["value"] == pytest.approx(ARM.mass[1], rel=0.02)
     for wrong, said in (
         (("--payload", "wrist"), "unknown joint 'wrist'"),
         (("--without", "plain.csv"), "say --payload, too"),
@@ -125,48 +117,37 @@ def test_compare_tells_what_an_arm_carries(capsys, folder):
         assert code == 2 and said in err and err.count("\n") == 1
 
 
-def test_add_an_effect_at_a_joint(capsys, folder):
+def test_effects_at_joints_and_couplings_are_added_and_looked_for(capsys, folder):
     run(capsys, folder, "identify", "plain.csv", "--scheme", "filtered_dynamic", "-o", "lacking.json")
     code, out, _ = run(capsys, folder, "add", "lacking.json", "torque_offset@elbow", "hidden.csv", "-o", "added.json")
     assert code == 0 and "torque_offset@elbow lowers the held-out torque error of elbow" in out
     theta = json.loads((folder / "added.json").read_text())["theta"]
     assert theta["torque_offset@elbow"]["value"] == pytest.approx(0.3, rel=0.03)
-    code, _, err = run(capsys, folder, "add", "lacking.json", "stribeck@wrist", "hidden.csv")
-    assert code == 2 and "unknown joint 'wrist'" in err and err.count("\n") == 1
-    code, _, err = run(capsys, folder, "add", "added.json", "torque_offset@elbow", "hidden.csv")
-    assert code == 2 and "the model has torque_offset@elbow already" in err
-
-
-def test_a_coupling_is_added_and_looked_for_as_any_effect(capsys, folder):
-    run(capsys, folder, "identify", "plain.csv", "--scheme", "filtered_dynamic", "-o", "lacking.json")
     code, out, _ = run(capsys, folder, "add", "lacking.json", "coupling@shoulder,elbow", "hidden.csv")
     assert code == 0 and "coupling.viscous@shoulder,elbow" in out
     code, _, _ = run(capsys, folder, "diagnose", "hidden.csv", "--only", "coupling,spring", "--json", "told.json")
     judged = {one["effect"] for one in json.loads((folder / "told.json").read_text())["candidates"]}
     pairs = {"coupling@shoulder,elbow", "coupling@shoulder,-elbow"}
     assert code == 0 and judged == {*pairs, "spring@shoulder", "spring@elbow"}
-    assert main(["diagnose", str(folder / "hidden.csv"), "--only", "coupling"]) == 2  # a pendulum has no two joints
+    for effect, model, said in (
+        ("stribeck@wrist", "lacking.json", "unknown joint 'wrist'"),
+        ("torque_offset@elbow", "added.json", "the model has torque_offset@elbow already"),
+    ):
+        code, _, err = run(capsys, folder, "add", model, effect, "hidden.csv")
+        assert code == 2 and said in err and err.count("\n") == 1
 
 
-def test_where_the_driver_takes_gravity_off_the_model_has_none(capsys, folder):
+def test_a_model_knows_whether_it_has_rotors_and_whether_the_driver_takes_gravity_off(capsys, folder):
     chosen = ("--seconds", "4", "--rate", "500", "--no-gravity", "-o", "light.csv")
     code, _, _ = run(capsys, folder, "record", *chosen)
     assert code == 0
     code, out, _ = run(capsys, folder, "identify", "light.csv", "--scheme", "filtered_dynamic")
     assert code == 0 and "no gravity in the torque of joints shoulder and elbow" in out
-    chosen = ("--no-gravity", "--scheme", "filtered_dynamic", "-o", "light.json")
+    chosen = ("--no-gravity", "--rotors", "--scheme", "filtered_dynamic", "-o", "light.json")
     code, out, _ = run(capsys, folder, "identify", "light.csv", *chosen)
-    assert code == 0 and "no gravity" not in out
-    code, out, _ = run(capsys, folder, "compare", "light.json", "light.csv")  # the model knows
+    assert code == 0 and "no gravity" not in out and json.loads((folder / "light.json").read_text())["rotors"]
+    code, out, _ = run(capsys, folder, "compare", "light.json", "light.csv")
     assert code == 0 and all(float(line.split()[-2]) < 2 for line in out.splitlines() if line.endswith("%"))
-
-
-def test_what_is_compared_with_a_model_has_rotors_where_it_has(capsys, folder):
-    chosen = ("--scheme", "filtered_dynamic", "-o", "rotors.json")
-    code, _, _ = run(capsys, folder, "identify", "plain.csv", "--rotors", *chosen)
-    assert code == 0 and json.loads((folder / "rotors.json").read_text())["rotors"]
-    code, out, _ = run(capsys, folder, "compare", "rotors.json", "plain.csv")
-    assert code == 0 and "Torque errors" in out
 
 
 def test_a_study_of_an_arm_has_ranges_roles_and_columns(capsys, folder):
@@ -190,7 +171,6 @@ def lift(tmp_path_factory):
                   for name, values in columns.items() if name != "position_right"}, folder / "moved.csv")  # fmt: skip
     for name, joints in (
         ("study", ["torso", "shoulder", "elbow"]),
-        ("wrong", ["torso", "sholder"]),
         ("empty", "torso"),
     ):
         (folder / f"{name}.toml").write_text(f'joints = {json.dumps(joints)}\n[[recording]]\nfile = "run.csv"\n')
@@ -224,19 +204,6 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(capsys, l
     assert titles[:2] == ["position q [m]", "velocity q' [m/s]"] and titles[3] == "angle q [rad]"
 
 
-def test_a_diagnosis_names_what_is_missing_where_a_joint_slides(capsys, lift):
-    columns = robots.simulate(robots.TORSO, {}, seed=4, hidden={"torso": lambda velocity: -12.0})
-    robots.write({name: values for name, values in columns.items() if "left" not in name}, lift / "hidden.csv")
-    code, out, _ = run(capsys, lift, "diagnose", "hidden.csv", *MOVING, "--only", "torque_offset", "-o", "better.json")
-    assert code == 0 and "held: left at zero, right at zero" in out and "Missing: torque_offset@torso" in out
-    assert re.search(r"^error held out: torso \S+ -> \S+ N, shoulder \S+ -> \S+ N m,", out, re.M)
-    assert re.search(r"^parameters: torque_offset@torso \S+ ± \S+ N$", out, re.M)
-    value = json.loads((lift / "better.json").read_text())["theta"]["torque_offset@torso"]
-    assert value["value"] == pytest.approx(12.0, rel=0.05) and value["unit"] == "N"
-    code, out, _ = run(capsys, lift, "add", "better.json", "spring@torso", "hidden.csv")
-    assert code == 0 and any(line.split()[-1] == "N/m" for line in out.splitlines() if "spring.stiffness" in line)
-
-
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
@@ -246,14 +213,12 @@ def test_a_diagnosis_names_what_is_missing_where_a_joint_slides(capsys, lift):
         ),
         (("identify", "run.csv", "--joints", "torso,sholder"), "unknown joint 'sholder': did you mean shoulder"),
         (("identify", "run.csv", "--joints", "torso,,elbow"), "names of joints with commas"),
-        (("identify", "wrong.toml"), "unknown joint 'sholder': did you mean shoulder"),
         (("identify", "empty.toml"), "'joints' is 'torso': it has to be a list"),
         (("identify", "study.toml", "--joints", "torso"), "told in two ways"),
         (
             ("record", "-o", "x.csv", *MOVING, "--backend", "pymunk"),
             "joint 'torso' does not turn in a vertical plane.*: simulate it in MuJoCo, --backend mujoco",
         ),
-        (("record", "-o", "x.csv", *MOVING, "--effect", "cogging@torso"), "cogging is of joints that turn"),
         (("add", "model.json", "cogging@torso", "run.csv"), "cogging is of joints that turn: it cannot be at 'torso'"),
         (
             ("compare", "model.json", "run.csv", "--joints", "shoulder,elbow"),
@@ -284,17 +249,11 @@ def test_record_an_arm_with_an_effect_at_a_joint(capsys, folder):
     assert code == 0 and "condition of the base regressor" in out and "hidden: torque_offset@elbow" in out
     recording = read_arm_recording(folder / "run.csv", ("shoulder", "elbow"))
     assert len(recording) == 4000 and np.abs(recording.torque).max() <= 12
-    code, _, _ = run(capsys, folder, "identify", "run.csv", "--scheme", "filtered_dynamic", "-o", "fitted.json")
-    assert code == 0
     code, out, _ = run(capsys, folder, "diagnose", "run.csv", "--only", "torque_offset,spring")
     assert code == 0 and "Missing: torque_offset@elbow" in out
-
-
-def test_one_joint_of_an_arm_is_recorded_alone(capsys, folder, tmp_path):
-    arguments = ("--joints", "shoulder", "--seconds", "3", "--rate", "500", "-o", str(tmp_path / "one.csv"))
+    arguments = ("--joints", "shoulder", "--seconds", "3", "--rate", "500", "-o", "one.csv")
     code, out, _ = run(capsys, folder, "record", *arguments)
-    assert code == 0 and "1 joint" in out
-    assert len(read_arm_recording(tmp_path / "one.csv", ("shoulder",))) == 1500
+    assert code == 0 and "1 joint" in out and len(read_arm_recording(folder / "one.csv", ("shoulder",))) == 1500
 
 
 def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(capsys, tmp_path):
@@ -315,17 +274,13 @@ def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(caps
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (("record", "-o", "x.csv", "--effect", "stribeck"), "'stribeck' should say at which joint"),
-        (("record", "-o", "x.csv", "--theta", "inertia=1"), "--theta is for pendulums"),
         (("record", "-o", "x.csv", "--backend", "simulated"), "arms know pymunk and mujoco alone"),
         (("record", "-o", "x.csv", "--excitation", "prbs"), "arms know multisine alone"),
         (("record", "-o", "x.csv", "--amplitude", "0"), "needs more torque than the joints have"),
         (("record", "-o", "arm.urdf"), "is one of the inputs"),
         (("identify", "plain.csv", "--align"), "--align is for pendulums"),
-        (("identify", "plain.csv", "--fix", "gravity=2"), "--fix is for pendulums"),
         (("diagnose", "plain.csv", "--only", "backlash"), "unknown effect of joints 'backlash'"),
         (("diagnose", "plain.csv", "--experiment", "x.csv"), "--experiment is for pendulums"),
-        (("diagnose", "plain.csv", "--report", "x.pdf"), "a report is one HTML page"),
         (("identify", "plain.csv", "--columns", "torque_elbow=torque_elbow:A*?"), "nothing tells its gain"),
         (("identify", "loaded.toml"), "plain.csv: a load of an arm is told by mass and center"),
         (("compare", "none.json", "plain.csv"), "none.json"),
@@ -347,6 +302,7 @@ def test_without_pinocchio_the_pip_command_is_told(capsys, folder, monkeypatch, 
 
 
 def test_a_pendulums_command_knows_no_joints(capsys, folder):
+    assert main(["diagnose", str(folder / "hidden.csv"), "--only", "coupling"]) == 2  # a pendulum has no two joints
     assert main(["record", "--effect", "stribeck@elbow", "-o", str(folder / "x.csv")]) == 2
     assert "is an effect at a joint of an arm, which takes --robot" in capsys.readouterr().err
     assert main(["add", "m.json", "stribeck@elbow", str(folder / "plain.csv")]) == 2

@@ -8,16 +8,15 @@ from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from estimators.arms.addition import ArmAddition, add_arm
+from estimators.arms.addition import add_arm
 from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm, parted
 from estimators.arms.gains import in_torque, without_loads
-from estimators.arms.identification import ArmIdentification, JointError, compare_arm, for_arms, identify_arm
+from estimators.arms.identification import ArmIdentification, ArmStep, for_arms, identify_arm
 from estimators.progress import Progress
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.six import scheme
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import at_joints, joint_effects, kind_at
-from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Term
@@ -29,22 +28,12 @@ from workbench.app.state import NO_RECORDING, State
 from workbench.app.uploads import UNPACKED
 from workbench.arms import SAVED
 from workbench.mistakes import InputError
-from workbench.report.arm import render_arm, render_arm_comparison
+from workbench.report.arm import render_arm
 from workbench.report.words import name, opening
 from workbench.robot import RobotFile, loaded_text, looked_for, meaning, straying
 
 WEIGHTLESS = "Its torques are without gravity"
 SCHEMES = for_arms([scheme(id) for id in ("dynamic", "filtered_dynamic", "filtered_hamiltonian")])  # the sure ones
-
-
-@dataclass(frozen=True, eq=False)
-class Rung:
-    """A model of the ladder: the effect that it has beyond the one before, and its errors joint by joint."""
-
-    added: str | None
-    model: ArmModel
-    train: tuple[JointError, ...]
-    holdout: tuple[JointError, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +49,7 @@ class Fitted:
     train: tuple[ArmRecording, ...]
     holdout: tuple[ArmRecording, ...]
     identification: ArmIdentification
-    base: Rung
+    base: ArmStep
 
 
 @lru_cache(maxsize=4)  # states of the same choices share it
@@ -74,8 +63,7 @@ def fit_arm(
     """
     fitted, unseen = parted(train, holdout)
     found = identify_arm(fitted, body, terms or None, SCHEMES)
-    model = found[SAVED].model
-    return Fitted(train, holdout, found, Rung(None, model, compare_arm(model, fitted), compare_arm(model, unseen)))
+    return Fitted(train, holdout, found, ArmStep.of(None, found[SAVED].model, train=fitted, holdout=unseen))
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +75,9 @@ class ArmState(State):
     """
 
     terms: tuple[Term, ...] = ()
-    grown: tuple[Rung, ...] = ()  # type: ignore[assignment]  # all of an arm is of the arm's kind
+    grown: tuple[ArmStep, ...] = ()
     diagnosis: ArmDiagnosis | None = None  # type: ignore[assignment]
-    started: tuple[Rung, ...] = ()  # type: ignore[assignment]
+    started: tuple[ArmStep, ...] = ()
     robot: RobotFile = field(kw_only=True)
 
     @property
@@ -149,19 +137,8 @@ class ArmState(State):
     @property
     def called(self) -> tuple[str, ...]:
         """Effects that the diagnosis calls for; none before there is one."""
-        started = tuple(rung.added for rung in self.started if rung.added is not None)
+        started = tuple(step.added for step in self.started if step.added is not None)
         return (*started, *self.diagnosis.selected) if self.diagnosis is not None else ()
-
-    @property
-    def last(self) -> Rung:
-        """The end of the ladder; there has to be one."""
-        return self.ladder[-1]  # type: ignore[return-value]
-
-    @property
-    def models(self) -> tuple[tuple[str, str, Rung], ...]:
-        """Label, colour and model of what is drawn: the ends of the ladder."""
-        base = ("base model", "--base", self.ladder[0])
-        return (base, ("final model", "--final", self.last)) if len(self.ladder) > 1 else (base,)  # type: ignore[return-value]
 
     @property
     def fitted(self) -> Fitted:
@@ -178,7 +155,7 @@ class ArmState(State):
         return [*away, *([loaded] if loaded else []), *meaning(self._torques, self.body, f"press “{WEIGHTLESS}”")]
 
     @property
-    def rungs(self) -> tuple[Rung, ...]:
+    def rungs(self) -> tuple[ArmStep, ...]:
         """The ladder."""
         return self.ladder  # type: ignore[return-value]
 
@@ -194,10 +171,10 @@ class ArmState(State):
 
     def report(self) -> str:
         """HTML of the report: of the diagnosis, else of the comparison with what was held out."""
-        train, holdout = list(self.train), list(self.holdout)
+        train, holdout = parted(self.fitted.train, self.fitted.holdout)
         if self.diagnosis is not None:
-            return render_arm(train, holdout, self.diagnosis)  # type: ignore[arg-type]
-        return render_arm_comparison(parted(train, holdout)[1], self.last.model, self.last.holdout)  # type: ignore[arg-type]
+            return render_arm(train, self.diagnosis.steps, self.diagnosis)
+        return render_arm(holdout, self.rungs[-1:])
 
     @property
     def library(self) -> dict[str, str]:
@@ -209,7 +186,7 @@ class ArmState(State):
     def addable(self) -> dict[str, str]:
         """Effects and tables that may be added at joints, by id."""
         kinds = at_joints([*joint_effects().values(), *TABLES.values()], self.body)
-        known = {term.id for term in self.last.model.terms}
+        known = {term.id for term in self.model.terms}
         return {kind.id: called(kind.id) for kind in kinds if kind.id not in known}
 
     def check(self, asked: Asked) -> None:
@@ -221,20 +198,13 @@ class ArmState(State):
     def searching(self, at_will: bool) -> Task:
         """The search for what the ladder's last model lacks."""
         del at_will  # it suggests no experiment
-        model = self.last.model
-        return partial(_diagnose, self.train, model.body, self.holdout, model.terms[1:], self.asked)  # type: ignore[arg-type]
+        model = self.rungs[-1].model
+        return partial(_diagnose, self.fitted.train, model.body, self.fitted.holdout, model.terms[1:], self.asked)
 
     def adding(self, id: str) -> Task:
         """The refit with one effect more; raises ValueError if it is none."""
         kind_at(id, self.body)
-        return partial(add_arm, self.last.model, id, self.train, self.holdout)  # type: ignore[arg-type]
-
-    def with_step(self, addition: Any) -> ArmState:
-        """The state with one rung more; the effect's own refit of the model before it replaces the last one."""
-        found: ArmAddition = addition
-        last = Rung(self.last.added, found.before.model, found.before.train, found.before.holdout)
-        more = Rung(found.effect, found.after.model, found.after.train, found.after.holdout)
-        return replace(self, grown=(*self.ladder[:-1], last, more))  # type: ignore[arg-type]
+        return partial(add_arm, self.rungs[-1].model, id, self.fitted.train, self.fitted.holdout)
 
 
 def called(id: str) -> str:

@@ -20,7 +20,7 @@ from pendulum_env.excitation import SIGNALS, Excitation, signal_from_json, signa
 from pendulum_env.physics import Model, Term
 from pendulum_env.reading import Unreadable, amount, read_json
 from pendulum_env.recording import Source, write_study
-from pendulum_env.recording.study import read_sources, read_together
+from pendulum_env.recording.study import read_sources
 from workbench.app import uploads
 from workbench.app.arm import ArmState
 from workbench.app.asked import Asked
@@ -83,7 +83,6 @@ def pack(state: State) -> bytes:
     return whole
 
 
-@read_together()
 def opened(folder: Path) -> State:
     """The state whose archive was unpacked to a folder.
 

@@ -19,7 +19,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.reading import amount, read_archive
 from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.record import ColumnError
-from pendulum_env.recording.study import read_sources, read_together
+from pendulum_env.recording.study import read_sources
 from workbench.app import saved
 from workbench.app.arm import ArmState
 from workbench.app.card import Card
@@ -236,7 +236,6 @@ class Session:
             robot = replace(state.robot, weightless=not state.robot.weightless)
             self.change("take gravity off, or back", state.anew(robot=robot))
 
-    @read_together()
     def load(self, sources: Iterable[Source], refused: Sequence[str] = ()) -> None:
         """Read recordings: those that can be read stay, and those whose columns are not clear wait: see `cards`.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from functools import partial
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             tell=tell,
         )
     setting = {name: getattr(arguments, name) for name in ("constraint", "plants", "seed", "scheme", "effects")}
-    told = evaluation_json(outcomes, BASELINE, trained=files, **setting)
+    told = evaluation_json(outcomes, BASELINE, **setting)
     show(told, terminal)
     write_json(arguments.json, told)
     if arguments.report is not None:
@@ -89,22 +89,32 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def show(told: JSON, terminal: Terminal) -> None:
     """Print what `evaluation_json` tells."""
     policies = told["policies"]
+    first = policies[told["baseline"]]
     terminal.say(f"{told['plants']} plants within 30 %, 10 s, constraint {told['constraint']}; medians over plants")
     terminal.heading("RMS error of the parameters [%] (Cramer-Rao bound), and time until all stay within [s]")
-    first = policies[told["baseline"]]
-    rows = [[name, *_errors(figures), *map(_median, figures["time_to"].values())] for name, figures in policies.items()]
-    terminal.table(("policy", *(f"at {moment}" for moment in first["error"]), *first["time_to"]), rows)
+    terminal.table(
+        ("policy", *(f"at {moment}" for moment in first["error"]), *first["time_to"]),
+        [
+            [name, *_errors(one), *(_number(all[1]) for all in one["time_to"].values())]
+            for name, one in policies.items()
+        ],
+    )
     terminal.heading(f"Gain over {told['baseline']}, above 1 is better, with bootstrap intervals of 95 %")
-    rows = [[name, *(_gain(gain) for gain in figures["gain"].values())] for name, figures in policies.items()]
-    if "trainings" in told:
-        for which in ("median", "worst"):
-            gains = told["trainings"]["gain"].values()
-            rows.append([f"{which} of the trainings", *(f"{gain[which]:.2f}" for gain in gains)])
-    terminal.table(("policy", *first["gain"]), rows)
+    terminal.table(
+        ("policy", *first["gain"]), [[name, *map(_gain, one["gain"].values())] for name, one in policies.items()]
+    )
     terminal.heading("What it takes")
     terminal.table(
         ("policy", "peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision [ms]"),
-        [[name, *_use(figures)] for name, figures in policies.items()],
+        [
+            [
+                name,
+                f"{one['torque_peak']:.2f}",
+                *(_number(one[what][1]) for what in ("torque_rms", "speed", "turns")),
+                f"{1e3 * one['seconds_per_action']:.3g}",
+            ]
+            for name, one in policies.items()
+        ],
     )
     if PLANNER in policies and SHIPPED in policies:
         agent, planner = policies[SHIPPED], policies[PLANNER]
@@ -118,16 +128,6 @@ def show(told: JSON, terminal: Terminal) -> None:
 def _errors(figures: JSON) -> Iterator[str]:
     for error, bound in zip(figures["error"].values(), figures["cramer_rao"].values(), strict=True):
         yield f"{100 * error[1]:.3f}" + ("" if bound[1] is None else f" ({100 * bound[1]:.3f})")
-
-
-def _use(figures: JSON) -> Iterator[str]:
-    yield f"{figures['torque_peak']:.2f}"
-    yield from (_median(figures[name]) for name in ("torque_rms", "speed", "turns"))
-    yield f"{1e3 * figures['seconds_per_action']:.3g}"
-
-
-def _median(quartiles: Sequence[float | None]) -> str:
-    return _number(quartiles[1])
 
 
 def _gain(gain: JSON) -> str:

@@ -185,41 +185,28 @@ def experiment(
     Raises:
         InputError: if the arguments do not go together, the diagnosis suggests nothing, or there is no such policy.
     """
-    if arguments.excitation == LEARNT:
-        return learnt(arguments, rate)
-    if arguments.policy is not None:
-        raise InputError(f"--policy goes with --excitation {LEARNT} only")
-    if arguments.excitation == SUGGESTED:
+    kind = arguments.excitation
+    for name, only in (("policy", LEARNT), ("diagnosis", SUGGESTED)):
+        if getattr(arguments, name) is not None and kind != only:
+            raise InputError(f"--{name} goes with --excitation {only} only")
+    if kind in (LEARNT, SUGGESTED) and arguments.amplitude is not None:
+        bound = "the policy decides as the arm moves" if kind == LEARNT else "`diagnose --max-torque` bounds its torque"
+        raise InputError(f"--amplitude does not go with --excitation {kind}: {bound}")
+    if kind == LEARNT:
+        if arguments.replay is not None or arguments.backend == "simulated":
+            raise InputError(f"--excitation {LEARNT} needs a backend that answers step by step: use --backend pymunk")
+        seconds = arguments.seconds or (EPISODE if arguments.until is None else LONGEST)
+        network = load(arguments.policy or "peak")
+        return Pilot(network, network.constraint, seconds, rate), seconds
+    if kind == SUGGESTED:
         if arguments.diagnosis is None:
             raise InputError(f"--excitation {SUGGESTED} needs --diagnosis FILE, which `diagnose --json FILE` writes")
-        if arguments.amplitude is not None:
-            raise InputError(
-                f"--amplitude does not go with --excitation {SUGGESTED}: `diagnose --max-torque` bounds its torque"
-            )
         suggestion = read_suggestion(arguments.diagnosis)
         return suggestion.signal, arguments.seconds or suggestion.seconds
-    if arguments.diagnosis is not None:
-        raise InputError(f"--diagnosis goes with --excitation {SUGGESTED} only")
     seconds = arguments.seconds or (SECONDS if arguments.until is None else LONGEST)
-    if arguments.until is not None and arguments.excitation is None:
+    if arguments.until is not None and kind is None:
         return multisine.separating(arguments.amplitude), seconds
-    return excitation(arguments.excitation or USUAL, rng, seconds, arguments.amplitude), seconds
-
-
-def learnt(arguments: argparse.Namespace, rate: float) -> tuple[Pilot, float]:
-    """A policy and the length [s] of what it is to excite.
-
-    Raises:
-        InputError: if other arguments do not go with it, or there is no such policy.
-    """
-    for name in ("amplitude", "diagnosis", "replay"):
-        if getattr(arguments, name) is not None:
-            raise InputError(f"--{name} does not go with --excitation {LEARNT}: the policy decides as the arm moves")
-    if arguments.backend == "simulated":
-        raise InputError(f"--excitation {LEARNT} needs a backend that answers step by step: use --backend pymunk")
-    seconds = arguments.seconds or (EPISODE if arguments.until is None else LONGEST)
-    network = load(arguments.policy or "peak")
-    return Pilot(network, network.constraint, seconds, rate), seconds
+    return excitation(kind or USUAL, rng, seconds, arguments.amplitude), seconds
 
 
 def _run(

@@ -9,7 +9,7 @@ from typing import Any
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import cia402
-from pendulum_env.backends.hardware.encoder import difference
+from pendulum_env.backends.hardware.measuring import difference
 
 NODE = 1
 RATED = 15.0  # [N m]
@@ -23,7 +23,6 @@ class ServoDrive:
     """Object dictionary, state machine and process data of a drive."""
 
     def __init__(self, motor: Motor) -> None:
-        """Take the motor."""
         self.motor, self._line = motor, bytearray()
         settings = (cia402.CONSUMER_HEARTBEAT, cia402.ON_LOST_HOST, cia402.ON_FAULT, cia402.MODE)
         self._objects: dict[tuple[int, int], bytes] = dict.fromkeys(settings, bytes(4))

@@ -9,13 +9,14 @@ import select
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from pendulum_env.backends.emulators.motor import Motor
-from pendulum_env.backends.hardware import priority
-from pendulum_env.backends.hardware.adapters import ADAPTERS, need
-from pendulum_env.backends.hardware.config import load, mark_checked
+from pendulum_env.backends.hardware import process
+from pendulum_env.backends.hardware.config import LINKS, load, mark_checked
+from pendulum_env.backends.hardware.drive import need
 from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
@@ -29,13 +30,8 @@ TICK = 0.01  # [s], longest sleep: how soon the log tells of the watchdog, which
 class Cable(Protocol):
     """How a drive is reached."""
 
-    @property
-    def place(self) -> str:
-        """Where the other end is."""
-
-    @property
-    def descriptor(self) -> int:
-        """File descriptor to watch; -1 if there is none, or once the cable is pulled."""
+    place: str  # where the other end is
+    descriptor: int  # to watch; -1 if there is none, or once the cable is pulled
 
     def come(self) -> None:
         """Let the drive take what has come there, and answer."""
@@ -97,11 +93,11 @@ def emulate(
         ValueError: if there is no such emulator.
         FileExistsError: if the configuration is somebody else's file.
     """
-    find("emulator", kind, ADAPTERS)
+    find("emulator", kind, LINKS)
     need(kind)
     module = importlib.import_module(f"pendulum_env.backends.emulators.{kind}")
     if realtime:
-        priority.realtime()
+        process.realtime()
     _own(config)
     motor = Motor(plant, first=first, log=log)
     cable, reached = module.make(motor)
@@ -123,9 +119,8 @@ def emulate(
 def _serve(rig: Emulated, said: Callable[[str], None]) -> None:
     told = sys.stdin.fileno() if sys.stdin is not None else -1
     while True:
-        listening = [told] if told >= 0 and _in_front(told) else []
-        watched = [rig.cable.descriptor] if rig.cable.descriptor >= 0 else []
-        ready, _, _ = select.select([*watched, *listening], [], [], TICK)
+        listening = told if told >= 0 and _in_front(told) else -1
+        ready, _, _ = select.select([end for end in (rig.cable.descriptor, listening) if end >= 0], [], [], TICK)
         with rig.motor.turn:
             if rig.cable.descriptor in ready:
                 rig.cable.come()
@@ -169,9 +164,7 @@ def _plant(plant: Model) -> dict[str, Any]:
 
 def _own(path: Path) -> None:
     """Refuse to overwrite what describes a real rig."""
-    try:
-        own = not path.exists() or read_text(path).startswith(MARK)
-    except Unreadable:  # no text, or no file at all
-        own = False
-    if not own:
-        raise FileExistsError(f"{path}: exists, and no emulator wrote it: name another file, as -o emulated.toml")
+    with suppress(Unreadable):  # no text, or no file at all
+        if not path.exists() or read_text(path).startswith(MARK):
+            return
+    raise FileExistsError(f"{path}: exists, and no emulator wrote it: name another file, as -o emulated.toml")

@@ -49,9 +49,9 @@ class Motor:
         self._delay = sum(term.delay for term in model.terms)
         self._arriving: deque[tuple[float, float]] = deque()  # commands on a delayed way: when, and torque
         self.turn = threading.Lock()
-        self._now = time.monotonic()
+        self.moment = time.monotonic()  # that the plant has reached [s]
         self._angle = 0.0
-        self._acting = 0.0  # [N m]
+        self.torque = 0.0  # that the motor gives [N m]
         self._deadline = math.inf
         self.powered, self.expired, self.faulty = False, False, False
         self._pushed = 0.0  # [N m], by somebody's hand
@@ -62,24 +62,14 @@ class Motor:
         self.watchdog = math.inf  # [s]
         self._log = -1 if log is None else os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
 
-    @property
-    def torque(self) -> float:
-        """That the motor gives [N m]."""
-        return self._acting
-
-    @property
-    def moment(self) -> float:
-        """Time that the plant has reached, monotonic [s]."""
-        return self._now
-
     def advance(self) -> None:
         """Let the plant move on to now."""
         now = time.monotonic()
         if self._deadline <= now:
             self._run(self._deadline)
             self.expired = True
-            self._tell(self._now, "expired", self.watchdog)
-            self._off(self._now)
+            self._tell(self.moment, "expired", self.watchdog)
+            self._off(self.moment)
         self._run(now)
 
     def fail(self) -> None:
@@ -91,48 +81,44 @@ class Motor:
         """Power, at zero torque, or none."""
         self.advance()
         if not on or self.faulty:
-            self._off(self._now)
+            self._off(self.moment)
             return
         self.expired = False
         self._arriving.clear()
-        self._act(self._now, 0.0)
+        self._act(self.moment, 0.0)
         if not self.powered:
             self.powered = True
-            self._tell(self._now, "power", 1.0)
+            self._tell(self.moment, "power", 1.0)
         self.feed()
 
     def feed(self) -> None:
         """Restart the watchdog."""
         self.advance()
         if self.powered:
-            self._deadline = self._now + self.watchdog
+            self._deadline = self.moment + self.watchdog
 
     def command(self, torque: float) -> None:
         """Set the torque [N m], if there is power."""
         self.advance()
-        self._tell(self._now, "command", torque)
+        self._tell(self.moment, "command", torque)
         if not self.powered:
             return
         if self._delay:
-            self._arriving.append((self._now + self._delay, self._gain * torque))
+            self._arriving.append((self.moment + self._delay, self._gain * torque))
         else:
-            self._act(self._now, self._gain * torque)
+            self._act(self.moment, self._gain * torque)
 
     def misread(self, how: str) -> None:
-        """Let the encoder tell something else from now on: one of `MISREADINGS`.
-
-        Raises:
-            ValueError: if it is none.
-        """
+        """Let the encoder tell something else from now on: one of `MISREADINGS`."""
         self.advance()
-        self._misread = (find("encoder", how, MISREADINGS), self._now, self._angle)
-        self._tell(self._now, "mishap", 0.0)
+        self._misread = (find("encoder", how, MISREADINGS), self.moment, self._angle)
+        self._tell(self.moment, "mishap", 0.0)
 
     def amplify(self, gain: float) -> None:
         """Let the drive give that many times the torque that it is asked for, from the next command on."""
         self.advance()
         self._gain = gain
-        self._tell(self._now, "mishap", gain)
+        self._tell(self.moment, "mishap", gain)
 
     def push(self, torque: float) -> None:
         """Somebody pushes the arm [N m] from now on."""
@@ -150,7 +136,7 @@ class Motor:
         angle = self._angle
         if self._misread is not None:
             how, since, where = self._misread
-            angle = where + how(angle - where, self._now - since)
+            angle = where + how(angle - where, self.moment - since)
         return self._first + round(angle * self._per_radian)
 
     def _run(self, until: float) -> None:
@@ -161,11 +147,11 @@ class Motor:
         self._move(until)
 
     def _move(self, until: float) -> None:
-        while (left := until - self._now) > 1e-9:
+        while (left := until - self.moment) > 1e-9:
             step = min(left, STEP)
-            self._angle, self._speed = self._body.step(self._acting + self._pushed + self._held(step), step)
-            self._now += step
-        self._now = max(self._now, until)
+            self._angle, self._speed = self._body.step(self.torque + self._pushed + self._held(step), step)
+            self.moment += step
+        self.moment = max(self.moment, until)
 
     def _held(self, step: float) -> float:
         """Torque of the hand that holds the arm [N m]."""
@@ -177,9 +163,9 @@ class Motor:
         return self._inertia * (FIRM**2 * (here - self._angle) - 2 * FIRM * self._speed)
 
     def _act(self, at: float, torque: float) -> None:
-        if (torque == 0) != (self._acting == 0):
+        if (torque == 0) != (self.torque == 0):
             self._tell(at, "torque", torque)
-        self._acting = torque
+        self.torque = torque
 
     def _off(self, at: float) -> None:
         self._deadline = math.inf

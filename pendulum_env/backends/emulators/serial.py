@@ -7,7 +7,7 @@ from typing import Any
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import frames
-from pendulum_env.backends.hardware.encoder import difference
+from pendulum_env.backends.hardware.measuring import difference
 from pendulum_env.interface import MAX_TORQUE
 
 OVER_TEMPERATURE = 0x02
@@ -17,7 +17,6 @@ class Firmware:
     """Answers frames."""
 
     def __init__(self, motor: Motor) -> None:
-        """Take the motor."""
         self.motor, self._splitter = motor, frames.Splitter()
         self._set, self._ready = 0, False  # torque [uN m]; whether there has been a SETUP
 

@@ -7,15 +7,16 @@ import math
 import select
 import struct
 import time
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import can
 
 from pendulum_env.backends.hardware import cia402
-from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import CanSettings, RigConfig
 from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, said
+from pendulum_env.backends.hardware.measuring import DriveClock
 
 SWITCHING = 2.0  # [s] that a drive may take to switch on
 PER_MILLE = 1e-3
@@ -45,9 +46,8 @@ class Canopen402:
         """Join the bus and lay out the messages."""
         link = self._link
         own = [cia402.TPDO1 + link.node, cia402.TPDO2 + link.node, cia402.ANSWER + link.node]
-        with said(
-            f"the CAN bus {link.interface} {link.channel} cannot be opened", "check canopen402.interface and channel"
-        ):
+        remedy = "check canopen402.interface and channel"
+        with said(f"the CAN bus {link.interface} {link.channel} cannot be opened", remedy):
             self._bus = can.Bus(
                 interface=link.interface,
                 channel=link.channel,
@@ -65,9 +65,10 @@ class Canopen402:
         for base, ((parameters, mapping), entries) in cia402.PDOS.items():
             if base == cia402.TPDO2 and not link.timestamp:
                 continue
-            identifier = base + link.node | (cia402.NO_REMOTE if base != cia402.RPDO1 else 0)
+            sent, when = (0, cia402.AT_ONCE) if base == cia402.RPDO1 else (cia402.NO_REMOTE, cia402.AT_SYNC)
+            identifier = base + link.node | sent
             self._put((parameters, 1), "<I", cia402.INVALID | identifier)
-            self._put((parameters, 2), "<B", cia402.AT_ONCE if base == cia402.RPDO1 else cia402.AT_SYNC)
+            self._put((parameters, 2), "<B", when)
             self._put((mapping, 0), "<B", 0)
             for k, entry in enumerate(entries, start=1):
                 self._put((mapping, k), "<I", entry)
@@ -93,15 +94,12 @@ class Canopen402:
         while True:
             status, _ = self._sync()
             name, control = cia402.state(status)
-            mode = self._mode() if name == cia402.ENABLED else None
+            mode = struct.unpack("<b", self._get(cia402.MODE_SHOWN)[:1])[0] if name == cia402.ENABLED else None
             if mode == cia402.TORQUE_MODE:
                 return
             if time.monotonic() > until:
-                if mode is not None:
-                    raise DriveError(
-                        f"the drive is in mode {mode} (object 6061h), not in cyclic synchronous torque, 10"
-                    )
-                raise DriveError(f"the drive stays in state '{name}' ({self._error()}): mend that, or switch it on")
+                why = self._error() if mode is None else f"mode {mode}, object 6061h, not cyclic synchronous torque, 10"
+                raise DriveError(f"the drive stays in state '{name}' ({why}): mend that, or switch it on")
             if control == last == cia402.FAULT_RESET:
                 control = cia402.DISABLE_VOLTAGE  # the reset acts at the edge
             self._send(control, 0)
@@ -186,10 +184,6 @@ class Canopen402:
                     "look that up in its manual, and check canopen402.node"
                 )
 
-    def _mode(self) -> int:
-        """Mode of operation that the drive is in."""
-        return int.from_bytes(self._get(cia402.MODE_SHOWN)[:1], "little", signed=True)
-
     def _error(self) -> str:
         """What the drive says is wrong."""
         try:
@@ -198,21 +192,18 @@ class Canopen402:
             return "it does not say why"
         return cia402.ERRORS.get(code, f"error code 0x{code:04x}")
 
-    @property
-    def _opened(self) -> can.BusABC:
+    @contextmanager
+    def _open_bus(self) -> Iterator[can.BusABC]:
+        """The bus, as long as it is there."""
         if self._bus is None:
             raise DriveError("the CAN bus is not open")
-        return self._bus
-
-    @property
-    def _lost(self) -> AbstractContextManager[None]:
-        return said(f"the CAN bus {self._link.channel} was lost", "check its plug")
+        with said(f"the CAN bus {self._link.channel} was lost", "check its plug"):
+            yield self._bus
 
     def _post(self, id: int, data: bytes) -> None:
         """Send a message; waits no longer than for an answer where the bus takes nothing."""
-        message = can.Message(arbitration_id=id, is_extended_id=False, data=data)
-        with self._lost:
-            self._opened.send(message, timeout=self._patience)
+        with self._open_bus() as bus:
+            bus.send(can.Message(arbitration_id=id, is_extended_id=False, data=data), timeout=self._patience)
 
     def _answer(self, until: float) -> tuple[int, bytes]:
         """Identifier and data of the next message of the drive, which has to come by a time [s]."""
@@ -227,8 +218,8 @@ class Canopen402:
 
     def _receive(self, seconds: float) -> tuple[int, bytes] | None:
         """Identifier and data of a message that comes within a time."""
-        with self._lost:
-            message = self._opened.recv(seconds)
+        with self._open_bus() as bus:
+            message = bus.recv(seconds)
         if message is None:
             return None
         return message.arbitration_id, b"" if message.is_error_frame else bytes(message.data)
@@ -236,6 +227,6 @@ class Canopen402:
     def _is_waiting(self) -> bool:
         """Whether something may have come: a serial adapter takes a millisecond to say that nothing has."""
         try:
-            return bool(select.select([self._opened.fileno()], [], [], 0)[0])
+            return self._bus is None or bool(select.select([self._bus.fileno()], [], [], 0)[0])
         except (NotImplementedError, OSError, ValueError, can.CanError):
             return True  # not every bus tells; reading says what is wrong

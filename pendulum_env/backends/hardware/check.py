@@ -74,41 +74,36 @@ def _wiring(rig: Rig, person: Person) -> str:
 
 def _encoder(rig: Rig, person: Person) -> str:
     _, before = rig.guard.read()
-    _confirmed(
-        person.confirm("Without power: turn the arm a quarter turn counter-clockwise by hand and hold it. Done?")
-    )
-    _, after = rig.guard.read()
-    moved = after - before
+    _ask(person, "Without power: turn the arm a quarter turn counter-clockwise by hand and hold it. Done?")
+    moved = rig.guard.read()[1] - before
+    encoder, degrees = rig.config.encoder, f"{math.degrees(moved):.0f} degrees"
     _need(abs(moved) > 0.01, "the counts do not change: check the encoder's cable and supply")
-    sign = rig.config.encoder.sign
-    _need(moved > 0, f"the counts go the wrong way: set encoder.sign = {-sign}")
-    counts = round(rig.config.encoder.counts * moved / QUARTER)
+    _need(moved > 0, f"the counts go the wrong way: set encoder.sign = {-encoder.sign}")
     _need(
         abs(moved - QUARTER) < ROUGHLY,
-        f"a quarter turn came as {math.degrees(moved):.0f} degrees: encoder.counts is nearer to {counts} (after "
-        "quadrature: four times the lines)",
+        f"a quarter turn came as {degrees}: encoder.counts is nearer to {round(encoder.counts * moved / QUARTER)} "
+        "(after quadrature: four times the lines)",
     )
-    return f"turned by {math.degrees(moved):.0f} degrees"
+    return f"turned by {degrees}"
 
 
 def _zero(rig: Rig, person: Person) -> str:
-    _confirmed(person.confirm("Let the arm hang down and rest, touching nothing. Done?"))
-    _, position = rig.guard.read()
-    off = math.remainder(position, 2 * math.pi)
+    _ask(person, "Let the arm hang down and rest, touching nothing. Done?")
+    off = math.degrees(math.remainder(rig.guard.read()[1], 2 * math.pi))
+    counts = rig.guard.drive.read().counts
     _need(
-        abs(off) < ROUGHLY,
-        f"it hangs at {math.degrees(off):.0f} degrees: start the check with the arm hanging down, or set encoder.zero "
-        f"to {rig.guard.drive.read().counts}",
+        abs(off) < math.degrees(ROUGHLY),
+        f"it hangs at {off:.0f} degrees: start the check with the arm hanging down, or set encoder.zero to {counts}",
     )
     return (
-        f"zero is {abs(math.degrees(off)):.1f} degrees off, the count is {rig.guard.drive.read().counts}: a diagnosis "
-        "finds what is left as gravity_tilt, as long as zero stays the same (encoder.zero)"
+        f"zero is {abs(off):.1f} degrees off, the count is {counts}: a diagnosis finds what is left as gravity_tilt, "
+        "as long as zero stays the same (encoder.zero)"
     )
 
 
 def _torque(rig: Rig, person: Person) -> str:
     most = rig.traits.max_torque
-    _confirmed(person.confirm(f"The motor will push, slowly, up to {most:g} N m, one way and then the other. Ready?"))
+    _ask(person, f"The motor will push, slowly, up to {most:g} N m, one way and then the other. Ready?")
     _need(
         _moved_without_power(rig, most) < MOVED,
         "the arm moves although it must have no power: servo-enable does not get through to the drive, so nothing "
@@ -154,26 +149,25 @@ def _moved_without_power(rig: Rig, most: float) -> float:
 
 def _clamp(rig: Rig, person: Person) -> str:
     rig.enable(Start())
-    most, largest = rig.traits.max_torque, 0.0
-    for sample in _run(rig, lambda t: 100.0 * (-1) ** int(t / 0.05), 0.2):
-        largest = max(largest, abs(sample.torque))
+    most = rig.traits.max_torque
+    largest = max(abs(sample.torque) for sample in _run(rig, lambda t: 100.0 * (-1) ** int(t / 0.05), 0.2))
     rig.disable()
     _need(largest <= most * (1 + 1e-6), f"{largest:.3g} N m were let pass where {most:.3g} are allowed")
     return f"100 N m were asked for, no more than {largest:.3g} N m came"
 
 
 def _watchdog(rig: Rig, person: Person) -> str:
-    timeout = rig.config.limits.watchdog
+    patience = PATIENCE * rig.config.limits.watchdog
     rig.enable(Start())
     for _ in _run(rig, lambda t: 0.0, 0.2):
         pass
-    time.sleep(PATIENCE * timeout)  # a program that hangs
+    time.sleep(patience)  # a program that hangs
     fault = rig.guard.drive.read().fault
     rig.disable()
     _need(
         fault is not None,
-        f"the drive keeps its power {PATIENCE * timeout:g} s after the last command: it has no watchdog, or does not "
-        "take limits.watchdog",
+        f"the drive keeps its power {patience:g} s after the last command: it has no watchdog, or does not take "
+        "limits.watchdog",
     )
     return f"the drive let go by itself: {fault}"
 
@@ -204,5 +198,5 @@ def _need(right: bool, remedy: str) -> None:
         raise CheckFailed(remedy)
 
 
-def _confirmed(done: bool) -> None:
-    _need(done, "the check was left: nothing is noted")
+def _ask(person: Person, text: str) -> None:
+    _need(person.confirm(text), "the check was left: nothing is noted")

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 from pendulum_env.files import write_whole
 from pendulum_env.interface import MAX_TORQUE
@@ -79,6 +79,9 @@ class Rest:
 class SerialSettings:
     """A microcontroller with DAC, counter and watchdog."""
 
+    drive: ClassVar = ("serial_drive", "SerialDrive")
+    packages: ClassVar = ("serial",)
+
     port: str
     baud: int = within(9600, 12_000_000, 2_000_000)
 
@@ -91,6 +94,9 @@ class SerialSettings:
 @dataclass(frozen=True)
 class CanSettings:
     """A CiA 402 servo drive on any bus of python-can."""
+
+    drive: ClassVar = ("canopen402", "Canopen402")
+    packages: ClassVar = ("can", "serial")
 
     interface: str
     channel: str
@@ -110,6 +116,9 @@ class CanSettings:
 @dataclass(frozen=True)
 class DaqSettings:
     """A National Instruments card and the Dynaserv's own analogue drive."""
+
+    drive: ClassVar = ("nidaq", "NiDaq")
+    packages: ClassVar = ("nidaqmx", "grpc")
 
     torque: str  # analogue output, +-10 V
     encoder: str  # counter
@@ -142,7 +151,7 @@ class Plant:
 
 
 Link = SerialSettings | CanSettings | DaqSettings
-LINKS: Mapping[str, type[Any]] = MappingProxyType(
+LINKS: Mapping[str, type[Link]] = MappingProxyType(  # each with module and class of its drive, and what that imports
     {"serial": SerialSettings, "canopen402": CanSettings, "nidaq": DaqSettings}
 )
 TABLES: Mapping[str, type[Any]] = MappingProxyType(
@@ -214,9 +223,13 @@ def load(path: str | Path) -> RigConfig:
     except Unreadable as error:
         raise ConfigError(f"{error} (docs/hardware.md has a whole one)") from None
     try:
-        return _rig(path, data)
+        config = _rig(path, data)
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
+    try:
+        return replace(config, checked=read_text(config.note).strip() == config.wiring)
+    except Unreadable:  # there is no note
+        return config
 
 
 def mark_checked(config: RigConfig) -> Path:
@@ -240,7 +253,7 @@ def _rig(path: Path, data: dict[str, Any]) -> RigConfig:
     link = Value("", top.adapter, tables[top.adapter]).record(LINKS[top.adapter])
     config = RigConfig(**vars(top), link=link, **settings, path=path.resolve())
     limits, rest = config.limits, config.rest
-    if not limits.soft_velocity <= limits.hard_velocity:
+    if limits.soft_velocity > limits.hard_velocity:
         raise ValueError("limits.soft_velocity is above limits.hard_velocity: torque has to fade out before the fault")
     if limits.gap * top.rate < 2:
         raise ValueError(f"limits.gap is below two periods of {1 / top.rate:g} s: make it longer, or rate higher")
@@ -248,7 +261,4 @@ def _rig(path: Path, data: dict[str, Any]) -> RigConfig:
         raise ValueError("limits.gap is above limits.watchdog: the drive would let go before the guard says why")
     if rest.timeout <= rest.seconds:
         raise ValueError("rest.timeout is not above rest.seconds: no arm would ever be at rest in time")
-    try:
-        return replace(config, checked=read_text(config.note).strip() == config.wiring)
-    except Unreadable:  # there is no note
-        return config
+    return config

@@ -5,10 +5,13 @@ Adapters neither judge nor wait for the next sample: the guard does the one, the
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple, Protocol
 
+from pendulum_env.backends.hardware.config import LINKS, RigConfig
 from pendulum_env.mistake import one_line
 
 STILL_ON = "the drive says that it has power still: use the emergency stop"
@@ -73,3 +76,26 @@ class Drive(Protocol):
 
     def close(self) -> None:
         """Let go, at any time and as often as one likes; never raises."""
+
+
+def need(adapter: str) -> None:
+    """Refuse an adapter, or the emulator of its drive, whose packages are not installed.
+
+    Raises:
+        ModuleNotFoundError: with the command that installs them.
+    """
+    for package in LINKS[adapter].packages:
+        if importlib.util.find_spec(package) is None:
+            raise ModuleNotFoundError(f"the {adapter} rig needs {package}: pip install 'pendulum-ident[hardware]'")
+
+
+def make_drive(config: RigConfig) -> Drive:
+    """Drive of a configuration, not yet open; the packages that it needs are imported now.
+
+    Raises:
+        ModuleNotFoundError: if the extra `hardware` is not installed.
+    """
+    need(config.adapter)
+    module, kind = config.link.drive
+    drive: Drive = getattr(importlib.import_module(f"pendulum_env.backends.hardware.{module}"), kind)(config)
+    return drive

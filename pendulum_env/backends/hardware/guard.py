@@ -14,7 +14,7 @@ from typing import NamedTuple, NoReturn
 
 from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import Drive, DriveError, Sent
-from pendulum_env.backends.hardware.encoder import Encoder
+from pendulum_env.backends.hardware.measuring import Encoder
 from pendulum_env.backends.hardware.plausible import Plausible
 from pendulum_env.files import at_once
 
@@ -51,14 +51,13 @@ class Guard:
         self.powered = False
         self._open = False
         self.torque = 0.0  # [N m], as last sent
-        self._motion = Plausible(config.plant, self.encoder.step, drive.noise) if config.plant.watch else None
+        self._motion = Plausible(config.plant, self.encoder.step, drive.noise)
         self._forget()
 
     def _forget(self) -> None:
         """Nothing is known of the motion."""
         self.encoder.forget()
-        if self._motion is not None:
-            self._motion.reset()
+        self._motion.reset()
         self._written: float | None = None  # when the last command was sent
         self._waited = 0.0  # [s] for the drive since then
         self._still: float | None = None  # since when the counts have stood still under stall_torque
@@ -91,12 +90,11 @@ class Guard:
         Raises:
             DriveError: if it cannot be reached.
         """
-        if self.fault is None:
-            return
-        self.drive.close()
-        self.drive.open()
-        self.fault = None
-        self.note("fault cleared")
+        if self.fault is not None:
+            self.drive.close()
+            self.drive.open()
+            self.fault = None
+            self.note("fault cleared")
 
     def enable(self) -> None:
         """Power, at zero torque.
@@ -128,11 +126,7 @@ class Guard:
         now = time.monotonic()
         passed = 0.0 if self._written is None else now - self._written
         if passed > self.limits.gap:
-            self.trip(
-                f"no command came for {1e3 * passed:.0f} ms, {1e3 * self.limits.gap:.0f} ms are allowed (limits.gap): "
-                f"{self._held_up(passed)}",
-                braking=True,
-            )
+            self._too_late(f"no command came for {1e3 * passed:.0f} ms", "gap", f"{1e3 * self.limits.gap:.0f} ms")
         torque = self._allowed(torque, passed or 1.0 / self.config.rate)
         sign = self.config.torque_sign
         try:
@@ -140,8 +134,7 @@ class Guard:
         except DriveError as error:
             self.trip(str(error))
         self._written, self._waited, self.torque = now, time.monotonic() - now, sign * sent.torque
-        if self._motion is not None:
-            self._motion.commanded(self.torque)
+        self._motion.commanded(self.torque)
         return Sent(sent.time, self.torque)
 
     def read(self) -> tuple[float, float]:
@@ -165,7 +158,11 @@ class Guard:
         if self.powered:
             if moved is not None:
                 self._obeys(reading.time, moved)
-            self._possible(reading.time, took)
+            if found := self._motion.measured(reading.time, self.encoder.position, took):
+                self.trip(
+                    f"the arm cannot have moved so under {self.torque:.3g} N m, {found}: check encoder, drive and "
+                    f"their cables, whether somebody pushes the arm, and [plant] of {self.config.path.name}"
+                )
         return reading.time, self.encoder.position
 
     def _refuse(self) -> None:
@@ -180,29 +177,17 @@ class Guard:
             Fault: if it is too late, or they are too many.
         """
         if behind > self.limits.behind:
-            self.trip(
-                f"the loop is {1e3 * behind:.0f} ms behind, {1e3 * self.limits.behind:.0f} ms are allowed "
-                f"(limits.behind): {self._held_up(behind)}",
-                braking=True,
-            )
+            self._too_late(f"the loop is {1e3 * behind:.0f} ms behind", "behind", f"{1e3 * self.limits.behind:.0f} ms")
         if overruns > self.limits.overruns:
-            self.trip(
-                f"{overruns} ticks were missed, {self.limits.overruns} are allowed (limits.overruns): {self._remedy}",
-                braking=True,
-            )
+            self._too_late(f"{overruns} ticks were missed", "overruns", str(self.limits.overruns))
 
-    def _held_up(self, passed: float) -> str:
-        """Who kept the loop waiting for so long [s]: the drive if most of it passed between question and answer."""
-        if self._waited > 0.5 * passed:
-            took = f"{1e3 * self._waited:.0f} ms of it the drive took to answer"
-            return f"{took}, or the program was held up meanwhile: check the cable, {self._remedy}"
-        return f"the program was held up or is too slow for its rate: {self._remedy}"
-
-    @property
-    def _remedy(self) -> str:
-        """What helps a loop that is late."""
-        more = "" if self.config.realtime else ", or ask for real-time priority (realtime = true)"
-        return f"lower the rate, free the machine of other work{more}"
+    def _too_late(self, what: str, limit: str, allowed: str) -> NoReturn:
+        self.trip(
+            f"{what}, {allowed} are allowed (limits.{limit}); the drive took {1e3 * self._waited:.0f} ms to answer. "
+            "The program was held up or is too slow for its rate: lower the rate, free the machine of other work, ask "
+            "for real-time priority (realtime = true), and check the cable if it was the drive",
+            braking=True,
+        )
 
     def disable(self, why: str = "disabled", level: int = logging.INFO, *, brake: bool = False) -> None:
         """Zero torque and no power, braked first if asked to; never raises: it is the last resort everywhere."""
@@ -263,9 +248,8 @@ class Guard:
 
     def _allowed(self, torque: float, passed: float) -> float:
         """Torque within the clamp, the slew limit over the time that passed [s], and the soft limit of velocity."""
-        limits, most = self.limits, self.config.max_torque
+        limits, most, change = self.limits, self.config.max_torque, self.limits.slew * passed
         torque = min(max(torque, -most), most)
-        change = limits.slew * passed
         torque = min(max(torque, self.torque - change), self.torque + change)
         velocity = self.encoder.velocity
         if torque * velocity > 0 and abs(velocity) > limits.soft_velocity:
@@ -302,22 +286,13 @@ class Guard:
                 "run `pendulum-ident hardware check`"
             )
 
-    def _possible(self, now: float, took: float) -> None:
-        """The arm moves as the torque and what is known of it let it; see `plausible.py`."""
-        found = "" if self._motion is None else self._motion.measured(now, self.encoder.position, took)
-        if found:
-            self.trip(
-                f"the arm cannot have moved so under {self.torque:.3g} N m, {found}: check encoder, drive and their "
-                f"cables, whether somebody pushes the arm, and [plant] of {self.config.path.name}"
-            )
-
     def _brake(self) -> list[Exception]:
         """Slow the arm down for a while, unless it speeds up; returns what went wrong."""
         encoder, most = self.encoder, self.config.max_torque
         until = time.monotonic() + self.config.fault.seconds
         slowest = abs(encoder.velocity)
         try:
-            while time.monotonic() < until and abs(encoder.velocity) > self.config.rest.velocity:
+            while time.monotonic() < until and self.config.rest.velocity < abs(encoder.velocity) <= slowest + RISE:
                 torque = min(max(-self.config.fault.gain * encoder.velocity, -most), most)
                 self.drive.write(self.config.torque_sign * torque)
                 time.sleep(BRAKING_STEP)
@@ -326,8 +301,6 @@ class Guard:
                     break
                 encoder.take(reading.time, reading.counts)
                 slowest = min(slowest, abs(encoder.velocity))
-                if abs(encoder.velocity) > slowest + RISE:
-                    break  # this is no brake
         except Exception as error:
             return [error]
         return []

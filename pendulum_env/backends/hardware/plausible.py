@@ -24,15 +24,6 @@ from typing import NamedTuple
 
 from pendulum_env.backends.hardware.config import Plant
 
-SPANS = (0.004, 0.01, 0.025, 0.06, 0.15)  # [s], from the first reading to the middle one
-KEPT = 2 * SPANS[-1] + 0.1  # [s] of readings
-BATCH = 256  # of readings that are forgotten at a time
-SURE = 2  # readings in a row that cannot be: one alone may be a wrong time
-FIRM = 4.0  # standard deviations of a reading's time that count
-CLOCK = 5e-5  # [s] by which any reading's time may be wrong
-SLOW = 0.02  # [rad/s], below which the arm may as well stick
-GAIN = 0.15  # share of a torque by which the motor's may differ
-
 
 class Mark(NamedTuple):
     """A reading, and double integrals up to it, each per unit of its parameter [s^2]; those of torque in N m s^2."""
@@ -51,9 +42,18 @@ class Mark(NamedTuple):
 class Plausible:
     """Keeps the readings of the last half second."""
 
+    spans = (0.004, 0.01, 0.025, 0.06, 0.15)  # [s], from the first reading to the middle one
+    kept = 0.4  # [s] of readings: twice the longest span, and some
+    batch = 256  # of readings that are forgotten at a time
+    in_a_row = 2  # readings that cannot be: one alone may be a wrong time
+    firm = 4.0  # standard deviations of a reading's time that count
+    clock = 5e-5  # [s] by which any reading's time may be wrong
+    slow = 0.02  # [rad/s], below which the arm may as well stick
+    gain = 0.15  # share of a torque by which the motor's may differ
+
     def __init__(self, plant: Plant, step: float, noise: float) -> None:
         """Take the ranges, the angle of a count [rad], and the uncertainty of a reading's time [s]."""
-        self._step, self._noise = abs(step), FIRM * noise + CLOCK
+        self._watches, self._step, self._noise = plant.watch, abs(step), self.firm * noise + self.clock
         share = plant.share
         self._inertia = _around(plant.inertia, share, share)
         self._gravity = _around(plant.gravity, share, share)
@@ -79,59 +79,55 @@ class Plausible:
         self._torques.append((since, min(least, torque), max(most, torque)))
 
     def measured(self, time: float, position: float, took: float = 0.0) -> str:
-        """What is wrong with a reading, in words; nothing if the arm may have moved so.
+        """What is wrong with a reading, in words; nothing if the arm may have moved so, or is not to be watched.
 
         Args:
             time: of the reading [s].
             position: that was read [rad].
             took: how long reading took, somewhere within which it was read [s].
         """
+        if not self._watches:
+            return ""
         if not self._times:
             self._start = position
-            doubt = 2 * self._step
             self._times.append(time)
-            self._marks.append(Mark(position, doubt, *[0.0] * 7))
+            self._marks.append(Mark(position, 2 * self._step, *[0.0] * 7))
             return ""
         passed = time - self._times[-1]
         if passed <= 0:
             return ""
         self._extend(time, position, passed, took)
-        found = ""
-        for span in SPANS:
-            if found := self._impossible(span):
-                break
+        found = next(filter(None, map(self._impossible, self.spans)), "")
         self._wrong = self._wrong + 1 if found else 0
-        if len(self._times) > 2 * BATCH and self._times[BATCH] < time - KEPT:
-            del self._times[:BATCH], self._marks[:BATCH]
-        return found if self._wrong >= SURE else ""
+        if len(self._times) > 2 * self.batch and self._times[self.batch] < time - self.kept:
+            del self._times[: self.batch], self._marks[: self.batch]
+        return found if self._wrong >= self.in_a_row else ""
 
     def _extend(self, time: float, position: float, passed: float, took: float) -> None:
         """Integrate up to a reading."""
         last = self._marks[-1]
-        moved = position - last.position
-        speed = moved / passed
-        sure = abs(speed) > SLOW + 2 * self._step / passed
-        direction = int(math.copysign(1, moved)) if sure else 0
+        moved, middle = position - last.position, 0.5 * (position + last.position)
+        speed = abs(moved) / passed
+        direction = int(math.copysign(1, moved)) if speed > self.slow + 2 * self._step / passed else 0
         same, self._direction = direction == self._direction, direction
         least, most = self._acting(self._times[-1])
         rates = (
-            least - GAIN * abs(least),
-            most + GAIN * abs(most),
-            math.sin(0.5 * (position + last.position)),
+            least - self.gain * abs(least),
+            most + self.gain * abs(most),
+            math.sin(middle),
             float(same and direction > 0),
             float(same and direction < 0),
             float(not (same and direction)),
         )
         sums = (last.least, last.most, last.gravity, last.forward, last.backward, last.held)
-        doubled = [
+        least, most, gravity, forward, backward, held = (
             double + passed * (slope + 0.5 * passed * rate)
             for double, slope, rate in zip(sums, self._slopes, rates, strict=True)
-        ]
+        )
         self._slopes = [slope + passed * rate for slope, rate in zip(self._slopes, rates, strict=True)]
-        angle = last.angle + passed * (0.5 * (position + last.position) - self._start)
-        doubt = 2 * self._step + abs(speed) * (self._noise + 0.5 * took)
+        angle = last.angle + passed * (middle - self._start)
+        doubt = 2 * self._step + speed * (self._noise + 0.5 * took)
         self._times.append(time)
-        least, most, gravity, forward, backward, held = doubled
         self._marks.append(Mark(position, doubt, least, most, gravity, angle, forward, backward, held))
 
     def _acting(self, since: float) -> tuple[float, float]:
@@ -142,6 +138,7 @@ class Plausible:
         return min(least for _, least, _ in torques), max(most for _, _, most in torques)
 
     def _impossible(self, span: float) -> str:
+        """What no arm can have done over two spans [s] up to now, in words."""
         times, marks = self._times, self._marks
         end = times[-1]
         middle = bisect_right(times, end - span) - 1
@@ -157,17 +154,13 @@ class Plausible:
             for first, second, third in zip(marks[begin], marks[middle], marks[-1], strict=True)
         )  # change of velocity [rad/s], impulses [N m s], and per unit of a parameter [s]
         doubt = marks[-1].doubt * after + marks[middle].doubt * both + marks[begin].doubt * before
-        gravity, viscous = _range(self._gravity, of_gravity), _range(self._viscous, of_speed)
-        held = self._coulomb[1] * unsure
-        dry = (
-            self._coulomb[0] * forward - self._coulomb[1] * backward - held,
-            self._coulomb[1] * forward - self._coulomb[0] * backward + held,
-        )
-        slack = self._slack * 0.5 * (end - times[begin])
-        low = least - gravity[1] - viscous[1] - dry[1] - slack  # [N m s]
-        high = most - gravity[0] - viscous[0] - dry[0] + slack
-        slowest, fastest = change - doubt, change + doubt
+        gravity, viscous = _scaled(self._gravity, of_gravity), _scaled(self._viscous, of_speed)
+        weak, strong = self._coulomb
+        slack = self._slack * 0.5 * (end - times[begin]) + strong * unsure
+        low = least - gravity[1] - viscous[1] - (strong * forward - weak * backward) - slack  # [N m s]
+        high = most - gravity[0] - viscous[0] - (weak * forward - strong * backward) + slack
         light, heavy = self._inertia
+        fastest, slowest = change + doubt, change - doubt
         if low <= max(fastest * light, fastest * heavy) and min(slowest * light, slowest * heavy) <= high:
             return ""
         return f"its speed changed by {change:.2g} rad/s within {1e3 / after:.0f} ms"
@@ -177,7 +170,7 @@ def _around(value: float, less: float, more: float) -> tuple[float, float]:
     return value / (1.0 + less), value * (1.0 + more)
 
 
-def _range(known: tuple[float, float], factor: float) -> tuple[float, float]:
-    """Of a parameter within a range, times a factor of any sign."""
+def _scaled(known: tuple[float, float], factor: float) -> tuple[float, float]:
+    """The range of a parameter within a range, times a factor of any sign."""
     one, other = known[0] * factor, known[1] * factor
     return (one, other) if factor >= 0 else (other, one)

@@ -8,14 +8,11 @@ import time
 import weakref
 from collections.abc import Callable
 
-from pendulum_env.backends.hardware.adapters import make_drive
 from pendulum_env.backends.hardware.config import RigConfig, load
-from pendulum_env.backends.hardware.drive import Drive, DriveError
+from pendulum_env.backends.hardware.drive import Drive, DriveError, make_drive
 from pendulum_env.backends.hardware.guard import Fault, Guard
-from pendulum_env.backends.hardware.owner import Ownership
-from pendulum_env.backends.hardware.priority import ordinary, realtime
-from pendulum_env.backends.hardware.signals import Signals
-from pendulum_env.backends.hardware.ticks import Ticks
+from pendulum_env.backends.hardware.measuring import Ticks
+from pendulum_env.backends.hardware.process import Ownership, Signals, ordinary, realtime
 from pendulum_env.backends.port import Sample, Setup, Start, Status, Timing, Traits
 
 RESTING = 0.01  # [s] between looks at an arm that comes to rest
@@ -32,7 +29,6 @@ class Rig:
     """
 
     def __init__(self, config: RigConfig, make: Callable[[RigConfig], Drive] = make_drive) -> None:
-        """Take the configuration; nothing is connected yet."""
         self.config = config
         self.guard = Guard(make(config), config)
         self._owner = Ownership(config.link.device)
@@ -137,22 +133,19 @@ class Rig:
             Fault: if one is kept, or the drive does not answer.
             DriveError: if it takes too long.
         """
-        rest = self.config.rest
-        with self._signals:
-            now, anchor = self.guard.read()
-        since, until = now, time.monotonic() + rest.timeout
-        while now - since < rest.seconds:
-            time.sleep(RESTING)
+        rest, anchor, since = self.config.rest, math.inf, 0.0
+        until = time.monotonic() + rest.timeout
+        while time.monotonic() < until:
             with self._signals:
                 now, position = self.guard.read()
             if abs(position - anchor) > rest.velocity * rest.seconds:
                 anchor, since = position, now
-            if time.monotonic() > until:
-                raise DriveError(
-                    f"the arm does not come to rest within {rest.timeout:g} s (rest.timeout): hold it, and look for "
-                    "what moves it"
-                )
-        return anchor
+            if now - since >= rest.seconds:
+                return anchor
+            time.sleep(RESTING)
+        raise DriveError(
+            f"the arm does not come to rest within {rest.timeout:g} s (rest.timeout): hold it, look for what moves it"
+        )
 
 
 def _let_go(guard: Guard, owner: Ownership, signals: Signals) -> None:

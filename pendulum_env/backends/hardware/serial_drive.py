@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, suppress
+from contextlib import contextmanager, suppress
 
 import serial
 
 from pendulum_env.backends.hardware import frames
-from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
 from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, said
+from pendulum_env.backends.hardware.measuring import DriveClock
 
 REFUSED = 5  # torques in a row that are not set: more than damaged frames
 TRIES = 4  # requests in the time allowed for a reply, or between two commands: a damaged frame alone ends no run
@@ -93,8 +93,8 @@ class SerialDrive:
 
     def _ask(self, kind: int, *values: int, patience: float | None = None) -> tuple[frames.State, float, float]:
         """Send a request until it is answered: the answer, when it was asked for, and when it came [s]."""
-        each = (min(self._reply, self._gap) if patience is None else patience) / TRIES
-        patience = self._reply if patience is None else patience
+        each = (patience or min(self._reply, self._gap)) / TRIES
+        patience = patience or self._reply
         until = time.monotonic() + patience
         asked: dict[int, float] = {}  # when, by the number of the request: an answer may come after the next one
         while (now := time.monotonic()) < until:
@@ -108,29 +108,27 @@ class SerialDrive:
 
     def _send(self, kind: int, *values: int) -> int:
         self._sequence = (self._sequence + 1) % 256
-        with self._lost:
-            self._opened.write(frames.pack(kind, self._sequence, *values))
+        with self._opened() as port:
+            port.write(frames.pack(kind, self._sequence, *values))
         return self._sequence
 
     def _answers(self, until: float) -> Iterator[frames.State]:
         """States that arrive until a time [s]."""
         while time.monotonic() < until:
-            with self._lost:
-                data = self._opened.read(1)
-                data += self._opened.read(self._opened.in_waiting) if data else b""
+            with self._opened() as port:
+                data = port.read(1)
+                data += port.read(port.in_waiting) if data else b""
             for kind, *values in self._splitter.feed(data):
                 if kind == frames.STATE:
                     yield frames.State(*values)
 
-    @property
-    def _opened(self) -> serial.Serial:
+    @contextmanager
+    def _opened(self) -> Iterator[serial.Serial]:
+        """The port, as long as it is there."""
         if self._port is None:
             raise DriveError("the serial port is not open")
-        return self._port
-
-    @property
-    def _lost(self) -> AbstractContextManager[None]:
-        return said(f"serial port {self._link.port} was lost", "check its plug")
+        with said(f"serial port {self._link.port} was lost", "check its plug"):
+            yield self._port
 
 
 def _fault(state: frames.State) -> str | None:

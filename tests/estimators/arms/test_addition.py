@@ -1,31 +1,19 @@
 """An effect added at a joint, in data from SciPy's integration of the textbook's arm with air drag at the elbow."""
 
-from dataclasses import dataclass
-
-import numpy as np
 import pytest
 
-from benchmarks.two_link import Multisine, TwoLink
+from benchmarks.two_link import TwoLink
 from estimators.arms.addition import add_arm
 from estimators.arms.identification import ARM_SCHEMES, identify_arm
-from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import ModelError
+from tests.two_link import Hidden, recorded
 
 DRAG = 0.06  # [N m s^2/rad^2]
 
 
-@dataclass(frozen=True)
-class Dragged(TwoLink):
-    def bias(self, q, v):
-        return super().bias(q, v) + np.array([0.0, DRAG * v[1] * abs(v[1])])
-
-
 @pytest.fixture(scope="module")
-def recording(body):
-    time, signal = np.arange(0, 10, 1e-3), Multisine.paper(0, (3.5, 2.2))
-    position, _ = Dragged().simulate(signal, time)
-    torque = signal.held(time, 1e-3) + 0.02 * np.random.default_rng(0).normal(size=position.shape)
-    return ArmRecording.of("dragged", body.joints, time, position, torque)
+def recording():
+    return recorded(Hidden(drag=(0.0, DRAG)))
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +24,7 @@ def lacking(body, recording):
 def test_the_hidden_effect_lowers_both_errors_and_its_size_is_found(recording, lacking):
     added = add_arm(lacking, "quadratic_drag@elbow", recording)
     for part in ("train", "holdout"):
-        before, after = (getattr(side, part)[1].torque_rms for side in (added.before, added.after))
+        before, after = (step.errors[part][1].torque_rms for step in (added.before, added.after))
         assert after < 0.5 * before
     estimates = added.after.model.estimates
     assert estimates["quadratic_drag@elbow"].value == pytest.approx(DRAG, rel=0.03)

@@ -1,12 +1,9 @@
 """An arm is diagnosed while it runs: an effect is named with its joint. Its motion is that of SciPy's integrator."""
 
-from dataclasses import dataclass
-
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from benchmarks.two_link import Multisine, TwoLink
 from estimators.arms.online import ArmBinner
 from estimators.online import Diagnoser
 from estimators.signals.measurements import Smoothing
@@ -14,45 +11,30 @@ from estimators.wrappers import DiagnoseOnline
 from pendulum_env.arms.joints import Links, at_joint, friction
 from pendulum_env.physics import effects
 from pendulum_env.registration import ARM
+from tests.two_link import Hidden, recorded
 
 RATE, COUNTS = 500.0, 65_536
-
-
-@dataclass(frozen=True)
-class Hidden(TwoLink):
-    """With a torque at one joint."""
-
-    joint: int = 0
-    drag: float = 0.0
-    cogging: float = 0.0
-
-    def bias(self, q, v):
-        own = np.zeros(2)
-        own[self.joint] = self.drag * abs(v[self.joint]) * v[self.joint] + self.cogging * np.sin(12 * q[self.joint])
-        return super().bias(q, v) + own
 
 
 @pytest.mark.parametrize(
     ("plant", "group"),
     [
-        (TwoLink(), ()),
-        (Hidden(joint=1, drag=0.05), ("quadratic_drag@elbow",)),
-        (Hidden(joint=0, cogging=0.4), ("cogging@shoulder",)),
+        (Hidden(), ()),
+        (Hidden(drag=(0.0, 0.05)), ("quadratic_drag@elbow",)),
+        (Hidden(cogging=(0.4, 0.0)), ("cogging@shoulder",)),
     ],
     ids=["none", "drag", "cogging"],
 )
 def test_what_is_missing_is_told_with_its_joint(body, plant, group):
-    time, signal = np.arange(0.0, 9.0, 1 / RATE), Multisine.paper(0, (5.0, 2.5))
-    position, _ = plant.simulate(signal, time)
-    torque = signal.held(time - 1 / RATE, 1 / RATE) + 0.02 * np.random.default_rng(0).normal(size=position.shape)
-    step = 2 * np.pi / COUNTS
+    run = recorded(plant, seconds=9.0, rate=RATE, scale=(5.0, 2.5), counts=COUNTS)
+    torque = np.vstack([run.torque[:1], run.torque[:-1]])  # over the period that ends with the sample
     links = Links(body)
     binner = ArmBinner((links,), Smoothing.of_encoder(COUNTS, RATE), RATE)
     names = ("quadratic_drag", "cogging", "stribeck", "torque_offset")
     library = {f"{id}@{joint}": at_joint(effects()[id], joint) for id in names for joint in body.joints}
     diagnoser = Diagnoser(RATE, (links, *friction(body)), library=library, binner=binner)
-    for k, t in enumerate(time):
-        (said,) = diagnoser.take(np.array([t]), step * np.round(position[k : k + 1] / step), torque[k : k + 1])
+    for t, q, u in zip(run.time, run.position, torque, strict=True):
+        (said,) = diagnoser.take(np.array([t]), q[None], u[None])
     assert said.group == group and said.kind == ("missing" if group else "nothing")
     if group == ("quadratic_drag@elbow",):
         (found,) = (one for one in said.ranking if one.effect in group)

@@ -9,7 +9,6 @@ from scipy.signal import butter, lfilter
 
 from benchmarks import six_joint
 from benchmarks.six_joint import Hidden
-from benchmarks.two_link import Multisine, TwoLink
 from estimators.arms.addition import add_arm
 from estimators.arms.diagnosis import diagnose_arm, gather_arm
 from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
@@ -23,6 +22,7 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import Stribeck, TemperatureDependentFriction
 from pendulum_env.physics.potential import Cogging, Spring
+from tests.two_link import recorded
 
 SOME = {"stribeck": Stribeck, "cogging": Cogging}
 
@@ -35,6 +35,10 @@ def six():
 @pytest.fixture(scope="module")
 def plain():
     return six_joint.simulate(1, seconds=12.0)
+
+
+def error_at(joint, step):
+    return step.errors["holdout"][joint].torque_rms
 
 
 @pytest.mark.slow
@@ -62,7 +66,7 @@ def test_what_is_left_of_a_whole_model_is_noise_of_the_size_that_the_sensors_hav
 def test_nothing_is_named_where_nothing_is_hidden(six, plain):
     found = diagnose_arm(plain, six, library=SOME)
     assert found.selected == ()
-    assert found.before == found.after
+    assert found.before.errors == found.after.errors
 
 
 def test_an_effect_is_named_at_its_joint_and_the_error_falls(six):
@@ -72,7 +76,7 @@ def test_an_effect_is_named_at_its_joint_and_the_error_falls(six):
     size = np.hypot(estimates["cogging.sin@elbow"].value, estimates["cogging.cos@elbow"].value)
     assert estimates["cogging.order@elbow"].value == 14
     assert size == pytest.approx(0.35 * six_joint.COULOMB[2], rel=0.05)
-    assert found.after[2].torque_rms < 0.5 * found.before[2].torque_rms
+    assert error_at(2, found.after) < 0.5 * error_at(2, found.before)
     assert found.candidates[0].verdict is Verdict.SELECTED and found.candidates[0].score > 0.9
 
 
@@ -94,14 +98,10 @@ def test_friction_by_temperature_is_named_where_it_is_measured_and_told_per_kelv
 
 
 def test_noise_of_an_encoder_that_is_not_white_is_said_to_make_joints_light(body):
-    time = np.arange(0, 10, 2e-3)
-    torque = Multisine.paper(0, (5.0, 2.5))
-    position, _ = TwoLink().simulate(torque, time)
-    wander = lfilter(*butter(4, 15.0, fs=500.0), np.random.default_rng(0).normal(size=position.shape), axis=0)
-    noisy = position + 4e-3 * wander / wander.std()
-    held = torque.held(time, 2e-3)
-    recordings = [ArmRecording.of("run", body.joints, time, q, held) for q in (position, noisy)]
-    plain, found = (diagnose_arm(recording, body, library={"stribeck": Stribeck}) for recording in recordings)
+    run = recorded(rate=500.0, scale=(5.0, 2.5), noise=0.0)
+    wander = lfilter(*butter(4, 15.0, fs=500.0), np.random.default_rng(0).normal(size=run.position.shape), axis=0)
+    noisy = replace(run, position=run.position + 4e-3 * wander / wander.std())
+    plain, found = (diagnose_arm(recording, body, library={"stribeck": Stribeck}) for recording in (run, noisy))
     assert plain.remarks == ()
     assert found.selected == () and found.headline.startswith("Something is missing at")
     assert found.heavier["elbow"] > 1.2
@@ -116,8 +116,8 @@ def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(six, tmp_pa
     assert found.regions["elbow"].axis == "position"
     added = add_arm(found.model, "torque_by_angle@elbow", recording)
     assert added.objection is None and added.looks_like is not None
-    before, after = (side.holdout[2].torque_rms for side in (added.before, added.after))
-    assert after < 0.5 * before
+    after = error_at(2, added.after)
+    assert after < 0.5 * error_at(2, added.before)
     assert after < 1.3 * compare_arm(found.model, six_joint.simulate(1, seconds=5.0))[2].torque_rms
     path = tmp_path / "model.json"
     added.after.model.save(path)
@@ -138,17 +138,9 @@ def test_where_no_weight_acts_a_table_may_be_a_line(six):
     assert slope == pytest.approx(0.6 * six_joint.COULOMB[0], rel=0.03)
 
 
-def offset_run(body, offset, amplitudes=(3.5, 2.2)):
-    time = np.arange(0, 10, 1e-3)
-    signal = Multisine.paper(0, amplitudes)
-    position, _ = TwoLink().simulate(signal, time)
-    torque = signal.held(time, 1e-3) + 0.02 * np.random.default_rng(0).normal(size=position.shape)
-    return ArmRecording.of("two", body.joints, time, position, torque + np.array(offset))
-
-
 @pytest.mark.slow
 def test_of_equal_laws_the_simplest_is_named_and_the_others_told(body):
-    found = diagnose_arm(offset_run(body, (0.0, 0.3)), body)
+    found = diagnose_arm(recorded(offset=(0.0, 0.3)), body)
     assert found.selected == ("torque_offset@elbow",)
     told = {candidate.effect: candidate.verdict for candidate in found.candidates}
     assert told["coulomb_asymmetry@elbow"] is Verdict.AMBIGUOUS
@@ -162,23 +154,26 @@ def test_of_equal_laws_the_simplest_is_named_and_the_others_told(body):
 
 
 def test_effects_at_two_joints_are_named_and_every_effect_is_told_once(body):
-    found = diagnose_arm(offset_run(body, (0.4, 0.3)), body, library={"torque_offset": TorqueOffset, "spring": Spring})
+    run = recorded(offset=(0.4, 0.3))
+    found = diagnose_arm(run, body, library={"torque_offset": TorqueOffset, "spring": Spring})
     assert set(found.selected) == {"torque_offset@shoulder", "torque_offset@elbow"}
     told = [candidate.effect for candidate in found.candidates]
     assert len(told) == len(set(told)) and set(told[:2]) == set(found.selected)
     for candidate in found.candidates[:2]:  # judged in the final model, as by its score: without this one alone
         others = tuple(own for own in found.model.terms if own.id != candidate.effect)
-        added = add_arm(ArmModel(others), candidate.effect, offset_run(body, (0.4, 0.3)))
-        old, new = (part.holdout[added.joint] for part in (added.before, added.after))
+        added = add_arm(ArmModel(others), candidate.effect, run)
+        joint = body.joints.index(candidate.effect.partition("@")[2])
+        old, new = (step.errors["holdout"][joint] for step in (added.before, added.after))
         assert candidate.error_ratio == pytest.approx(new.torque_rms / old.torque_rms, rel=0.5)  # other windows
         assert candidate.reason == f"lowers the held-out torque error of {new.joint} to {candidate.error_ratio:.1%}"
 
 
 def test_shape_parameters_have_standard_errors_that_cover_the_truth_and_are_kept(body, tmp_path):
-    velocity = np.gradient(offset_run(body, (0.0, 0.0)).position[:, 1], 1e-3)
+    run = recorded()
+    velocity = np.gradient(run.position[:, 1], 1e-3)
     rubbing = 0.4 * np.exp(-((velocity / 0.5) ** 2)) * np.sign(velocity)
-    logged = offset_run(body, np.column_stack([np.zeros_like(rubbing), rubbing]))
-    found = diagnose_arm(logged, body, library={"stribeck": Stribeck})
+    logged = run.torque + np.column_stack([np.zeros_like(rubbing), rubbing])
+    found = diagnose_arm(replace(run, torque=logged), body, library={"stribeck": Stribeck})
     assert found.selected == ("stribeck@elbow",)
     speed = found.model.estimates["stribeck.stribeck_velocity@elbow"]
     assert 0.0 < speed.std < 0.1 * speed.value and abs(speed.value - 0.5) < 4 * speed.std
@@ -188,12 +183,12 @@ def test_shape_parameters_have_standard_errors_that_cover_the_truth_and_are_kept
 
 @pytest.mark.parametrize("offset", [0.0, 0.3])
 def test_a_joint_without_a_motor_hides_nothing_of_others(body, offset):
-    driven = offset_run(body, (offset, 0.0), (3.5, 0.0))
-    torque = np.column_stack([driven.torque[:, 0], np.zeros(len(driven))])
-    let_go = ArmRecording.of("let go", body.joints, driven.time, driven.position, torque)
+    driven = recorded(scale=(3.5, 0.0), offset=(offset, 0.0))
+    let_go = replace(driven, torque=driven.torque * [1.0, 0.0])
     found = diagnose_arm(let_go, body, library={"torque_offset": TorqueOffset, "spring": Spring})
     assert found.selected == (("torque_offset@shoulder",) if offset else ()) and found.unexplained == {}
-    assert found.after[0].share < 0.01 and found.after[1].share is None
+    driven, let_go = found.after.errors["holdout"]
+    assert driven.share < 0.01 and let_go.share is None
 
 
 def test_a_joint_that_hardly_moves_is_told(body):

@@ -1,11 +1,12 @@
 """Windowed equations of an arm: what each joint's rows say, and that laws of one joint's torque stay at that joint."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from benchmarks.two_link import Multisine, TwoLink
+from benchmarks.two_link import Multisine
 from estimators.arms.diagnosis import diagnose_arm, gather_arm, models_of_arm
 from estimators.arms.identification import identify_arm
 from estimators.progress import no_progress
@@ -16,22 +17,16 @@ from estimators.selection.models import Models
 from estimators.selection.search import select
 from pendulum_env.arms.joints import Links, at_joint, coupling, couplings, friction, placed
 from pendulum_env.arms.model import ArmModel
-from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Viscous, effect
 from pendulum_env.physics.term import loads
+from tests.two_link import recorded
 
 TIME = np.arange(0, 8, 1e-3)
-SIGNAL = Multisine.paper(0, (3.5, 2.2))
 
 
 @pytest.fixture(scope="module")
-def motion():
-    return TwoLink().simulate(SIGNAL, TIME)[0], SIGNAL.held(TIME, 1e-3)
-
-
-def recorded(body, position, torque, noise=0.02):
-    torque = torque + noise * np.random.default_rng(0).normal(size=position.shape)
-    return ArmRecording.of("run", body.joints, TIME, position, torque)
+def run():
+    return recorded(seconds=8.0)
 
 
 @pytest.fixture(scope="module")
@@ -40,15 +35,13 @@ def base(body):
 
 
 @pytest.fixture(scope="module")
-def evidence(body, motion, base):
-    return gather_arm([recorded(body, *motion)], base)
+def evidence(run, base):
+    return gather_arm([run], base)
 
 
 @pytest.mark.parametrize("counts", [4096, 65_536])
-def test_a_whole_model_leaves_what_the_sensors_of_all_joints_give(body, motion, base, counts):
-    position, torque = motion
-    step = 2 * np.pi / counts
-    coarse = gather_arm([recorded(body, np.round(position / step) * step, torque, 1e-3)], base)
+def test_a_whole_model_leaves_what_the_sensors_of_all_joints_give(body, base, counts):
+    coarse = gather_arm([recorded(seconds=8.0, noise=1e-3, counts=counts)], base)
     felt, residual = inertias(coarse.screen, base), coarse.screen.residual(base)
     for joint in body.joints:
         part = coarse.data.part(joint)
@@ -59,8 +52,7 @@ def test_a_whole_model_leaves_what_the_sensors_of_all_joints_give(body, motion, 
 LAWS = ("load_dependent_friction", "torque_saturation", "actuator_lag", "torque_ripple")
 
 
-@pytest.mark.parametrize("joint", [0, 1])
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("joint", "law"), [(k % 2, law) for k, law in enumerate(LAWS)])
 @pytest.mark.parametrize("other", [None, "load_dependent_friction", "torque_saturation"])
 def test_what_other_joints_share_may_be_condensed_wherever_a_law_acts(body, evidence, base, joint, law, other):
     at, elsewhere = body.joints[joint], body.joints[1 - joint]
@@ -74,12 +66,11 @@ def test_what_other_joints_share_may_be_condensed_wherever_a_law_acts(body, evid
     assert small.least_squared() == pytest.approx(whole.least_squared(), rel=1e-5)
 
 
-def test_a_lag_that_only_makes_torque_smaller_gains_nothing_beside_a_true_one(body, motion, base):
-    position, torque = motion
-    logged = torque.copy()
-    logged[:, 1] += 0.02 * np.gradient(torque[:, 1], 1e-3)  # the elbow's drive follows with a lag of 20 ms
-    logged[:, 0] += np.sin(2 * np.pi * 15.0 * TIME)  # and something hums in the shoulder's channel
-    evidence = gather_arm([recorded(body, position, logged)], base)
+def test_a_lag_that_only_makes_torque_smaller_gains_nothing_beside_a_true_one(run, base):
+    elbow = Multisine.paper(0, (3.5, 2.2)).held(TIME, 1e-3)[:, 1]
+    lags = 0.02 * np.gradient(elbow, 1e-3)  # the elbow's drive follows with a lag of 20 ms
+    hums = np.sin(2 * np.pi * 15.0 * TIME)  # and something hums in the shoulder's channel
+    evidence = gather_arm([replace(run, torque=run.torque + np.column_stack([hums, lags]))], base)
     models = Models(evidence, evidence, base=base, tables=())
     lag = effect("actuator_lag")
     true = (*base, at_joint(lag, "elbow")(0.02))
@@ -88,18 +79,17 @@ def test_a_lag_that_only_makes_torque_smaller_gains_nothing_beside_a_true_one(bo
     assert models.gain(both, true).chance > Criterion().chance
 
 
-def test_terms_are_at_a_joint_of_the_arm_and_at_one(body, motion):
+def test_terms_are_at_a_joint_of_the_arm_and_at_one(body, run):
     for terms in ([Viscous()], [placed(Viscous(), "wrist")]):
         with pytest.raises(ValueError, match="is at none of the joints shoulder, elbow"):
-            identify_arm(recorded(body, *motion), body, terms)
+            identify_arm(run, body, terms)
     with pytest.raises(ValueError, match="stribeck@elbow is at a joint already"):
         at_joint(at_joint(effect("stribeck"), "elbow"), "shoulder")
 
 
-def test_a_model_that_lacks_something_says_so_of_its_values_and_in_its_file(body, motion, tmp_path):
-    position, torque = motion
-    kicked = torque + 0.5 * np.sign(np.sin(40 * TIME + 3 * np.sin(TIME)))[:, None]  # no effect of the library
-    found = diagnose_arm(recorded(body, position, kicked), body, library={"spring": effect("spring")})
+def test_a_model_that_lacks_something_says_so_of_its_values_and_in_its_file(body, run, tmp_path):
+    kicked = run.torque + 0.5 * np.sign(np.sin(40 * TIME + 3 * np.sin(TIME)))[:, None]  # no effect of the library
+    found = diagnose_arm(replace(run, torque=kicked), body, library={"spring": effect("spring")})
     assert found.unexplained and found.headline.startswith("Something is missing at")
     found.model.save(tmp_path / "arm.json")
     for model in (found.model, ArmModel.load(tmp_path / "arm.json", body)):
@@ -114,15 +104,15 @@ def test_terms_at_joints_are_sent_to_other_processes_whole():
 
 
 @pytest.mark.parametrize(("at", "is_heavy"), [("shoulder,-elbow", True), ("shoulder,elbow", False)])
-def test_a_motor_that_turns_with_two_joints_loads_both(body, motion, tmp_path, at, is_heavy):
-    position, torque = motion
+def test_a_motor_that_turns_with_two_joints_loads_both(body, tmp_path, at, is_heavy):
+    run = recorded(seconds=8.0, noise=1e-3)
     kind = coupling(at, body)
     assert kind.is_heavy == is_heavy  # parallel axes: the elbow's link turns with their sum as well
     factors = list(loads(at).values())
-    turned = position @ factors
+    turned = run.position @ factors
     speed = np.gradient(turned, TIME, edge_order=2)
     needed = 0.2 * speed + 0.3 * np.sign(speed) + 0.01 * is_heavy * np.gradient(speed, TIME, edge_order=2)
-    recording = recorded(body, position, torque + needed[:, None] * factors, 0.001)
+    recording = replace(run, torque=run.torque + needed[:, None] * factors)
     model = identify_arm(recording, body, (*friction(body), kind()))["filtered_dynamic"].model
     expected = {"inertia": 0.01, "viscous": 0.2, "coulomb": 0.3}
     found = {

@@ -18,25 +18,16 @@ from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE, Model, ModelError
 from pendulum_env.recording import Recording
+from tests.two_link import recorded
 
 ARM = TwoLink()
 RATE = 1000.0
-ENCODER = 2 * np.pi / 1_024_000  # the paper's
-
-
-def run(seed, seconds=10.0, noise=0.02):
-    time = np.arange(0, seconds, 1 / RATE)
-    torque = Multisine.paper(seed, (5.0, 2.5))
-    position, _ = ARM.simulate(torque, time)
-    position = np.round(position / ENCODER) * ENCODER
-    measured = torque.held(time, 1 / RATE)
-    measured += noise * np.random.default_rng(seed).normal(size=measured.shape)
-    return ArmRecording.of(f"run {seed}", ("shoulder", "elbow"), time, position, measured)
+LIVELY = {"scale": (5.0, 2.5), "counts": 1_024_000}  # the paper's encoder
 
 
 @pytest.fixture(scope="module")
 def recording():
-    return run(0)
+    return recorded(**LIVELY)
 
 
 @pytest.fixture(scope="module")
@@ -113,10 +104,11 @@ def test_a_joint_that_sticks_is_left_out_of_its_own_row_alone(body, truth):
 
 def test_torque_of_another_run_is_predicted(found, body, tmp_path):
     model = found["filtered_dynamic"].model
-    errors = compare_arm(model, run(7, 5.0))
+    other = recorded(seed=7, seconds=5.0, **LIVELY)
+    errors = compare_arm(model, other)
     assert all(error.share < 0.02 for error in errors)
     wrong = ArmModel.build(model.terms, model.theta * np.where(np.arange(len(model.theta)) == 2, 1.2, 1.0))
-    assert compare_arm(wrong, run(7, 5.0))[0].torque_rms > 3 * errors[0].torque_rms
+    assert compare_arm(wrong, other)[0].torque_rms > 3 * errors[0].torque_rms
     model.save(tmp_path / "arm.json")
     assert np.array_equal(ArmModel.load(tmp_path / "arm.json", body).theta, model.theta)
 

@@ -1,22 +1,19 @@
 import numpy as np
 import pytest
 
-from benchmarks.two_link import Multisine, TwoLink
+from benchmarks.two_link import TwoLink
 from estimators.arms.identification import ARM_SCHEMES, identify_arm
 from estimators.arms.online import ArmEstimator
 from estimators.schemes import six
 from estimators.schemes.six import Integral
-from pendulum_env.arms.recording import ArmRecording
+from tests.two_link import recorded
 
 ARM = TwoLink()
 
 
 @pytest.fixture(scope="module")
-def recording(body):
-    time, signal = np.arange(0, 5, 2e-3), Multisine.paper(0, (5.0, 2.5))
-    position, _ = ARM.simulate(signal, time)
-    torque = signal.held(time, 2e-3) + 0.01 * np.random.default_rng(0).normal(size=position.shape)
-    return ArmRecording.of("run", body.joints, time, position, torque)
+def recording():
+    return recorded(seconds=5.0, rate=500.0, scale=(5.0, 2.5), noise=0.01)
 
 
 @pytest.mark.parametrize("scheme", ARM_SCHEMES, ids=lambda scheme: scheme.id)

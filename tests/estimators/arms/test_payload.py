@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from benchmarks import six_joint
-from benchmarks.two_link import Multisine, TwoLink
+from benchmarks.two_link import TwoLink
 from estimators.arms.identification import ARM_SCHEMES, identify_arm
 from estimators.arms.payload import find_payload
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.recording import ArmRecording
-from tests.once import once
+from tests.two_link import recorded
 
 EMPTY = TwoLink()
 MASS, PLACE, INERTIA = 0.5, 0.3, 0.004  # [kg], [m] down the forearm, [kg m^2] about its centre
@@ -28,13 +28,8 @@ def carrying(arm):
     )  # fmt: skip
 
 
-@once("benchmarks")
-def run(seed, is_loaded, seconds=10.0):
-    arm, time = carrying(EMPTY) if is_loaded else EMPTY, np.arange(0, seconds, 1 / RATE)
-    torque = Multisine.paper(seed, (6.0, 3.5))
-    position, _ = arm.simulate(torque, time)
-    noise = 0.02 * np.random.default_rng(seed).normal(size=position.shape)
-    return ArmRecording.of(f"run {seed}", ("shoulder", "elbow"), time, position, torque.held(time, 1 / RATE) + noise)
+def run(seed, is_loaded):
+    return recorded(carrying(EMPTY) if is_loaded else EMPTY, seed, rate=RATE, scale=(6.0, 3.5))
 
 
 @pytest.fixture(scope="module")

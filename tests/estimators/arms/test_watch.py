@@ -1,6 +1,6 @@
 """An arm is watched as a pendulum is: what changed is told with its joint. Its motion is that of SciPy's integrator."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -15,16 +15,9 @@ from pendulum_env.arms.joints import Links, friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import BASE, Model
 from pendulum_env.registration import ARM, PENDULUM
+from tests.two_link import Hidden
 
 RATE, COUNTS, CHANGE = 500.0, 65_536, 7.0
-
-
-@dataclass(frozen=True)
-class Cogging(TwoLink):
-    """With a torque at the elbow that comes twelve times a turn."""
-
-    def bias(self, q, v):
-        return super().bias(q, v) + np.array([0.0, 0.3 * np.sin(12 * q[1])])
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +55,7 @@ def test_friction_that_changes_at_a_joint_is_a_value_of_that_joint(body, before)
 
 
 def test_what_no_value_explains_is_structure_at_its_joint(body, before):
-    said = watched(body, before, Cogging())
+    said = watched(body, before, Hidden(cogging=(0.0, 0.3)))
     assert said.kind == "structure"
     assert all(place.endswith("@elbow") for place in said.where) and said.where
 

@@ -8,8 +8,6 @@ from estimators.arms import identify_arm
 from estimators.wrappers import DiagnoseOnline, EstimateArmParameters, EstimateParameters, WatchModel
 from pendulum_env import ARM, PENDULUM
 from pendulum_env.arms import read_body
-from pendulum_env.arms.joints import Links, friction
-from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import TWO_LINK
 from pendulum_env.arms.recording import ArmRecording
 
@@ -70,14 +68,6 @@ def test_a_file_of_another_arm_is_refused(tmp_path):
     (tmp_path / "six.urdf").write_text(six_joint.urdf())
     with pytest.raises(ValueError, match=r"joints shoulder, elbow, and .*six\.urdf base, shoulder"):
         EstimateArmParameters(gym.make(ARM), robot=str(tmp_path / "six.urdf"))
-
-
-def test_a_pendulum_is_not_watched_by_the_model_of_an_arm(env, tmp_path):
-    (tmp_path / "arm.urdf").write_text(env.unwrapped.urdf)
-    body = read_body(tmp_path / "arm.urdf")
-    model = ArmModel.build((Links(body), *friction(body)), np.ones(10))
-    with pytest.raises(ValueError, match="of an arm"):
-        WatchModel(gym.make(PENDULUM), model)
 
 
 @pytest.mark.parametrize("wrapper", [EstimateArmParameters, WatchModel, DiagnoseOnline])

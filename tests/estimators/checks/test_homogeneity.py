@@ -158,8 +158,5 @@ def test_comparison_names_the_recordings_of_another_plant_than_the_models():
     assert {d.parameter for d in one.differences} == {"inertia", "gravity"}
     assert one.text.startswith("recording 2 (run 2) disagrees with the model: ")
     assert found.json()["disagreements"] == [one.json()]
-
-
-def test_a_model_that_lacks_an_effect_is_of_no_other_plant():
-    rubbing = recorded([RUBBING] * 3)
+    rubbing = recorded([RUBBING] * 3)  # what lacks an effect is of no other plant
     assert compare(identify(rubbing[0], schemes="energy")["energy"].model, rubbing).disagreements == ()

@@ -79,18 +79,6 @@ EXACT = {"excitation": "two_tone", "rate": 1000.0, "counts": None, "torque_noise
 THREE = (LOADS[0], LOADS[2], LOADS[4])
 
 
-@pytest.mark.slow
-def test_all_schemes_find_the_joint_without_its_known_loads():
-    runs = in_newton_metres(bench("none", THREE, **EXACT))
-    found = identify(runs)
-    for scheme in SCHEMES:
-        theta = found[scheme.id].model.theta
-        np.testing.assert_allclose(theta, list(UNLOADED.values()), rtol=3e-4, err_msg=scheme.id)
-    ignored = identify([replace(recording, load=None) for recording in runs])
-    assert all(result.model.theta[0] > 1.1 * UNLOADED["inertia"] for result in ignored.schemes.values())
-    assert found.torque_constant is None and found.torque_unit == "N m"
-
-
 def test_all_schemes_find_it_from_a_current_alike():
     found = identify(bench("none", THREE, **EXACT))
     assert found.torque_constant.value == pytest.approx(K, rel=1e-4)

@@ -1,5 +1,3 @@
-import os
-
 import numpy as np
 import pytest
 
@@ -85,7 +83,6 @@ def test_mjcf_gives_the_same_body(tmp_path, body, motion):
         (lambda text: text.replace('ixx="0.008"', 'ixx="0.8"'), "'elbow' has an inertia that no body has"),
         (lambda text: text.replace('<child link="upper"/>', '<child link="fore"/>'), "'fore' hangs on two joints"),
         (lambda text: text.replace('name="elbow"', 'name="el,bow"'), "joint 'el,bow': rename it"),
-        (lambda text: text.replace("</robot>", ""), "is no XML"),
         (lambda text: text.replace("robot", "car"), "holds <car>, neither"),
         (lambda text: text.replace('type="continuous"', 'type="fixed"'), "has no joint that moves"),
     ],
@@ -94,11 +91,6 @@ def test_a_robot_that_cannot_be_identified_is_refused_in_one_sentence(tmp_path, 
     with pytest.raises(BodyError, match=told) as error:
         read_body(written(tmp_path, change(ARM.urdf())))
     assert "\n" not in str(error.value)
-
-
-def test_a_missing_file_is_said(tmp_path):
-    with pytest.raises(BodyError, match=r"none\.urdf: cannot be read \(No such file or directory\): check the path"):
-        read_body(tmp_path / "none.urdf")
 
 
 def chain(count, place="0 0 -0.1"):
@@ -124,22 +116,13 @@ NESTED = "<mujoco>" + "<default>" * 50_000 + "</default>" * 50_000 + "</mujoco>"
         (chain(65), "has 65 joints that move, of which at most 64 can be identified"),
         (chain(2, "1e200 0 0"), r"behind joint 'joint0' holds a number beyond 1e\+09"),
         (chain(2).replace('"0 0.02 -0.3"', '"0 nan 0"'), "holds a number beyond|cannot read it"),
-        (chain(2).replace("continuous", "wrong"), "cannot read it"),
         (chain(2).replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>'), "has a joint without an axis"),
-        (" " * 5_000_001, "holds 5 MB, of which at most 5 MB are read"),
     ],
 )
 def test_a_robot_that_no_one_meant_is_refused_and_nothing_else_is_said(tmp_path, capfd, text, told):
     with pytest.raises(BodyError, match=f"arm.urdf: .*{told}"):
         read_body(written(tmp_path, text))
     assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of Unix")
-def test_a_robot_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "arm.urdf")
-    with pytest.raises(BodyError, match=r"arm\.urdf: cannot be read \(it is a device or a pipe\)"):
-        read_body(tmp_path / "arm.urdf")
 
 
 def test_a_long_chain_has_its_base_parameters(tmp_path):

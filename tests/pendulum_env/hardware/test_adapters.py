@@ -9,10 +9,9 @@ import pytest
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.serial import Firmware
 from pendulum_env.backends.hardware import frames
-from pendulum_env.backends.hardware.adapters import make_drive, need
-from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import load
-from pendulum_env.backends.hardware.drive import DriveError
+from pendulum_env.backends.hardware.drive import DriveError, make_drive, need
+from pendulum_env.backends.hardware.measuring import DriveClock
 from pendulum_env.plant import paper_plant
 from pendulum_env.registration import PENDULUM
 from tests.pendulum_env.rigs import PATIENT

@@ -111,12 +111,3 @@ def test_the_check_on_the_command_line(emulated, monkeypatch, capsys):
         assert "1 of 6: wiring" in out.out and said in out.err
     assert main(["hardware", "check", "nowhere.toml"]) == 2
     assert "nowhere.toml: cannot be read" in capsys.readouterr().err
-
-
-def test_somebody_who_is_not_ready_is_not_pushed(emulated):
-    rig = wired(emulated, "serial")
-    helper = Helper(rig)
-    helper.confirm = lambda text: False
-    with pytest.raises(CheckFailed, match="software is never the emergency stop"):
-        check(load(rig.config), helper)
-    assert not rig.events()

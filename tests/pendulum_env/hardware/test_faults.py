@@ -182,7 +182,7 @@ def test_a_drive_that_goes_wrong(scene, kind, mishap, said):
 def test_an_action_that_is_no_number(scene, kind):
     s = scene(kind, "nan")
     code, err = s.ended()
-    assert code == 1 and "the action is nan: a torque in N m is needed" in err
+    assert code == 1 and "the action is [nan], of shape (1,): it needs (1,), a torque in N m" in err
     s.safe()
 
 
@@ -196,7 +196,7 @@ def test_a_second_owner_is_refused_and_the_first_goes_on(scene, host, kind):
         raise TooSlow(s.fault(but=""))
     assert not drives
     code, _, err = second.finish()
-    assert code == 1 and f"is in use by process {s.host.process.pid}" in err
+    assert code == 1 and "is in use by another program" in err
     assert not s.host.says(0.3)  # no fault
     before = len(s.rig.events())
     time.sleep(0.2)

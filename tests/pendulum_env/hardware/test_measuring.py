@@ -7,11 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import EncoderSettings
 from pendulum_env.backends.hardware.drive import DriveError
-from pendulum_env.backends.hardware.encoder import Encoder, difference
-from pendulum_env.backends.hardware.ticks import Ticks
+from pendulum_env.backends.hardware.measuring import DriveClock, Encoder, Ticks, difference
 
 
 @given(st.integers(-(2**40), 2**40), st.integers(-(2**31), 2**31 - 1))

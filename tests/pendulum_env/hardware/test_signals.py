@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from pendulum_env.backends.hardware.signals import Signals
+from pendulum_env.backends.hardware.process import Signals
 from tests.patience import PATIENCE
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of Unix")

@@ -100,11 +100,7 @@ def test_columns_become_si(text: str, column: float, expected: float) -> None:
 @pytest.mark.parametrize(
     ("quantity", "text", "match"),
     [
-        (
-            "torque",
-            "current",
-            "torque cannot be column 'current' without a gain: write torque=current:A[*]0.1 with the",
-        ),
+        ("torque", "current", "torque cannot be column 'current' without a gain: write torque=current:A[*]0.1 with"),
         ("torque", "current:A", "cannot be column 'current' without a gain"),
         ("torque", "duty:duty", "cannot be column 'duty' without a gain"),
         ("torque", "iq_measured", "cannot be column 'iq_measured' without a gain"),
@@ -177,10 +173,6 @@ def test_expressions_are_told_and_applied(tmp_path) -> None:
 def test_names_of_known_programs(headers: str, found: str) -> None:
     columns = find_columns(headers.split(","))
     assert sorted(columns, key=lambda quantity: columns[quantity].index) == found.split()
-
-
-def test_turns_of_a_drive_are_converted() -> None:
-    assert find_columns(["t", "pos_estimate", "tau"])["position"].scale == pytest.approx(2 * math.pi)
 
 
 def test_one_of_several_joints_has_to_be_chosen() -> None:

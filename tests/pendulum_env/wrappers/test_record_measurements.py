@@ -1,7 +1,6 @@
 """What is measured is kept, whatever happens to the process."""
 
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -60,27 +59,6 @@ def test_each_episode_has_its_file_and_none_is_replaced(tmp_path):
     assert len(read_recording(tmp_path / "run.csv")) == 1100
 
 
-def test_a_file_that_could_not_be_opened_is_not_counted(tmp_path):
-    env = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv", overwrite=True)
-    (tmp_path / "run.csv").mkdir()
-    with pytest.raises(IsADirectoryError):
-        rollout(env, POLICY, 10)
-    (tmp_path / "run.csv").rmdir()
-    rollout(env, POLICY, 1200)
-    env.close()
-    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
-
-
-def test_a_copy_writes_a_file_of_its_own(tmp_path):
-    env = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv")
-    rollout(env, POLICY, 1200)
-    copy = pickle.loads(pickle.dumps(env))
-    for each in (env, copy):
-        rollout(each, POLICY, 1300)
-        each.close()
-    assert sorted(len(read_recording(path)) for path in tmp_path.iterdir()) == [1200, 1300, 1300]
-
-
 def test_killed_process_loses_at_most_the_last_second(tmp_path):
     path = tmp_path / "run.csv"
     code = f"""
@@ -101,15 +79,12 @@ def test_killed_process_loses_at_most_the_last_second(tmp_path):
     assert len(read_recording(path)) >= 4000
 
 
-@pytest.mark.parametrize("size", [10, 10_000, 50_000, 108_000])
+@pytest.mark.parametrize("size", [10, 50_000, 108_000])
 def test_a_disk_that_fills_up_is_told_and_rows_end_whole(tmp_path, size):
     """At the header, on the way, and in the rows that are written when it is closed."""
-    path = tmp_path / "run.csv"
-    whole = RecordMeasurements(gym.make(PENDULUM), tmp_path / "whole.csv")
-    rollout(whole, POLICY, 2400, seed=0)
-    whole.close()
-    everything = (tmp_path / "whole.csv").read_bytes()
-    assert len(everything) > size
+    path, whole = tmp_path / "run.csv", tmp_path / "whole.csv"
+    with RecordMeasurements(gym.make(PENDULUM), whole) as env:
+        rollout(env, POLICY, 2400, seed=0)
     env = RecordMeasurements(gym.make(PENDULUM), path)
     with full_after(size), pytest.raises(OSError, match=r"\d+ rows were written.* make room") as caught:
         try:
@@ -117,7 +92,7 @@ def test_a_disk_that_fills_up_is_told_and_rows_end_whole(tmp_path, size):
         finally:
             env.close()
     kept = path.read_bytes()
-    assert (everything.startswith(kept) and size - 100 < len(kept) <= size) or not kept
+    assert whole.read_bytes().startswith(kept) and (size - 100 < len(kept) <= size or not kept)
     assert not kept or kept.endswith(b"\n")  # no row is cut
     assert f"{max(0, len(kept.splitlines()) - 1)} rows were written" in str(caught.value)
     assert caught.value.filename == str(path)

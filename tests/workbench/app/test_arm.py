@@ -9,15 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.two_link import Multisine, TwoLink
+from benchmarks.two_link import TwoLink
 from pendulum_env.arms import at_joint, friction
 from pendulum_env.arms.joints import Links
 from pendulum_env.arms.model import ArmModel
-from pendulum_env.arms.recording import ArmRecording, write_arm_recording
+from pendulum_env.arms.recording import write_arm_recording
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.reading import Unreadable
 from tests import robots
 from tests.patience import PATIENCE
+from tests.two_link import recorded
 from tests.workbench.app.plants import files_of, upload, url
 from workbench.cli import main
 
@@ -39,11 +40,7 @@ TWO, OFFSET = TwoLink(), 0.3  # [N m], hidden in the elbow
 def two_link(folder: Path, seconds: float = 6.0) -> tuple[Path, Path]:
     """The file of an arm of two links, and a recording in which the elbow's torque is off."""
     (folder / "arm.urdf").write_text(TWO.urdf())
-    time, signal = np.arange(0, seconds, 2e-3), Multisine.paper(0, (3.5, 2.2))
-    position, _ = TWO.simulate(signal, time)
-    torque = signal.held(time, 2e-3) + 0.02 * np.random.default_rng(0).normal(size=position.shape)
-    recording = ArmRecording.of("run", ("shoulder", "elbow"), time, position, torque + np.array([0.0, OFFSET]))
-    write_arm_recording(recording, folder / "run.csv")
+    write_arm_recording(recorded(TWO, seconds=seconds, rate=500.0, offset=(0.0, OFFSET)), folder / "run.csv")
     return folder / "arm.urdf", folder / "run.csv"
 
 
@@ -77,7 +74,7 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     session.act(lambda: add.start(session, "torque_offset@elbow"))
     work(session)
     state = session.state
-    before, after = (rung.holdout[1].torque_rms for rung in state.rungs)
+    before, after = (rung.errors["holdout"][1].torque_rms for rung in state.rungs)
     assert state.added == ("torque_offset@elbow",) and not state.found and after < 0.2 * before
     for stage in arm.STAGES.values():
         assert stage(session, state)
@@ -209,38 +206,6 @@ def test_a_session_saved_before_robots_were_whole_opens(session, tmp_path):
         opened(tmp_path)
 
 
-def test_lines_to_copy_come_to_the_model_of_currents_and_loads(session, tmp_path, monkeypatch):
-    from workbench.app.stages import add
-
-    mass, far = 0.6, 0.3  # [kg] at [m] from the elbow
-    center = (TWO.mass[1] * TWO.center[1] + mass * far) / (TWO.mass[1] + mass)
-    turns = TWO.inertia[1] + TWO.mass[1] * (TWO.center[1] - center) ** 2 + mass * (far - center) ** 2
-    heavy = TwoLink((TWO.mass[0], TWO.mass[1] + mass), TWO.length, (TWO.center[0], center), (TWO.inertia[0], turns))
-    time, signal = np.arange(0, 6.0, 2e-3), Multisine.paper(0, (3.5, 2.2))
-    q, v = TWO.simulate(signal, time)
-    a = np.gradient(v, time, axis=0)
-    more = [
-        (heavy.mass_matrix(x) - TWO.mass_matrix(x)) @ z + heavy.bias(x, y) - TWO.bias(x, y)
-        for x, y, z in zip(q, v, a, strict=True)
-    ]
-    entries = []
-    for k, (is_loaded, role) in enumerate(((False, "fit"), (True, "fit"), (False, "holdout"))):
-        noise = 0.02 * np.random.default_rng(k).normal(size=q.shape)
-        torque = signal.held(time, 2e-3) + is_loaded * np.array(more) + noise
-        recording = ArmRecording.of("run", ("shoulder", "elbow"), time, q, torque / 0.4)
-        write_arm_recording(recording, tmp_path / f"run{k}.csv")
-        load = f"load = {{mass = {mass}, center = [0, 0, {-far}]}}\n" * is_loaded
-        entries.append(f'[[recording]]\nfile = "run{k}.csv"\nrole = "{role}"\n{load}')
-    columns = "".join(f'torque_{joint} = "torque_{joint}:A*?"\n' for joint in ("shoulder", "elbow"))
-    (tmp_path / "study.toml").write_text(f"[columns]\n{columns}{''.join(entries)}")
-    (tmp_path / "arm.urdf").write_text(TWO.urdf())
-    drop(session, *(tmp_path / name for name in ("arm.urdf", "run0.csv", "run1.csv", "run2.csv", "study.toml")))
-    assert session.notice == "" and not session.state.trouble
-    session.act(lambda: add.start(session, "torque_offset@elbow"))
-    work(session)
-    same_by_lines(session.state, tmp_path, monkeypatch)
-
-
 def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path, monkeypatch):
     from workbench.app.stages import diagnose
 
@@ -249,24 +214,16 @@ def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path, 
     drop(session, run)
     session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow", "torque_offset@shoulder")))
     work(session)
-    found = same_by_lines(session.state, tmp_path, monkeypatch)
-    assert {one.effect for one in found.candidates} == {one.effect for one in session.state.diagnosis.candidates}
-
-
-def same_by_lines(state, folder, monkeypatch):
-    """The diagnosis, if any, of lines that come to the model of a state."""
-    (folder / "study.toml").write_text(FILES["study"](state, "")[1])
-    monkeypatch.chdir(folder)
-    for line in arm.commands(state).splitlines():
+    (tmp_path / "study.toml").write_text(FILES["study"](session.state, "")[1])
+    monkeypatch.chdir(tmp_path)
+    for line in arm.commands(session.state).splitlines():
         assert main(line.split()[1:]) == 0
-    theta = ArmModel.load("model.json", state.body).theta
     told: dict = {}
-    exec(arm.snippet(state), told)
-    assert list(ArmModel.load("model.json", state.body).estimates) == list(state.model.estimates)
-    if state.added:  # else `identify` fits the whole of each recording
-        assert theta == pytest.approx(state.model.theta, rel=1e-6)
-        assert told["model"].theta == pytest.approx(state.model.theta, rel=1e-6)
-    return told.get("found")
+    exec(arm.snippet(session.state), told)
+    assert list(ArmModel.load("model.json", session.state.body).estimates) == list(session.state.model.estimates)
+    assert {one.effect for one in told["found"].candidates} == {
+        one.effect for one in session.state.diagnosis.candidates
+    }
 
 
 def test_gravity_that_the_driver_takes_off_is_one_press_away(session, tmp_path):

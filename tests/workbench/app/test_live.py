@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.signals.measurements import Smoothing
-from pendulum_env.backends.hardware.adapters import need
+from pendulum_env.backends.hardware.drive import need
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.words import name
 from tests import slow

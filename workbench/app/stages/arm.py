@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -21,8 +21,7 @@ from workbench.app.saved import STUDY
 from workbench.app.session import Session
 from workbench.app.stages import add, data, diagnose, export, model
 from workbench.arms import SAVED, TRUST, schemes_table
-from workbench.report.arm import Drawn, joints, parameters, strips, worst
-from workbench.report.figure import Figure
+from workbench.report.arm import ends, joints, parameters, strips, worst
 from workbench.report.sections.candidates import ranked
 from workbench.report.words import listing, name, number, opening
 from workbench.robot import held_text
@@ -33,7 +32,13 @@ def arm_data(session: Session, state: ArmState) -> list[Component]:
     parts: list[Component] = [card.show(one) for one in session.cards[:1]]
     parts.append(html.Div([data.upload(state), _robot(state)], className="columns"))
     if state.loaded:
-        plots = [graph(figure) for k in range(min(len(state.loaded), data.DRAWN)) for figure in _courses(state, k)]
+        said = [partial(state.body.said, joint) for joint in state.body.joints]
+        recordings: list[Any] = state.recordings[: data.DRAWN]
+        plots = [
+            graph(data.course(own, f"course-{k}-{n}", f"{joint}, {one.name}", said[n], 260))
+            for k, one in enumerate(recordings)
+            for n, (joint, own) in enumerate(zip(state.body.joints, one.joints, strict=True))
+        ]
         parts += [data.recordings(state), html.Div(plots, className="panel")]
     return parts
 
@@ -41,25 +46,14 @@ def arm_data(session: Session, state: ArmState) -> list[Component]:
 def _robot(state: ArmState) -> Component:
     body = state.body
     said = [
-        f"{body.name}: {len(body.joints)} joints that move, {len(body.base)} base parameters.",
-        *([f"{opening(text)}."] if (text := held_text(body)) else []),
-        *(f"{opening(text)}." for text in state.questions),
-        *([f"{opening(state.trouble)}."] if state.trouble else []),
-        "Columns are position_JOINT and torque_JOINT, or numbered; a study among the files says which joints move "
-        "(joints) and what other columns mean.",
+        f"{body.name}: {len(body.joints)} joints that move, {len(body.base)} base parameters",
+        *(text for text in (held_text(body), *state.questions, state.trouble) if text),
+        "columns are position_JOINT and torque_JOINT, or numbered; a study among the files says which joints move "
+        "(joints) and what other columns mean",
     ]
     gravity = button("Its torques are with gravity" if state.robot.weightless else WEIGHTLESS, "turn-gravity")
-    return panel("The robot", *(html.P(text) for text in said), button("Leave the robot", "leave-robot"), " ", gravity)
-
-
-def _courses(state: ArmState, k: int) -> list[Figure]:
-    """Position and torque of each joint over time."""
-    recording: Any = state.recordings[k]
-    joints = zip(state.body.joints, recording.joints, strict=True)
-    return [
-        data.course(own, f"course-{k}-{n}", f"{joint}, {recording.name}", partial(state.body.said, joint), 260)
-        for n, (joint, own) in enumerate(joints)
-    ]
+    leave = button("Leave the robot", "leave-robot")
+    return panel("The robot", *(html.P(f"{opening(text)}.") for text in said), leave, " ", gravity)
 
 
 def arm_model(session: Session, state: ArmState) -> list[Component]:
@@ -70,15 +64,10 @@ def arm_model(session: Session, state: ArmState) -> list[Component]:
     headers = {opening(name(text)): k > 0 and text not in found.left for k, text in enumerate(found.headers)}
     return [
         panel("The model", html.P(about)),
-        panel("Parameters and how sure they are", fragment(parameters(drawn(state)))),
+        panel("Parameters and how sure they are", fragment(parameters(ends(state.rungs)))),
         panel("Schemes side by side", table(headers, found.rows, "Schemes"), html.P(f"{opening(TRUST)}.")),
         model.begin_anew(state),
     ]
-
-
-def drawn(state: ArmState, part: str = "holdout") -> list[Drawn]:
-    """The ends of the ladder, with their errors on one part of the data."""
-    return [Drawn(label, color, rung.model, getattr(rung, part)) for label, color, rung in state.models]
 
 
 def arm_compare(session: Session, state: ArmState) -> list[Component]:
@@ -102,7 +91,7 @@ def arm_compare(session: Session, state: ArmState) -> list[Component]:
 def views(state: ArmState, id: str) -> list[Component]:
     """Residuals of a recording, joint by joint, under the ends of the ladder."""
     recording = state.recordings[state.loaded.index(state.find(id))]
-    section = strips(drawn(state), gather_arm([recording], state.last.model.terms))  # type: ignore[list-item]
+    section = strips(ends(state.rungs), gather_arm([recording], state.model.terms))  # type: ignore[list-item]
     parts = []
     for strip in section.content["strips"]:
         told: list[Component] = []
@@ -129,7 +118,7 @@ def arm_diagnose(session: Session, state: ArmState) -> list[Component]:
     )
     if found is None:
         return [search]
-    result = joints(drawn(state), "held-out data", found.headline, found)
+    result = joints(ends(state.rungs), "held-out data", found.headline, found)
     return [
         panel(found.headline, fragment(result), className="story found" if found.selected else "story"),
         panel("Ranking", add.calls(state, busy), fragment(ranked(found.candidates)), className="ranking"),
@@ -140,8 +129,7 @@ def arm_diagnose(session: Session, state: ArmState) -> list[Component]:
 def arm_add(session: Session, state: ArmState) -> list[Component]:
     """What could be added, and the errors of the ladder."""
     busy = session.busy()
-    labels = ["base model", *(f"+ {effect}" for effect in state.added)]
-    rungs = [Drawn(label, "", rung.model, rung.holdout) for label, rung in zip(labels, state.rungs, strict=True)]
+    rungs = [("base model" if rung.added is None else f"+ {rung.added}", "", rung) for rung in state.rungs]
     undo = [button(f"Take {state.added[-1]} out", "undo", disabled=busy)] if state.added else []
     return [
         add.choice(state, busy, state.addable),
@@ -185,43 +173,21 @@ def commands(state: ArmState) -> str:
 
 def snippet(state: ArmState) -> str:
     """Python that comes to the same model."""
-    body, moves, looked = state.body, export.moves(state), state.asked.effects
-    held = f", held={dict(body.held)!r}" if body.held else ""
-    rotors = f", rotors={state.robot.rotors}" if state.robot.rotors is not None else ""
-    weightless = ".weightless" * state.robot.weightless
-    given: list[Any] = [one.recording for one in state.loaded]
-    has_loads, is_chosen = any(one.currents or one.carried for one in given), state.asked != NOTHING
+    robot, looked = state.robot, state.asked.effects
     terms = f"ArmModel.load({state.model_file!r}, body).terms[1:]" if state.model_file else "None"
-    used = {"add_arm": any(moves), "diagnose_arm": "" in moves, "identify_arm": True}
-    arms = ["ArmModel"] * bool(state.model_file) + ["read_arm_source", "read_body"]
     lines = [
-        f"from estimators.arms import {', '.join(name for name, is_used in used.items() if is_used)}",
-        *["from estimators.arms.gains import in_torque, without_loads"] * has_loads,
-        f"from pendulum_env.arms import {', '.join(arms)}",
-        "from pendulum_env.recording.study import read_sources",
-        *["from workbench.robot import looked_for"] * ("" in moves and is_chosen),
-        "",
-        f"sources = read_sources({STUDY!r})",
-        f"body = read_body({state.robot.file.name!r}, joints=sources[0].joints{held}, bolted=True{rotors}){weightless}",
-        "others = {*body.held, *body.links} - {*body.joints}",
-        "recordings = [read_arm_source(one, body.joints, others) for one in sources]",
-        *["recordings = in_torque(recordings, body).recordings"] * has_loads,
-        "fitted, held_out = (",
-        "    [own for one, own in zip(sources, recordings) if one.role == role]",
-        '    for role in ("fit", "holdout")',
-        ")",
-        *["fitted, held_out = without_loads(fitted, held_out)"] * has_loads,
+        f"robot = RobotFile(Path({robot.file.name!r}), {robot.joints!r}, bolted={robot.bolted}, rotors={robot.rotors}, "
+        f"weightless={robot.weightless})",
+        f"body, fitted, held_out = robot.read_study({STUDY!r})",
         f"model = identify_arm(fitted, body, {terms})[{SAVED!r}].model",
     ]
-    for effect in moves:
+    for effect in export.moves(state):
         if effect:
             lines.append(f"model = add_arm(model, {effect!r}, fitted, held_out).after.model")
         else:
-            library = ", library=library" * is_chosen
-            if is_chosen:
-                lines.append(f"library = looked_for(body, {looked['only']!r}, {looked['without']!r})")
-            lines.append(f"found = diagnose_arm(fitted, body, held_out, terms=model.terms[1:]{library})")
-    return "\n".join([*lines, f"model.save({export.MODEL!r})"])
+            lines.append(f"library = looked_for(body, {looked['only']!r}, {looked['without']!r})")
+            lines.append("found = diagnose_arm(fitted, body, held_out, terms=model.terms[1:], library=library)")
+    return export.with_imports([*lines, f"model.save({export.MODEL!r})"])
 
 
 def told(state: ArmState) -> tuple[str, str, list[Any]]:
@@ -231,20 +197,16 @@ def told(state: ArmState) -> tuple[str, str, list[Any]]:
     if state.trouble:
         return kicker, "Nothing can be fitted yet", [f"{opening(state.trouble)}."]
     kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {effect}' for effect in state.added)}"
-    errors = state.last.holdout
-    lead = ["On data it was not fitted to, the model leaves ", html.B(shares(errors)), " of the joints' torque."]
+    first, last = (state.rungs[k].errors["holdout"] for k in (0, -1))
+    left = listing(["–" if one.share is None else f"{number(100 * one.share, 2)} %" for one in last])
+    lead = ["On data it was not fitted to, the model leaves ", html.B(left), " of the joints' torque."]
     if state.diagnosis is not None and (state.found or not state.added):
         return kicker, state.diagnosis.headline, lead
     if not state.added:
-        return kicker, worst(errors), lead
-    falls = [first.torque_rms / last.torque_rms for first, last in zip(state.rungs[0].holdout, errors, strict=True)]
-    joint, times = errors[int(np.argmax(falls))].joint, f"{number(max(falls), 2)} times smaller"
+        return kicker, worst(last), lead
+    falls = [before.torque_rms / after.torque_rms for before, after in zip(first, last, strict=True)]
+    joint, times = last[int(np.argmax(falls))].joint, f"{number(max(falls), 2)} times smaller"
     return kicker, f"With {listing(state.added)} the torque error of {joint} is {times}", lead
-
-
-def shares(errors: Sequence[Any]) -> str:
-    """What is left of each joint's torque."""
-    return listing(["–" if one.share is None else f"{number(100 * one.share, 2)} %" for one in errors])
 
 
 STAGES: dict[str, Callable[[Session, ArmState], list[Component]]] = {

@@ -6,7 +6,7 @@ import ast
 import json
 import shlex
 from base64 import b64encode
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -34,11 +34,15 @@ WHOLE = (
 BESIDE = f"The recordings are read as {STUDY} says: save it beside them, in the stage Data."
 UNREPORTED = f"Once there is a diagnosis, a line here writes {REPORT}, too."
 IMPORTED = {  # names of a snippet, by where they are from
+    "pathlib": ("Path",),
     "estimators": ("Aligned", "add", "diagnose", "fit", "gather"),
     "estimators.arguments": ("within_limits",),
+    "estimators.arms": ("add_arm", "diagnose_arm", "identify_arm"),
+    "pendulum_env.arms": ("ArmModel",),
     "pendulum_env.physics": ("BASE", "Model"),
     "pendulum_env.recording": ("read_recording", "read_study"),
     "workbench.report": ("write_report",),
+    "workbench.robot": ("RobotFile", "looked_for"),
 }
 
 
@@ -144,7 +148,12 @@ def snippet(state: State) -> str:
         else:
             lines.append(f"found = diagnose(recordings, holdout, model.terms{looked}{limits})")
             lines.append(f"write_report({REPORT!r}, recordings, holdout, found)")
-    body = "\n".join([*lines, f"model.save({MODEL!r})"])
+    return with_imports([*lines, f"model.save({MODEL!r})"])
+
+
+def with_imports(lines: Sequence[str]) -> str:
+    """Lines of Python behind imports of what they use."""
+    body = "\n".join(lines)
     used = {node.id for node in ast.walk(ast.parse(body)) if isinstance(node, ast.Name)}
     named = {module: [name for name in names if name in used] for module, names in IMPORTED.items()}
     imports = [f"from {module} import {', '.join(names)}" for module, names in named.items() if names]

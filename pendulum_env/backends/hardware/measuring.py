@@ -1,0 +1,191 @@
+"""From counts and clocks that are late by turns to angle and torque at the ticks of a loop.
+
+The counts are read a little after each tick, and a new torque acts a little after it was asked for. At 10 rad/s, 0.1 ms
+are 1 mrad, or 160 counts: taken for the value at the tick it would drown the encoder. So the time of a reading is told
+by the drive's own clock where it has one, and the angle is interpolated to the tick.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+
+from pendulum_env.backends.hardware.config import EncoderSettings
+from pendulum_env.backends.hardware.drive import DriveError
+
+TURNOVER = 2**32  # of a counter of encoder lines or of microseconds
+KEPT = 64  # readings before the tick
+NAP = 150e-6  # [s] before a tick from which the loop waits awake: a sleep may end that late
+
+
+def difference(new: int, old: int) -> int:
+    """Counts from one reading of a 32-bit counter to another, that may have rolled over between them.
+
+    ((new - old + 2^31) mod 2^32) - 2^31, right for steps of less than 2^31 either way.
+    """
+    return (new - old + TURNOVER // 2) % TURNOVER - TURNOVER // 2
+
+
+class Encoder:
+    """Unwraps the counter, and knows where zero is and how fast the arm turns.
+
+    Attributes:
+        step: angle of a count [rad], negative if it counts down counter-clockwise.
+        velocity: between the last two readings at least `span` apart [rad/s].
+    """
+
+    span = 2e-3  # [s], at least, between the readings whose difference is the velocity
+    jump = 2.0  # times the largest velocity and more is no motion
+
+    def __init__(self, settings: EncoderSettings, fastest: float = math.inf) -> None:
+        """Zero is at the first reading, or the count of the settings; an arm turns at `fastest` at most [rad/s]."""
+        self.step = settings.sign * 2 * math.pi / settings.counts
+        self._fastest = fastest
+        self._last = settings.zero  # count
+        self._total = 0  # counts since zero
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing is known of the motion, but where the arm is."""
+        self.velocity = 0.0
+        self._since: tuple[float, float] | None = None  # time and position that velocity is taken from
+
+    @property
+    def position(self) -> float:
+        """Where the arm was last seen [rad], unwrapped."""
+        return self.step * self._total
+
+    def take(self, time: float, counts: int) -> float | None:
+        """Take in the counts at a time [s]; returns how far the arm has moved [rad] where that made a new velocity.
+
+        Raises:
+            DriveError: if no arm can have moved so far; the reading is not taken in.
+        """
+        total = self._total + (0 if self._last is None else difference(counts, self._last))
+        position = self.step * total
+        begin, start = self._since or (time, position)
+        span, moved = max(time - begin, self.span), position - start
+        if abs(moved) > self.jump * self._fastest * span + 10 * abs(self.step):
+            raise DriveError(
+                f"the encoder jumped by {moved:.3g} rad in {1e3 * span:.3g} ms: check its cable, shield and supply"
+            )
+        self._last, self._total, self._since = counts, total, (begin, start)
+        if time - begin < self.span:
+            return None
+        self.velocity, self._since = moved / span, (time, position)
+        return moved
+
+
+class DriveClock:
+    """Maps the microseconds of a drive to this computer's monotonic clock.
+
+    A reading is taken between its request and its answer. The quicker the answer, the better is the middle of the two
+    known, so the clocks are compared where it came as quickly as ever, as in the clock filter of NTP (RFC 5905).
+    """
+
+    drift = 100e-6  # by which two quartz clocks may run apart
+    blend = 0.1  # of a new comparison, so that time makes no jumps
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+        self._time = self._offset = 0.0
+        self._doubt = math.inf  # [s], half of what the quickest answer took, and more as the clocks run apart
+
+    @property
+    def delay(self) -> float:
+        """Time that a message takes one way, at best [s]."""
+        return self._doubt if self._doubt < math.inf else 0.0
+
+    def take(self, microseconds: int, asked: float, answered: float) -> float:
+        """Time [s] at which the drive's clock showed that, between a request and its answer [s]."""
+        passed = 0.0 if self._last is None else 1e-6 * ((microseconds - self._last) % TURNOVER)
+        self._last = microseconds
+        self._time += passed
+        self._doubt += self.drift * passed
+        doubt, offset = 0.5 * (answered - asked), 0.5 * (asked + answered) - self._time
+        if doubt < self._doubt:
+            near = abs(offset - self._offset) < self._doubt + doubt < math.inf
+            self._offset += (self.blend if near else 1.0) * (offset - self._offset)
+            self._doubt = doubt
+        return min(max(self._time + self._offset, asked), answered)
+
+
+class Ticks:
+    """Ticks at start + k * period on the monotonic clock, position at each and mean torque between them.
+
+    A tick that is missed is not left out but caught up with: ticks never drift. The angle at a tick is that of a
+    parabola, whose error grows with the cube of the time between readings: at 1,000 rad/s^3 some 1e-7 rad for 1 ms,
+    and 1e-4 rad where the loop was held up for 10 ms. In the torque each command has the share of the time it acted.
+    """
+
+    def __init__(self, period: float, start: float, position: float) -> None:
+        """The arm rests at a position [rad] at the first tick [s], without torque; a period lies between ticks [s]."""
+        self._period, self._start, self._count = period, start, 0
+        self.overruns = 0  # ticks that had passed already, by a period, when their turn came
+        self._readings = deque([(start, position)])
+        self._commands = deque([(start, 0.0)])  # each acts until the next; the first acts at the last tick
+
+    @property
+    def now(self) -> float:
+        """The tick that it is at, on the monotonic clock [s]."""
+        return self._start + self.time
+
+    @property
+    def time(self) -> float:
+        """The tick that it is at, since the first one [s]."""
+        return self._count * self._period
+
+    def wait(self) -> None:
+        """Go on to the next tick, and wait for it unless it has passed."""
+        self._count += 1
+        left = self.now - time.monotonic()
+        self.overruns += left < -self._period
+        if left > NAP:
+            time.sleep(left - NAP)
+        while time.monotonic() < self.now:
+            pass
+
+    def commanded(self, time: float, torque: float) -> None:
+        """A torque [N m] acts from a time [s] on."""
+        self._commands.append((max(time, self._commands[-1][0]), torque))
+
+    def measured(self, time: float, position: float) -> None:
+        """The arm was at a position [rad] at a time [s]."""
+        if time > self._readings[-1][0]:
+            self._readings.append((time, position))
+
+    @property
+    def position(self) -> float:
+        """At the tick [rad]: Newton's form of the parabola through the readings around it and an older one.
+
+        The older one is as far away as these two are from each other, or the noise of the three would grow.
+        """
+        readings, tick = self._readings, self.now
+        while len(readings) > KEPT and readings[KEPT][0] < tick:
+            readings.popleft()
+        if len(readings) == 1:
+            return readings[0][1]
+        k = len(readings) - 1
+        while k > 1 and readings[k - 1][0] > tick:
+            k -= 1
+        (t1, q1), (t2, q2) = readings[k - 1], readings[k]
+        slope = (q2 - q1) / (t2 - t1)
+        position = q1 + slope * (tick - t1)
+        for j in range(k - 2, -1, -1):
+            t0, q0 = readings[j]
+            if t1 - t0 >= t2 - t1:
+                curvature = (slope - (q1 - q0) / (t1 - t0)) / (t2 - t0)
+                return position + curvature * (tick - t1) * (tick - t2)
+        return position
+
+    def torque(self) -> float:
+        """Mean over the period that ends with the tick [N m]; forgets the commands that have had their time."""
+        begin, end, impulse = self.now - self._period, self.now, 0.0
+        while True:
+            since, torque = self._commands[0]
+            until = self._commands[1][0] if len(self._commands) > 1 else end
+            impulse += torque * max(0.0, min(until, end) - max(since, begin))
+            if until >= end:
+                return impulse / self._period
+            self._commands.popleft()

@@ -1,0 +1,158 @@
+"""The process that runs a rig: the signals that end it, its priority, and that it is the only one.
+
+Python runs neither `atexit` nor `finally` on SIGTERM and SIGHUP as they are; here they become SystemExit, which does.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import signal
+import sys
+import tempfile
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from pendulum_env.backends.hardware.drive import DriveError
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(file: int) -> None:
+        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+
+else:
+    import fcntl
+
+    def _lock(file: int) -> None:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # the last one is unknown to Windows
+PRIORITY = 20  # of SCHED_FIFO: above all that is not real-time, below the kernel's own threads
+
+
+class Signals:
+    """Calls a function first when a signal comes, then does what would have been done without."""
+
+    def __init__(self, stop: Callable[[str], None]) -> None:
+        """Take what stops the motor; it is told the signal's name and must be safe to call at any time."""
+        self._stop = stop
+        self._before: dict[int, Any] = {}
+        self._held: list[int] = []
+        self._depth = 0
+
+    def install(self) -> None:
+        """Begin to listen; only the main thread can, in another one it is left to whoever owns the main thread."""
+        if self._before or threading.current_thread() is not threading.main_thread():
+            return
+        for name in NAMES:
+            number = getattr(signal, name, None)
+            if number is None or signal.getsignal(number) in (signal.SIG_IGN, None):
+                continue  # None: set by a library in C, which Python could not restore
+            self._before[number] = signal.signal(number, self._handle)
+
+    def restore(self) -> None:
+        """Stop listening; a handler that somebody set since then stays, and may go on to call this one."""
+        if threading.current_thread() is not threading.main_thread():
+            return
+        for number, before in list(self._before.items()):
+            if signal.getsignal(number) == self._handle:
+                signal.signal(number, before)
+                del self._before[number]
+
+    def __enter__(self) -> None:
+        """A signal waits until what is being sent to the drive has been sent: half a frame would be lost."""
+        self._depth += 1
+
+    def __exit__(self, *_: object) -> None:
+        self._depth -= 1
+        while self._depth == 0 and self._held:
+            self._handle(self._held.pop(0), None)
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        if self._depth:
+            self._held.append(number)
+            return
+        with self:  # a second signal waits until the motor has been stopped
+            self._stop(signal.Signals(number).name)
+        if threading.current_thread() is not threading.main_thread():
+            signal.raise_signal(number)  # it came while another thread spoke to the drive; the main one is meant
+            return
+        before = self._before.get(number, signal.SIG_DFL)
+        if callable(before):
+            before(number, frame)
+        else:
+            raise SystemExit(128 + number)
+
+
+class Ownership:
+    """A lock on a name, held by one process at a time and let go by the system when that process ends, however.
+
+    The file lies in the folder for temporary files that all users share, as a motor has one owner whoever that is. So
+    nothing there is believed: links are not followed, and nothing is read from the file or written to it.
+    """
+
+    def __init__(self, what: str) -> None:
+        """Take the name of what is owned, such as `serial /dev/ttyACM0`."""
+        self.what = what
+        digest = hashlib.sha256(what.encode()).hexdigest()[:16]
+        self._path = Path(tempfile.gettempdir()) / f"pendulum-ident-{digest}.lock"
+        self._file: int | None = None
+
+    def acquire(self) -> None:
+        """Become the owner, if nobody is.
+
+        Raises:
+            DriveError: if another rig owns it, or its lock cannot be opened.
+        """
+        if self._file is not None:
+            return
+        try:
+            file = self._open()
+        except OSError as error:
+            raise DriveError(
+                f"{self.what} cannot be locked: {self._path}: {error.strerror}: find out who put something else in the "
+                "place of this lock, and remove it"
+            ) from None
+        try:
+            _lock(file)
+        except OSError:
+            os.close(file)
+            raise DriveError(
+                f"{self.what} is in use by another program: close its environment, or end it, first (`fuser "
+                f"{self._path}` tells its number)"
+            ) from None
+        self._file = file
+
+    def _open(self) -> int:
+        plain = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # unknown to Windows; a pipe would wait
+        try:
+            return os.open(self._path, os.O_RDONLY | os.O_CREAT | plain, 0o644)
+        except PermissionError:  # another user has left it, and may have let go
+            return os.open(self._path, os.O_RDONLY | plain)
+
+    def release(self) -> None:
+        """Let go; may be called twice."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+
+def realtime() -> bool:
+    """Ask the system to run this thread, and those it starts, as soon as they are ready; False if it does not."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except (AttributeError, OSError):  # not Linux, or not permitted
+        return False
+    return True
+
+
+def ordinary() -> None:
+    """Give real-time priority back."""
+    with suppress(AttributeError, OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

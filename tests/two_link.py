@@ -1,0 +1,46 @@
+"""Recordings of the two-link arm that SciPy integrates by its textbook equations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.two_link import Multisine, TwoLink
+from pendulum_env.arms.recording import ArmRecording
+from tests.once import once
+
+JOINTS = ("shoulder", "elbow")
+
+
+@dataclass(frozen=True)
+class Hidden(TwoLink):
+    """With air drag [N m s^2/rad^2], and a torque that comes twelve times a turn [N m], at its joints."""
+
+    drag: tuple[float, float] = (0.0, 0.0)
+    cogging: tuple[float, float] = (0.0, 0.0)
+
+    def bias(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return super().bias(q, v) + np.array(self.drag) * v * np.abs(v) + np.array(self.cogging) * np.sin(12 * q)
+
+
+@once("benchmarks")
+def recorded(
+    plant: TwoLink = TwoLink(),  # noqa: B008  (frozen)
+    seed: int = 0,
+    *,
+    seconds: float = 10.0,
+    rate: float = 1000.0,
+    scale: tuple[float, float] = (3.5, 2.2),
+    noise: float = 0.02,
+    counts: int = 0,
+    offset: object = 0.0,
+) -> ArmRecording:
+    """A run under the paper's frequencies, with noise and an offset (N, 2) or less on the torque [N m]."""
+    time, signal = np.arange(0, seconds, 1 / rate), Multisine.paper(seed, scale)
+    position, _ = plant.simulate(signal, time)
+    if counts:
+        step = 2 * np.pi / counts
+        position = np.round(position / step) * step
+    torque = signal.held(time, 1 / rate) + noise * np.random.default_rng(seed).normal(size=position.shape)
+    return ArmRecording.of(f"run {seed}", JOINTS, time, position, torque + np.array(offset))
