@@ -193,22 +193,14 @@ class Follower:
             self._note("structure changed", True)
 
     def add(self, effect: str) -> None:
-        """Take an effect into the model.
-
-        Raises:
-            ValueError: if there is none of that id, or it cannot be added.
-        """
+        """Take an effect into the model; raises ValueError if there is none of that id, or it cannot be added."""
         with self._lock:
             self._monitor.add(effect)
             self._note(f"added: {name(effect)}", False)
             self._renew()
 
     def undo(self) -> None:
-        """Take out what was added last.
-
-        Raises:
-            ValueError: if nothing was.
-        """
+        """Take out what was added last; raises ValueError if nothing was."""
         with self._lock:
             last = self._monitor.said.added[-1:]
             self._monitor.undo()
@@ -234,7 +226,7 @@ class Run:
             InputError: if it cannot be, as its settings are unknown or out of range, or the rig is out of reach.
         """
         self._worker, self._stop = worker, Signal()
-        worker.begin(partial(go, options))
+        worker.send(partial(go, options))
         begun = worker.hear()
         if isinstance(begun, Failed):
             worker.end()
@@ -297,11 +289,7 @@ class Run:
         return Identification(found, (), ())
 
     def recording(self, name: str) -> Recording:
-        """What has been measured so far.
-
-        Raises:
-            RecordingError: if that is too little.
-        """
+        """What has been measured so far; raises RecordingError if that is too little."""
         rows = np.array(self.rows).reshape(-1, 3)
         return Recording(name=name, time=rows[:, 0], position=rows[:, 1], torque=rows[:, 2])
 

@@ -62,11 +62,7 @@ def record(folder: Path, wishes: Mapping[str, Options], held_out: Collection[str
 def start(
     session: Session, wishes: Mapping[str, Options], held_out: Collection[str] = (), folder: Path | None = None
 ) -> None:
-    """Record files of some names into a session in the background.
-
-    Raises:
-        InputError: if a name is taken.
-    """
+    """Record files of some names into a session in the background; raises InputError if a name is taken."""
     for one in session.state.loaded:
         if one.id in wishes:
             raise InputError(f"{one.id}: is loaded already: remove it first")

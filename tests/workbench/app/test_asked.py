@@ -12,11 +12,11 @@ from tests.workbench.app.plants import comes_to_the_same, recorded, written
 
 pytest.importorskip("dash")
 
-from workbench.app.asked import NOTHING, Asked
-from workbench.app.jobs import Workers
 from workbench.app.session import Session
 from workbench.app.stages import add, diagnose
+from workbench.app.state import NOTHING, Asked
 from workbench.cli import main
+from workbench.processes import Workers
 
 ASKED = Asked(only="stribeck,quadratic_drag,spring", without="spring", fix="gravity=2.01", bound="viscous=0:0.2")
 

@@ -13,9 +13,8 @@ import pytest
 from estimators.progress import Progress
 from pendulum_env.physics import plugin
 from tests.patience import PATIENCE, wait_until
-from workbench.app.jobs import Job, Workers
 from workbench.mistakes import InputError
-from workbench.processes import LOST, Done, Failed
+from workbench.processes import LOST, Done, Failed, Job, Workers
 
 PLUGIN = '''
 from dataclasses import dataclass

@@ -20,13 +20,12 @@ pytest.importorskip("dash")
 
 from workbench.app import session as session_module
 from workbench.app import uploads
-from workbench.app.asked import Asked
 from workbench.app.card import Choice
 from workbench.app.saved import CONTENTS, STUDY, _plain, _typed, pack, study
 from workbench.app.session import Session
 from workbench.app.stages.diagnose import look_for
 from workbench.app.stages.export import commands
-from workbench.app.state import State
+from workbench.app.state import Asked, State
 from workbench.mistakes import InputError
 
 ASKED = Asked(only="stribeck,quadratic_drag", fix="gravity=2.01")

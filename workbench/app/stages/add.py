@@ -53,7 +53,7 @@ def calls(state: Work, busy: bool) -> Component:
         link = html.A("diagnose", href="#diagnose")
         return html.P(["The diagnosis tells which effect is missing: ", link, " first, or try any."])
     table = state.table
-    if not state.found and table is not None and table not in state.model.effects and not state.misfit:
+    if not state.found and table is not None and table not in state.model.effects:
         keep = button(f"Keep {name(table)} as a table", "add", table, primary=True, disabled=busy)
         return html.Div([html.P(settled(state)), html.Div([keep], className="row")])
     if not state.found:
@@ -67,8 +67,6 @@ def calls(state: Work, busy: bool) -> Component:
 
 def settled(state: Work) -> str:
     """What is left to do where the diagnosis calls for nothing more."""
-    if state.misfit:
-        return "The model has left the diagnosis: undo, or diagnose again from here."
     rest = "something is left that no effect of the library explains" if state.told.unexplained else ""
     if not state.called:
         return f"{opening(rest) or 'The diagnosis calls for no effect'}."

@@ -10,12 +10,12 @@ from dash.development.base_component import Component
 from estimators.diagnosis.result import Diagnosis
 from workbench import inputs
 from workbench.app import recorder
-from workbench.app.asked import NOTHING, Asked
 from workbench.app.parts import KEPT, button, effects_to_choose, field, fragment, labelled, panel
 from workbench.app.session import Session
 from workbench.app.stage import Stage
 from workbench.app.stages.add import calls
 from workbench.app.stages.data import timing
+from workbench.app.state import NOTHING, Asked
 from workbench.app.state import State as Work
 from workbench.report.sections.candidates import candidates
 from workbench.report.sections.story import story
