@@ -294,23 +294,21 @@ class Session:
         """
         rest = self.cards[1:]
         self.cards = rest
+        others = [one for one in self.state.loaded if one.id != card.known]
         try:
-            source = card.asked()
-            if card.known:
-                old = self.state.find(card.known)
-                rest_of_them = [one for one in self.state.loaded if one is not old]
-                anew = Loaded.of(source, rest_of_them, read=self.state.read).recording
-                anew = replace(anew, name=old.recording.name)
-                self._swap("read columns anew", old, replace(old, source=source, recording=anew))
-                return
-            first = Loaded.of(source, self.state.loaded, read=self.state.read)
+            first = Loaded.of(card.asked(), others, read=self.state.read)
         except MISTAKES as mistake:
             self.cards = (replace(card, why=self.told(mistake)), *rest)
+            return
+        if card.known:
+            old = self.state.find(card.known)
+            anew = replace(first.recording, name=old.recording.name)
+            self._swap("read columns anew", old, replace(old, source=first.source, recording=anew))
             return
         alike = [one for one in rest if not one.known and one.preview.headers == card.preview.headers]
         self.cards = tuple(one for one in rest if one not in alike)
         self.keep(first)
-        self.load([replace(one.source, columns=source.columns, unwrap=source.unwrap) for one in alike])
+        self.load([replace(one.source, columns=first.source.columns, unwrap=first.source.unwrap) for one in alike])
 
     # ------------------------------------------------------------------------------------------------ whole
 

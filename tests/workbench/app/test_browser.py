@@ -204,17 +204,25 @@ def tab(browser: "sync_api.Browser", address: str) -> Iterator[Tab]:
     tab.close()
 
 
-def test_a_file_is_not_lost_where_the_page_is_drawn_anew_while_it_is_read(tab: Tab, folder: Path) -> None:
-    tab.page.evaluate("""() => {
+def test_a_file_is_not_lost_where_the_page_is_drawn_anew_while_it_is_chosen_or_read(tab: Tab, folder: Path) -> None:
+    page = tab.page
+    page.evaluate("""() => {
         const read = FileReader.prototype.readAsDataURL;
         window.held = [];
         FileReader.prototype.readAsDataURL = function (file) { held.push(() => read.call(this, file)); };
     }""")
     tab.load(folder / "swing.csv")
     tab.go("live")
-    tab.page.evaluate("held.forEach((read) => read())")
-    tab.page.click("#to-data")
-    tab.page.wait_for_selector("td:has-text('swing')")
+    page.evaluate("held.splice(0).forEach((read) => read())")
+    page.click("#to-data")
+    page.wait_for_selector("td:has-text('swing')")
+    with page.expect_file_chooser() as chooser:
+        page.click("#upload")
+    page.get_by_role("button", name="Remove swing").click()
+    page.wait_for_selector("td:has-text('swing')", state="detached")
+    chooser.value.set_files(folder / "swing.csv")
+    page.evaluate("held.forEach((read) => read())")
+    page.wait_for_selector("td:has-text('swing')")
 
 
 def test_the_story_from_loading_to_undo(tab: Tab, folder: Path) -> None:
@@ -286,19 +294,6 @@ def test_the_story_from_loading_to_undo(tab: Tab, folder: Path) -> None:
     page.wait_for_selector(press("undo"), state="detached")
     assert tab.title() == "Stribeck friction is missing"
     assert number_after("fitted to, the torque error is", page.inner_text("#story")) == before
-
-
-def test_an_answer_that_takes_long_is_seen_to_be_waited_for(tab: Tab, folder: Path) -> None:
-    page, held, holds = tab.page, [], [True]
-    address = re.compile("_dash-update-component")
-    page.route(address, lambda route: held.append(route) if holds[0] else route.continue_())
-    tab.load(folder / "swing.csv")
-    page.wait_for_selector("#waiting:visible")
-    holds[0] = False
-    for route in held:
-        route.continue_()
-    page.wait_for_selector("td:has-text('swing')")
-    page.wait_for_selector("#waiting", state="hidden")
 
 
 def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_shows_where_one_is(
@@ -401,48 +396,31 @@ def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab: Tab, fold
 
 
 @pytest.mark.slow
-def test_tabs_are_apart_and_a_reload_changes_nothing(tab: Tab, browser: "sync_api.Browser", folder: Path) -> None:
+def test_tabs_are_apart_and_a_reload_changes_nothing_not_even_what_runs(
+    tab: Tab, browser: "sync_api.Browser", folder: Path
+) -> None:
+    page, other = tab.page, Tab(browser, tab.address)
     tab.load(folder / "swing.csv")
-    tab.page.wait_for_selector("td:has-text('swing')")
-    other = Tab(browser, tab.address)
-    assert other.title() == "What does your model lack?"
-    tab.go("add")
-    tab.choose("Quadratic drag")
-    tab.page.click(press("add-any"))
-    tab.page.wait_for_selector(press("undo"))
-    title = tab.title()
-    tab.page.reload()
-    tab.page.wait_for_selector(press("undo"))  # the same stage, too
-    assert tab.title() == title
-    other.page.reload()
-    other.page.wait_for_selector("#upload")
-    assert other.title() == "What does your model lack?"
-    write_recording(recorded("brief", 2, 4.0), folder / "brief.csv")
-    other.load(folder / "swing.csv", folder / "brief.csv")  # the small one arrives first
-    other.page.wait_for_selector("td:has-text('brief')")
-    assert other.page.locator(".recordings td strong").all_inner_texts() == ["swing", "brief"]
-    other.close()
-
-
-@pytest.mark.slow
-def test_a_diagnosis_is_watched_over_a_reload_and_cancelled(tab: Tab, folder: Path) -> None:
-    tab.load(folder / "swing.csv")
-    tab.page.wait_for_selector("td:has-text('swing')")
+    page.wait_for_selector("td:has-text('swing')")
     tab.go("add")
     tab.choose("Quadratic drag")
     tab.go("diagnose")
-    tab.page.click(press("diagnose"))
-    tab.page.wait_for_selector("#job progress")
-    tab.page.reload()
-    tab.page.wait_for_selector(press("cancel"))
-    tab.page.click(press("cancel"))
-    tab.page.wait_for_selector("#job:empty", state="attached")
-    tab.page.wait_for_selector(press("diagnose") + ":enabled")
-    assert tab.title() == "Something is missing in this model"
-    tab.page.wait_for_timeout(1000)  # nothing comes of it later either
-    assert tab.page.locator(".ranking").count() == 0
+    page.click(press("diagnose"))
+    page.wait_for_selector("#job progress")
+    page.reload()
+    page.click(press("cancel"))  # the same stage, too
+    page.wait_for_selector("#job:empty", state="attached")
+    page.wait_for_selector(press("diagnose") + ":enabled")
+    page.wait_for_timeout(1000)  # nothing comes of it later either
+    assert tab.title() == "Something is missing in this model" and page.locator(".ranking").count() == 0
     tab.go("add")
-    assert tab.page.inner_text(filled("any")) == "Quadratic drag"  # it was chosen before
+    assert page.inner_text(filled("any")) == "Quadratic drag"  # it was chosen before
+    page.click(press("add-any"))
+    page.wait_for_selector(press("undo"))
+    other.page.reload()
+    other.page.wait_for_selector("#upload")
+    assert other.title() == "What does your model lack?"
+    other.close()
 
 
 @pytest.mark.slow

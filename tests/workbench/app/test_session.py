@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from estimators import add
-from estimators.checks.residual import AXES, Region
+from estimators.checks.residual import AXES
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model, effects
@@ -43,12 +43,10 @@ from plotly.utils import PlotlyJSONEncoder
 from workbench.app import state as state_module
 from workbench.app import uploads
 from workbench.app.card import Choice, understood
-from workbench.app.parts import UNWRAP
 from workbench.app.recorder import options
 from workbench.app.saved import study
 from workbench.app.server import make_app
 from workbench.app.session import Session, Sessions
-from workbench.app.stages import add as adding
 from workbench.app.stages import compare, data, export, live
 from workbench.app.stages.compare import MAP, PHASE, TIME, inside, lit, within
 from workbench.app.stages.export import commands
@@ -136,14 +134,6 @@ def test_of_several_files_those_that_can_be_read_stay(session: Session, swing: R
     assert [one.id for one in session.state.loaded] == files_of(session) == ["good.csv"]
     assert all(f"{name}: " in session.notice for name in ("bad.csv", "worse.txt", "good.csv"))
     assert session.notice.count("; ") == 2 and str(session.folder) not in session.notice
-
-
-def test_the_page_says_where_it_undoes_jumps(session: Session, swing: Recording, tmp_path: Path) -> None:
-    content = written(replace(swing, position=np.mod(swing.position, 2 * np.pi)), tmp_path).file.read_bytes()
-    upload(session, "swing.csv", content)
-    assert "unwrap" in session.notice and UNWRAP.startswith("unwrap") and UNWRAP in str(data.show(session))
-    session.act(lambda: session.receive([("swing.csv", url(content))], unwrap=True))
-    assert session.notice == "" and len(session.state.loaded) == 1
 
 
 def servo(swing: Recording) -> bytes:
@@ -333,12 +323,6 @@ def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(
     assert session.state.anew(is_aligned=False).recordings == [one.recording for one in session.state.loaded]
 
 
-def test_what_is_in_time_is_not_spoken_of(session: Session, state: State) -> None:
-    session.state = state
-    assert "in time" not in str(data.show(session))
-    assert state.anew(is_aligned=True).recordings[0] is state.loaded[0].recording
-
-
 def test_a_model_file_gives_the_terms_that_stay_with_other_recordings(
     session: Session, state: State, swing: Recording, tmp_path: Path
 ) -> None:
@@ -446,11 +430,6 @@ def test_a_form_becomes_options_and_cannot_pass_for_others() -> None:
 # ------------------------------------------------------------------------------------------------ states
 
 
-def test_nothing_can_be_fitted_where_everything_is_held_out(swing: Recording) -> None:
-    held = State((loaded(swing, held_out=True),))
-    assert held.ladder == () and "every recording is held out" in held.trouble
-
-
 def test_adding_and_undoing_end_where_they_began(state: State) -> None:
     addition = add(state.model, "stribeck", state.train)
     grown = state.with_step(addition)
@@ -533,33 +512,6 @@ def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(
 # ------------------------------------------------------------------------------------------------ stages
 
 
-def test_what_no_effect_explains_is_said_where_effects_are_added(worked: dict[str, State]) -> None:
-    grown = worked["paper"]
-    assert grown.diagnosis is not None
-    assert adding.settled(grown) == "All that the diagnosis calls for is in the model."
-    left = (Region("velocity", -1.0, 1.0, 0.1, 5.0, "the velocity is slow"),)
-    some = replace(grown, diagnosis=replace(grown.diagnosis, unexplained=left))
-    none = replace(some.without_step(), diagnosis=replace(some.diagnosis, steps=grown.ladder[:1]))
-    assert adding.settled(some).endswith("in the model, but something is left that no effect of the library explains.")
-    assert adding.settled(none) == "Something is left that no effect of the library explains."
-
-
-def test_a_table_that_was_added_says_what_it_looks_like_and_an_effect_does_not(
-    state: State, worked: dict[str, State]
-) -> None:
-    table = state.with_step(add(state.model, "friction_by_speed", state.train))
-    assert ". It looks like " in adding.said(table.ladder)
-    assert "looks like" not in adding.said(worked["paper"].ladder)
-
-
-def test_the_residual_is_the_last_model_s(session: Session, state: State, worked: dict[str, State]) -> None:
-    for session.state, last in ((state, "base model"), (worked["paper"], "final model")):
-        page = html.Div(compare.show(session))
-        chosen = page["of"]
-        assert chosen.options[chosen.value]["label"] == last
-        assert f"Residual torque of the {last}" in str(page["views"])
-
-
 def test_every_effect_has_a_picture_beside_the_residual(session: Session, worked: dict[str, State]) -> None:
     session.state = worked["paper"]
     page = html.Div(compare.show(session))
@@ -588,20 +540,15 @@ def test_a_recording_of_another_plant_is_named_where_it_is_loaded(session: Sessi
 
 def test_a_box_selects_the_same_windows_in_every_view(state: State) -> None:
     points = compare._points(state, state.loaded[0].id)
-    upright = inside(points, PHASE, {"x": [-1.0, 1.0], "y": [8.0, 0.0]})
-    assert np.array_equal(upright, (np.abs(points.position) <= 1) & (points.velocity >= 0) & (points.velocity <= 8))
-    assert np.array_equal(upright, inside(points, MAP, {"x": [-1.0, 1.0], "y": [0.0, 8.0]}))  # less than a turn
-    early = inside(points, TIME, {"x": [0.0, 2.0], "y2": [-0.1, 0.1]})
-    assert points.time[early].max() <= 2.0 < points.time[~early].min()
+    x = points.samples
+    upright = inside(x, PHASE, {"x": [-1.0, 1.0], "y": [8.0, 0.0]})
+    assert np.array_equal(upright, (np.abs(x.position) <= 1) & (x.velocity >= 0) & (x.velocity <= 8))
+    assert np.array_equal(upright, inside(x, MAP, {"x": [-1.0, 1.0], "y": [0.0, 8.0]}))  # less than a turn
+    early = inside(x, TIME, {"x": [0.0, 2.0], "y2": [-0.1, 0.1]})
+    assert x.time[early].max() <= 2.0 < x.time[~early].min()
     traces = lit(points, early, 0)
     assert len(traces[TIME]) == 2 and max(traces[TIME][0]["x"]) <= 2.0
     assert len(traces[MAP][0]["x"]) == len(traces[PHASE][0]["x"]) == len(traces[TIME][0]["x"])
-
-
-def test_regions_in_words_select_what_they_say(state: State) -> None:
-    points = compare._points(state, state.loaded[0].id)
-    regions = [region for region in state.told.unexplained if region.axis == "velocity"]
-    assert regions
-    chosen = within(points, regions[0])
-    assert chosen.any()
-    assert np.all((points.velocity[chosen] >= regions[0].low) & (points.velocity[chosen] <= regions[0].high))
+    region = next(region for region in state.told.unexplained if region.axis == "velocity")
+    chosen = x.velocity[within(x, region)]
+    assert len(chosen) and chosen.min() >= region.low and chosen.max() <= region.high

@@ -46,15 +46,12 @@ class Points:
 
     Attributes:
         case: the models, and what they were fitted to.
-        time, position, velocity, torque: at the windows' centres (R,), SI.
+        samples: time, position, velocity and torque at the windows' centres (R,), SI.
         residuals: measured minus modelled torque of each model (R,) [N m].
     """
 
     case: Case
-    time: Array
-    position: Array
-    velocity: Array
-    torque: Array
+    samples: Samples
     residuals: tuple[Array, ...]
 
     @classmethod
@@ -67,67 +64,48 @@ class Points:
             series = (x.time, x.position, x.velocity, evidence.data.torque(), *case.residuals(evidence))
             parts.append([values[own] for values in series])
         time, position, velocity, torque, *residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return cls(case, time, position, velocity, torque, tuple(residuals))
-
-    def __len__(self) -> int:
-        return len(self.time)
+        return cls(case, Samples(time, position, velocity, torque), tuple(residuals))
 
     @property
     def noise(self) -> float:
         """Torque error that measurement noise alone gives [N m]."""
         return self.case.diagnosis.noise_floor
 
-    @property
-    def samples(self) -> Samples:
-        """What residuals are profiled over."""
-        return Samples(self.time, self.position, self.velocity, self.torque)
-
 
 def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
     """The three views; `shown` is the model whose residual the map shows."""
-    cells, map_layout = planes(points.position, points.velocity, points.residuals)[shown]
-    label = points.case.models[shown][0]
+    x, label = points.samples, points.case.models[shown][0]
+    cells, map_layout = planes(x.position, x.velocity, points.residuals)[shown]
     select = {"dragmode": "select", "margin": {"t": 12, "r": 8}}
-    dots = thin(points.velocity, LIT)
-    picked = _dots(wrapped(points.position[dots]), points.velocity[dots], "--text", 2, opacity=0.25, hoverinfo="skip")
-    kept = thin(points.velocity, 2 * LIT)
-    _, (q, v) = broken(points.time, kept, points.position, points.velocity)
-    phase = line(q, v, "motion", "--train", "rad/s", line={"color": "--train", "width": 1}, hoverinfo="skip")
+    dots, kept = thin(x.velocity, LIT), thin(x.velocity, 2 * LIT)
+    picked = _dots(wrapped(x.position[dots]), x.velocity[dots], "--text", 2, opacity=0.25, hoverinfo="skip")
+    _, (q, v) = broken(x.time, kept, x.position, x.velocity)
+    motion = line(q, v, "motion", "--train", "rad/s", line={"color": "--train", "width": 1}, hoverinfo="skip")
+    axes = {
+        "xaxis": axis("angle q [rad]", range=span([x.position])),
+        "yaxis": axis("velocity q' [rad/s]", range=span([x.velocity])),
+        "showlegend": False,
+    }
+    about = f"Residual torque of the {label} over angle and velocity, {name}"
     return {
-        MAP: Figure(
-            MAP,
-            f"Residual torque of the {label} over angle and velocity, {name}",
-            [cells, picked],
-            map_layout | select,
-            380,
-        ),
-        PHASE: Figure(
-            PHASE,
-            f"Phase plane, {name}",
-            [phase],
-            {
-                "xaxis": axis("angle q [rad]", range=span([points.position])),
-                "yaxis": axis("velocity q' [rad/s]", range=span([points.velocity])),
-                "showlegend": False,
-                **select,
-            },
-            380,
-        ),
+        MAP: Figure(MAP, about, [cells, picked], map_layout | select, 380),
+        PHASE: Figure(PHASE, f"Phase plane, {name}", [motion], axes | select, 380),
         TIME: _over_time(points, name),
     }
 
 
 def _over_time(points: Points, name: str) -> Figure:
     """Measured and modelled torque above what the models leave of it."""
-    x, (measured, *left) = broken(points.time, thin(points.residuals[0]), points.torque, *points.residuals)
+    time, torque = points.samples.time, points.samples.torque
+    x, (measured, *left) = broken(time, thin(points.residuals[0]), torque, *points.residuals)
     label = f"Measured and modelled torque over time, and their difference, {name}"
     modelled = [measured - own for own in left]
     drawn = before_and_after(points.case, TIME, label, x, measured, modelled, left, ("torque", "residual", "N m"))
-    noise = band(points.time[[0, -1]], np.full(2, 2 * points.noise), "noise (±2σ)", yaxis="y2")
+    noise = band(time[[0, -1]], np.full(2, 2 * points.noise), "noise (±2σ)", yaxis="y2")
     layout = drawn.layout | {"dragmode": "select", "selectdirection": "h", "hovermode": "closest"}
     # ranges of all of it, so that nothing moves when a selection lights up
-    layout["xaxis"]["range"] = span([points.time], 0.01)
-    layout["yaxis"]["range"] = span([points.torque])
+    layout["xaxis"]["range"] = span([time], 0.01)
+    layout["yaxis"]["range"] = span([torque])
     layout["yaxis2"]["range"] = span(points.residuals)
     return Figure(TIME, label, [noise, *drawn.data], layout, 420)
 
@@ -138,23 +116,19 @@ def _dots(x: Array, y: Array, color: str, size: float, **more: object) -> JSON:
     return {**plain, "showlegend": False, **more}
 
 
-def inside(points: Points, view: str, box: Mapping[str, Any]) -> Mask:
+def inside(x: Samples, view: str, box: Mapping[str, Any]) -> Mask:
     """Windows within a box that was drawn in a view; `box` is what plotly.js calls a range."""
-    ranges = {key: sorted(map(float, ends)) for key, ends in box.items() if len(ends) == 2}
-    x = next((ends for key, ends in ranges.items() if key.startswith("x")), [-np.inf, np.inf])
-    y = next((ends for key, ends in ranges.items() if key.startswith("y")), [-np.inf, np.inf])
+    ranges = {key[0]: sorted(map(float, ends)) for key, ends in box.items() if len(ends) == 2}
+    (left, right), (low, high) = (ranges.get(key, [-np.inf, np.inf]) for key in "xy")
     if view == TIME:
-        return (points.time >= x[0]) & (points.time <= x[1])
-    angle = wrapped(points.position) if view == MAP else points.position
-    return (angle >= x[0]) & (angle <= x[1]) & (points.velocity >= y[0]) & (points.velocity <= y[1])
+        return (x.time >= left) & (x.time <= right)
+    angle = wrapped(x.position) if view == MAP else x.position
+    return (angle >= left) & (angle <= right) & (x.velocity >= low) & (x.velocity <= high)
 
 
-def within(points: Points, region: Region) -> Mask:
-    """Windows within a region that stands out; none for a frequency, which is everywhere."""
-    series = {name: getattr(points, name) for name in ("time", "position", "velocity", "torque")}
-    if region.axis not in series:
-        return np.zeros(len(points), dtype=bool)
-    values = series[region.axis]
+def within(x: Samples, region: Region) -> Mask:
+    """Windows within a region that stands out, which is not one of frequencies."""
+    values: Array = getattr(x, region.axis)
     if region.axis == "position" and turns(values):
         values = wrapped(values)
     return (values >= region.low) & (values <= region.high)
@@ -162,17 +136,17 @@ def within(points: Points, region: Region) -> Mask:
 
 def lit(points: Points, selected: Mask, shown: int) -> dict[str, list[JSON]]:
     """Traces that each view shows on top of its own for a selection (R,)."""
-    at = np.flatnonzero(selected)
-    at = at[thin(points.residuals[shown][at], LIT)] if len(at) else at
-    t, q, v = points.time[at], points.position[at], points.velocity[at]
-    dots = {"hoverinfo": "skip", "name": "selected"}
+    at, x, residual = np.flatnonzero(selected), points.samples, points.residuals[shown]
+    at = at[thin(residual[at], LIT)] if len(at) else at
+    q, v = x.position[at], x.velocity[at]
+
+    def dots(x: Array, y: Array, **more: object) -> JSON:
+        return _dots(x, y, GLOW, 4, hoverinfo="skip", name="selected", **more)
+
     return {
-        MAP: [_dots(wrapped(q), v, GLOW, 4, **dots)],
-        PHASE: [_dots(q, v, GLOW, 4, **dots)],
-        TIME: [
-            _dots(t, points.torque[at], GLOW, 4, **dots),
-            _dots(t, points.residuals[shown][at], GLOW, 4, yaxis="y2", **dots),
-        ],
+        MAP: [dots(wrapped(q), v)],
+        PHASE: [dots(q, v)],
+        TIME: [dots(x.time[at], x.torque[at]), dots(x.time[at], residual[at], yaxis="y2")],
     }
 
 
@@ -231,10 +205,7 @@ def _regions(points: Points, shown: int) -> Component:
         for k, region in enumerate(_standing_out(points, shown))
     ]
     listed = html.Ul([html.Li(row) for row in rows], className="regions-list")
-    overlap = [html.P("Regions of different quantities may be of the same moments.", className="note")] * (
-        len(rows) > 1
-    )
-    return panel("Where it fails", listed if rows else html.P("Nothing stands out of the noise."), *overlap)
+    return panel("Where it fails", listed if rows else html.P("Nothing stands out of the noise."))
 
 
 def _alike(state: Work, points: Points, shown: int) -> Component:
@@ -285,10 +256,10 @@ def say(points: Points, selected: Mask, shown: int) -> str:
     """A selection in words."""
     if not selected.any():
         return "Nothing is in this selection."
-    residual, time = points.residuals[shown][selected], points.time[selected]
+    residual, time = points.residuals[shown][selected], points.samples.time[selected]
     mean, rms = float(residual.mean()), float(np.sqrt(np.mean(residual**2)))
     return (
-        f"{len(time)} of {len(points)} windows, from {time.min():.3g} to {time.max():.3g} s: residual {number(mean)} "
+        f"{len(time)} of {len(selected)} windows, from {time.min():.3g} to {time.max():.3g} s: residual {number(mean)} "
         f"N m on average, {number(rms)} N m RMS; noise alone would leave {number(points.noise)} N m."
     )
 
@@ -331,10 +302,10 @@ def connect(app: Dash, sessions: Sessions) -> None:
             return None, HINT
         points, source = _points(sessions.of(id).state, recording), None
         if "region" in cause:
-            selected = within(points, _standing_out(points, shown)[cause["region"]])
+            selected = within(points.samples, _standing_out(points, shown)[cause["region"]])
         elif "range" in value:
             source = cause["of"]
-            selected = inside(points, source, value["range"])
+            selected = inside(points.samples, source, value["range"])
         else:
             raise PreventUpdate
         return {"source": source, "traces": lit(points, selected, shown)}, say(points, selected, shown)
