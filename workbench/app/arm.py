@@ -80,11 +80,6 @@ class ArmState(State):
     robot: RobotFile = field(kw_only=True)
 
     @property
-    def start(self) -> tuple[Term, ...]:
-        """Terms that a base model has unless told."""
-        return ()
-
-    @property
     def joints(self) -> tuple[str, ...] | None:
         """Those that move, if that is told."""
         return self.robot.joints

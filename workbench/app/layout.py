@@ -61,6 +61,12 @@ def index() -> str:
 def page(fleet: str | None) -> Component:
     """What every visitor gets; the rest follows from the session. `fleet` is the address of a survey's page."""
     most: dict[str, Any] = {"data-most": str(UPLOAD)}  # so that the page can say why it refuses a file
+    brand = html.Span(TITLE, className="brand")
+    stages = html.Nav(navigation(STAGES[0], fleet, NO_RECORDING), id="nav", **aria(label="Stages"))
+    switch = aria(label="Switch between light and dark")
+    theme = html.Button(html.Span("Theme"), id="theme", type="button", **switch)
+    story = html.Div(id="story", className="so-far", **aria(live="polite"))
+    stage = html.Div(id="stage", tabIndex=-1)
     return html.Div(
         [
             dcc.Location(id="url", refresh=False),
@@ -72,29 +78,9 @@ def page(fleet: str | None) -> Component:
             html.Div(id="warm", hidden=True),
             dcc.Interval(id="poll", interval=POLL, disabled=True),
             html.A("Skip to the stage", href="#stage", className="skip", id="skip"),
-            html.Header(
-                html.Div(
-                    [
-                        html.Span(TITLE, className="brand"),
-                        html.Nav(navigation(STAGES[0], fleet, NO_RECORDING), id="nav", **aria(label="Stages")),
-                        html.Button(
-                            html.Span("Theme"), id="theme", type="button", **aria(label="Switch between light and dark")
-                        ),
-                    ],
-                    className="inner",
-                ),
-                className="bar",
-            ),
+            html.Header(html.Div([brand, stages, theme], className="inner"), className="bar"),
             html.Div("Working …", id="waiting", role="status"),
-            html.Main(
-                [
-                    html.Div(id="story", className="so-far", **aria(live="polite")),
-                    html.Div(id="notice", role="alert"),
-                    html.Div(id="job"),
-                    html.Div(id="stage", tabIndex=-1),
-                ],
-                id="main",
-            ),
+            html.Main([story, html.Div(id="notice", role="alert"), html.Div(id="job"), stage], id="main"),
         ],
         **most,
     )

@@ -28,25 +28,13 @@ KEPT: dict[str, Any] = {"persistence": True, "persistence_type": "session"}  # w
 def graph(figure: Figure, caption: Content = None, kind: str = PLOT, bar: bool = True) -> Component:
     """A figure of the report, perhaps with a bar of buttons; the page fills in its colours, in light and dark."""
     buttons = [*BUTTONS[:2], "select2d", *BUTTONS[2:]] if figure.layout.get("dragmode") == "select" else BUTTONS
-    return html.Figure(
-        [
-            *([html.Figcaption(caption)] if caption is not None else []),
-            dcc.Store(id={"kind": f"{kind}-{SPEC}", "of": figure.id}, data=spec(figure)),
-            html.Div(
-                dcc.Graph(
-                    id={"kind": kind, "of": figure.id},
-                    figure=EMPTY,
-                    responsive=True,
-                    config={"displaylogo": False, "modeBarButtons": [buttons]} if bar else {"displayModeBar": False},
-                    style={"height": figure.height},
-                ),
-                role="group",
-                className="plot",
-                style={"height": figure.height},
-                **aria(label=figure.label),
-            ),
-        ]
-    )
+    config: Any = {"displaylogo": False, "modeBarButtons": [buttons]} if bar else {"displayModeBar": False}
+    style, id = {"height": figure.height}, {"kind": kind, "of": figure.id}
+    drawn = dcc.Graph(id=id, figure=EMPTY, responsive=True, config=config, style=style)
+    parts: list[Component] = [html.Figcaption(caption)] if caption is not None else []
+    parts.append(dcc.Store(id={"kind": f"{kind}-{SPEC}", "of": figure.id}, data=spec(figure)))
+    parts.append(html.Div(drawn, role="group", className="plot", style=style, **aria(label=figure.label)))
+    return html.Figure(parts)
 
 
 def aria(**attributes: str) -> dict[str, Any]:

@@ -44,14 +44,8 @@ MEMBERS = {  # fields of a `State` by what they are called in a file, beside its
 def study(state: State) -> str:
     """A study that names the recordings as they are read, for a folder in which they lie."""
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / STUDY
-        write_study(
-            file,
-            [
-                replace(one.source, file=file.with_name(one.source.file.name), joints=state.joints)
-                for one in state.loaded
-            ],
-        )
+        file, sources = Path(folder) / STUDY, [replace(one.source, joints=state.joints) for one in state.loaded]
+        write_study(file, [replace(source, file=file.with_name(source.file.name)) for source in sources])
         return file.read_text(encoding="utf-8")
 
 
@@ -114,11 +108,8 @@ def opened(folder: Path) -> State:
         state = State(loaded=whole, terms=terms, **known)
         state.asked.check(terms)
         if not state.trouble:
-            (
-                state.told.json(),
-                state.found,
-                state.standing.residuals(state.prepared.evidence[0]),
-            )  # what a page would stumble over
+            state.told.json()  # what a page would stumble over
+            state.standing.residuals(state.prepared.evidence[0])
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise Unreadable(f"{CONTENTS} makes no sense ({type(error).__name__}: {error}); {HINT}") from None
     return state

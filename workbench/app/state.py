@@ -221,11 +221,6 @@ class State:
     started: tuple[Step, ...] = ()
 
     @property
-    def start(self) -> tuple[Term, ...]:
-        """Terms that a base model has unless told."""
-        return BASE
-
-    @property
     def joints(self) -> tuple[str, ...] | None:
         """Those of an arm that move; None: all that can."""
         return None

@@ -52,17 +52,12 @@ def calls(state: Work, busy: bool) -> Component:
     if state.diagnosis is None:
         link = html.A("diagnose", href="#diagnose")
         return html.P(["The diagnosis tells which effect is missing: ", link, " first, or try any."])
-    table = state.table
-    if not state.found and table is not None and table not in state.model.effects:
-        keep = button(f"Keep {name(table)} as a table", "add", table, primary=True, disabled=busy)
-        return html.Div([html.P(settled(state)), html.Div([keep], className="row")])
-    if not state.found:
-        return html.P(settled(state))
-    presses = [
-        button(f"Add {name(effect)}", "add", effect, primary=k == 0, disabled=busy)
-        for k, effect in enumerate(state.found)
-    ]
-    return html.Div([html.P("The diagnosis calls for it:"), html.Div(presses, className="row")])
+    offers = [(f"Add {name(effect)}", effect) for effect in state.found]
+    if not offers and state.table is not None and state.table not in state.model.effects:
+        offers = [(f"Keep {name(state.table)} as a table", state.table)]
+    presses = [button(label, "add", id, primary=k == 0, disabled=busy) for k, (label, id) in enumerate(offers)]
+    why = html.P("The diagnosis calls for it:" if state.found else settled(state))
+    return html.Div([why, html.Div(presses, className="row")])
 
 
 def settled(state: Work) -> str:
@@ -76,12 +71,9 @@ def settled(state: Work) -> str:
 def choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
     """What the diagnosis calls for, or any effect of the library."""
     others = {id: label for id, label in known.items() if id not in state.model.effects}
-    kept: dict[str, Any] = {  # while a job ends and the page is drawn anew; a model with an effect more asks anew
-        "persistence": f"beyond {' '.join(state.model.effects)}",
-        "persistence_type": "session",
-    }
-    control = dcc.Dropdown(others, None, id=field("any"), placeholder="choose", **kept)
-    library = labelled("Any effect of the library, or a table", control)
+    kept = f"beyond {' '.join(state.model.effects)}"  # a model with an effect more asks anew
+    more: dict[str, Any] = {"placeholder": "choose", "persistence": kept, "persistence_type": "session"}
+    library = labelled("Any effect of the library, or a table", dcc.Dropdown(others, None, id=field("any"), **more))
     any_of_them = html.Div([library, button("Add it", "add-any", disabled=busy)], className="fields wide")
     return panel("Add an effect", calls(state, busy), any_of_them)
 

@@ -215,21 +215,12 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
     ranked = sorted(names, key=lambda id: found.index(id) if id in found else len(found))
     axes = profiles(points.samples, points.residuals[shown], points.noise, tuple(AXES))
     own = b64encode(picture("What is left here", axes).encode()).decode()
-    rows = [
-        html.Li(
-            [
-                names[id],
-                html.Div(
-                    [
-                        html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves"),
-                        html.P(effect(id).signature, className="note"),
-                    ]
-                ),
-            ]
-        )
-        for id in ranked
-        if (GALLERY / f"{id}.svg").is_file()
-    ]
+    rows = []
+    for id in ranked:
+        if (GALLERY / f"{id}.svg").is_file():
+            drawn = html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves")
+            rows.append(html.Li([names[id], html.Div([drawn, html.P(effect(id).signature, className="note")])]))
+    here = html.Img(src=f"data:image/svg+xml;base64,{own}", alt="What is left")
     return panel(
         "What it looks like",
         html.P(
@@ -237,7 +228,7 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
             "Below, the same where one effect is hidden in the paper's pendulum. Signs and sizes may differ.",
             className="note",
         ),
-        html.Ul([html.Li([html.Strong("Here"), html.Img(src=f"data:image/svg+xml;base64,{own}", alt="What is left")])]),
+        html.Ul([html.Li([html.Strong("Here"), here])]),
         html.Details([html.Summary("Effects to compare it with"), html.Ul(rows)]),
         className="gallery",
     )

@@ -39,17 +39,8 @@ from workbench.report.words import listing, name, number, opening, percent
 
 DRAWN = 4  # recordings that are drawn
 WHY = "No effect does that, and several may be found that only imitate it."
-HEADERS = {  # and whether a column holds numbers
-    "Recording": False,
-    "Length [s]": True,
-    "Rate [Hz]": True,
-    "Samples": True,
-    "In stick": True,
-    "Turns": True,
-    "Peak torque [N m]": True,
-    "Use it to": False,
-    "": False,
-}
+NUMBERS = ("Length [s]", "Rate [Hz]", "Samples", "In stick", "Turns", "Peak torque [N m]")
+HEADERS = {"Recording": False} | dict.fromkeys(NUMBERS, True) | {"Use it to": False, "": False}  # are they numbers?
 
 
 def show(session: Session) -> list[Component]:
@@ -58,10 +49,8 @@ def show(session: Session) -> list[Component]:
     parts: list[Component] = [card.show(one) for one in session.cards[:1]]
     parts.append(html.Div([upload(state), _record()], className="columns"))
     if state.loaded:
-        plots = [
-            graph(course(recording, f"course-{k}", recording.name))
-            for k, recording in enumerate(state.recordings[:DRAWN])
-        ]
+        drawn = enumerate(state.recordings[:DRAWN])
+        plots = [graph(course(recording, f"course-{k}", recording.name)) for k, recording in drawn]
         parts += [recordings(state), *timing(state), _telling(state), html.Div(plots, className="panel")]
     return parts
 
@@ -107,9 +96,9 @@ def recordings(state: Work) -> Component:
     stick = {} if isinstance(state, ArmState) else _share_in_stick(state)
     rows = [_row(one, recording, stick) for one, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
-    how = "how these are read and used, for the command line and to load again with them"
-    save = html.Div([saves(f"Save {STUDY}", "study"), html.Span(how, className="note")], className="row")
     note = [] if any(one.held_out for one in state.loaded) else [html.P(split, className="note")]
+    how = html.Span("how these are read and used, for the command line and to load again with them", className="note")
+    save = html.Div([saves(f"Save {STUDY}", "study"), how], className="row")
     return panel("Recordings", table(HEADERS, rows, "Recordings"), *note, save, className="recordings")
 
 

@@ -55,24 +55,25 @@ def choices(state: Work, is_open: bool, library: Mapping[str, str] | None = None
     asked, of_arm, library = state.asked, library is not None, library or effects_to_choose()
 
     def several(label: str, id: str, empty: str) -> Component:
-        chosen = inputs.ids(getattr(asked, id))
-        return labelled(
-            label, dcc.Dropdown(library, chosen, id=field(f"ask-{id}"), multi=True, placeholder=empty, **KEPT)
+        control = dcc.Dropdown(
+            library, inputs.ids(getattr(asked, id)), id=field(f"ask-{id}"), multi=True, placeholder=empty, **KEPT
         )
+        return labelled(label, control)
 
     def text(label: str, id: str, example: str, note: str) -> Component:
         control = dcc.Input(getattr(asked, id), type="text", id=field(f"ask-{id}"), placeholder=example, **KEPT)
         return labelled(label, control, note)
 
     parameters = ", ".join(column.name for term in state.terms for column in term.columns)
+    effects = "one of the two may be left out; cogging.order=10:14"
     looked = [several("Look only for", "only", "every effect"), several("Do not look for", "without", "none")]
     known = [
         text("Values that are known", "fix", "gravity=2.01", f"of {parameters}, and those of effects: ID or ID.NAME"),
-        text("Bounds of others", "bound", "viscous=0:0.5", "one of the two may be left out; cogging.order=10:14"),
+        text("Bounds of others", "bound", "viscous=0:0.5", effects),
     ]
     summary = html.Summary("Choose what to look for" if of_arm else "Choose what to look for, and say what is known")
-    fields = [html.Div(looked, className="fields asked"), html.Div(known, className="fields asked", hidden=of_arm)]
-    return html.Details([summary, *fields], open=is_open)
+    groups = [html.Div(looked, className="fields asked"), html.Div(known, className="fields asked", hidden=of_arm)]
+    return html.Details([summary, *groups], open=is_open)
 
 
 def _next(state: Work, busy: bool) -> list[Component]:

@@ -80,15 +80,9 @@ def _controls(session: Session) -> list[Component]:
     backends = {id: NAMES.get(id, id) for id in BACKENDS if id != RIG or session.rig is not None}
     replays = [{"label": one.recording.name, "value": one.id} for one in session.state.loaded]
     first = replays[0]["value"] if replays else None
-    return [
-        labelled("Backend", dropdown("live-backend", backends, "pymunk", searchable=False, **KEPT)),
-        *recorder.fields("live-", 30),
-        html.Div(
-            labelled("To replay", dropdown("live-replay", replays, first, searchable=False)),
-            id="live-replay-field",
-            hidden=True,
-        ),
-    ]
+    backend = labelled("Backend", dropdown("live-backend", backends, "pymunk", searchable=False, **KEPT))
+    replay = labelled("To replay", dropdown("live-replay", replays, first, searchable=False))
+    return [backend, *recorder.fields("live-", 30), html.Div(replay, id="live-replay-field", hidden=True)]
 
 
 def _views() -> list[Component]:
@@ -98,18 +92,15 @@ def _views() -> list[Component]:
         html.Div(id="pendulum", role="img", **aria(label="The pendulum as it swings")),
         html.P("", id="live-said", className="note", role="status"),
     )
-    empty = [
-        Figure(plot, f"Estimates of {of} over time", [], {}, 210) for plot, of in zip(PLOTS, PARAMETERS, strict=True)
-    ]
-    plots = html.Div([graph(one, bar=False) for one in empty], className="grid")
+    labels = {plot: f"Estimates of {of} over time" for plot, of in zip(PLOTS, PARAMETERS, strict=True)}
+    empty = [graph(Figure(plot, label, [], {}, 210), bar=False) for plot, label in labels.items()]
+    plots = html.Div(empty, className="grid")
     missing = [
         html.P("", id="live-verdict", className="note", role="status"),
         graph(Figure(EVIDENCE, LABEL, [], {}, HEIGHT), bar=False),
         html.Div(id="live-bars", className="odds"),
         dcc.Input(type="hidden", id=field("live-leader")),  # which effect the button names: another may lead by now
-        html.Div(
-            [button("Add it", "live-add", disabled=True), button("Undo", "live-undo", disabled=True)], className="row"
-        ),
+        html.Div([button(does.title(), f"live-{does}", disabled=True) for does in ("add", "undo")], className="row"),
     ]
     return [
         html.Div([pendulum, panel("What is missing", *missing)], className="columns live"),

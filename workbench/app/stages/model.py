@@ -39,7 +39,7 @@ def show(session: Session) -> list[Component]:
 
 def begin_anew(state: Work) -> Component:
     """Another model to start from."""
-    usual = "the paper's four terms" if state.start else "friction at each joint"
+    usual = "the paper's four terms" if type(state).terms else "friction at each joint"
     said = f"the terms of {state.model_file}" if state.model_file else usual
     return panel(
         "Start from another model",
@@ -50,7 +50,7 @@ def begin_anew(state: Work) -> Component:
 
 
 def _back(session: Session) -> None:
-    session.change("start from the usual terms", session.state.anew(terms=session.state.start, model_file=""))
+    session.change("start from the usual terms", session.state.anew(terms=type(session.state).terms, model_file=""))
 
 
 STAGE = Stage(
