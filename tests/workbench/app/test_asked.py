@@ -38,7 +38,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers) -
 
 
 @pytest.mark.slow
-def test_what_is_asked_for_gives_what_the_command_line_gives(session: Session) -> None:
+def test_what_is_asked_for_gives_what_the_command_line_gives(session):
     for start in (lambda: diagnose.start(session, ASKED), lambda: add.start(session, "stribeck")):
         session.act(start)
         assert session.job is not None and session.job.over.wait(PATIENCE) and session.notice == ""
@@ -52,7 +52,7 @@ def test_what_is_asked_for_gives_what_the_command_line_gives(session: Session) -
     assert json.loads(Path("diagnosis.json").read_text()) == json.loads(json.dumps(found.json()))
 
 
-def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(session: Session) -> None:
+def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(session):
     before = session.state
     diagnose.look_for(session, Asked(only="stribeck"))
     assert session.state.prepared is before.prepared
@@ -68,9 +68,7 @@ def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(sess
     ("field", "wrong"),
     slow.but_first([("only", "stribek"), ("without", "--fix"), ("fix", "gravty=2"), ("bound", "viscous=1:0")]),
 )
-def test_a_mistake_is_told_in_the_words_of_the_command_line(
-    session: Session, capsys: pytest.CaptureFixture[str], field: str, wrong: str
-) -> None:
+def test_a_mistake_is_told_in_the_words_of_the_command_line(session, capsys, field, wrong):
     before = session.state
     session.act(lambda: diagnose.look_for(session, Asked(**{field: wrong})))
     assert session.state is before and session.job is None
@@ -78,6 +76,6 @@ def test_a_mistake_is_told_in_the_words_of_the_command_line(
     assert session.notice != "" and session.notice in capsys.readouterr().err
 
 
-def test_fields_of_the_form_become_options() -> None:
+def test_fields_of_the_form_become_options():
     form = {"ask-only": ["stribeck", "cogging"], "ask-without": None, "ask-fix": " gravity=2 ", "ask-bound": ""}
     assert Asked.of(form) == Asked("stribeck,cogging", "", "gravity=2")

@@ -204,7 +204,7 @@ def tab(browser: "sync_api.Browser", address: str) -> Iterator[Tab]:
     tab.close()
 
 
-def test_a_file_is_not_lost_where_the_page_is_drawn_anew_while_it_is_chosen_or_read(tab: Tab, folder: Path) -> None:
+def test_a_file_is_not_lost_where_the_page_is_drawn_anew_while_it_is_chosen_or_read(tab, folder):
     page = tab.page
     page.evaluate("""() => {
         const read = FileReader.prototype.readAsDataURL;
@@ -225,7 +225,7 @@ def test_a_file_is_not_lost_where_the_page_is_drawn_anew_while_it_is_chosen_or_r
     page.wait_for_selector("td:has-text('swing')")
 
 
-def test_the_story_from_loading_to_undo(tab: Tab, folder: Path) -> None:
+def test_the_story_from_loading_to_undo(tab, folder):
     page = tab.page
     tab.picture("1-data-empty")
     tab.load(folder / "broken.csv")
@@ -296,9 +296,7 @@ def test_the_story_from_loading_to_undo(tab: Tab, folder: Path) -> None:
     assert number_after("fitted to, the torque error is", page.inner_text("#story")) == before
 
 
-def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_shows_where_one_is(
-    tab: Tab, folder: Path
-) -> None:
+def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_shows_where_one_is(tab, folder):
     page = tab.page
     page.set_viewport_size({"width": 420, "height": 900})
     page.wait_for_selector("#to-compare[aria-disabled=true][title='Load a recording first']")
@@ -313,9 +311,7 @@ def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_s
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
-def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(
-    browser: "sync_api.Browser", folder: Path
-) -> None:
+def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(browser, folder):
     with served(str(folder / "swing.csv")) as (address, server):
         tab, held = Tab(browser, address), []
         tab.go("diagnose")
@@ -341,7 +337,7 @@ def number_after(words: str, text: str) -> float:
 
 
 @pytest.mark.parametrize("width", slow.but_first([1400, 420]))
-def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab: Tab, folder: Path, width: int) -> None:
+def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab, folder, width):
     swing = recorded("swing", 1, 10.0)  # logged by a servo with a gear of 6, its current 8 ms late
     rows = zip(1e3 * swing.time[4:], np.degrees(-6 * swing.position[4:]), swing.torque[:-4] / 0.091, strict=True)
     text = "".join(f"{t:.9g},{q:.9g},{i:.9g},on\n" for t, q, i in rows)
@@ -396,9 +392,7 @@ def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab: Tab, fold
 
 
 @pytest.mark.slow
-def test_tabs_are_apart_and_a_reload_changes_nothing_not_even_what_runs(
-    tab: Tab, browser: "sync_api.Browser", folder: Path
-) -> None:
+def test_tabs_are_apart_and_a_reload_changes_nothing_not_even_what_runs(tab, browser, folder):
     page, other = tab.page, Tab(browser, tab.address)
     tab.load(folder / "swing.csv")
     page.wait_for_selector("td:has-text('swing')")
@@ -424,9 +418,7 @@ def test_tabs_are_apart_and_a_reload_changes_nothing_not_even_what_runs(
 
 
 @pytest.mark.slow
-def test_fields_keep_what_was_typed_and_a_saved_session_opens_in_another_tab(
-    tab: Tab, browser: "sync_api.Browser", folder: Path
-) -> None:
+def test_fields_keep_what_was_typed_and_a_saved_session_opens_in_another_tab(tab, browser, folder):
     page = tab.page
     tab.load(folder / "swing.csv")
     page.wait_for_selector("td:has-text('swing')")
@@ -459,7 +451,7 @@ def test_fields_keep_what_was_typed_and_a_saved_session_opens_in_another_tab(
 
 
 @pytest.mark.slow
-def test_a_keyboard_is_enough(tab: Tab) -> None:
+def test_a_keyboard_is_enough(tab):
     """The demo, a stage, a region of the residual and a diagnosis, without a mouse."""
     page = tab.page
 
@@ -491,7 +483,7 @@ def test_a_keyboard_is_enough(tab: Tab) -> None:
 
 
 @pytest.mark.realtime
-def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
+def test_the_live_view_converges_and_becomes_a_recording(tab):
     page = tab.page
     page.set_viewport_size({"width": 1400, "height": 1000})
     tab.go("live")
@@ -523,9 +515,7 @@ def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
 
 
 @pytest.mark.slow
-def test_no_stage_is_wider_than_the_window_or_has_text_that_is_cut_or_overlaps(
-    browser: "sync_api.Browser", address: str, folder: Path
-) -> None:
+def test_no_stage_is_wider_than_the_window_or_has_text_that_is_cut_or_overlaps(browser, address, folder):
     tab = Tab(browser, address, color_scheme="dark")
     tab.load(folder / "swing.csv")
     tab.page.wait_for_selector("td:has-text('swing')")
@@ -543,7 +533,7 @@ def test_no_stage_is_wider_than_the_window_or_has_text_that_is_cut_or_overlaps(
 
 
 @pytest.mark.slow
-def test_a_fleet_is_walked_from_the_workbench_to_a_case_and_back(browser: "sync_api.Browser", tmp_path: Path) -> None:
+def test_a_fleet_is_walked_from_the_workbench_to_a_case_and_back(browser, tmp_path):
     survey = surveyed(tmp_path, weeks=4)
     with served("--fleet", str(survey.folder)) as (address, _):
         tab = Tab(browser, address)
@@ -576,7 +566,7 @@ def test_a_fleet_is_walked_from_the_workbench_to_a_case_and_back(browser: "sync_
         tab.close()
 
 
-def test_an_arm_from_its_file_to_an_effect_at_a_joint(tab: Tab, tmp_path: Path) -> None:
+def test_an_arm_from_its_file_to_an_effect_at_a_joint(tab, tmp_path):
     page = tab.page
     tab.load(*two_link(tmp_path))
     page.wait_for_selector("td:has-text('run')")

@@ -1,7 +1,5 @@
 """A survey's page and those of its cases, as the server gives them; the browser walks them in `test_browser.py`."""
 
-from pathlib import Path
-
 import pytest
 
 from pendulum_env.recording import write_recording
@@ -81,7 +79,7 @@ def test_a_server_without_a_survey_has_no_such_page(survey):
     sessions.close()
 
 
-def test_a_folder_that_is_no_survey_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_folder_that_is_no_survey_is_one_line(tmp_path, capsys):
     write_recording(recorded("swing", 1, 1.0), tmp_path / "swing.csv")
     for name in (tmp_path, tmp_path / "swing.csv", tmp_path / "nowhere"):
         assert main(["app", "--no-browser", "--port", "0", "--fleet", str(name)]) == 2

@@ -54,7 +54,7 @@ def finish(run: Run) -> None:
     wait_until(lambda: not watched(run).running)
 
 
-def test_a_replay_plays_the_recording_and_knows_no_truth(tmp_path: Path) -> None:
+def test_a_replay_plays_the_recording_and_knows_no_truth(tmp_path):
     original = recorded("swing", 1, seconds=2.0)
     run = begun("--backend=replay", f"--replay={written(original, tmp_path).file}", "--seconds=60")
     finish(run)
@@ -65,7 +65,7 @@ def test_a_replay_plays_the_recording_and_knows_no_truth(tmp_path: Path) -> None
     assert len(run.motion) <= 51 and run.motion[-1, 0] == pytest.approx(again.time[-1])
 
 
-def test_a_stopped_run_is_over_and_keeps_what_it_measured() -> None:
+def test_a_stopped_run_is_over_and_keeps_what_it_measured():
     run = begun("--excitation=steps", "--amplitude=4", "--effect=stribeck=0.4", "--seconds=60")
     wait_until(lambda: watched(run).time >= 0.5)
     run.stop()
@@ -76,12 +76,12 @@ def test_a_stopped_run_is_over_and_keeps_what_it_measured() -> None:
     run.stop()  # twice does no harm
 
 
-def test_a_run_that_cannot_be_is_refused_in_the_words_of_the_command_line() -> None:
+def test_a_run_that_cannot_be_is_refused_in_the_words_of_the_command_line():
     with pytest.raises(InputError, match="unknown excitation 'noise'"):
         begun("--excitation=noise")
 
 
-def test_a_policy_drives_and_keeps_to_its_constraint() -> None:
+def test_a_policy_drives_and_keeps_to_its_constraint():
     run = begun("--backend=pymunk", "--excitation=rl", "--policy=peak", "--seconds=2")
     finish(run)
     assert run.trouble == ""
@@ -130,9 +130,7 @@ def sessions(rig: EmulatedRig) -> Iterator[Sessions]:
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("torque", slow.but_first(["paper", "rl-peak"]))
-def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done(
-    rig: EmulatedRig, sessions: Sessions, torque: str
-) -> None:
+def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done(rig, sessions, torque):
     session = sessions.of(ID)
     run = driving(session, torque)
     wait_until(lambda: watched(run).time > 1.0)  # by then either has asked for more than is allowed
@@ -153,7 +151,7 @@ def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: EmulatedRig, sessions: Sessions) -> None:
+def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig, sessions):
     session, looking, looked = sessions.of(ID), Event(), Event()
     run = driving(session)
 
@@ -178,9 +176,7 @@ def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: Emu
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(
-    rig: EmulatedRig, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(rig, sessions, monkeypatch):
     monkeypatch.setattr("workbench.app.session.MOST_SESSIONS", 1)
     first = sessions.of(ID)
     driving(first)
@@ -196,9 +192,7 @@ def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_the_rig_has_no_torque_when_nobody_watches(
-    rig: EmulatedRig, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_rig_has_no_torque_when_nobody_watches(rig, sessions, monkeypatch):
     monkeypatch.setattr(live, "UNSEEN_RIG", 1.5)
     run = driving(sessions.of(ID))
     wait_until(lambda: not run.running)
@@ -207,7 +201,7 @@ def test_the_rig_has_no_torque_when_nobody_watches(
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_a_fault_of_the_rig_ends_the_run_and_is_told(rig: EmulatedRig, sessions: Sessions) -> None:
+def test_a_fault_of_the_rig_ends_the_run_and_is_told(rig, sessions):
     run = driving(sessions.of(ID))
     rig.signal(signal.SIGSTOP)  # it does not answer any more
     finish(run)
@@ -217,7 +211,7 @@ def test_a_fault_of_the_rig_ends_the_run_and_is_told(rig: EmulatedRig, sessions:
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_the_rig_has_no_torque_once_the_server_is_killed(rig: EmulatedRig) -> None:
+def test_the_rig_has_no_torque_once_the_server_is_killed(rig):
     host = Host(SERVER, rig.config)
     try:
         host.heard("running")
@@ -241,7 +235,7 @@ def follower_of(seconds: float) -> Follower:
     return follower
 
 
-def test_what_is_missing_is_alarmed_about_added_and_taken_out() -> None:
+def test_what_is_missing_is_alarmed_about_added_and_taken_out():
     with pytest.raises(ValueError, match="has not been tried yet"):
         follower_of(0.1).add("torque_offset")
     follower = follower_of(8.0)
