@@ -248,9 +248,12 @@ class Run:
         self._thread.join()
 
     def watch(self) -> None:
-        """Let somebody look at what has been measured; a run that nobody looks at stops."""
+        """Note that somebody looks; a run that nobody looks at stops."""
         self._seen = time.monotonic()
-        if self._following.acquire(blocking=False):  # else somebody else looks, which may take long
+
+    def follow(self) -> None:
+        """Let the follower take in what is measured, which may take longer than measuring: no motor waits for it."""
+        if self._following.acquire(blocking=False):  # else another thread is at it
             try:
                 rows = self.rows[self._followed :]
                 self._followed += len(rows)

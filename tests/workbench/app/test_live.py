@@ -160,7 +160,7 @@ def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig, ses
         looked.wait()
 
     run.follower.take = long  # type: ignore[method-assign]
-    Thread(target=run.watch, daemon=True).start()
+    Thread(target=run.follow, daemon=True).start()
     assert looking.wait(PATIENCE)
     stopping = Thread(target=session.halt)
     stopping.start()

@@ -289,6 +289,7 @@ def connect(app: Dash, sessions: Sessions) -> None:
         if run is None:
             raise PreventUpdate
         run.watch()
+        run.follow()
         drawn = [*(figure(run, k) for k in range(len(PARAMETERS))), course(run.follower, run.time)]
         specs = [spec(one) if one is not None else None for one in drawn]
         motion = {"rows": run.motion.round(4).tolist(), "running": run.running}
