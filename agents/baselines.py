@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 
 from agents import multisine
-from agents.foresight import foresee
-from agents.knowledge import COUNT, NOMINAL, log_det
+from agents.knowledge import COUNT, NOMINAL, SLOW, log_det
 from agents.observer import CONSTRAINTS, EPISODE, TICK, Batch, Constraint, read
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Mask
 from pendulum_env.excitation import excitation
 from pendulum_env.lookup import find
+from pendulum_env.physics import BASE
+from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.policy import Policy, State
-
-HEAD_START = 50  # steps; before, log det grows as it will
 
 
 class Signals:
@@ -41,6 +40,31 @@ class Signals:
         return shares[:, step % shares.shape[1], None].astype(np.float32), (step + 1, shares)
 
 
+def foresee(torque: Array, theta: Array, position: Array, velocity: Array) -> tuple[Array, Mask]:
+    """Rows (T, B, C, P) in nominal units that torques (T, B, C) held for a tick would give, and which are fast enough.
+
+    Args:
+        torque: of C candidates for each of B plants [N m].
+        theta: parameters of the plants (B, P).
+        position: where they start (B,) [rad].
+        velocity: and how fast they are (B,) [rad/s].
+    """
+    shape = torque.shape
+    each = [np.repeat(values, shape[-1], axis=-1) for values in (theta.T, position, velocity)]
+    # of second order, so an action changes little with finer steps
+    way = simulate(BASE, each[0], TICK, torque.reshape(len(torque), -1), each[1], each[2], longest_step=5e-3)
+    speed = np.abs(way.velocity)
+    usable = (speed[1:] >= SLOW) & (speed[:-1] >= SLOW) & (way.velocity[1:] * way.velocity[:-1] > 0)
+    return (rows(way, TICK) * NOMINAL).reshape(*shape, -1), usable.reshape(shape)
+
+
+def rows(way: Trajectory, period: float) -> Array:
+    """Torque per unit of inertia, gravity, viscous and dry friction over each period [s] of a motion (T, N, 4)."""
+    q, v = way.position, way.velocity
+    parts = [np.diff(v, axis=0) / period, np.sin(0.5 * (q[1:] + q[:-1])), np.diff(q, axis=0) / period, np.sign(v[1:])]
+    return np.stack(parts, axis=-1)
+
+
 class LookAhead:
     """Of all sequences of a few torques, plays the first torque of the one that promises to teach most.
 
@@ -49,6 +73,8 @@ class LookAhead:
     torque has a price: log det grows by P / k in step k, for which an even step's energy is paid. With one torque, held
     for one step, it is the greedy choice. Source of the greedy one: Blanke and Lelarge, FLEX, ICML 2023.
     """
+
+    head_start = 50  # steps; before, log det grows as it will
 
     def __init__(self, constraint: Constraint, torques: int, ticks: int, levels: Sequence[float]) -> None:
         """Take how many torques a sequence has, how long each is held [ticks], and their levels."""
@@ -77,7 +103,7 @@ class LookAhead:
 
     def _cost(self, time_left: Array) -> Array:
         """What the energy of the sequences is worth by now (B, C) [nat]."""
-        step = HEAD_START + (1.0 - time_left) * EPISODE / TICK
+        step = self.head_start + (1.0 - time_left) * EPISODE / TICK
         energy = self.ticks * (self._sequences**2).sum(axis=0)  # in that of an even step
         return (COUNT / step)[:, None] * energy
 

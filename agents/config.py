@@ -10,7 +10,6 @@ from typing import Any
 from pendulum_env.lookup import find
 from pendulum_env.reading import Value, read_toml, several, within
 
-MOST_LEVELS = 1000
 ROLLOUT = 50_000_000  # decisions of all pendulums between two updates, of some 100 bytes each
 USUAL: dict[str, dict[str, Any]] = {  # what a constraint changes
     "peak": {},
@@ -51,7 +50,7 @@ class Config:
     rollout: int = within(1, 10**6, 250)
     epochs: int = within(1, 10_000, 8)
     entropy: float = within(0.0, 1e6, 0.003)
-    levels: tuple[float, ...] = several(-1.0, 1.0, MOST_LEVELS, (-1.0, -0.5, 0.0, 0.5, 1.0))
+    levels: tuple[float, ...] = several(-1.0, 1.0, 1000, (-1.0, -0.5, 0.0, 0.5, 1.0))
     price_rate: float = within(0.0, 1e6, 3e-5)
     head_start: int = within(0, 10**9, 50)
     checkpoint: int = within(1, 10**12, 200_000)

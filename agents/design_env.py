@@ -100,23 +100,15 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Batch, dict[str, Any]]:
-        """Begin an episode with new plants, at rest and hanging down; the same seed draws the same.
+        """Begin an episode with new plants, at rest and hanging down; the same seed draws the same plants and noise.
 
-        Args:
-            seed: of plants and noise, one for all; of a list, the first.
-            options: `plant`, true parameters (P, B) instead of those drawn.
-
-        Raises:
-            ValueError: if an option is unknown, or a plant impossible.
+        Of a list of seeds the first counts; there are no options.
         """
         super().reset(seed=seed[0] if isinstance(seed, list) else seed)
-        for name in options or {}:
-            find("option of reset", name, {"plant": 0})
-        return self._begin((options or {}).get("plant"))
+        return self._begin()
 
-    def _begin(self, plant: Array | None = None) -> tuple[Batch, dict[str, Any]]:
-        """Begin an episode with plants (P, B), drawn unless they are given."""
-        plant = self._spread.draw(self.np_random, self.num_envs) if plant is None else plant
+    def _begin(self) -> tuple[Batch, dict[str, Any]]:
+        plant = self._spread.draw(self.np_random, self.num_envs)
         _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options={"theta": plant})
         self._ended = False
         self.observer.start(info["position"], info["velocity"])
@@ -135,7 +127,7 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         """
         if np.shape(actions) != (self.num_envs, 1):
             raise ValueError(f"the actions have shape {np.shape(actions)}, {self.num_envs} pendulums need one each")
-        nobody = np.zeros(self.num_envs, dtype=bool)
+        nobody = ~self._everyone
         if self._ended and self.autoreset is AutoresetMode.NEXT_STEP:
             observation, info = self._begin()
             return observation, np.zeros(self.num_envs), nobody, nobody.copy(), info
@@ -163,15 +155,10 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         return positions, torques
 
     def _info(self, torque: Array, positions: Array, torques: Array, plant: Array | None = None) -> dict[str, Any]:
-        seen: dict[str, Any] = {
-            "torque": torque,
-            "positions": positions,
-            "torques": torques,
-            "information": self.observer.knowledge.information,
-            "estimates": self.observer.knowledge.estimates,
-        }
-        if plant is not None:
-            seen["plant"] = plant
+        knowledge = self.observer.knowledge
+        seen: dict[str, Any] = {"torque": torque, "positions": positions, "torques": torques}
+        seen |= {"information": knowledge.information, "estimates": knowledge.estimates}
+        seen |= {} if plant is None else {"plant": plant}
         return seen | {f"_{name}": self._everyone for name in seen}
 
 
@@ -197,11 +184,9 @@ class ExcitationDesign(gym.Env[Batch, Batch]):
         self.action_space = self._batch.single_action_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Batch, dict[str, Any]]:
-        """Begin an episode with a new plant; `options["plant"]` (P,) is taken instead."""
+        """Begin an episode with a new plant."""
         super().reset(seed=seed)
-        if options and "plant" in options:
-            options = {**options, "plant": np.reshape(options["plant"], (-1, 1))}
-        observation, info = self._batch.reset(seed=seed, options=options)
+        observation, info = self._batch.reset(seed=seed)
         self._paid = 0.0
         return observation[0], self._show(info)
 

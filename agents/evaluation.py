@@ -15,8 +15,8 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from agents.baselines import rows
 from agents.design_env import RATE, ExcitationDesignVector
-from agents.foresight import rows
 from agents.knowledge import COUNT, NOMINAL, log_det
 from agents.observer import TICK
 from estimators.online import OnlineEstimator
@@ -42,26 +42,18 @@ Contender = Callable[[int], Policy]  # makes a policy from the seed of what it d
 class Outcome:
     """What a policy did and what was learnt, on N plants over T ticks of 20 ms.
 
-    Attributes:
-        error: RMS of the relative errors of the four parameters (T, N).
-        worst: largest of them (T, N).
-        log_det: of the information in nominal units (T, N) [nat].
-        bound: Cramer-Rao bound of `error` at `MOMENTS` (M, N), of unbiased estimators that see the motion exactly, use
-            it while the arm moves, and know the law; NaN where effects are hidden.
-        torque: commanded [N m] (T, N).
-        position: at the end of each tick [rad] (T, N).
-        speed: largest |q'| (N,) [rad/s].
-        seconds_per_action: computing time that the policy took for all plants together [s].
+    The Cramer-Rao bound is of unbiased estimators that see the motion exactly, use it while the arm moves, and know the
+    law; it is NaN where effects are hidden.
     """
 
-    error: Array
-    worst: Array
-    log_det: Array
-    bound: Array
-    torque: Array
-    position: Array
-    speed: Array
-    seconds_per_action: float
+    error: Array  # (T, N), RMS of the relative errors of the four parameters
+    worst: Array  # (T, N), largest of them
+    log_det: Array  # (T, N), of the information in nominal units [nat]
+    bound: Array  # (M, N), Cramer-Rao bound of `error` at `MOMENTS`
+    torque: Array  # (T, N), commanded [N m]
+    position: Array  # (T, N), at the end of each tick [rad]
+    speed: Array  # (N,), largest |q'| [rad/s]
+    seconds_per_action: float  # computing time that the policy took for all plants together [s]
 
     @cached_property
     def errors(self) -> Array:
@@ -224,8 +216,8 @@ def interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) ->
 
 def evaluation_json(outcomes: Mapping[str, Outcome], base: str, **setting: object) -> JSON:
     """All policies beside a baseline, for programs, and what else is to be written; the infinite or unknown is null."""
-    told = {name: _policy_json(outcome, outcomes[base]) for name, outcome in outcomes.items()}
-    return {"schema": SCHEMA, **setting, "baseline": base, "policies": told}
+    policies = {name: _policy_json(outcome, outcomes[base]) for name, outcome in outcomes.items()}
+    return {"schema": SCHEMA, **setting, "baseline": base, "policies": policies}
 
 
 def _policy_json(outcome: Outcome, base: Outcome) -> JSON:

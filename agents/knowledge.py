@@ -27,15 +27,10 @@ FEATURES = 2 * COUNT + len(PAIRS[0])
 
 @dataclass(eq=False)
 class Knowledge:
-    """Knowledge of B plants.
+    """Knowledge of B plants."""
 
-    Attributes:
-        information: M (B, P, P).
-        moment: M0 1 + sum phi y (B, P).
-    """
-
-    information: Array
-    moment: Array
+    information: Array  # M (B, P, P)
+    moment: Array  # M0 1 + sum phi y (B, P)
 
     @classmethod
     def none(cls, batch: int) -> Knowledge:

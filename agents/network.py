@@ -82,11 +82,6 @@ class Network:
 
     @classmethod
     def _of(cls, arrays: Mapping[str, NDArray[Any]]) -> Network:
-        """A policy of the arrays of a file.
-
-        Raises:
-            ValueError: if one is missing or holds no numbers, or they do not fit together.
-        """
         layers = range(max(1, sum(name.startswith("weight") for name in arrays)))
         names = [*(f"weight{k}" for k in layers), *(f"bias{k}" for k in layers), "levels"]
         for name in [*names, "constraint"]:

@@ -28,15 +28,10 @@ Batch = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Constraint:
-    """What the torque must keep to.
+    """What the torque must keep to."""
 
-    Attributes:
-        peak: bound of |torque| [N m].
-        rms: bound of its root mean square over the episode [N m], enforced as a budget of energy; None for none.
-    """
-
-    peak: float
-    rms: float | None = None
+    peak: float  # bound of |torque| [N m]
+    rms: float | None = None  # bound of its root mean square over the episode [N m], enforced as a budget of energy
 
 
 CONSTRAINTS = {

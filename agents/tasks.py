@@ -13,8 +13,6 @@ from agents.config import Config
 from agents.design_env import ExcitationDesignVector
 from agents.observer import mirrored
 
-SCALE = 100.0  # decisions; keeps rewards as large as they were
-
 
 class LearntOn(VectorWrapper):
     """Torque in levels, seen as if the arm turned forwards, as a `Network` sees it, and paid by its worth in the end.
@@ -25,6 +23,7 @@ class LearntOn(VectorWrapper):
     """
 
     env: ExcitationDesignVector
+    scale = 100.0  # decisions; keeps rewards as large as they were
 
     def __init__(self, env: ExcitationDesignVector, config: Config) -> None:
         """Take the environment; the configuration has levels, head start and the rate of the price."""
@@ -33,7 +32,7 @@ class LearntOn(VectorWrapper):
         self.single_action_space = gym.spaces.Discrete(len(config.levels))
         self.action_space = batch_space(self.single_action_space, env.num_envs)
         peak, rms = env.constraint.peak, env.constraint.rms
-        self._scale, self._rate = (0.0, 0.0) if rms is None else (peak / rms, config.price_rate)
+        self._per_rms, self._rate = (0.0, 0.0) if rms is None else (peak / rms, config.price_rate)
         self.price = 0.0  # [nat], of a torque of the budget's size over a decision
 
     def reset(
@@ -47,8 +46,8 @@ class LearntOn(VectorWrapper):
         """Play levels (B,), weigh the reward, charge for the command, and adjust the price."""
         share = self._sign * self._levels[actions]
         observation, reward, terminated, truncated, info = self.env.step(share[:, None])
-        excess = (self._scale * share) ** 2 - 1.0
-        reward = reward * (self._head_start + self._tick) / SCALE - self.price * excess
+        excess = (self._per_rms * share) ** 2 - 1.0
+        reward = reward * (self._head_start + self._tick) / self.scale - self.price * excess
         self._tick = 0 if truncated.all() else self._tick + 1
         self.price = max(0.0, self.price + self._rate * float(excess.mean()))
         if "final_obs" in info:

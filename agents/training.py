@@ -66,11 +66,13 @@ def _begin(config: Config, folder: Path | None, resume: bool) -> PPO:
     """A new training, or the one in the folder."""
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-    if folder is None or not (folder / CHECKPOINT).exists():
-        return make_model(config)
-    if not resume:
-        raise CheckpointError(f"{folder}: holds a training already: resume it (--resume), or name another folder")
-    return _restore(folder / CHECKPOINT, config)
+        if (folder / CHECKPOINT).exists():
+            if not resume:
+                raise CheckpointError(
+                    f"{folder}: holds a training already: resume it (--resume), or name another folder"
+                )
+            return _restore(folder / CHECKPOINT, config)
+    return make_model(config)
 
 
 def make_model(config: Config) -> PPO:
@@ -121,9 +123,6 @@ def learnt(network: Network, config: Config, count: int = 64) -> float:
     return total
 
 
-# ------------------------------------------------------------------------------------------------------- checkpoints
-
-
 def _keep(path: Path, model: PPO, config: Config) -> None:
     """Write a checkpoint, whole or not at all."""
     logger, model._logger = model._logger, None  # type: ignore[assignment]  # open files, opened anew when resumed
@@ -140,11 +139,7 @@ def _keep(path: Path, model: PPO, config: Config) -> None:
 
 
 def _restore(path: Path, config: Config) -> PPO:
-    """What `_keep` wrote. Reading a pickle runs what is in it, so it has to be this user's own.
-
-    Raises:
-        CheckpointError: if it is of another configuration or another user, or no checkpoint.
-    """
+    """What `_keep` wrote. Reading a pickle runs what is in it, so it has to be this user's own."""
     try:
         packed = read_own(path)
     except Unreadable as error:
@@ -164,7 +159,7 @@ def _restore(path: Path, config: Config) -> PPO:
 
 
 class _Watch(BaseCallback):
-    """Tells the progress and keeps checkpoints and policies on the way."""
+    """Reports the progress and keeps checkpoints and policies on the way."""
 
     def __init__(self, config: Config, tell: Progress | None, folder: Path | None) -> None:
         super().__init__()
@@ -172,35 +167,28 @@ class _Watch(BaseCallback):
         self._gained: list[float] = []
 
     def _on_training_start(self) -> None:
-        self._kept = self._told = self.num_timesteps
+        self._kept = self._reported = self.num_timesteps
 
     def _on_step(self) -> bool:
         self._gained.append(float(self.locals["rewards"].mean()))
         return True
 
     def _on_rollout_start(self) -> None:  # what was learnt from the rollout before is in the model now
-        done, every = self.num_timesteps, self._config.checkpoint
-        if done - self._told >= self._config.pendulums * self._config.rollout:
-            self._report()
-        if done // every > self._kept // every:
-            self._save()
+        self._look()
 
     def _on_training_end(self) -> None:
-        self._report()
-        self._save()
+        self._look(at_end=True)
 
-    def _report(self) -> None:
-        mean = float(np.mean(self._gained)) if self._gained else 0.0
-        self._told = self.num_timesteps
-        self._gained.clear()
-        self.logger.record("rollout/reward", mean)
-        if self._tell is not None:
-            self._tell(f"{self._told:,} decisions, reward {mean:.4f} each", min(1.0, self._told / self._config.steps))
-
-    def _save(self) -> None:
-        if self._folder is None:
-            return
-        assert isinstance(self.model, PPO)
-        self._kept = self.num_timesteps
-        export(self.model, self._config).save(self._folder / f"steps-{self._kept}.npz")
-        _keep(self._folder / CHECKPOINT, self.model, self._config)
+    def _look(self, at_end: bool = False) -> None:
+        done, config = self.num_timesteps, self._config
+        if at_end or done - self._reported >= config.pendulums * config.rollout:
+            mean = float(np.mean(self._gained)) if self._gained else 0.0
+            self._reported, self._gained = done, []
+            self.logger.record("rollout/reward", mean)
+            if self._tell is not None:
+                self._tell(f"{done:,} decisions, reward {mean:.4f} each", min(1.0, done / config.steps))
+        if self._folder is not None and (at_end or done // config.checkpoint > self._kept // config.checkpoint):
+            assert isinstance(self.model, PPO)
+            self._kept = done
+            export(self.model, config).save(self._folder / f"steps-{done}.npz")
+            _keep(self._folder / CHECKPOINT, self.model, config)

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from agents.foresight import foresee
+from agents.baselines import foresee
 from agents.knowledge import COUNT, NOMINAL, PRIOR, log_det
 from agents.multisine import FOUND, FREQUENCIES, signal
 from agents.observer import CONSTRAINTS, Constraint

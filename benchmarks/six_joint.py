@@ -143,6 +143,22 @@ class Hidden:
         return law
 
 
+def drawn_reference(
+    rng: np.random.Generator, sweep: np.ndarray, middle: np.ndarray
+) -> Callable[[float], tuple[np.ndarray, np.ndarray]]:
+    """A multisine of six harmonics that sweeps so far (n,) about a middle (n,) [rad]: angles and speeds at a time."""
+    harmonics = np.arange(1, 7)
+    amplitude = rng.normal(size=(len(sweep), 6)) / harmonics**0.5
+    amplitude *= (sweep / np.abs(amplitude).sum(axis=1))[:, None]
+    phase, w = rng.uniform(0, 2 * np.pi, amplitude.shape), 2 * np.pi * harmonics / 7.3
+
+    def reference(t: float) -> tuple[np.ndarray, np.ndarray]:
+        inside = w * t + phase
+        return middle + (amplitude * np.sin(inside)).sum(1), (amplitude * w * np.cos(inside)).sum(1)
+
+    return reference
+
+
 def simulate(
     seed: int,
     hidden: Hidden | None = None,
@@ -167,15 +183,8 @@ def simulate(
     model.tendon_solref_fri[:], model.tendon_solimp_fri[:, :3] = model.dof_solref[:1], model.dof_solimp[:1, :3]
     data = mujoco.MjData(model)
     law = hidden.forces(rubs[hidden.joint]) if hidden is not None else None
-    harmonics = np.arange(1, 7)
-    amplitude = rng.normal(size=(6, 6)) / harmonics**0.5
-    amplitude *= (np.array(SWEEP) / np.abs(amplitude).sum(axis=1))[:, None]
-    phase, w = rng.uniform(0, 2 * np.pi, (6, 6)), 2 * np.pi * harmonics / 7.3
+    reference = drawn_reference(rng, np.array(SWEEP), np.array(MIDDLE))
     stiffness, damping = np.array([600, 900, 500, 100, 70, 22.0]), np.array([35, 50, 25, 6, 4, 1.2])
-
-    def reference(t: float) -> tuple[np.ndarray, np.ndarray]:
-        inside = w * t + phase
-        return np.array(MIDDLE) + (amplitude * np.sin(inside)).sum(1), (amplitude * w * np.cos(inside)).sum(1)
 
     data.qpos[:], data.qvel[:] = reference(0.0)
     steps, substeps = round(seconds * RATE), round(1 / RATE / STEP)

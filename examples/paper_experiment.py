@@ -27,7 +27,7 @@ def one_run(seconds: float = 30.0) -> None:
     recording = rollout(env, OpenLoop(torque, rate=1000.0), steps=round(1000 * seconds), seed=0)
 
     ours = identify([recording])  # clear of stick, torque as it was held, derivatives without delay
-    printed = identify([recording], schemes=PRINTED, measured=as_logged)  # (7), (8), (9) sample by sample
+    printed = identify([recording], schemes=PRINTED, measured=lambda run: [as_logged(run)])  # (7), (8), (9)
     print("true theta           ", paper_plant().theta)
     for scheme in TABLE_2:
         print(f"{scheme:21}", ours[scheme].model.theta.round(4), "as printed", printed[scheme].model.theta.round(4))

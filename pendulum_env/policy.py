@@ -83,15 +83,15 @@ def transitions(
     note_identifier(env)
     observation, info = env.reset(seed=seed, options=options)
     state: State = None
-    ended, first = False, True
-    while not ended:
+    terminated = truncated = False
+    first = True
+    while not (terminated or truncated):
         if isinstance(policy, Controller):
             action: Any = np.atleast_1d(policy.torque(info))
         else:
             action, state = policy.predict(observation, state, np.array(first))
         time, position, first = info["time"], info["position"], False
         observation, _, terminated, truncated, info = env.step(action)
-        ended = terminated or truncated
         yield None if "fault" in info else (time, position, info["torque"]), info
 
 
@@ -108,7 +108,7 @@ def rollout(
     """Run a policy or a controller in an environment and keep the measurement.
 
     Args:
-        env: whose `info` carries `time`, `position` and `torque`.
+        env: see `transitions`.
         policy: what chooses the torque.
         steps: at most; the episode may end before.
         seed: of the reset.

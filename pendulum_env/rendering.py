@@ -15,7 +15,7 @@ from pendulum_env.lookup import find
 MODES = ("human", "rgb_array")
 WIDTH, HEIGHT = 600, 480  # [pixels]
 REACH, BOB = 173, 18  # [pixels] of all links in a row, and of the discs at their ends
-LINE, TOLD = 20, 15  # [pixels] from one line of text to the next, and how many are shown
+LINE, MOST = 20, 15  # [pixels] from one line of text to the next, and how many are shown
 FRAMES = 50  # per second of simulated time, in a window and in a video
 PAPER, INK, ARM, TORQUE = (250, 249, 246), (40, 44, 52), (52, 101, 164), (204, 92, 40)
 
@@ -61,7 +61,7 @@ class Renderer:
         Args:
             measurement: time [s], position [rad] and torque [N m], of one joint or of all (n,).
             max_torque: torque at which the arc goes three quarters round [N m].
-            lines: of text to show; those beyond `TOLD` are left out.
+            lines: of text to show; those beyond `MOST` are left out.
             lengths: of the links, in proportion.
             angles: of the links from hanging down, where the joints are at zero [rad].
         """
@@ -76,13 +76,13 @@ class Renderer:
         surface = self._surface
         surface.fill(PAPER)
         positions, torques = np.atleast_1d(measurement["position"]), np.atleast_1d(measurement["torque"])
-        told_angles, told_torques = (
+        angles_text, torques_text = (
             " ".join(f"{x:{form}}" for x in xs) for xs, form in ((positions, "+.3f"), (torques, "+.2f"))
         )
-        first = f"t {measurement['time']:.2f} s   q {told_angles} rad   torque {told_torques} N m"
-        told = [first, *lines][:TOLD]
-        top = HEIGHT - LINE * len(told) - LINE // 2  # of the text
-        for k, line in enumerate(told):
+        first = f"t {measurement['time']:.2f} s   q {angles_text} rad   torque {torques_text} N m"
+        shown = [first, *lines][:MOST]
+        top = HEIGHT - LINE * len(shown) - LINE // 2  # of the text
+        for k, line in enumerate(shown):
             surface.blit(self._font.render(line, True, INK), (12, top + LINE * k))
         pivot, reach = np.array([WIDTH // 2, top // 2]), min(REACH, top // 2 - BOB)
         turned, shares = np.cumsum(positions) + angles, np.divide(lengths, np.sum(lengths))

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from benchmarks.six_joint import drawn_reference
+
 STEP, RATE = 2e-4, 500.0  # [s], [Hz]
 
 
@@ -138,16 +140,7 @@ def simulate(
     model.dof_solref[:], model.dof_solimp[:, :3] = (2 * STEP, 1.0), (0.95, 0.999, 1e-4)
     data, moving = mujoco.MjData(model), [own for own in joints if own.sweep]
     order = [where[own.name] for own in moving]
-    harmonics = np.arange(1, 7)
-    amplitude = rng.normal(size=(len(moving), 6)) / harmonics**0.5
-    amplitude *= np.array([own.sweep for own in moving])[:, None] / np.abs(amplitude).sum(axis=1, keepdims=True)
-    phase, w = rng.uniform(0, 2 * np.pi, amplitude.shape), 2 * np.pi * harmonics / 7.3
-    middle = np.array([own.middle for own in moving])
-
-    def reference(t: float) -> tuple[np.ndarray, np.ndarray]:
-        inside = w * t + phase
-        return middle + (amplitude * np.sin(inside)).sum(1), (amplitude * w * np.cos(inside)).sum(1)
-
+    reference = drawn_reference(rng, np.array([own.sweep for own in moving]), np.array([own.middle for own in moving]))
     still = positions(joints, held)
     data.qpos[order], data.qvel[order] = reference(0.0)
     for own in joints:

@@ -13,9 +13,7 @@ class CubicDamping(Term):
 
     id, law, kind = "cubic_damping", "c q'^3", "dissipative"
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (Column("cubic_damping", "N m s^3/rad^3", force=lambda x: x.velocity**3),)
+    columns = (Column("cubic_damping", "N m s^3/rad^3", force=lambda x: x.velocity**3),)
 
 
 @dataclass(frozen=True)
@@ -24,15 +22,11 @@ class Table(Term):
 
     id, law, kind = "table", "t(q)", "potential"
 
-    @property
-    def columns(self):
-        return (Column("table", "N m", force=lambda x: np.interp(x.position, [-1.0, 1.0], [-1.0, 1.0])),)
+    columns = (Column("table", "N m", force=lambda x: np.interp(x.position, [-1.0, 1.0], [-1.0, 1.0])),)
 
 
 @dataclass(frozen=True)
 class Clipped(Table):
     """The same torque, computed."""
 
-    @property
-    def columns(self):
-        return (Column("table", "N m", force=lambda x: np.clip(x.position, -1.0, 1.0)),)
+    columns = (Column("table", "N m", force=lambda x: np.clip(x.position, -1.0, 1.0)),)

@@ -11,7 +11,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from benchmarks import independent_plant
-from benchmarks.excitation import EXCITATIONS
 from benchmarks.independent_plant import EFFECTS, LIBRARY, Experiment, Plant, effect_share, random_case, simulate
 
 EXACT = {"counts": None, "torque_noise": 0.0}
@@ -120,22 +119,18 @@ def test_halving_the_inner_step_changes_nothing(monkeypatch: pytest.MonkeyPatch)
         np.testing.assert_allclose(one.position, other.position, atol=1e-6, rtol=0, err_msg=effect)
 
 
-def test_free_swing_without_friction_keeps_its_energy() -> None:
-    plant = Plant(viscous=0.0, coulomb=0.0, effects={"spring": {"spring_k": 0.3, "spring_q0": 0.2}})
-    (run,) = simulate([(plant, Experiment(seconds=5, start=(2.5, 1.0), **EXACT))], [np.zeros(5000)])
-    q, v = run.position, run.velocity
-    energy = 0.5 * plant.inertia * v**2 - plant.gravity * np.cos(q) + 0.15 * (q - 0.2) ** 2
-    assert np.ptp(energy) < 1e-7
-
-
-def test_lost_energy_is_the_work_of_friction() -> None:
-    plant = Plant(viscous=0.1, coulomb=0.2)
-    (run,) = simulate([(plant, Experiment(rate=2000, seconds=5, start=(2.5, 0.0), **EXACT))], [np.zeros(10_000)])
-    v = run.velocity
-    energy = 0.5 * plant.inertia * v**2 - plant.gravity * np.cos(run.position)
-    work = np.trapezoid(plant.viscous * v**2 + plant.coulomb * np.abs(v), run.time)
-    assert energy[0] - energy[-1] == pytest.approx(work, rel=1e-4)
-    assert not run.sliding[-1] and plant.gravity * abs(np.sin(run.position[-1])) < plant.coulomb
+def test_energy_is_kept_without_friction_and_else_lost_to_its_work() -> None:
+    spring = {"spring": {"spring_k": 0.3, "spring_q0": 0.2}}
+    free, damped = Plant(viscous=0.0, coulomb=0.0, effects=spring), Plant(viscous=0.1, coulomb=0.2, effects=spring)
+    experiment = Experiment(rate=2000, seconds=5, start=(2.5, 1.0), **EXACT)
+    for plant, run in zip(
+        (free, damped), simulate([(free, experiment), (damped, experiment)], 2 * [np.zeros(10_000)]), strict=True
+    ):
+        q, v = run.position, run.velocity
+        energy = 0.5 * plant.inertia * v**2 - plant.gravity * np.cos(q) + 0.15 * (q - 0.2) ** 2
+        work = np.trapezoid(plant.viscous * v**2 + plant.coulomb * np.abs(v), run.time)
+        assert energy[0] - energy[-1] == pytest.approx(work, rel=1e-4, abs=1e-7)
+    assert not run.sliding[-1]
 
 
 def test_joint_sticks_until_the_torque_exceeds_dry_friction() -> None:
@@ -145,11 +140,8 @@ def test_joint_sticks_until_the_torque_exceeds_dry_friction() -> None:
     freed = int(np.argmax(run.sliding))
     assert ramp[freed] == pytest.approx(1.2, abs=2e-3)  # fc + strib_d
     assert np.all(run.position[: freed + 1] == 0) and run.position[-1] > 0.5
-
-
-def test_arm_held_by_friction_does_not_creep() -> None:
     (run,) = simulate([(Plant(), Experiment(seconds=2, start=(0.3, 0.0), **EXACT))], [np.full(2000, 0.1)])
-    assert np.ptp(run.position) == 0 and not run.sliding.any()
+    assert np.ptp(run.position) == 0 and not run.sliding.any()  # held by friction, it does not creep
 
 
 def test_encoder_counts_and_torque_noise_are_as_stated() -> None:
@@ -196,19 +188,6 @@ def test_every_effect_has_a_share_and_nothing_hidden_has_none() -> None:
     for effect, run in zip(EFFECTS, hidden, strict=True):
         share = effect_share(run)
         assert 0.002 < share.after_refit <= share.with_true_parameters, effect
-
-
-def test_every_excitation_moves_the_arm() -> None:
-    runs = simulate([(Plant(), Experiment(excitation=e, rate=200.0, seconds=10, seed=1)) for e in EXCITATIONS])
-    for excitation, run in zip(EXCITATIONS, runs, strict=True):
-        assert np.ptp(run.position) > 0.3 and np.abs(run.command).max() < 12, excitation
-
-
-def test_wrong_names_are_answered_with_the_nearest() -> None:
-    with pytest.raises(ValueError, match="did you mean stribeck"):
-        Plant(effects={"stribek": {}})
-    with pytest.raises(ValueError, match="did you mean two_tone"):
-        Experiment(excitation="two_tones")
 
 
 def test_blind_set_is_written_with_its_truth(tmp_path: Path) -> None:

@@ -15,7 +15,6 @@ from pendulum_env.arms.body import read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import effect_at, joint_effects
 from pendulum_env.arms.planar import TWO_LINK, Link, joint_names, urdf
-from pendulum_env.arms.recording import write_arm_recording
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
@@ -23,6 +22,7 @@ from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.physics import Estimate
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import draw_effect
+from pendulum_env.recording import write_recording
 from workbench.arms import story
 from workbench.commands.demo import reveal
 from workbench.inputs import check_outputs, wrote
@@ -55,7 +55,7 @@ def run(
         with terminal.progress(f"recording {file.name}") as tell:
             samples = round(seconds * arm.rate)
             recordings.append(follow(arm, motion, samples, MAX_TORQUE, rng=rng, name=file.stem, progress=tell))
-        write_arm_recording(recordings[-1], file)
+        write_recording(recordings[-1], file)
     train, holdout = recordings
     terminal.say(f"recorded twice for {seconds:g} s: once to learn from, once to check on")
     with terminal.progress("diagnosing") as progress:

@@ -21,27 +21,28 @@ from estimators.arms.payload import Payload, find_payload
 from estimators.arms.standard import nearest_body
 from estimators.arms.transmission import find_transmissions
 from estimators.regression.equations import IdentificationError
+from estimators.show.story import Part, judged
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body, BodyError
 from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
 from pendulum_env.arms.joints import kind_at
 from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.arms.plane import planar_links
-from pendulum_env.arms.recording import ArmRecording, write_arm_recording
+from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
+from pendulum_env.recording import write_recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.recording.study import Source, read_as
-from pendulum_env.words import Table, parameters_table
+from pendulum_env.words import Table, listing, parameters_table, plus_minus
 from workbench.export.joints import FORMATS
 from workbench.export.request import Request
 from workbench.inputs import check_outputs, given, read_all, sources_of, write_json, write_model, wrote
 from workbench.mistakes import InputError
 from workbench.robot import RobotFile, held_text, loaded_text, looked_for, meaning, straying
-from workbench.story import Story, judged, parameters_line
+from workbench.story import ALL, Story, parameters_line
 from workbench.terminal import Terminal
-from workbench.words import enumerate_words, plus_minus
 
 SAVED = "filtered_dynamic"  # whose model is written, or the base model
 TIMES = "errors, times the least"  # a row that tells which schemes to trust
@@ -73,7 +74,7 @@ def record(
         recording = follow(arm, motion, samples, arguments.amplitude, rng=rng, name=arguments.output, progress=tell)
     if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
         raise InputError(f"the joints turn by more than {LARGE:g} rad: hide less, or allow less torque")
-    write_arm_recording(recording, arguments.output)
+    write_recording(recording, arguments.output)
     terminal.say(recording.summary)
     terminal.say(
         f"the joints follow a multisine of {motion.period:g} s, condition of the base regressor {motion.condition:.3g}"
@@ -90,7 +91,7 @@ def record(
     ]
     terminal.table(("joint", "angle [rad]", "off its reference [rad]", "largest torque [N m]"), rows)
     if arguments.effects:
-        terminal.say(f"hidden: {enumerate_words([re.split('[=:]', text)[0] for text in arguments.effects])}")
+        terminal.say(f"hidden: {listing([re.split('[=:]', text)[0] for text in arguments.effects])}")
     wrote([arguments.output], terminal)
 
 
@@ -177,7 +178,7 @@ def _tell_payload(found: Payload, body: Body, terminal: Terminal) -> None:
     rows += [(f"centre {axis}", one.text, one.unit) for axis, one in zip("xyz", found.center or (), strict=False)]
     terminal.table(("parameter", "estimate", "unit"), rows, left=("unit",))
     if found.hidden:
-        terminal.say(f"{enumerate_words(found.hidden)}: no motion of the joints shows them")
+        terminal.say(f"{listing(found.hidden)}: no motion of the joints shows them")
     if found.exists is False:
         terminal.say("no body has these moments: something else changed as well, or the motion says too little")
     terminal.heading("Torque left, friction fitted anew")
@@ -233,7 +234,7 @@ def export(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Write a model as MuJoCo's XML or as a robot description."""
     _refuse(arguments)
     if arguments.to not in FORMATS:
-        raise InputError(f"an arm is exported to {enumerate_words(list(FORMATS))}, not to {arguments.to}")
+        raise InputError(f"an arm is exported to {listing(list(FORMATS))}, not to {arguments.to}")
     check_outputs([arguments.output], [arguments.model, arguments.robot])
     told = Asked.of_model(arguments.model)
     body = _robot(arguments, replace(told, joints=arguments.joints or told.joints)).body(told.held)
@@ -285,10 +286,10 @@ def story(found: ArmDiagnosis, every: bool = False) -> Story:
     for joint, size in found.unexplained.items():
         where = f"; {said(joint, found.regions[joint].text)}" if joint in found.regions else ""
         lines.append(f"left: {size:.2g} {said(joint, NEWTON_METRE)} at {joint}{where}")
-    parts: list[tuple[str, Sequence[Table | str]]] = [
-        ("Torque errors on held-out data, clear of stick and reversals", [errors_table(errors)]),
-        ("Parameters", [parameters_table(found.model)]),
-        judged(found.candidates, every),
+    parts = [
+        Part("Torque errors on held-out data, clear of stick and reversals", [errors_table(errors)]),
+        Part("Parameters", [parameters_table(found.model)]),
+        judged(found.candidates, every, ALL),
     ]
     return Story(found.headline, [*lines, *found.remarks], found.next_step, parts)
 

@@ -8,13 +8,14 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import NoReturn, TextIO
 
 from pendulum_env.lookup import find
 from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import fault
-from workbench.commands import COMMANDS, load
+from workbench.commands import COMMANDS, OF_ARMS, load
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.terminal import Terminal
 
@@ -52,7 +53,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
             sub.add_argument(
                 "--plugin", metavar="FILE.py", action="append", help="know the effects that this file registers, too"
             )
-            sub.set_defaults(run=command.run)
+            sub.set_defaults(command=name, run=command.run)
     return program.parse_args(argv)
 
 
@@ -78,18 +79,14 @@ def _version() -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     try:
-        code = _run(sys.argv[1:] if argv is None else argv)
-        sys.stdout.flush()
-        return code
+        _run(sys.argv[1:] if argv is None else argv)
+        print(end="", flush=True)
+        return SUCCESS
     except KeyboardInterrupt as interrupt:
         return _complain(f"interrupted; {interrupt}" if str(interrupt) else "interrupted", INTERRUPTED)
     except BrokenPipeError:  # the reader of a pipe has seen enough
         _abandon(sys.stdout)
         return SUCCESS
-    except SystemExit as done:
-        if isinstance(done.code, int) and done.code > 128:  # a signal: see `entry.py`
-            return done.code
-        return _complain(sentence(fault(done) or InputError("a plugin ended it by sys.exit: take that out")), BAD_INPUT)
     except MISTAKES as mistake:
         if isinstance(mistake, OSError) and mistake.errno == errno.ENOSPC and mistake.filename is None:
             mistake.filename = "standard output"  # whoever writes a file names it
@@ -100,22 +97,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _complain(sentence(of_plugin), BAD_INPUT)
 
 
-def _run(argv: Sequence[str]) -> int:
+def _run(argv: Sequence[str]) -> None:
     try:
         arguments = parse(argv)
     except SystemExit as done:
         if not done.code:  # argparse leaves so after --help
-            return SUCCESS
+            return
         raise
-    arguments.run(arguments, Terminal())
-    return SUCCESS
+    run = arguments.run
+    if arguments.command in OF_ARMS and arguments.robot is not None:
+        run = getattr(import_module("workbench.arms"), arguments.command)  # Pinocchio is imported by who needs it
+    run(arguments, Terminal())
 
 
 def _complain(message: str, code: int) -> int:
     """Say what went wrong, as far as anybody can be told."""
     try:
-        sys.stdout.flush()
-    except (OSError, ValueError):  # full, or closed by a plugin
+        print(end="", flush=True)
+    except OSError:  # full
         _abandon(sys.stdout)
     try:
         print(f"{PROGRAM}: {message}", file=sys.stderr, flush=True)

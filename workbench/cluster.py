@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
@@ -30,7 +30,7 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
     if find_spec("distributed") is None:
         raise InputError("several processes need Dask, of the extra fleet: pip install 'pendulum-ident[fleet]'")
     import dask
-    from distributed import Client, LocalCluster
+    from distributed import Client
     from distributed.utils import silence_logging_cmgr
 
     if address is not None:
@@ -41,12 +41,9 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
         with silence_logging_cmgr(logging.CRITICAL), client:
             yield client
         return
-    with (
-        dask.config.set({"distributed.worker.profile.enabled": False}),  # 200 MB in each that nobody looks at
-        ExitStack() as stack,
-    ):
+    with dask.config.set({"distributed.worker.profile.enabled": False}):  # 200 MB in each that nobody looks at
         with interrupts_wait():  # a cluster that is half begun cannot be closed
-            cluster = LocalCluster(
+            client = Client(
                 n_workers=workers,
                 threads_per_worker=1,  # the work computes in Python most of the time
                 memory_limit="auto" if memory is None else int(1e6 * memory),
@@ -54,8 +51,8 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
                 dashboard_address="127.0.0.1:0",  # for nobody else, and beside other clusters
                 silence_logs=logging.CRITICAL,  # what went wrong is told by who asked for the work
             )
-            client = stack.enter_context(Client(stack.enter_context(cluster)))
-        yield client
+        with client:
+            yield client
 
 
 def dask_setup(worker: Worker) -> None:

@@ -1,6 +1,5 @@
 """What the console script runs: an interrupt while the libraries load ends as tidily as one later."""
 
-import os
 import signal
 import sys
 from types import FrameType
@@ -10,7 +9,6 @@ from typing import NoReturn
 def main() -> int:
     """Run the command line; returns the exit code."""
     try:
-        _open_streams()
         _end_in_order()
         from workbench.cli import main as run  # takes a while
 
@@ -18,17 +16,6 @@ def main() -> int:
     except KeyboardInterrupt:
         print("pendulum-ident: interrupted", file=sys.stderr)
         return 130
-
-
-def _open_streams() -> None:
-    """Let what is said to a stream that was closed go nowhere, as with `>&-`; a file that is opened must not be it."""
-    for number, mode in enumerate("rww"):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
-            name = ("stdin", "stdout", "stderr")[number]
-            setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))
 
 
 def _end_in_order() -> None:

@@ -30,9 +30,9 @@ from pendulum_env.recording.record import WARNING
 from pendulum_env.recording.study import format_of, named_twice, read_as, read_sources
 from pendulum_env.recording.vocabulary import TOLD
 from pendulum_env.servo.drive import KEYS, Drive
+from pendulum_env.words import listing, plus_minus
 from workbench.mistakes import InputError
 from workbench.terminal import Terminal
-from workbench.words import enumerate_words, plus_minus
 
 T = TypeVar("T")
 Number = TypeVar("Number", int, float)
@@ -85,6 +85,12 @@ def one_of(kind: str, known: Iterable[str]) -> Callable[[str], str]:
     return argument(converted)
 
 
+def take(parser: argparse.ArgumentParser, *options: str) -> None:
+    """Declare options that several commands have, see `OPTIONS`."""
+    for name in options:
+        parser.add_argument(*(["-v", name] if name == "--verbose" else [name]), **OPTIONS[name])
+
+
 def take_plant(parser: argparse.ArgumentParser, *, arm: bool = False) -> None:
     """Declare the plant of a simulation, which may be an arm: see `plant_of`."""
     parser.add_argument(
@@ -97,12 +103,7 @@ def take_plant(parser: argparse.ArgumentParser, *, arm: bool = False) -> None:
         help="hide an effect: ID alone, ID=VALUE,... in the order that `effects` lists, or ID:name=value,... "
         f"(may be repeated){'; of an arm ID@JOINT and so on' if arm else ''}",
     )
-    parser.add_argument(
-        "--theta",
-        type=argument(_theta),
-        metavar="NAME=VALUE,...",
-        help="inertia, gravity, viscous, coulomb of the plant, where they differ from the paper's",
-    )
+    take(parser, "--theta")
 
 
 def plant_of(arguments: argparse.Namespace) -> Model:
@@ -141,14 +142,8 @@ def take_recordings(parser: argparse.ArgumentParser, *, what: str = "fitted join
     """Declare recordings to read, what is done with them, and perhaps recordings to hold out."""
     parser.add_argument("recordings", metavar="RECORDING", nargs="+", help=f"{KINDS}; {what}")
     if holdout:
-        parser.add_argument(
-            "--holdout",
-            metavar="RECORDING",
-            action="append",
-            default=[],
-            help="confirm on this one (may be repeated); without it, the last 30 %% of each recording are held out",
-        )
-    take_reading(parser)
+        take(parser, "--holdout")
+    take(parser, *READING)
     take_drive(parser, "the controller that followed the reference", "diagnose, add and compare then simulate it along")
 
 
@@ -164,23 +159,7 @@ def take_drive(parser: argparse.ArgumentParser, what: str, meaning: str) -> None
 
 def take_reading(parser: argparse.ArgumentParser) -> None:
     """Declare how recordings are to be read: see `sources_of`."""
-    parser.add_argument(
-        "--columns",
-        type=argument(_columns),
-        metavar="QUANTITY=NAME[:UNIT][*GAIN]...,...",
-        help="which columns are time, position, torque, velocity and reference where their names do not tell, and what "
-        "to do with them, e.g. time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=unused; "
-        f"units: {'; '.join(TOLD[quantity] for quantity in ('time', 'position', 'velocity', 'torque'))} (default: SI)",
-    )
-    parser.add_argument("--unwrap", action="store_true", help="undo jumps of 2 pi in position")
-    parser.add_argument(
-        "--max-size",
-        type=number(1.0, 1e6),
-        default=LARGEST / 1e6,
-        metavar="MB",
-        help="of a recording, unpacked: a larger one is refused before it fills the memory "
-        f"(default {LARGEST / 1e6:g} MB)",
-    )
+    take(parser, *READING)
 
 
 def take_report(parser: argparse.ArgumentParser, what: str = "a report with plots, one file to share") -> None:
@@ -208,26 +187,7 @@ def take_robot(
 ) -> None:
     """Declare the links of an arm, of which recordings then are."""
     parser.add_argument("--robot", metavar="ARM.urdf", help=meaning)
-    parser.add_argument(
-        "--rotors",
-        action="store_true",
-        help="with --robot: motors have inertia of their own (default: if MJCF has any)",
-    )
-    parser.add_argument(
-        "--joints",
-        type=argument(_names),
-        metavar="A,B,...",
-        help="with --robot: joints that move; all others, as those of a gripper, are held where the recording has "
-        "them, or at zero (default: all move)",
-    )
-    parser.add_argument(
-        "--base", choices=("fixed",), help="with --robot: a base that floats in the file is bolted down"
-    )
-    parser.add_argument(
-        "--no-gravity",
-        action="store_true",
-        help="with --robot: the driver takes the torque that gravity asks for off what is logged",
-    )
+    take(parser, *ROBOT)
 
 
 def of_pendulums(parser: argparse.ArgumentParser, *options: str) -> None:
@@ -243,48 +203,6 @@ def _names(text: str) -> tuple[str, ...]:
     if not all(names):
         raise InputError(f"{shown(text)} should be names of joints with commas between them")
     return names
-
-
-def take_limits(parser: argparse.ArgumentParser) -> None:
-    """Declare parameters that are known or bounded."""
-    parser.add_argument(
-        "--fix",
-        dest="fixed",
-        type=argument(known),
-        action=Gather,
-        default={},
-        metavar="NAME=VALUE,...",
-        help="parameters whose values are known, as gravity=2.01 (may be repeated)",
-    )
-    parser.add_argument(
-        "--bound",
-        dest="bounds",
-        type=argument(ranges),
-        action=Gather,
-        default={},
-        metavar="NAME=LOW:HIGH,...",
-        help="parameters that lie within bounds, as viscous=0:0.5 or cogging.order=10:14 (may be repeated)",
-    )
-
-
-def take_verbose(parser: argparse.ArgumentParser) -> None:
-    """Declare how much of a diagnosis is printed."""
-    parser.add_argument(
-        "-v",
-        "--verbose",
-        action="store_true",
-        help="print errors, parameters and candidates as tables, and all remarks",
-    )
-
-
-def take_instruments(parser: argparse.ArgumentParser) -> None:
-    """Declare whether the base model is fitted by instruments."""
-    parser.add_argument(
-        "--instruments",
-        choices=("reference",),
-        help="fit the base model over windows with instruments, made of the reference that a controller followed: what "
-        "torque owes to the controller biases nothing then",
-    )
 
 
 class Gather(argparse.Action):
@@ -351,11 +269,105 @@ def _bound(text: str) -> float:
     return value
 
 
-def take_align(parser: argparse.ArgumentParser) -> None:
-    """Declare whether torque that is logged late is to be corrected: see `in_time`."""
-    parser.add_argument(
-        "--align", action="store_true", help="correct torque that is logged late or through a low-pass filter"
-    )
+def _drive(text: str) -> Drive:
+    """A drive, of `preset=xl330,kp=200`; raises ValueError if it is none."""
+    pairs = _pairs(text, "KEY=VALUE, such as kp=200")
+    words = ("preset", "control", "output")
+    return Drive.of({name: value if name in words else _bound(value) for name, value in pairs})
+
+
+def _columns(text: str) -> dict[str, str]:
+    """What is said of columns, by quantity; a comma is part of a name unless another `QUANTITY=` follows."""
+    columns: dict[str, str] = {}
+    for part in re.split(r",(?=\s*\w+\s*=)", text):
+        quantity, equals, name = (word.strip() for word in part.partition("="))
+        if not (quantity and equals and name):
+            raise ValueError(
+                f"'{part}' should be QUANTITY=NAME:UNIT*GAIN, such as position=ANGLE:deg or torque=current:A*0.091"
+            )
+        refuse_unknown_quantity(quantity, of_arm=True)
+        if quantity in columns:
+            raise ValueError(f"{quantity} is named twice in '{text}'")
+        columns[quantity] = name
+    return columns
+
+
+# Options that several commands have, as `add_argument` takes them.
+OPTIONS: dict[str, dict[str, Any]] = {
+    "--theta": {
+        "type": argument(_theta),
+        "metavar": "NAME=VALUE,...",
+        "help": "inertia, gravity, viscous, coulomb of the plant, where they differ from the paper's",
+    },
+    "--holdout": {
+        "metavar": "RECORDING",
+        "action": "append",
+        "default": [],
+        "help": "confirm on this one (may be repeated); without it, the last 30 %% of each recording are held out",
+    },
+    "--columns": {
+        "type": argument(_columns),
+        "metavar": "QUANTITY=NAME[:UNIT][*GAIN]...,...",
+        "help": "which columns are time, position, torque, velocity and reference where their names do not tell, and "
+        "what to do with them, e.g. time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=unused; "
+        f"units: {'; '.join(TOLD[quantity] for quantity in ('time', 'position', 'velocity', 'torque'))} (default: SI)",
+    },
+    "--unwrap": {"action": "store_true", "help": "undo jumps of 2 pi in position"},
+    "--max-size": {
+        "type": number(1.0, 1e6),
+        "default": LARGEST / 1e6,
+        "metavar": "MB",
+        "help": "of a recording, unpacked: a larger one is refused before it fills the memory "
+        f"(default {LARGEST / 1e6:g} MB)",
+    },
+    "--rotors": {
+        "action": "store_true",
+        "help": "with --robot: motors have inertia of their own (default: if MJCF has any)",
+    },
+    "--joints": {
+        "type": argument(_names),
+        "metavar": "A,B,...",
+        "help": "with --robot: joints that move; all others, as those of a gripper, are held where the recording has "
+        "them, or at zero (default: all move)",
+    },
+    "--base": {"choices": ("fixed",), "help": "with --robot: a base that floats in the file is bolted down"},
+    "--no-gravity": {
+        "action": "store_true",
+        "help": "with --robot: the driver takes the torque that gravity asks for off what is logged",
+    },
+    "--fix": {
+        "dest": "fixed",
+        "type": argument(known),
+        "action": Gather,
+        "default": {},
+        "metavar": "NAME=VALUE,...",
+        "help": "parameters whose values are known, as gravity=2.01 (may be repeated)",
+    },
+    "--bound": {
+        "dest": "bounds",
+        "type": argument(ranges),
+        "action": Gather,
+        "default": {},
+        "metavar": "NAME=LOW:HIGH,...",
+        "help": "parameters that lie within bounds, as viscous=0:0.5 or cogging.order=10:14 (may be repeated)",
+    },
+    "--align": {
+        "action": "store_true",
+        "help": "correct torque that is logged late or through a low-pass filter",
+    },
+    "--instruments": {
+        "choices": ("reference",),
+        "help": "fit the base model over windows with instruments, made of the reference that a controller followed: "
+        "what torque owes to the controller biases nothing then",
+    },
+    "--verbose": {
+        "action": "store_true",
+        "help": "print errors, parameters and candidates as tables, and all remarks",
+    },
+}
+READING = ("--columns", "--unwrap", "--max-size")  # how recordings are to be read
+ROBOT = ("--rotors", "--joints", "--base", "--no-gravity")
+LIMITS = ("--fix", "--bound")  # parameters that are known or bounded
 
 
 def in_time(
@@ -366,17 +378,6 @@ def in_time(
     for text in aligned.texts(True):
         terminal.say(f"{text}: corrected" if align else f"warning: {text}: correct it with --align", style="yellow")
     return (list(aligned.recordings), list(aligned.holdout)) if align else (list(recordings), list(holdout))
-
-
-def in_torque(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], terminal: Terminal
-) -> tuple[list[Recording], list[Recording]]:
-    """Turn currents into torque where known loads tell the torque constant, and say so; else speak of currents."""
-    calibrated = Calibrated.of(recordings, holdout)
-    if calibrated.constant is not None:
-        terminal.say(calibrated.constant.text)
-    terminal.torque_unit = calibrated.unit
-    return list(calibrated.recordings), list(calibrated.holdout)
 
 
 @dataclass(frozen=True)
@@ -435,29 +436,6 @@ def sources_of(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
     return tuple(replace(source, largest=largest) for source in read_sources(name))
 
 
-def _drive(text: str) -> Drive:
-    """A drive, of `preset=xl330,kp=200`; raises ValueError if it is none."""
-    pairs = _pairs(text, "KEY=VALUE, such as kp=200")
-    words = ("preset", "control", "output")
-    return Drive.of({name: value if name in words else _bound(value) for name, value in pairs})
-
-
-def _columns(text: str) -> dict[str, str]:
-    """What is said of columns, by quantity; a comma is part of a name unless another `QUANTITY=` follows."""
-    columns: dict[str, str] = {}
-    for part in re.split(r",(?=\s*\w+\s*=)", text):
-        quantity, equals, name = (word.strip() for word in part.partition("="))
-        if not (quantity and equals and name):
-            raise ValueError(
-                f"'{part}' should be QUANTITY=NAME:UNIT*GAIN, such as position=ANGLE:deg or torque=current:A*0.091"
-            )
-        refuse_unknown_quantity(quantity, of_arm=True)
-        if quantity in columns:
-            raise ValueError(f"{quantity} is named twice in '{text}'")
-        columns[quantity] = name
-    return columns
-
-
 def read_recordings(sources: Sequence[Source], terminal: Terminal) -> list[Recording]:
     """Read recordings and say what they are and what was changed at reading."""
     return read_all(sources, terminal, Source.read)
@@ -485,7 +463,7 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
 def format_told(source: Source) -> str:
     """How a source is read, in a line."""
     columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
-    return enumerate_words([*columns, *(f"with its {key}" for key in source.format if key != "columns")])
+    return listing([*columns, *(f"with its {key}" for key in source.format if key != "columns")])
 
 
 def read_model(path: str) -> Model:
@@ -499,6 +477,41 @@ def read_model(path: str) -> Model:
         return model_that_moves(model)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
+
+
+@dataclass(frozen=True)
+class Opened:
+    """What a command was given, read: its model, sources of what is fitted, and recordings to fit and to hold out."""
+
+    model: Model
+    fitted: tuple[Source, ...]
+    recordings: list[Recording]
+    holdout: list[Recording]
+
+    def in_torque(self, terminal: Terminal) -> tuple[list[Recording], list[Recording]]:
+        """Recordings in torque where known loads tell the torque constant, which is said; else we speak of currents."""
+        calibrated = Calibrated.of(self.recordings, self.holdout)
+        if calibrated.constant is not None:
+            terminal.say(calibrated.constant.text)
+        terminal.torque_unit = calibrated.unit
+        return list(calibrated.recordings), list(calibrated.holdout)
+
+
+def opened(
+    arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, holdout: bool = True
+) -> Opened:
+    """Refuse what could not be written; read the model, if one is named, and recordings in the format it knows.
+
+    Raises:
+        InputError, ModelError, RecordingError, StudyError: if something cannot be used.
+    """
+    asked = given(arguments)
+    check_outputs(outputs, asked.files)
+    path = getattr(arguments, "model", None) or ""
+    model = read_model(path) if path else Model()
+    asked = asked.read_as(model.log_format, path)
+    parts = (asked.fitted, asked.held_out if holdout else ())
+    return Opened(model, asked.fitted, *(read_recordings(part, terminal) for part in parts))
 
 
 def read_suggestion(path: str) -> Suggestion:
@@ -575,4 +588,4 @@ def wrote(paths: Sequence[str | Path | None], terminal: Terminal) -> None:
     """Say what was written."""
     written = [str(path) for path in paths if path is not None]
     if written:
-        terminal.say(f"\nwrote {enumerate_words(written)}")
+        terminal.say(f"\nwrote {listing(written)}")

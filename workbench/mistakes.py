@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 from pendulum_env.mistake import Mistake
 
 
@@ -17,24 +15,20 @@ class Interrupted(KeyboardInterrupt):
 
 MISTAKES = (Mistake, OSError, ModuleNotFoundError)  # the last of an extra, whose name it tells
 LONGEST = 500  # characters of a sentence
-PART = r"\S{0,40}"  # of a word that a cut would go through
 
 
 def sentence(mistake: Exception) -> str:
     """A user's mistake in one line of at most `LONGEST` characters, none of which a terminal would obey.
 
-    Of a longer one whole words in the middle are left out.
+    Of a longer one the middle is left out.
     """
     if isinstance(mistake, OSError) and mistake.strerror is not None:
-        where = f"{mistake.filename}: " if mistake.filename is not None else ""
-        text = f"{where}{mistake.strerror}"
+        text = f"{mistake.filename}: {mistake.strerror}" if mistake.filename is not None else mistake.strerror
     else:
         text = str(mistake)
     text = printable(" ".join(text.split()))
-    if len(text) <= LONGEST:
-        return text
-    first, last = text[: LONGEST // 2 - 3], text[-(LONGEST // 2 - 2) :]
-    return f"{re.sub(f' {PART}$', '', first)} ... {re.sub(f'^{PART} ', '', last)}"
+    half = LONGEST // 2 - 3
+    return text if len(text) <= LONGEST else f"{text[:half]} ... {text[-half:]}"
 
 
 def printable(text: str) -> str:

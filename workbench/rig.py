@@ -20,7 +20,7 @@ from pendulum_env.wrappers import RecordMeasurements
 from workbench.inputs import wrote
 from workbench.mistakes import InputError, Interrupted
 from workbench.terminal import Terminal
-from workbench.until import Apart, told
+from workbench.until import Apart, verdict_text
 
 STALE = 0.03  # [s], how late a sample may be: what is interpolated over more than that is no measurement
 
@@ -101,7 +101,7 @@ def record_rig(
         )
     describe(recording, terminal)
     if judge is not None:
-        terminal.say(told(judge.close(), len(recording) < steps))
+        terminal.say(verdict_text(judge.close(), len(recording) < steps))
     if "fault" in last:
         raise InputError(f"{last['fault']}; what was measured until then is in {output}")
     wrote([output], terminal)

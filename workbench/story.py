@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from estimators.diagnosis.result import Candidate, Diagnosis
+from estimators.diagnosis.result import Diagnosis
 from estimators.selection.data import Step
-from estimators.show.tables import SCORE, candidates_table, detectable_table, errors_table, fit_text, noise_text
+from estimators.show.story import Part, of_diagnosis
 from pendulum_env.physics import Estimate, effect
-from pendulum_env.words import BIASED, Table, parameters_table
+from pendulum_env.words import Table
 from workbench.terminal import Terminal
 
 REMARKS = 2  # that are made without being asked for
 MORE = "more: -v lists candidates and all that was found, --report FILE.html draws it"
+ALL = ": --all shows them"
 
 
 @dataclass(frozen=True)
@@ -24,14 +25,14 @@ class Story:
         headline: what is missing.
         lines: what everybody wants to know of it.
         next_step: what to do now.
-        parts: titles and contents of what is told where it is asked for.
+        parts: what is told where it is asked for.
         remarks: what else is worth knowing, the most telling first.
     """
 
     headline: str
     lines: Sequence[str]
     next_step: str
-    parts: Sequence[tuple[str, Sequence[Table | str]]]
+    parts: Sequence[Part]
     remarks: Sequence[str] = ()
 
     def tell(self, terminal: Terminal, verbose: bool = False, more: bool = True) -> None:
@@ -42,13 +43,21 @@ class Story:
             terminal.say(line)
         if more and not verbose:
             terminal.say(MORE)
-        for title, content in self.parts if verbose else ():
-            terminal.heading(title)
-            for item in content:
-                if isinstance(item, Table):
-                    terminal.table(*item)
-                else:
-                    terminal.say(item)
+        tell(self.parts if verbose else (), terminal)
+
+
+def tell(parts: Sequence[Part], terminal: Terminal) -> None:
+    """Print the parts of a result."""
+    for part in parts:
+        terminal.heading(part.title)
+        for item in part.content:
+            if isinstance(item, Table):
+                terminal.table(*item)
+            elif isinstance(item, str):
+                terminal.say(item, style="yellow" if item.startswith("warning: ") else None)
+            else:
+                for line in item:
+                    terminal.say(f"- {line}")
 
 
 def story(found: Diagnosis, every: bool = False) -> Story:
@@ -58,19 +67,7 @@ def story(found: Diagnosis, every: bool = False) -> Story:
     lines += parameters_line(found.model.readable, bool(found.unexplained))
     lines += [f"left: {region.text}" for region in found.unexplained[:1] if region.text != found.next_step]
     lines += [f"{one.text}, and is not fitted: diagnose it on its own" for one in found.disagreements]
-    parts: list[tuple[str, Sequence[Table | str]]] = [
-        (
-            "Errors",
-            [errors_table(found.steps), fit_text(found.steps), noise_text(found.noise_floor, found.is_in_loop)],
-        ),
-        ("Parameters", [parameters_table(found.model), *([BIASED] if found.unexplained else [])]),
-        judged(found.candidates, every),
-    ]
-    if found.detectable:
-        parts.append(("What would have shown", [detectable_table(found.detectable)]))
-    if found.unexplained:
-        parts.append(("Left unexplained", [f"- {region.text}" for region in found.unexplained]))
-    return Story(found.headline, lines, found.next_step, parts, found.remarks)
+    return Story(found.headline, lines, found.next_step, of_diagnosis(found, every, ALL), found.remarks)
 
 
 def errors_line(steps: Sequence[Step], floor: float) -> str:
@@ -92,9 +89,3 @@ def parameters_line(estimates: Mapping[str, Estimate], is_biased: bool) -> list[
     """Parameters with standard errors on one line, if there are any."""
     told = ", ".join(f"{name} {own.text}{'' if own.unit == '1' else f' {own.unit}'}" for name, own in estimates.items())
     return [f"parameters{' (biased by what is left)' if is_biased else ''}: {told}"] if told else []
-
-
-def judged(candidates: Sequence[Candidate], every: bool) -> tuple[str, list[Table | str]]:
-    """The candidates that matter or every one, and what their score means."""
-    ranking, more = candidates_table(candidates, every)
-    return "Candidates", [ranking, *([f"and {more}: --all shows them"] if more else []), SCORE]

@@ -16,16 +16,15 @@ from pendulum_env.words import listing, name
 from workbench.processes import Done, Failed, Worker, attend
 
 DIAGNOSED = "diagnosed"  # what a recording may go on until
-TOGETHER = 50  # samples that are sent at once
-READY = 60.0  # [s] in which the process has to be there
 LONGEST = 20.0  # [s] of a run without a verdict
-STANDS = 2.0  # [s], after which a verdict that has not changed stands
 
 Sample = tuple[float, float, float]  # time [s], position [rad], torque over the period that ends with it [N m]
 
 
 class Here:
-    """Diagnoses sample by sample, as the run waits; a verdict stands once its first effect has led for `STANDS`."""
+    """Diagnoses sample by sample, as the run waits; a verdict stands once its first effect has led for a while."""
+
+    steady = 2.0  # [s]
 
     def __init__(self, rate: float, smoothing: Smoothing) -> None:
         """Take the samples per second [Hz], and the smoothing of the measurement."""
@@ -39,11 +38,11 @@ class Here:
     def take(self, samples: Sequence[Sample]) -> bool:
         """Take in samples; whether a verdict stands."""
         for time, position, torque in samples:
-            (said,) = self._diagnoser.take(*(np.array([value]) for value in (time, position, torque)))
-            leader = said.group[0] if said.kind == "missing" else ""
+            (found,) = self._diagnoser.take(*(np.array([value]) for value in (time, position, torque)))
+            leader = found.group[0] if found.kind == "missing" else ""
             if leader != self._leader:
                 self._leader, self._since = leader, time if leader else np.inf
-        return bool(samples and time - self._since >= STANDS)
+        return bool(samples and time - self._since >= self.steady)
 
     def close(self) -> OnlineDiagnosis:
         """What was said in the end."""
@@ -53,6 +52,9 @@ class Here:
 class Apart:
     """Diagnoses in a process of its own: a motor does not wait for a grid that is refined."""
 
+    together = 50  # samples that are sent at once
+    ready = 60.0  # [s] in which the process has to be there
+
     def __init__(self, rate: float, smoothing: Smoothing) -> None:
         """Start the process; takes what `Here` does.
 
@@ -61,7 +63,7 @@ class Apart:
         """
         self._worker = Worker("diagnosis")
         self._worker.send(partial(_judge, rate, smoothing))
-        if not self._worker.connection.poll(READY) or isinstance(self._worker.hear(), Failed):
+        if not self._worker.connection.poll(self.ready) or isinstance(self._worker.hear(), Failed):
             self._worker.end()
             raise OSError("the process that diagnoses did not start: try again on a machine that does less")
         self._waiting: list[Sample] = []
@@ -70,7 +72,7 @@ class Apart:
     def stands(self, info: dict[str, Any]) -> bool:
         """Take in a sample; whether a verdict stood some samples ago."""
         self._waiting.append((info["time"], info["position"], info["torque"]))
-        if len(self._waiting) >= TOGETHER and not self._stands:
+        if len(self._waiting) >= self.together and not self._stands:
             self._worker.send(self._waiting)
             self._waiting = []
             while self._worker.connection.poll():
@@ -91,8 +93,8 @@ class Apart:
         self._worker.end()
         if isinstance(word, Failed):
             raise OSError(f"what was measured has no verdict: {word.why}")
-        said: OnlineDiagnosis = word.result
-        return said
+        found: OnlineDiagnosis = word.result
+        return found
 
 
 def _judge(rate: float, smoothing: Smoothing, connection: Connection[Any, Any]) -> OnlineDiagnosis:
@@ -105,16 +107,16 @@ def _judge(rate: float, smoothing: Smoothing, connection: Connection[Any, Any]) 
     return judge.close()
 
 
-def told(said: OnlineDiagnosis, stood: bool) -> str:
+def verdict_text(found: OnlineDiagnosis, stands: bool) -> str:
     """The verdict in words, and what was not tried, which may look like what was."""
-    after = f"after {said.motion:.1f} s of motion"
-    if said.kind == "calibrating":
+    after = f"after {found.motion:.1f} s of motion"
+    if found.kind == "calibrating":
         return "too short to tell what is missing: record some seconds more of motion"
     verdict = f"nothing is surely missing {after}"
-    if said.kind == "missing":
-        surely = "the verdict stands" if stood else "the verdict does not stand yet"
-        verdict = f"missing: {listing([name(id) for id in said.group], 'or')} ({surely}, {after})"
-    if not said.not_run:
+    if found.kind == "missing":
+        standing = "the verdict stands" if stands else "the verdict does not stand yet"
+        verdict = f"missing: {listing([name(id) for id in found.group], 'or')} ({standing}, {after})"
+    if not found.not_run:
         return verdict
-    others = listing([name(id) for id in said.not_run], "and")
+    others = listing([name(id) for id in found.not_run], "and")
     return f"{verdict}\nnot tried, as only `diagnose` on the recording does: {others}"

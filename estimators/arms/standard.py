@@ -18,7 +18,6 @@ from scipy.optimize import least_squares
 from pendulum_env._typing import JSON, Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.model import ArmModel
-from pendulum_env.arms.robot import pinocchio
 from pendulum_env.physics import Estimate
 
 OPEN = 1.0  # factors of e, and shares of a link's size, by which a body may usually differ from the file
@@ -90,7 +89,11 @@ def standard_parameters(model: ArmModel) -> dict[str, Estimate]:
 
 def pseudo_inertia(standard: Array) -> Array:
     """Pseudo-inertia (4, 4) of a link's ten parameters: second moments, first moments and mass."""
-    return np.asarray(pinocchio().PseudoInertia.FromDynamicParameters(standard).toMatrix())
+    m, hx, hy, hz, xx, xy, yy, xz, yz, zz = standard
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moments = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    h = np.array([[hx], [hy], [hz]])
+    return np.block([[moments, h], [h.T, np.array([[m]])]])
 
 
 def _factors(body: Body) -> tuple[Array, Array]:
@@ -115,5 +118,8 @@ def _standard(x: Array, links: int) -> Array:
     for own in x[: 10 * links].reshape(links, 10):
         factor = np.diag(np.exp(own[:4]))
         factor[below] = own[4:]
-        parts.append(pinocchio().PseudoInertia.FromMatrix(factor @ factor.T).toDynamicParameters())
-    return np.concatenate([*parts, np.exp(x[10 * links :])])
+        matrix = factor @ factor.T
+        moments, h, m = matrix[:3, :3], matrix[:3, 3], matrix[3, 3]
+        inertia = np.trace(moments) * np.eye(3) - moments
+        parts.append([m, *h, *inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+    return np.concatenate([np.ravel(parts), np.exp(x[10 * links :])])

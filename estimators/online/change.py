@@ -9,11 +9,27 @@ import numpy as np
 
 from estimators.online.binning import BLOCK, Bin
 from estimators.selection.score import NU
-from pendulum_env._typing import Array, Index
+from pendulum_env._typing import Array, Index, Mask
 
-SIGNIFICANT = 4.0  # standard errors, from which a change of a parameter is reported
-SPLITS = 24  # trial times of the change
-CELLS = 8  # of a quantity, in which errors are compared
+
+@dataclass(frozen=True)
+class WatchSettings:
+    """Numbers of the watch; chosen on simulated plants by `benchmarks.watching`."""
+
+    significant: float = 4.0  # standard errors, from which a change of a parameter is reported
+    splits: int = 24  # trial times of the change
+    cells: int = 8  # of a quantity, in which errors are compared
+    walk: float = 0.003  # random walk of each parameter, relative to its size [1/sqrt(s)]
+    least: float = 0.004  # of the RMS torque, error of no practical consequence
+    learn: float = 0.5  # of the calibration time, after which the size of errors is learnt
+    kept: float = 10.0  # [s] of motion by which a change is judged
+    kept_turns: int = 24  # reversals by which a change is judged
+    fewest: float = 0.5  # [s] of motion after a change, needed to judge its kind
+    sure: float = 2.5  # [s] of motion, after which a change that a refit explains is called a value
+    kind: float = 5.0  # standard errors by which errors of a refit exceed their former size, from which it is structure
+
+
+WATCH = WatchSettings()
 
 
 @dataclass(frozen=True)
@@ -42,14 +58,8 @@ class Rows:
         phi, y = np.array([one.phi for one in bins]), np.array([one.y for one in bins])
         return cls(phi / own[:, None], y / own, own, joint, np.array([one.series[:3, -2] for one in bins]).T)
 
-    def after(self, k: int) -> Rows:
-        """Those from the k-th on."""
-        return Rows(self.phi[k:], self.y[k:], self.scale[k:], self.joint[k:], self.series[:, k:])
-
-    def of_joint(self, j: int) -> Rows:
-        """Those of one joint."""
-        own = self.joint == j
-        return Rows(self.phi[own], self.y[own], self.scale[own], self.joint[own], self.series[:, own])
+    def __getitem__(self, some: slice | Mask) -> Rows:
+        return Rows(self.phi[some], self.y[some], self.scale[some], self.joint[some], self.series[:, some])
 
     def error(self, theta: Array) -> Array:
         """Residual (R,) of parameters (P,)."""
@@ -61,10 +71,10 @@ class Rows:
         error, (_, position, velocity) = self.error(theta), self.series
         angle = (position + np.pi) % (2 * np.pi) - np.pi
         for name, values in (("position", angle), ("velocity", velocity), ("torque", self.y * self.scale)):
-            edges = np.quantile(values, np.linspace(0, 1, CELLS + 1))
-            cell = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, CELLS - 1)
-            count = np.maximum(np.bincount(cell, minlength=CELLS), 1)
-            told = np.bincount(cell, error, CELLS) ** 2 / count
+            edges = np.quantile(values, np.linspace(0, 1, WATCH.cells + 1))
+            cell = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, WATCH.cells - 1)
+            count = np.maximum(np.bincount(cell, minlength=WATCH.cells), 1)
+            told = np.bincount(cell, error, WATCH.cells) ** 2 / count
             if told.sum() > best:
                 best, worst = float(told.sum()), int(np.argmax(told))
                 found = {name: (float(edges[worst]), float(edges[worst + 1]))}
@@ -79,11 +89,13 @@ class Known:
         theta: its parameters (P,).
         covariance: theirs (P, P).
         sizes: of the parameters, scale of their changes (P,).
+        square: mean square of errors at the joint where they are largest [(N m)^2].
     """
 
     theta: Array
     covariance: Array
     sizes: Array
+    square: float
 
     def refit(self, rows: Rows) -> Array:
         """Parameters (P,) that fit rows, with a weak prior at their former values."""
@@ -102,7 +114,7 @@ class Known:
         before = np.concatenate([[0.0], np.cumsum(density(rows.error(self.theta)))])
 
         def best(splits: Index) -> tuple[int, Array]:
-            later = [rows.after(k) for k in splits]
+            later = [rows[k:] for k in splits]
             fits = [self.refit(part) for part in later]
             gains = [
                 before[k] + density(part.error(fit)).sum() for k, part, fit in zip(splits, later, fits, strict=True)
@@ -110,8 +122,8 @@ class Known:
             place = int(np.argmax(gains))
             return int(splits[place]), fits[place]
 
-        k, _ = best(np.unique(np.linspace(0, last, SPLITS).astype(np.intp)))
-        step = -(-last // (SPLITS - 1))
+        k, _ = best(np.unique(np.linspace(0, last, WATCH.splits).astype(np.intp)))
+        step = -(-last // (WATCH.splits - 1))
         return best(np.arange(max(0, k - step), min(last, k + step) + 1))
 
     def std(self, rows: Rows, error: Array) -> Array:
@@ -126,7 +138,7 @@ class Known:
         """Significant changes of parameters and their standard errors, by name, most significant first."""
         delta = theta - self.theta
         order = np.argsort(-np.abs(delta) / std)
-        return {names[j]: (float(delta[j]), float(std[j])) for j in order if abs(delta[j]) > SIGNIFICANT * std[j]}
+        return {names[j]: (float(delta[j]), float(std[j])) for j in order if abs(delta[j]) > WATCH.significant * std[j]}
 
 
 def density(error: Array) -> Array:

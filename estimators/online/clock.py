@@ -35,3 +35,14 @@ class Clock:
             raise ValueError(f"samples come every {passed:.4g} s, not at {self._rate:g} Hz: pass rate=")
         self._time, self._came = time, self._came or on_time
         return gap
+
+
+def checked_rate(rate: float) -> float:
+    """A rate [Hz].
+
+    Raises:
+        ValueError: if it is no positive number.
+    """
+    if not 0 < rate < math.inf:
+        raise ValueError(f"the rate cannot be {rate:g} Hz: give a positive number")
+    return rate

@@ -18,11 +18,19 @@ import numpy as np
 
 from pendulum_env._typing import Array, Index, Mask
 
-CLUSTER = 0.2  # [s], the shortest, longer than the filters' memory
-MOST = 64  # clusters; at this number, neighbours are merged
-FEWEST = 10  # clusters beyond the number of parameters, below which the covariance is a rough guess
-SHARE = 0.1  # of the memory that forgetting leaves, the longest a cluster may be
-GUESS = 60.0  # variance of a guess, in units of that of white errors
+
+@dataclass(frozen=True)
+class CovarianceSettings:
+    """Numbers of the covariances; chosen for their coverage on simulated plants."""
+
+    cluster: float = 0.2  # [s], the shortest, longer than the filters' memory
+    most: int = 64  # clusters; at this number, neighbours are merged
+    fewest: int = 10  # clusters beyond the number of parameters, below which the covariance is a rough guess
+    share: float = 0.1  # of the memory that forgetting leaves, the longest a cluster may be
+    guess: float = 60.0  # variance of a guess, in units of that of white errors
+
+
+COVARIANCE = CovarianceSettings()
 
 
 class Clusters:
@@ -31,9 +39,9 @@ class Clusters:
     def __init__(self, batch: tuple[int, int], parameters: int, period: float, forgetting: float) -> None:
         """Take the shape (B, S), the number of parameters, the time between samples [s] and the forgetting factor."""
         self._forgetting = forgetting
-        self._longest = SHARE / (1.0 - forgetting) if forgetting < 1 else np.inf
-        self._shortest = max(2, round(min(CLUSTER / period, self._longest)))
-        self._left = np.zeros((MOST, *batch, parameters, parameters + 1))  # A and b
+        self._longest = COVARIANCE.share / (1.0 - forgetting) if forgetting < 1 else np.inf
+        self._shortest = max(2, round(min(COVARIANCE.cluster / period, self._longest)))
+        self._left = np.zeros((COVARIANCE.most, *batch, parameters, parameters + 1))  # A and b
         self._now = np.zeros((*batch, parameters, parameters + 1))  # of the cluster to come, but for
         self._rows = np.zeros((self._shortest, *batch, parameters + 1))  # its last equations, not yet summed
         self._used = np.zeros(batch)  # equations in the cluster to come
@@ -67,12 +75,12 @@ class Clusters:
         self._left[self._done] = self._now
         self._done, self._filled = self._done + 1, 0
         self._now[:], self._used[:] = 0.0, 0.0
-        if self._done == MOST and 2 * self._length <= self._longest:
-            half = MOST // 2
+        if self._done == COVARIANCE.most and 2 * self._length <= self._longest:
+            half = COVARIANCE.most // 2
             self._left[:half] = self._left[0::2] + self._left[1::2]
             self._left[half:] = 0.0
             self._done, self._length = half, 2 * self._length
-        elif self._done == MOST:
+        elif self._done == COVARIANCE.most:
             self._left[:-1] = self._left[1:]
             self._done -= 1
         left = self._left[: self._done]
@@ -83,34 +91,23 @@ class Clusters:
         self._meat = (score @ score.swapaxes(-1, -2)).sum(axis=0)
         self._known = np.count_nonzero(np.einsum("c...ii->c...", A), axis=0)
 
-    def judge(self, squares: Array, count: Array, prior: float) -> Judge:
+    def judge(self, squares: Array, count: Array, prior: float) -> Callable[[Array], Array]:
         """What turns P into a covariance now, for sums of squared errors and counts of equations (B, S), and P(0)."""
-        return Judge(self._meat, self._known, squares, count, prior)
+        return functools.partial(_covariance, self._meat, self._known, squares, count, prior)
 
 
-@dataclass(eq=False)  # not frozen, as `Estimates`
-class Judge:
-    """Covariance of estimates from their P for unit noise, as of one moment."""
-
-    meat: Array  # sum of the squares of scores (B, S, P, P)
-    known: Index  # clusters that hold equations (B, S)
-    squares: Array  # sum of squared errors (B, S)
-    count: Array  # equations (B, S)
-    prior: float  # P(0) on the diagonal
-
-    def __call__(self, P: Array) -> Array:
-        """Covariance (B, S, P, P)."""
-        parameters = P.shape[-1]
-        spare = self.count - parameters
-        noise = np.where(
-            spare > 0, self.squares / np.maximum(spare, 1.0), 1.0 / GUESS
-        )  # before any is seen, P(0) holds
-        guess = GUESS * noise[..., None, None] * P
-        known = self.known >= parameters + FEWEST
-        correction = (self.known - 1) / np.maximum(self.known, 1)
-        # the second part is what is not known of theta(0)
-        judged = correction[..., None, None] * (P @ self.meat @ P) + (noise / self.prior)[..., None, None] * (P @ P)
-        return np.where(known[..., None, None], judged, guess)
+def _covariance(meat: Array, known: Index, squares: Array, count: Array, prior: float, P: Array) -> Array:
+    """Covariance of estimates (B, S, P, P) from the squares of scores, the clusters known, and P for unit noise."""
+    parameters = P.shape[-1]
+    spare = count - parameters
+    noise = np.where(
+        spare > 0, squares / np.maximum(spare, 1.0), 1.0 / COVARIANCE.guess
+    )  # before any is seen, P(0) holds
+    guess = COVARIANCE.guess * noise[..., None, None] * P
+    correction = (known - 1) / np.maximum(known, 1)
+    # the second part is what is not known of theta(0)
+    judged = correction[..., None, None] * (P @ meat @ P) + (noise / prior)[..., None, None] * (P @ P)
+    return np.where((known >= parameters + COVARIANCE.fewest)[..., None, None], judged, guess)
 
 
 class Wandering:
@@ -122,34 +119,31 @@ class Wandering:
 
     def __init__(self, batch: tuple[int, int], period: float) -> None:
         """Take the shape (B, S) and the time between samples [s]."""
-        self._length = max(2, round(CLUSTER / period))
-        self._sum, self._used, self._squares, self._count = np.zeros((4, *batch))
-        self._filled = 0
+        self._length, self._filled = max(2, round(COVARIANCE.cluster / period)), 0
+        self._now = np.zeros((2, *batch))  # sum and number of the errors in the cluster to come
+        self._past = np.zeros((2, *batch))  # squares of such sums, and numbers, fading
 
     def reset(self, which: Mask) -> None:
         """Those of the B start anew."""
-        for name in ("_sum", "_used", "_squares", "_count"):
-            series = getattr(self, name).copy()
-            series[which] = 0.0
-            setattr(self, name, series)
+        self._now[:, which] = self._past[:, which] = 0.0
 
     def take(self, error: Array, usable: Mask) -> bool:
         """Take in a-priori errors (B, S), 0 where not usable; returns whether a cluster is complete."""
-        self._sum, self._used, self._filled = self._sum + error, self._used + usable, self._filled + 1
+        self._now += np.array([error, usable])
+        self._filled += 1
         return self._filled >= self._length
 
     def close(self) -> None:
         """Complete a cluster."""
-        fade = 1.0 - 1.0 / MOST
-        self._squares = fade * self._squares + self._sum**2
-        self._count = fade * self._count + self._used
-        self._sum, self._used = np.zeros_like(self._sum), np.zeros_like(self._used)
-        self._filled = 0
+        total, used = self._now
+        self._past = (1.0 - 1.0 / COVARIANCE.most) * self._past + np.array([total**2, used])
+        self._now, self._filled = np.zeros_like(self._now), 0
 
     @property
     def noise(self) -> Array:
         """Long-run variance of the errors (B, S), one where none has been seen."""
-        return np.where(self._count > 0, self._squares / np.maximum(self._count, 1.0), 1.0)
+        squares, count = self._past
+        return np.where(count > 0, squares / np.maximum(count, 1.0), 1.0)
 
     def judge(self) -> Callable[[Array], Array]:
         """What turns P into a covariance now."""

@@ -14,27 +14,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.online.binning import BLOCK, Bin, Binner, BinSource
+from estimators.online.binning import BLOCK, Bin, Binner, BinSource, Monitors
+from estimators.online.clock import checked_rate
 from estimators.online.evidence import Bets, threshold_of
-from estimators.online.grids import refined, thinned
-from estimators.online.rivals import Bins, Family, Rivals, Running
+from estimators.online.rivals import ONLINE, Bins, Family, Rivals, Running, refined, thinned
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import STRETCH, Bootstrap
 from estimators.signals.measurements import Smoothing
-from pendulum_env._typing import Array, Mask
+from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term, effects
 from pendulum_env.physics.term import loads
-
-CALIBRATE = 1.0  # [s] of motion in the first fit of all models
-REFINE = (2, 4, 8, 16)  # [s] of motion, after which grids of shape parameters are refined
-KEPT = 16.0  # [s] of motion in the first fit of a model that starts later
-STRETCHES = 60  # latest blocks of a second, from which probabilities are computed
-TOGETHER = 5  # bins whose equations are computed at once
-RECENT = 10.0  # [s] of motion, averaging time of the reported error
-FEWEST = 5  # blocks of a second for probabilities; with fewer, those of 0.2 s are used
-WORTH = 0.01  # nat a bin, the least gain that counts: errors smaller by one hundredth
 
 
 @dataclass(frozen=True)
@@ -95,7 +86,7 @@ class OnlineDiagnosis:
     not_run: Mapping[str, str] = field(default_factory=dict)
 
 
-class Diagnoser:
+class Diagnoser(Monitors["EffectMonitor"]):
     """Diagnoses B pendulums, or an arm, one sample of each per step.
 
     Attributes:
@@ -133,44 +124,20 @@ class Diagnoser:
         Raises:
             ValueError: if a number is out of its range, or a term of the model depends on the past.
         """
-        if not 0 < rate < np.inf:
-            raise ValueError(f"rate ({rate:g}) has to be positive")
+        checked_rate(rate)
         reasons = {term.id: reason for term in terms if (reason := hindrance(type(term)))}
         if reasons:
             raise ValueError(f"{next(iter(reasons))} cannot be in a model that is diagnosed online: take it out of it")
         library = effects() if library is None else library
         self.not_run = {id: reason for id, effect in library.items() if (reason := hindrance(effect))}
         library = {id: effect for id, effect in library.items() if id not in self.not_run}
-        self.rate, self.batch = rate, batch
-        if binner is None:
-            binner = Binner(rate, smoothing or Smoothing.of_encoder(COUNTS, rate), batch)
-        self._binner = binner
-        length = self._binner.every / rate  # of a bin [s]
-        self.threshold = threshold_of(alarms_per_hour, BLOCK * length / len(self._binner.joints))
+        binner = binner or Binner(rate, smoothing or Smoothing.of_encoder(COUNTS, rate), batch)
+        length, joints = binner.every / rate, binner.joints  # of a bin [s]
+        self.threshold = threshold_of(alarms_per_hour, BLOCK * length / len(joints))
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
         rival = (criterion or Criterion()).rival
-        joints = self._binner.joints
-        self.each = tuple(
-            EffectMonitor(terms, library, joints, blank, length, 1 / rate, rival, seed) for _ in range(batch)
-        )
-
-    @property
-    def said(self) -> tuple[OnlineDiagnosis, ...]:
-        """What is said of each."""
-        return tuple(one.said for one in self.each)
-
-    def reset(self, which: Mask | None = None) -> None:
-        """Those pendulums (B,) start anew with the next sample, with the model as it was given; all without one."""
-        mask = np.ones(self.batch, dtype=bool) if which is None else which
-        self._binner.reset(mask)
-        for b in np.flatnonzero(mask):
-            self.each[b].reset()
-
-    def take(self, time: Array, position: Array, torque: Array) -> tuple[OnlineDiagnosis, ...]:
-        """Take in a sample of every pendulum, as `OnlineEstimator.take`; returns what is said of each."""
-        for one in self._binner.take(time, position, torque):
-            self.each[one.of].take(one)
-        return self.said
+        each = [EffectMonitor(terms, library, joints, blank, length, 1 / rate, rival, seed) for _ in range(batch)]
+        super().__init__(rate, binner, each)
 
 
 class EffectMonitor:
@@ -220,12 +187,12 @@ class EffectMonitor:
         self._untried: dict[str, str] = {}  # effects that are not run for now, with the reason
         self._scale = np.ones(len(self._joints))  # of errors at each joint, relative to those of all
         self._waiting: list[Bin] = []  # to be taken together
-        self._blocks: deque[Array] = deque(maxlen=STRETCHES * self._often)  # log predictive densities (F,)
-        self._errors: deque[float] = deque(maxlen=round(RECENT / self._length))
+        self._blocks: deque[Array] = deque(maxlen=ONLINE.stretches * self._often)  # log predictive densities (F,)
+        self._errors: deque[float] = deque(maxlen=round(ONLINE.recent / self._length))
         self._block: Array | float = 0.0  # log predictive densities in the block to come (F,)
         self._seen = 0  # bins that the models have predicted
         self.said = replace(self._blank, terms=self.terms, added=self._added)
-        if len(self._kept) * self._length >= CALIBRATE:
+        if len(self._kept) * self._length >= ONLINE.calibrate:
             self._fit()
 
     @property
@@ -268,41 +235,41 @@ class EffectMonitor:
     def take(self, one: Bin) -> None:
         """Take in a bin of motion."""
         j = one.joint
-        if self._moved[j] < KEPT:
+        if self._moved[j] < ONLINE.kept:
             self._kept.append(one)
         self._moved[j] += self._length * len(self._joints)
         if self._rivals is None:
-            if len(self._kept) * self._length >= CALIBRATE:
+            if len(self._kept) * self._length >= ONLINE.calibrate:
                 self._fit()
             return
-        if not self._tried[j] and self._moved[j] >= CALIBRATE:  # it had not moved until then
+        if not self._tried[j] and self._moved[j] >= ONLINE.calibrate:  # it had not moved until then
             self._begin()
             return
         self._waiting.append(one)
-        if len(self._waiting) < TOGETHER:
+        if len(self._waiting) < ONLINE.together:
             return
         densities, errors = self._rivals.take(self._bins(self._waiting))
         self._waiting = []
         self._errors.extend(errors.tolist())
         self._block = block = self._block + densities.sum(axis=0)
-        self._seen += TOGETHER
+        self._seen += ONLINE.together
         if self._seen % BLOCK:
             return
         self._block = 0.0
         self._blocks.append(block)
-        self._bets.take(block[1:] - block[0] - WORTH * BLOCK)
+        self._bets.take(block[1:] - block[0] - ONLINE.worth * BLOCK)
         whole = self._seen % (BLOCK * self._often) == 0
         if whole or (self._bets.joint >= self._blank.threshold and self.said.kind != "missing"):
             self._tell()
         if whole and len(self._kept) == self._seen + self._fitted:  # no more than are kept have come
-            if round(len(self._kept) * self._length) in REFINE:
+            if round(len(self._kept) * self._length) in ONLINE.refine:
                 self._refine()
 
     # ------------------------------------------------------------------------------------------------------ the rivals
 
     def _fit(self) -> None:
         """Fit all models to what is kept: they predict from now on."""
-        self._tried = self._moved >= 0.5 * CALIBRATE
+        self._tried = self._moved >= 0.5 * ONLINE.calibrate
         running = Running.of(self.terms, self._bins(self._kept))
         if len(self._joints) > 1:
             base = Family(running, (), 0)
@@ -379,7 +346,7 @@ class EffectMonitor:
         blocks = np.array(self._blocks)
         if len(blocks) < 2:
             return
-        if len(blocks) >= FEWEST * self._often:
+        if len(blocks) >= ONLINE.fewest * self._often:
             blocks = blocks[len(blocks) % self._often :].reshape(-1, self._often, blocks.shape[1]).sum(axis=1)
         told = blocks.T  # (families, stretches)
         bootstrap = Bootstrap(np.zeros(told.shape[1], dtype=np.intp), np.random.default_rng(self._seed))

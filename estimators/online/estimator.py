@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimators.online.confidence import CLUSTER, Clusters, Wandering
+from estimators.online.clock import checked_rate
+from estimators.online.confidence import COVARIANCE, Clusters, Wandering
 from estimators.online.estimates import Estimates
 from estimators.online.joint_state import JointFilters, JointState
 from estimators.online.kalman import KalmanLeastSquares
@@ -73,8 +74,7 @@ class OnlineEstimator:
         walk = np.asarray(random_walk, dtype=float)
         if not ((walk >= 0) & (walk < np.inf)).all():
             raise ValueError(f"random_walk cannot be {walk}: give zero or a positive number")
-        if not 0 < rate < np.inf:
-            raise ValueError(f"the rate cannot be {rate:g} Hz: give a positive number")
+        checked_rate(rate)
         columns = [column for term in terms for column in term.columns]
         self.names = tuple(column.name for column in columns)
         self.units = {column.name: column.unit for column in columns}
@@ -102,7 +102,7 @@ class OnlineEstimator:
         self._joint: JointFilters | None = None
         if joint is not None:
             noise = of_steps(COUNTS) if position_noise is None else position_noise
-            self._joint = JointFilters(joint, terms, period, batch, noise, forgetting, walk)
+            self._joint = JointFilters(joint.torque_noise, terms, period, batch, noise, forgetting, walk)
         self.delay = self._stream.delay  # [samples]
 
     def reset(self, which: Mask | None = None) -> None:
@@ -136,19 +136,16 @@ class OnlineEstimator:
             self._clusters.close(squares.theta, squares.P)
         now = self._regressions(taken.place, taken.time, usable, taken.regressor)
         if self._joint is not None:
-            self._joint.take(time, position, torque, taken.anew, now, len(self.schemes) - 1)
-        return self._beside(now)
+            self._joint.take(time, position, torque, taken.anew, now)
+            return self._joint.beside(now)
+        return now
 
     def after_reset(self, then: Estimates, ended: Mask) -> Estimates:
         """What is known once those pendulums (B,) have been reset, `then` being the estimates before."""
         none = ended[:, None]
         index, time = np.where(ended, -1, then.index), np.where(ended, 0.0, then.time)
-        return self._beside(self._regressions(index, time, then.usable & ~none, np.where(none, 0.0, then.regressor)))
-
-    def _beside(self, now: Estimates) -> Estimates:
-        """The regressions with the joint state, that starts from the last of them."""
-        last = len(self.schemes) - 1
-        return now if self._joint is None else self._joint.beside(now, range(last), last)
+        now = self._regressions(index, time, then.usable & ~none, np.where(none, 0.0, then.regressor))
+        return now if self._joint is None else self._joint.beside(now)
 
     def _regressions(self, index: Index, time: Array, usable: Mask, regressor: Array) -> Estimates:
         squares = self._squares
@@ -162,4 +159,4 @@ class OnlineEstimator:
         """End of a cluster of time: the parameters may have moved since the last."""
         wandering.close()
         step = self._walk if self._walk.ndim else self._walk * self._squares.theta
-        self._squares.widen(step**2 * CLUSTER / np.maximum(wandering.noise, np.finfo(float).tiny)[..., None])
+        self._squares.widen(step**2 * COVARIANCE.cluster / np.maximum(wandering.noise, np.finfo(float).tiny)[..., None])

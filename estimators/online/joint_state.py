@@ -31,14 +31,22 @@ from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.simulation import Balance, CommandLine, step, substeps
 from pendulum_env.physics.term import zero
 
-KNOWN = 0.1  # of the inertia, the standard error at which the filter takes over
-MOTION = 1.0  # [s], that the regression has to have seen until then
-DOUBT = 0.1  # of each parameter, that is added to its standard error then
-SPEED = 5.0  # [rad/s], standard deviation of the velocity before it is known
-SHAKEN = 0.1  # [N m], standard deviation of the torque that acts about the measured one, before it is known
-LEARN = 0.5  # [s], in which its logarithm follows
-OUTLIER = 3.0  # standard deviations, limit of an innovation in learning the noise
-FINEST = 1e-7  # [rad], below which position is not said to be known: the step itself errs
+
+@dataclass(frozen=True)
+class JointStateSettings:
+    """Numbers of the joint-state filter; chosen on simulated plants by `benchmarks.joint_state`."""
+
+    known: float = 0.1  # of the inertia, the standard error at which the filter takes over
+    motion: float = 1.0  # [s], that the regression has to have seen until then
+    doubt: float = 0.1  # of each parameter, that is added to its standard error then
+    speed: float = 5.0  # [rad/s], standard deviation of the velocity before it is known
+    shaken: float = 0.1  # [N m], standard deviation of the torque that acts about the measured one, before it is known
+    learn: float = 0.5  # [s], in which its logarithm follows
+    outlier: float = 3.0  # standard deviations, limit of an innovation in learning the noise
+    finest: float = 1e-7  # [rad], below which position is not said to be known: the step itself errs
+
+
+FILTER = JointStateSettings()
 
 
 @dataclass(frozen=True)
@@ -61,11 +69,14 @@ class JointState:
 
 
 class JointFilters:
-    """One filter for each of B pendulums; those that have not started yet are None."""
+    """One filter for each of B pendulums; those that have not started yet are None.
+
+    Each starts from a regression, the last of those beside it, and repeats its estimates until then.
+    """
 
     def __init__(
         self,
-        scheme: JointState,
+        torque_noise: float | None,
         terms: Sequence[Term],
         period: float,
         batch: int,
@@ -73,19 +84,19 @@ class JointFilters:
         forgetting: float,
         walk: Array,
     ) -> None:
-        """Take the model's terms, the time between samples [s], the number of pendulums B and the encoder's noise.
+        """Make the filters.
 
         Args:
-            scheme: with its options.
+            torque_noise: as of `JointState`.
             terms: of the model.
             period: between samples [s].
-            batch: number of pendulums.
+            batch: number of pendulums B.
             position_noise: standard deviation of the measured position [rad].
             forgetting: factor for every sample.
             walk: by which parameters may wander, as a share, or for each in its unit [1/sqrt(s)].
         """
-        noise = max(position_noise, FINEST)
-        self._begin = functools.partial(_Filter, scheme, tuple(terms), period, noise, forgetting, walk)
+        noise = max(position_noise, FILTER.finest)
+        self._begin = functools.partial(_Filter, torque_noise, tuple(terms), period, noise, forgetting, walk)
         self._period, self._batch = period, batch
         columns = [column for term in terms for column in term.columns]
         self._inertia = next((k for k, column in enumerate(columns) if column.mass is not zero), None)
@@ -104,8 +115,8 @@ class JointFilters:
         """Which have started (B,)."""
         return np.array([one is not None for one in self.filters])
 
-    def take(self, time: Array, position: Array, torque: Array, anew: Mask, lent: Estimates, lender: int) -> None:
-        """Take in a sample of every pendulum, and start where the regression `lender` knows enough.
+    def take(self, time: Array, position: Array, torque: Array, anew: Mask, lent: Estimates) -> None:
+        """Take in a sample of every pendulum, and start where the last regression knows enough.
 
         Those that begin anew (B,), as after a gap, keep their parameters, but not position and velocity.
         """
@@ -113,8 +124,8 @@ class JointFilters:
         new = np.zeros((self._batch, 1))
         for b, one in enumerate(self.filters):
             if one is None:
-                if lent.usable[b, lender]:
-                    self.filters[b] = self._started(lent, b, lender)
+                if lent.usable[b, -1]:
+                    self.filters[b] = self._started(lent, b)
                 continue
             one.lost = one.lost or bool(anew[b])
             if not np.isfinite(position[b] + torque[b]):
@@ -128,36 +139,30 @@ class JointFilters:
         if self._surprise.take(new, self.running[:, None]):
             self._surprise.close()
 
-    def _started(self, lent: Estimates, b: int, lender: int) -> _Filter | None:
-        theta, covariance = lent.theta[b, lender], lent.covariance[b, lender]
-        if self._inertia is None or lent.index[b] * self._period < MOTION:
+    def _started(self, lent: Estimates, b: int) -> _Filter | None:
+        theta, covariance = lent.theta[b, -1], lent.covariance[b, -1]
+        if self._inertia is None or lent.index[b] * self._period < FILTER.motion:
             return None
-        if not 0 < np.sqrt(covariance[self._inertia, self._inertia]) < KNOWN * theta[self._inertia]:
+        if not 0 < np.sqrt(covariance[self._inertia, self._inertia]) < FILTER.known * theta[self._inertia]:
             return None
-        return self._begin(theta, covariance + np.diag((DOUBT * theta) ** 2))
+        return self._begin(theta, covariance + np.diag((FILTER.doubt * theta) ** 2))
 
-    def beside(self, now: Estimates, shown: Sequence[int], lender: int) -> Estimates:
-        """Estimates of the schemes `shown`, and of this one after them."""
+    def beside(self, now: Estimates) -> Estimates:
+        """Estimates with this one in the place of the last regression, whose own it repeats until it runs."""
         running, noise = self.running, np.maximum(self._surprise.noise, 1.0)
 
         def beside(lent: Array, own: Array) -> Array:
-            """Of the regressions, and after them its own (B, ...), or lent until it runs."""
             runs = running.reshape(-1, *[1] * (own.ndim - 1))
-            return np.concatenate([lent[:, list(shown)], np.where(runs, own, lent[:, lender])[:, None]], axis=1)
+            return np.concatenate([lent[:, :-1], np.where(runs, own, lent[:, -1])[:, None]], axis=1)
 
-        return replace(
+        found = replace(
             now,
             theta=beside(now.theta, self.theta),
-            error=np.concatenate([now.error[:, list(shown)], self.error], axis=1),
-            usable=np.concatenate([now.usable[:, list(shown)], running[:, None]], axis=1),
-            spread=functools.partial(np.asarray, beside(now.P, self.P)),
-            judge=functools.partial(_known, beside(now.covariance, noise[..., None] * self.P)),
+            error=np.concatenate([now.error[:, :-1], self.error], axis=1),
+            usable=np.concatenate([now.usable[:, :-1], running[:, None]], axis=1),
         )
-
-
-def _known(covariance: Array, P: Array) -> Array:
-    """A covariance that is known already."""
-    return covariance
+        found.P, found.covariance = beside(now.P, self.P), beside(now.covariance, noise[..., None] * self.P)
+        return found
 
 
 class _Filter:
@@ -165,7 +170,7 @@ class _Filter:
 
     def __init__(
         self,
-        scheme: JointState,
+        torque_noise: float | None,
         terms: Sequence[Term],
         period: float,
         position_noise: float,
@@ -177,8 +182,8 @@ class _Filter:
         from estimators.online.unscented import Unscented  # loads scipy.stats
 
         self._period, self._walk = period, walk
-        self._learns = scheme.torque_noise is None
-        self.log_variance = 2 * np.log(SHAKEN if scheme.torque_noise is None else scheme.torque_noise)
+        self._learns = torque_noise is None
+        self.log_variance = 2 * np.log(FILTER.shaken if torque_noise is None else torque_noise)
         self._substeps = substeps(period)
         self._commands = CommandLine([term for term in terms if term.delay], period, self._substeps)
         self._moving = [term for term in terms if not term.delay]
@@ -206,7 +211,7 @@ class _Filter:
         command = self._commands.push(np.asarray(torque))
         if self.lost:
             ukf.x[:2], ukf.P[:2], ukf.P[:, :2] = (position, 0.0), 0.0, 0.0
-            ukf.P[0, 0], ukf.P[1, 1] = ukf.R[0, 0], SPEED**2
+            ukf.P[0, 0], ukf.P[1, 1] = ukf.R[0, 0], FILTER.speed**2
             self.lost, self._memory = False, None
             return 0.0, 0.0
         ukf.P *= np.outer(self._fade, self._fade)
@@ -215,10 +220,10 @@ class _Filter:
         ukf.update(position)
         gain, new = float(ukf.K[0, 0]), float(ukf.y[0] / np.sqrt(ukf.S[0, 0]))
         if self._learns:
-            bounded = min(max(new, -OUTLIER), OUTLIER)
+            bounded = min(max(new, -FILTER.outlier), FILTER.outlier)
             # the more the torque's noise moves the joint against the encoder's, the more a surprise tells of it
             told = gain * (bounded**2 - 1.0 + 2.0 * bounded * self._last)
-            self.log_variance += self._period / LEARN * told
+            self.log_variance += self._period / FILTER.learn * told
             kept = 1.0 - gain
             self._last = kept * self._last + np.sqrt(max(1.0 - kept**2, 0.0)) * bounded
         return float(ukf.y[0]), new

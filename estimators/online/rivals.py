@@ -36,10 +36,28 @@ from pendulum_env.physics import Column, Samples, Term
 from pendulum_env.physics.term import one, zero
 
 TIME, POSITION, VELOCITY, TORQUE = range(4)  # series of a bin
-MEMORY = 3000  # bins, memory of the scale of errors
-WEAKEST = -12.0  # least log weight relative to the best variant, so that a variant can recover
-PERTURBATION = 1e-3  # [N m], for slopes by the torque
-TURNS = 20  # of the fixed point for a scale
+
+
+@dataclass(frozen=True)
+class OnlineDiagnosisSettings:
+    """Numbers of the online diagnosis; chosen on simulated plants by `benchmarks.diagnosing`."""
+
+    memory: int = 3000  # bins, memory of the scale of errors
+    weakest: float = -12.0  # least log weight relative to the best variant, so that a variant can recover
+    perturbation: float = 1e-3  # [N m], for slopes by the torque
+    turns: int = 20  # of the fixed point for a scale
+    calibrate: float = 1.0  # [s] of motion in the first fit of all models
+    refine: tuple[int, ...] = (2, 4, 8, 16)  # [s] of motion, after which grids of shape parameters are refined
+    kept: float = 16.0  # [s] of motion in the first fit of a model that starts later
+    stretches: int = 60  # latest blocks of a second, from which probabilities are computed
+    together: int = 5  # bins whose equations are computed at once
+    recent: float = 10.0  # [s] of motion, averaging time of the reported error
+    fewest: int = 5  # blocks of a second for probabilities; with fewer, those of 0.2 s are used
+    worth: float = 0.01  # nat a bin, the least gain that counts: errors smaller by one hundredth
+    few: int = 12  # variants of a grid that are run, where a shape parameter is continuous
+
+
+ONLINE = OnlineDiagnosisSettings()
 
 
 class Rows(NamedTuple):
@@ -128,7 +146,9 @@ class Bins:
         value = self._impulse(column, x)
         if not of_torque:
             return value, 0.0
-        return value, (self._impulse(column, replace(x, torque=x.torque + PERTURBATION)) - value) / PERTURBATION
+        return value, (
+            self._impulse(column, replace(x, torque=x.torque + ONLINE.perturbation)) - value
+        ) / ONLINE.perturbation
 
     def _impulse(self, column: Column, x: Samples) -> Array:
         """The impulse view of a column (`schemes.six`), averaged over the bins (R, V)."""
@@ -234,7 +254,7 @@ class Family:
         self.residual = (error - np.einsum("rvk,vk->rv", left, theta[:, len(weak) :])) / np.maximum(passed, LEAST_SLOPE)
         squares = self.residual**2  # (R, V)
         square = np.maximum(squares.mean(axis=0), 1e-12)
-        for _ in range(TURNS):
+        for _ in range(ONLINE.turns):
             square = np.maximum(((NU + 1) * squares / (NU + squares / square)).mean(axis=0), 1e-12)
         self.square = square * len(squares) / max(1, len(squares) - len(weak) - width)
         self.weight = np.zeros(len(self.of_y))
@@ -335,7 +355,7 @@ class Rivals:
         densities = self._mixed(density, delta)
         self._count += 1
         step = (NU + 1) / (NU + relative / self._square) * relative - self._square
-        self._square[:] = np.maximum(self._square + step / min(self._count, MEMORY), 1e-12)
+        self._square[:] = np.maximum(self._square + step / min(self._count, ONLINE.memory), 1e-12)
         running.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
         self._of_y += error[:, None] * (gain / spread)
         self._of_own += left[..., None] * (gain / spread)
@@ -349,8 +369,36 @@ class Rivals:
         possible = ((own >= self._least) & (own <= self._most)).all(axis=1)
         before = np.where(possible, self._weight, -np.inf)
         weight = self._weight + density
-        self._weight[:] = np.maximum(weight - np.maximum.reduceat(weight, starts)[self._of], WEAKEST)
+        self._weight[:] = np.maximum(weight - np.maximum.reduceat(weight, starts)[self._of], ONLINE.weakest)
         known = np.logaddexp.reduceat(before, starts)
         told = np.logaddexp.reduceat(before + density, starts) - np.where(np.isfinite(known), known, 0.0)
         usable = np.isfinite(known) & np.isfinite(told)
         return np.where(usable, told, density[0])
+
+
+def refined(family: Family, fresh: Sequence[Term]) -> list[Term]:
+    """Variants to go on with: the best two, those halfway to the neighbours of the best, and some of a fresh grid."""
+    best = family.variants[family.best]
+    kept = [family.variants[k] for k in np.argsort(-family.weight)[:2]]
+    near = []
+    for shape in best.free:
+        value = best.shape[shape.name]
+        if shape.integer or not np.isfinite(value):
+            continue
+        values = np.unique([variant.shape[shape.name] for variant in family.variants])
+        values = values[np.isfinite(values)]
+        at = int(np.searchsorted(values, value))
+        lower = values[at - 1] if at else value / 2
+        upper = values[at + 1] if at + 1 < len(values) else 2 * value
+        for other in (lower, upper):
+            middle = np.sqrt(value * other) if value * other > 0 else 0.5 * (value + other)
+            if shape.low <= middle <= shape.high:
+                near.append(replace(best, **{shape.name: float(middle)}))
+    return list(dict.fromkeys([*kept, best, *near, *thinned(fresh)]))
+
+
+def thinned(variants: Sequence[Term]) -> list[Term]:
+    """All variants whose shapes are integers; of others as many as are run."""
+    if not variants or all(shape.integer for shape in variants[0].shapes) or len(variants) <= ONLINE.few:
+        return list(variants)
+    return [variants[k] for k in np.unique(np.linspace(0, len(variants) - 1, ONLINE.few).round().astype(int))]

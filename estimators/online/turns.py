@@ -17,12 +17,22 @@ from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Term
 from pendulum_env.physics.simulation import Balance, prepared, simulate
 
-HALF = 0.1  # [s], before and after a turn
 PERTURBATION = np.array([1e-5, 1e-3])  # of position [rad] and velocity [rad/s], for derivatives
-DIFFERENCE, SMALLEST = 1e-3, 1e-3  # relative change of a parameter for derivatives, and least size of one
-FITS = 3  # of parameters, with weights that follow from the fit before
-LARGEST = 1e3  # times the least torque that matters, limit of any error
-FINEST = 1e-20  # [(rad/(N m))^2], so that nothing by nothing is a number
+
+
+@dataclass(frozen=True)
+class ReversalSettings:
+    """Numbers of the simulation through reversals."""
+
+    half: float = 0.1  # [s], before and after a turn
+    difference: float = 1e-3  # relative change of a parameter for derivatives
+    smallest: float = 1e-3  # least size of a parameter, of which that is a share
+    fits: int = 3  # of parameters, with weights that follow from the fit before
+    largest: float = 1e3  # times the least torque that matters, limit of any error
+    finest: float = 1e-20  # [(rad/(N m))^2], so that nothing by nothing is a number
+
+
+TURN = ReversalSettings()
 
 
 @dataclass(frozen=True)
@@ -66,14 +76,14 @@ class Missed:
     def sizes(self, least: ArrayLike) -> Array:
         """Log mean square of errors, in rad and in N m (S, 2); one of `least` [N m] does not matter, () or (S,)."""
         square, unit = (np.mean(values**2, axis=1) for values in (self.error, self.by_torque))
-        unit = unit + square / (LARGEST * least) ** 2 + FINEST  # a joint that sticks hides any torque
+        unit = unit + square / (TURN.largest * least) ** 2 + TURN.finest  # a joint that sticks hides any torque
         square = square + least**2 * unit
         return np.log(np.column_stack([square, square / unit]))
 
     def fitted(self, std: Array, usual: float) -> Missed:
         """With the parameters that explain most, as far as they are uncertain (P,), and the usual mean square."""
         delta = np.zeros(len(std))
-        for _ in range(FITS):
+        for _ in range(TURN.fits):
             error = self.error + self.by_parameter @ delta
             weight = 1.0 / np.sqrt(usual + np.mean(error**2, axis=1))  # one that ran away counts little
             rows = (weight[:, None, None] * self.by_parameter).reshape(-1, len(std)) * std
@@ -96,7 +106,7 @@ class Mover:
         self._terms, self._period = tuple(terms), period
         self._program = prepared(terms)
         remembers = Balance(terms, np.ones(sum(len(term.columns) for term in terms))).remembers
-        self.ready = self._program.step is not None and not remembers and round(HALF / period) > 1
+        self.ready = self._program.step is not None and not remembers and round(TURN.half / period) > 1
 
     def __reduce__(self) -> tuple[type[Mover], tuple[Sequence[Term], float]]:
         return Mover, (self._terms, self._period)  # a program cannot be pickled
@@ -107,13 +117,13 @@ class Mover:
         The part due to the initial state is projected out; the smoothed state is accurate enough for linearisation.
         """
         count, size = len(turns.time), len(theta)
-        push = np.maximum(np.sqrt(np.mean(turns.torque**2, axis=0)), SMALLEST)  # (S,)
-        perturbation = np.concatenate([PERTURBATION, DIFFERENCE * np.maximum(np.abs(theta), SMALLEST)])
+        push = np.maximum(np.sqrt(np.mean(turns.torque**2, axis=0)), TURN.smallest)  # (S,)
+        perturbation = np.concatenate([PERTURBATION, TURN.difference * np.maximum(np.abs(theta), TURN.smallest)])
         perturbations = np.column_stack([np.zeros(2 + size), np.diag(perturbation), np.zeros(2 + size)])  # (2 + P, V)
         state = np.array([turns.position[0], turns.velocity])  # (2, S)
         start = (state[:, None] + perturbations[:2, :, None]).reshape(2, -1)  # (2, V S)
         torque = np.repeat(turns.torque[:, None], size + 4, axis=1)
-        torque[:, -1] += DIFFERENCE * push
+        torque[:, -1] += TURN.difference * push
         path = simulate(
             self._terms,
             np.repeat(theta[:, None] + perturbations[2:], count, axis=1),
@@ -126,7 +136,7 @@ class Mover:
             program=self._program,
         ).position.reshape(-1, size + 4, count)
         paths = np.transpose(path, (2, 0, 1))  # (S, N + 1, V)
-        steps = np.column_stack([np.tile(perturbation, (count, 1)), DIFFERENCE * push])
+        steps = np.column_stack([np.tile(perturbation, (count, 1)), TURN.difference * push])
         error = paths[..., :1] - turns.position.T[..., None]
         slopes = (paths[..., 1:] - paths[..., :1]) / steps[:, None]  # by state, parameters and torque
         frames, _ = np.linalg.qr(slopes[..., :2])
@@ -143,7 +153,7 @@ class TurnFinder:
 
         Below the least speed [rad/s], a velocity has no direction.
         """
-        self._half, self._delay, self._late, self._slowest = round(HALF / period), delay, late, slowest
+        self._half, self._delay, self._late, self._slowest = round(TURN.half / period), delay, late, slowest
         self._ring = np.zeros((2 * self._half + delay + late + 2, 4, batch))  # time, position, torque, velocity
         self._free = np.zeros(batch, dtype=np.intp)  # sample from which on the next may begin
         self._count = 0

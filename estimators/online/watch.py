@@ -25,26 +25,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.online.binning import BLOCK, Bin, Binner, BinSource
-from estimators.online.change import Known, Rows
-from estimators.online.evidence import HOUR, Evidence, threshold_of
+from estimators.online.binning import BLOCK, Bin, Binner, BinSource, Monitors
+from estimators.online.change import WATCH, Known, Rows
+from estimators.online.clock import checked_rate
+from estimators.online.evidence import Evidence, threshold_of
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.rows import TIME
-from estimators.online.turns import HALF, Mover, TurnFinder, Turns
+from estimators.online.turns import TURN, Mover, TurnFinder, Turns
 from estimators.online.usual import Usual
 from estimators.signals.measurements import Smoothing
-from pendulum_env._typing import Array, Mask
+from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.physics import BASE, Term
-
-WALK = 0.003  # random walk of each parameter, relative to its size [1/sqrt(s)]
-LEAST = 0.004  # of the RMS torque, error of no practical consequence
-LEARN = 0.5  # of the calibration time, after which the size of errors is learnt
-KEPT = 10.0  # [s] of motion by which a change is judged,
-KEPT_TURNS = 24  # and number of reversals
-FEWEST = 0.5  # [s] of motion after a change, needed to judge its kind
-SURE = 2.5  # [s] of motion, after which a change that a refit explains is called a value
-KIND = 5.0  # standard errors by which errors of a refit exceed their former size, from which it is structure
 
 
 @dataclass(frozen=True)
@@ -75,7 +67,7 @@ class Verdict:
     alarms: int = 0
 
 
-class Watch:
+class Watch(Monitors["ChangeMonitor"]):
     """Watches B pendulums, or an arm, one sample of each per step.
 
     Attributes:
@@ -110,46 +102,27 @@ class Watch:
         Raises:
             ValueError: if a number is out of its range, or theta has another length.
         """
-        if not 0 < rate < np.inf:
-            raise ValueError(f"the rate cannot be {rate:g} Hz: give a positive number")
-        if not 0 < alarms_per_hour < HOUR or not 1 <= calibrate < np.inf:
-            raise ValueError(
-                f"alarms_per_hour ({alarms_per_hour:g}) has to be positive and below one a second, and calibrate "
-                f"({calibrate:g}) a second at least"
-            )
+        checked_rate(rate)
+        if not 1 <= calibrate < np.inf:
+            raise ValueError(f"calibrate ({calibrate:g}) cannot be: give a second at least")
         names = tuple(column.name for term in terms for column in term.columns)
         if theta is not None and len(theta) != len(names):
             raise ValueError(f"theta has {len(theta)} values, the model {len(names)}: {', '.join(names)}")
         smoothing, period = smoothing or Smoothing.of_encoder(COUNTS, rate), 1.0 / rate
-        self.rate, self.batch = rate, batch
-        self._mover: Mover | None = None
+        mover: Mover | None = None
         self._turns: tuple[Binner, TurnFinder] | None = None
         if binner is None:
             binner = Binner(rate, smoothing, batch, terms)
             if (mover := Mover(terms, period)).ready:
                 late = int(np.ceil(sum(term.delay for term in terms) / period)) + 1
-                self._mover = mover
                 self._turns = binner, TurnFinder(batch, period, binner.delay, late, smoothing.slowest)
-        self._binner = binner
+            else:
+                mover = None
         length = binner.every * period  # of a bin [s]
-        self.threshold = threshold_of(alarms_per_hour, min(BLOCK * length, 2 * HALF))
+        self.threshold = threshold_of(alarms_per_hour, min(BLOCK * length, 2 * TURN.half))
         given = None if theta is None else np.asarray(theta, dtype=float)
-        self.each = tuple(
-            ChangeMonitor(names, binner.joints, length, self._mover, self.threshold, calibrate, given)
-            for _ in range(batch)
-        )
-
-    @property
-    def said(self) -> tuple[Verdict, ...]:
-        """What is said of each."""
-        return tuple(one.said for one in self.each)
-
-    def reset(self, which: Mask | None = None) -> None:
-        """Those pendulums (B,) start anew with the next sample; all without an argument."""
-        mask = np.ones(self.batch, dtype=bool) if which is None else which
-        self._binner.reset(mask)
-        for b in np.flatnonzero(mask):
-            self.each[b].reset()
+        options = names, binner.joints, length, mover, self.threshold, calibrate, given
+        super().__init__(rate, binner, [ChangeMonitor(*options) for _ in range(batch)])
 
     def accept(self) -> None:
         """All pendulums are now as they shall be: calibrate anew."""
@@ -158,8 +131,7 @@ class Watch:
 
     def take(self, time: Array, position: Array, torque: Array) -> tuple[Verdict, ...]:
         """Take in a sample of every pendulum, as `OnlineEstimator.take`; returns what is said of each."""
-        for one in self._binner.take(time, position, torque):
-            self.each[one.of].take(one)
+        super().take(time, position, torque)
         if self._turns is not None:
             smoothed, finder = self._turns
             turns = finder.take(time, position, torque, smoothed.velocity, smoothed.taken.place)
@@ -209,8 +181,8 @@ class ChangeMonitor:
     def reset(self) -> None:
         """Nothing is known yet."""
         self._model.reset(np.ones(1, dtype=bool))
-        self._kept: deque[Bin] = deque(maxlen=max(2, round(KEPT / self._length)))
-        self._turns: deque[Turns] = deque(maxlen=KEPT_TURNS)
+        self._kept: deque[Bin] = deque(maxlen=max(2, round(WATCH.kept / self._length)))
+        self._turns: deque[Turns] = deque(maxlen=WATCH.kept_turns)
         self._moments = np.zeros((len(self._joints), len(self._names) + 1))  # sums of phi^2 and y^2
         self._of = np.zeros(len(self._joints), dtype=int)  # bins of each joint
         self._bins, self._moved, self._begun = 0, 0.0, np.nan
@@ -248,7 +220,7 @@ class ChangeMonitor:
         square = float(self._square[j] / BLOCK)
         self._square[j], self._filled[j] = 0.0, 0
         if holds:
-            self._count(j, self._sizes_of(square, j))
+            self._count(j, self._sizes_of([square], j))
             self._wander()
         if self._changed is not None:
             self._judge()
@@ -269,7 +241,7 @@ class ChangeMonitor:
     @property
     def _knows(self) -> bool:
         """Whether errors begin to be those of the model."""
-        return self._moved > LEARN * self._calibrate
+        return self._moved > WATCH.learn * self._calibrate
 
     @property
     def _calibrated(self) -> bool:
@@ -278,11 +250,11 @@ class ChangeMonitor:
 
     def _least(self, joint: int) -> float:
         """Torque of a joint that does not matter [N m]."""
-        return LEAST * float(np.sqrt(self._moments[joint, -1] / max(self._of[joint], 1))) + 1e-9
+        return WATCH.least * float(np.sqrt(self._moments[joint, -1] / max(self._of[joint], 1))) + 1e-9
 
-    def _sizes_of(self, square: Array | float, joint: int) -> Array:
-        """Logs of mean squares () or (N,) [(N m)^2], as of rows of a joint (N, 1)."""
-        return np.log(np.reshape(square, (-1, 1)) + self._least(joint) ** 2)
+    def _sizes_of(self, squares: Sequence[float], joint: int) -> Array:
+        """Logs of N mean squares of rows of a joint [(N m)^2], (N, 1)."""
+        return np.log(np.array(squares)[:, None] + self._least(joint) ** 2)
 
     def _count(self, challenger: int, sizes: Array) -> bool:
         """How large errors are (1, Q) counts against what is usual, and is learnt; returns whether that is an alarm."""
@@ -319,15 +291,11 @@ class ChangeMonitor:
 
     def _wander(self) -> None:
         """Parameters may have moved since the last block."""
-        share = WALK**2 * BLOCK * self._length / self._usual_square
-        self._model.widen((share * self._known.sizes**2)[None, None])
+        known = self._known
+        share = WATCH.walk**2 * BLOCK * self._length / known.square
+        self._model.widen((share * known.sizes**2)[None, None])
 
     # ------------------------------------------------------------------------------------------------ what has changed
-
-    @property
-    def _usual_square(self) -> float:
-        """Mean square of errors at the joint where they are largest [(N m)^2]."""
-        return float(np.exp(max(usual.mean[0] for usual in self._usual[:-1])))
 
     @property
     def _known(self) -> Known:
@@ -336,24 +304,23 @@ class ChangeMonitor:
         squares = self._moments[seen, -1:] / np.maximum(self._moments[seen, :-1], 1e-12)
         usual = 0.1 * np.sqrt(squares.min(axis=0, initial=np.inf))  # gives a tenth of the torque
         sizes = np.maximum(np.abs(theta), np.minimum(usual, 1e6))
-        return Known(theta, self._model.P[0, 0] * self._usual_square, sizes)
+        square = float(np.exp(max(usual.mean[0] for usual in self._usual[:-1])))
+        return Known(theta, self._model.P[0, 0] * square, sizes, square)
 
     def _predicts(self, error: float) -> None:
         """The model holds; one that was given is compared with the plant once that is known."""
         if self._given is not None and not self._compared:
             self._compared = True
             rows, known = self._since(0), self._known
-            changes = replace(known, theta=self._given).changes(
-                self._names, known.theta, known.std(rows, rows.error(known.theta))
-            )
-            if changes and self._surprise_of_rows(rows, self._given)[0] > KIND:
+            std = known.std(rows, rows.error(known.theta))
+            changes = replace(known, theta=self._given).changes(self._names, known.theta, std)
+            if changes and self._surprise_of_rows(rows, self._given)[0] > WATCH.kind:
                 self._alarms += 1
                 self._say("value", since=float(rows.series[TIME, 0]), changes=changes, error=error)
                 return
-        if self.said.kind == "value":  # the last change stays said
-            self._say("value", since=self.said.since, changes=self.said.changes, error=error)
-        else:
-            self._say("predicts", error=error)
+        last = self.said  # a change stays said
+        told = {"since": last.since, "changes": last.changes} if last.kind == "value" else {}
+        self._say("value" if told else "predicts", error=error, **told)
 
     def _since(self, first: int) -> Rows:
         """What came since so many bins, as far as kept."""
@@ -366,13 +333,13 @@ class ChangeMonitor:
         if self._settled or self._changed is None or self._bins == self._changed:
             return
         rows = self._since(self._changed)
-        least = round(FEWEST / self._length)
+        least = round(WATCH.fewest / self._length)
         if len(rows.y) < least:
             self._say("changed", since=float(rows.series[TIME, 0]))
             return
         known = self._known
         k, theta = known.moment(rows, max(0, min(len(rows.y) - least, self._alarmed - self._bins + len(rows.y))))
-        rows = rows.after(k)
+        rows = rows[k:]
         error, since = rows.error(theta), float(rows.series[TIME, 0])
         std = known.std(rows, error)
         at_rows, _ = self._surprise_of_rows(rows, theta)
@@ -380,14 +347,14 @@ class ChangeMonitor:
         told = known.changes(self._names, theta, std)
         found = {"since": since, "changes": told, "error": float(np.sqrt(np.mean((error * rows.scale) ** 2)))}
         whole = self._bins - self._changed >= (self._kept.maxlen or 0)
-        if np.hypot(max(at_rows, 0.0), max(at_turns, 0.0)) > KIND and len(rows.y) >= 2 * least:
+        if np.hypot(max(at_rows, 0.0), max(at_turns, 0.0)) > WATCH.kind and len(rows.y) >= 2 * least:
             _, joint = self._surprise_of_rows(rows, known.theta)  # a new fit spreads an effect over other joints
             at = "@" * bool(self._joints[joint]) + self._joints[joint]
             slow = {"velocity": (-speed, speed)}
-            where = slow if at_turns > at_rows else rows.of_joint(joint).place_of_errors(theta)
+            where = slow if at_turns > at_rows else rows[rows.joint == joint].place_of_errors(theta)
             self._say("structure", where={quantity + at: span for quantity, span in where.items()}, **found)
             self._settled = whole
-        elif len(rows.y) * self._length < SURE or not (told or whole):
+        elif len(rows.y) * self._length < WATCH.sure or not (told or whole):
             if self.said.kind != "structure":  # what is not clear does not take back what was
                 self._say("changed", **found)
         else:
@@ -400,10 +367,10 @@ class ChangeMonitor:
         """Standard errors by which errors of rows are larger than usual, at the joint where that is most."""
         found = [0.0] * len(self._joints)
         for j in np.unique(rows.joint).tolist():
-            own = rows.of_joint(j)
+            own = rows[rows.joint == j]
             error = own.error(theta) * own.scale
-            blocks = [np.mean(part**2) for part in np.array_split(error, max(1, len(error) // BLOCK))]
-            found[j] = self._usual[j].surprise(self._sizes_of(np.array(blocks), j))
+            blocks = [float(np.mean(part**2)) for part in np.array_split(error, max(1, len(error) // BLOCK))]
+            found[j] = self._usual[j].surprise(self._sizes_of(blocks, j))
         joint = int(np.argmax(found))
         return found[joint], joint
 

@@ -27,6 +27,7 @@ from estimators.checks.remedies import wrong_columns
 from estimators.checks.torque_constant import Calibrated, further, told, widened
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import Fit, solve
+from estimators.regression.normal import quietest_most
 from estimators.regression.recursive import evenly, history
 from estimators.schemes.six import SCHEMES, LowPass, Regressor, Scheme, give
 from estimators.selection.data import Evidence, fit_terms
@@ -244,33 +245,41 @@ def identify(
         results = {id: own.calibrated(calibrated.constant, there[id].model) for id, own in results.items()}
     else:
         results = {id: own.per(calibrated.unit) for id, own in results.items()}
-    alone = {id: untold(own.model, measurements, doubts) for id, own in results.items()}
-    unsaid = {id: {name for doubt in own for name in doubt.withheld} for id, own in alone.items()}
-    of_all = set.intersection(*unsaid.values())  # what no scheme tells is said; the others show no number for it
-    doubts = (*doubts, *(doubt for doubt in next(iter(alone.values())) if of_all.issuperset(doubt.withheld)))
-    withheld = frozenset(name for doubt in doubts for name in doubt.withheld)
-    results = {id: replace(own, model=own.model.withholding(withheld | unsaid[id])) for id, own in results.items()}
-    unknown = [calibrated.doubt] if calibrated.doubt is not None else []
-    wrong = wrong_columns(first, recordings) or driving_friction(first)
+    results, doubts = _withheld(results, measurements, doubts)
+    mistakes = wrong_columns(first, recordings) or driving_friction(first)
     data = None
     try:
         data = prepare(recordings)
         fits = own_fits([data], terms)
-        wrong = [*wrong, *_mistakes(recordings, fits, terms)]
-        wrong = wrong or _lacking(list(results.values()), fits)
+        mistakes = [*mistakes, *_mistakes(recordings, fits, terms)] or _lacking(list(results.values()), fits)
     except IdentificationError:  # windows need more motion than some schemes
         pass
-    mistakes = [Doubt(text) for text in (*unknown, *wrong)]
+    unknown = (calibrated.doubt,) if calibrated.doubt is not None else ()
     ends = tuple(np.cumsum([sum(len(m) * m.period for m in own) for own in segments]).tolist())
     return Identification(
         results,
-        (*doubts, *mistakes),
+        (*doubts, *(Doubt(text) for text in (*unknown, *mistakes))),
         tuple(recording.name for recording in recordings),
         ends,
         calibrated.unit,
         calibrated.constant,
         data,
     )
+
+
+def _withheld(
+    results: dict[str, Identified], measurements: Sequence[Measurements], doubts: tuple[Doubt, ...]
+) -> tuple[dict[str, Identified], tuple[Doubt, ...]]:
+    """Results without the numbers that the recordings cannot tell, and doubts that say so.
+
+    What no scheme tells is said; a scheme that alone does not tell a parameter shows no number for it.
+    """
+    alone = {id: untold(own.model, measurements, doubts) for id, own in results.items()}
+    unsaid = {id: {name for doubt in own for name in doubt.withheld} for id, own in alone.items()}
+    of_all = set.intersection(*unsaid.values())
+    doubts = (*doubts, *(doubt for doubt in next(iter(alone.values())) if of_all.issuperset(doubt.withheld)))
+    known = {name for doubt in doubts for name in doubt.withheld}
+    return {id: replace(own, model=own.model.withholding(known | unsaid[id])) for id, own in results.items()}, doubts
 
 
 def _by_schemes(
@@ -375,9 +384,9 @@ def _stack(scheme: Regressor, segments: Sequence[Sequence[Measurements]], terms:
         theta = np.linalg.lstsq(equations.phi[usable], equations.y[usable], rcond=None)[0]
         residual = (equations.y - equations.phi @ theta) * usable
         owner = np.repeat(np.arange(len(segments)), [sum(len(m) for m in own) for own in segments])
-        levels = np.sqrt(np.bincount(owner, residual**2) / np.maximum(np.bincount(owner, usable), 1))
-        least = float(min(levels[levels > 0], default=1.0))
-        weights = (least / np.maximum(levels, least))[owner]
+        weights = quietest_most(
+            np.asarray(np.bincount(owner, residual**2), dtype=float), np.bincount(owner, usable), 0.0
+        )[owner]
     starts = tuple(np.cumsum([0, *(len(m) for m in measurements[:-1])]).tolist())
     return _Stack(equations, usable, weights, np.concatenate(clusters), np.concatenate(times), starts)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,14 +11,14 @@ from estimators.comparison import Comparison
 from estimators.diagnosis.added import Addition
 from estimators.diagnosis.result import Diagnosis
 from estimators.schemes.identification import Identification, Identified
-from estimators.show.tables import (
-    SCORE,
-    candidates_table,
-    detectable_table,
-    distances_table,
-    errors_table,
+from estimators.show.story import (
+    Part,
+    disagreeing,
     kin,
     noise_text,
+    of_addition,
+    of_comparison,
+    of_diagnosis,
     schemes_table,
 )
 from pendulum_env.notebook import (
@@ -39,7 +39,7 @@ from pendulum_env.notebook import (
 )
 from pendulum_env.physics import effects
 from pendulum_env.recording.record import TorqueConstant
-from pendulum_env.words import BIASED, Table, listing, opening, parameters_table, per, plus_minus, unit
+from pendulum_env.words import Table, listing, opening, per, plus_minus, unit
 
 if TYPE_CHECKING:
     from estimators.online.estimates import SchemeEstimate
@@ -115,16 +115,10 @@ def show_comparison(found: Comparison) -> str:
         )
         for item in found.profiles
     ]
-    where = [region.text for region in found.regions] or [
-        "nothing stands out of the noise: the model explains these recordings"
-    ]
     shown = card(
         opening(found.headline),
         *_constant(found.torque_constant),
-        table(distances_table(found)),
-        *_list("Recordings that disagree", [one.text for one in found.disagreements]),
-        heading("Where"),
-        bullets(where),
+        *_parts(of_comparison(found, is_drawn=True)),
         *plots,
         note("The band is two standard errors of noise."),
     )
@@ -135,37 +129,22 @@ def show_comparison(found: Comparison) -> str:
 def show_diagnosis(found: Diagnosis) -> str:
     """The story of a diagnosis: what is missing, how far the errors fall, parameters, ranking, what stays open."""
     library = effects()
-    laws = [f"{id}: {library[id].law}" for id in found.selected if id in library]
-    ranking, more = candidates_table(found.candidates)
+    laws = tuple(f"{id}: {library[id].law}" for id in found.selected if id in library)
+    advice = (found.next_step, *found.remarks) if found.candidates else found.advice
     parts = [
-        bullets(laws),
-        *_list("Recordings that disagree", [one.text for one in found.disagreements]),
-        heading("Errors"),
-        table(errors_table(found.steps)),
-        note(f"{opening(noise_text(found.noise_floor))}."),
-        heading("Parameters"),
-        table(parameters_table(found.model)),
-        *([note(f"{opening(BIASED)}.")] if found.unexplained else []),
-        *_list("Left unexplained", [region.text for region in found.unexplained]),
-        *_list("What to do next", [found.next_step, *found.remarks] if found.candidates else found.advice),
-        folded("candidates", table(ranking), note(f"and {more}" if more else ""), note(SCORE)),
-        *([folded("what would have shown", table(detectable_table(found.detectable)))] if found.detectable else []),
+        *disagreeing(found.disagreements),
+        *sorted(of_diagnosis(found), key=lambda part: not part.brief),
+        *([Part("What to do next", [advice])] if advice else []),
     ]
-    return per(card(found.headline, *_constant(found.torque_constant), *parts), found.torque_unit)
+    shown = card(found.headline, *_constant(found.torque_constant), bullets(laws), *_parts(parts))
+    return per(shown, found.torque_unit)
 
 
 @shown.register
 def show_addition(found: Addition) -> str:
     """Errors before and after, what follows from them, and the parameters."""
-    shown = card(
-        found.text,
-        *([note(f"{shape}.")] if (shape := found.looks_like) is not None else []),
-        table(errors_table((found.before, found.after))),
-        note(f"{opening(noise_text(found.noise_floor))}."),
-        heading("Parameters"),
-        table(parameters_table(found.after.model)),
-    )
-    return per(shown, found.after.model.torque_unit)
+    noise = note(f"{opening(noise_text(found.noise_floor))}.")
+    return per(card(found.text, noise, *_parts(of_addition(found))), found.after.model.torque_unit)
 
 
 def show_estimates(found: Mapping[str, SchemeEstimate]) -> str:
@@ -191,5 +170,15 @@ def _constant(constant: TorqueConstant | None) -> tuple[Html, ...]:
     return () if constant is None else (note(f"{opening(constant.text)}; standard errors include that of it."),)
 
 
-def _list(title: str, lines: list[str] | tuple[str, ...]) -> tuple[Html, ...]:
-    return (heading(title), bullets(opening(line) for line in lines)) if lines else ()
+def _parts(parts: Sequence[Part]) -> Iterator[Html]:
+    """Tables, small print and lists under their titles."""
+    for part in parts:
+        content = [
+            table(item)
+            if isinstance(item, Table)
+            else note(f"{opening(item)}.")
+            if isinstance(item, str)
+            else bullets(map(opening, item))
+            for item in part.content
+        ]
+        yield from [heading(part.title), *content] if part.brief else [folded(part.title, *content)]

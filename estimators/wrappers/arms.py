@@ -9,18 +9,22 @@ from typing import Any
 
 import gymnasium as gym
 
+from estimators.arguments import chosen_terms
+from estimators.wrappers.options import AnyEnv, is_arm
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.joints import Coupling, Links, check_places, friction, joint_effects, kinds_at, placed
 from pendulum_env.physics import Term
-from pendulum_env.physics.library import term
+from pendulum_env.physics.library import effect, term
 
 
-def terms_of(body: Body, terms: Sequence[str | Term] | None) -> tuple[Term, ...]:
-    """Model of an arm: its links and terms at joints, viscous and Coulomb friction by default.
+def terms_of(body: Body | None, terms: Sequence[str | Term] | None) -> tuple[Term, ...]:
+    """Model of an arm, its links and terms at joints, viscous and Coulomb friction by default; or of a pendulum.
 
     Raises:
         ValueError: if a term is unknown or at no joint.
     """
+    if body is None:
+        return chosen_terms(terms)
     if terms is None:
         return (Links(body), *friction(body))
     slides = dict(zip(body.joints, body.slides, strict=True))
@@ -34,14 +38,29 @@ def terms_of(body: Body, terms: Sequence[str | Term] | None) -> tuple[Term, ...]
     return (Links(body), *chosen)
 
 
-def effects_of(body: Body, names: Sequence[str] | None) -> dict[str, type[Term]]:
-    """Effects that the joints of an arm may have, by id; of names, `stribeck` is at each joint.
+def effects_of(body: Body | None, names: Sequence[str] | None) -> dict[str, type[Term]] | None:
+    """Effects that may be missing, by id; `stribeck` is at each joint of an arm. None are all of a pendulum.
 
     Raises:
         ValueError: if there is no such effect or joint.
     """
+    if body is None:
+        return None if names is None else {id: effect(id) for id in names}
     known = [id for id in joint_effects() if id != Coupling.id] if names is None else names
     return {kind.id: kind for kind in kinds_at(known, body)}
+
+
+def arm_of(env: AnyEnv, robot: str | None) -> Body | None:
+    """Links of a file, or of an environment that can write them; None of a pendulum.
+
+    Raises:
+        ValueError: if the environment is a vector of arms, or as `body_of`.
+    """
+    if robot is None and not is_arm(env):
+        return None
+    if not isinstance(env, gym.Env):
+        raise ValueError("arms are watched and diagnosed one by one: wrap each environment of the vector")
+    return body_of(env, robot)
 
 
 def body_of(env: gym.Env[Any, Any], robot: str | None = None) -> Body:

@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
 from gymnasium.vector import VectorEnv
 
-from estimators.arguments import chosen_terms
+from estimators.arms.online import ArmBinner
 from estimators.online.diagnosis import Diagnoser, hindrance
+from estimators.wrappers.arms import arm_of, effects_of, terms_of
 from estimators.wrappers.measuring import Measuring, MeasuringVector
-from estimators.wrappers.options import AnyEnv, is_arm, rate_of, smoothing_of
+from estimators.wrappers.options import AnyEnv, rate_of, smoothing_of
 from pendulum_env.physics import Term
-from pendulum_env.physics.library import effect
 
 
 class DiagnoseOnline(Measuring):
@@ -36,6 +35,8 @@ class DiagnoseOnline(Measuring):
         ['actuator_lag', 'backlash', 'dead_time', 'joint_flexibility', 'payload_change', 'presliding']
     """
 
+    key = "diagnosis"
+
     def __init__(
         self,
         env: gym.Env[Any, Any],
@@ -44,8 +45,8 @@ class DiagnoseOnline(Measuring):
         candidates: str | Sequence[str] | None = None,
         rate: float | None = None,
         add_from: float | None = None,
-        alarms_per_hour: float = 1.0,
         robot: str | None = None,
+        **options: float,
     ) -> None:
         """Wrap an environment whose `info` carries `time`, `position` and `torque`.
 
@@ -57,8 +58,9 @@ class DiagnoseOnline(Measuring):
                 at any joint, `stribeck@elbow` at that one.
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
             add_from: probability from which an effect that is surely missing is added by itself; None adds none.
-            alarms_per_hour: false ones that are accepted, on average, per hour of motion.
             robot: file of an arm's links, URDF or MJCF; None asks the environment.
+            options: of `estimators.online.Diagnoser`: `alarms_per_hour` (false ones that are accepted, on average, per
+                hour of motion; 1 by default).
 
         Raises:
             ValueError: if a name is unknown, a number out of its range, a term of the model depends on the past, or no
@@ -66,10 +68,9 @@ class DiagnoseOnline(Measuring):
         """
         if add_from is not None and not 0.5 <= add_from < 1:
             raise ValueError(f"add_from ({add_from:g}) is a probability: give 0.5 or more, below 1")
-        options: dict[str, Any] = {"candidates": candidates, "rate": rate, "alarms_per_hour": alarms_per_hour}
-        options["robot"] = robot
-        diagnoser = diagnoser_of(env, 1, terms, **options)
-        super().__init__(env, diagnoser, terms=terms, add_from=add_from, **options)
+        arguments: dict[str, Any] = {"terms": terms, "candidates": candidates, "rate": rate, "robot": robot, **options}
+        diagnoser = diagnoser_of(env, 1, **arguments)
+        super().__init__(env, diagnoser, add_from=add_from, **arguments)
         (self.diagnoser,) = diagnoser.each
         self._add_from, self._seen = add_from, self.diagnoser.said
 
@@ -96,8 +97,7 @@ class DiagnoseOnline(Measuring):
             (first,) = (one for one in said.ranking if one.effect == said.group[0])
             if first.probability >= self._add_from:
                 self.add(first.effect)
-        info["diagnosis"] = self.diagnoser.said
-        return observation
+        return super()._tell(observation, info)
 
 
 class DiagnoseOnlineVector(MeasuringVector):
@@ -106,16 +106,14 @@ class DiagnoseOnlineVector(MeasuringVector):
     `diagnoser.each` holds one monitor a pendulum, with `add` and `undo`.
     """
 
+    key = "diagnosis"
+
     def __init__(
         self, env: VectorEnv[Any, Any, Any], terms: Sequence[str | Term] | None = None, **options: Any
     ) -> None:
         """Wrap a vector environment; the arguments are those of `DiagnoseOnline`, but for `add_from`."""
         self.diagnoser = diagnoser_of(env, env.num_envs, terms, **options)
         super().__init__(env, self.diagnoser)
-
-    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
-        info["diagnosis"], info["_diagnosis"] = self.diagnoser.said, np.ones(self.num_envs, dtype=bool)
-        return observation
 
 
 def diagnoser_of(
@@ -125,39 +123,19 @@ def diagnoser_of(
     *,
     candidates: str | Sequence[str] | None = None,
     rate: float | None = None,
-    alarms_per_hour: float = 1.0,
     robot: str | None = None,
+    **options: Any,
 ) -> Diagnoser:
-    """Diagnoser for an environment.
+    """Diagnoser for an environment; options as of `Diagnoser`.
 
     Raises:
         ValueError: if a name is unknown, or none of the candidates can be followed online.
     """
-    rate = rate_of(env, rate)
-    smoothing, binner = smoothing_of(env, rate), None
-    candidates = [candidates] if isinstance(candidates, str) else candidates
-    library: dict[str, type[Term]] | None
-    if robot is not None or is_arm(env):
-        from estimators.arms.online import ArmBinner  # needs the extra `arms`
-        from estimators.wrappers.arms import body_of, effects_of, terms_of
-
-        if isinstance(env, VectorEnv):
-            raise ValueError("arms are diagnosed one by one: wrap each environment in DiagnoseOnline")
-        body = body_of(env, robot)
-        chosen = terms_of(body, terms)
-        library, binner = effects_of(body, candidates), ArmBinner(chosen[:1], smoothing, rate)
-    else:
-        chosen = chosen_terms(terms)
-        library = None if candidates is None else {id: effect(id) for id in candidates}
+    rate, body = rate_of(env, rate), arm_of(env, robot)
+    smoothing, chosen = smoothing_of(env, rate), terms_of(body, terms)
+    library = effects_of(body, [candidates] if isinstance(candidates, str) else candidates)
     if library is not None and all(map(hindrance, library.values())):
         why = ", ".join(f"{id} {hindrance(one)}" for id, one in library.items())
         raise ValueError(f"candidates leave no effect to try{': ' * bool(why)}{why}; name others, or None for all")
-    return Diagnoser(
-        rate,
-        chosen,
-        batch=batch,
-        library=library,
-        smoothing=smoothing,
-        alarms_per_hour=alarms_per_hour,
-        binner=binner,
-    )
+    binner = None if body is None else ArmBinner(chosen[:1], smoothing, rate)
+    return Diagnoser(rate, chosen, batch=batch, library=library, smoothing=smoothing, binner=binner, **options)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import gymnasium as gym
 import numpy as np
@@ -40,7 +39,12 @@ def measured(info: dict[str, Any]) -> tuple[Any, Any, Any]:
 
 
 class Measuring(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """A wrapper whose learner takes in the measurement of every reset and every step."""
+    """A wrapper whose learner takes in the measurement of every reset and every step.
+
+    What a learner says of its plants, its `said`, goes into the info under `key`.
+    """
+
+    key: ClassVar[str]
 
     def __init__(self, env: gym.Env[Any, Any], learner: Learner, **arguments: Any) -> None:
         """Wrap an environment; the arguments are those that build the wrapper again."""
@@ -67,13 +71,16 @@ class Measuring(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
             self._known = self._learner.take(*(np.array(part, dtype=float)[None] for part in sample))
         return self._tell(observation, info)
 
-    @abstractmethod
     def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
         """Put what is known into an info, and return the observation."""
+        (info[self.key],) = self._learner.said  # type: ignore[attr-defined]  # of monitors
+        return observation
 
 
 class MeasuringVector(VectorWrapper):
     """`Measuring` for a vector environment: a pendulum whose time starts anew has been reset."""
+
+    key: ClassVar[str]
 
     def __init__(self, env: VectorEnv[Any, Any, Any], learner: Learner) -> None:
         """Wrap a vector environment."""
@@ -97,24 +104,16 @@ class MeasuringVector(VectorWrapper):
         return self._take(observation, info), reward, terminated, truncated, info
 
     def _take(self, observation: Any, info: dict[str, Any]) -> Any:
-        sample = self._measured(info)
+        sample = [np.array(values, dtype=float) for values in measured(info)]
+        for name, values in zip(("_time", "_position", "_torque"), sample, strict=True):
+            values[~np.broadcast_to(info.get(name, True), values.shape)] = np.nan  # not measured, by Gymnasium's masks
         self._learner.reset(sample[0] <= self._time)
         self._time = np.where(np.isfinite(sample[0]), sample[0], self._time)
         self._known = self._learner.take(*sample)
         return self._tell(observation, info)
 
-    @staticmethod
-    def _measured(info: dict[str, Any]) -> tuple[Array, Array, Array]:
-        """Time, position and torque, (B,) each; not a number where Gymnasium's masks say that there is none.
-
-        Raises:
-            ValueError: if the environment does not measure.
-        """
-        time, position, torque = (np.array(values, dtype=float) for values in measured(info))
-        for name, values in (("time", time), ("position", position), ("torque", torque)):
-            values[~np.asarray(info.get(f"_{name}", True)) & np.ones(values.shape, dtype=bool)] = np.nan
-        return time, position, torque
-
-    @abstractmethod
     def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
         """Put what is known into an info, and return the observation."""
+        info[self.key] = self._learner.said  # type: ignore[attr-defined]  # of monitors
+        info[f"_{self.key}"] = np.ones(self.num_envs, dtype=bool)
+        return observation

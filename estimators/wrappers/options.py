@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any, cast
 
 import gymnasium as gym
-import numpy as np
 
 from estimators.arguments import chosen_schemes, chosen_terms
 from estimators.online import JointState, OnlineEstimator
+from estimators.online.clock import checked_rate
 from estimators.schemes.six import SCHEMES, Scheme
 from estimators.signals.differentiation import encoder_noise
 from estimators.signals.measurements import Smoothing, choose_smoothing, of_steps
@@ -32,18 +32,15 @@ def chosen_online(names: Names) -> tuple[Scheme | JointState, ...]:
     """
     if names == "all":
         return SCHEMES
+    each = [names] if isinstance(names, str) or not isinstance(names, Sequence) else names
     known: dict[str, Scheme | JointState] = {one.id: one for one in SCHEMES}
     known[JointState.id] = JointState()
-    listed: list[Scheme | JointState] = [
-        find("scheme", one, known) if isinstance(one, str) else one
-        for one in ([names] if isinstance(names, str) or not isinstance(names, Sequence) else names)
-    ]
+    listed = [find("scheme", one, known) if isinstance(one, str) else one for one in each]
     joint = [one for one in listed if isinstance(one, JointState)]
+    others = [one for one in listed if not isinstance(one, JointState)]
     if len(joint) > 1:
         raise ValueError(f"a scheme is named twice in {joint[0].id}, {joint[1].id}: use each once")
-    if len(joint) == len(listed) == 1:
-        return tuple(joint)
-    chosen = chosen_schemes([one for one in listed if not isinstance(one, JointState)])
+    chosen = chosen_schemes(others) if others or not joint else ()
     return (*cast("tuple[Scheme, ...]", chosen), *joint)
 
 
@@ -57,9 +54,7 @@ def rate_of(env: AnyEnv, rate: float | None) -> float:
     known = _attribute(env, "rate") if rate is None else rate
     if known is None:
         raise ValueError("the environment does not say its sampling rate: pass rate=... in Hz")
-    if not 0 < float(known) < np.inf:
-        raise ValueError(f"the rate cannot be {known:g} Hz: give a positive number")
-    return float(known)
+    return checked_rate(float(known))
 
 
 def is_arm(env: AnyEnv) -> bool:

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
 from gymnasium.vector import VectorEnv
 
-from estimators.arguments import chosen_terms
+from estimators.arms.online import ArmBinner
 from estimators.online.watch import Watch
+from estimators.wrappers.arms import arm_of, terms_of
 from estimators.wrappers.measuring import Measuring, MeasuringVector
-from estimators.wrappers.options import AnyEnv, is_arm, rate_of, smoothing_of
+from estimators.wrappers.options import AnyEnv, rate_of, smoothing_of
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Model, Term
 
@@ -38,6 +38,8 @@ class WatchModel(Measuring):
         'calibrating'
     """
 
+    key = "watch"
+
     def __init__(
         self,
         env: gym.Env[Any, Any],
@@ -45,9 +47,8 @@ class WatchModel(Measuring):
         *,
         terms: Sequence[str | Term] | None = None,
         rate: float | None = None,
-        alarms_per_hour: float = 1.0,
-        calibrate: float = 5.0,
         robot: str | None = None,
+        **options: float,
     ) -> None:
         """Wrap an environment whose `info` carries `time`, `position` and `torque`.
 
@@ -57,39 +58,33 @@ class WatchModel(Measuring):
             terms: of the model, by id or as they are, where none is given; None are the paper's four, or the links of
                 the environment's arm with viscous and Coulomb friction at each joint.
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
-            alarms_per_hour: false ones that are accepted, on average, per hour of motion.
-            calibrate: time of motion in which the model, or at least the size of its errors, is learnt [s].
             robot: file of an arm's links, URDF or MJCF; None asks the environment.
+            options: of `estimators.online.Watch`: `alarms_per_hour` (false ones that are accepted, on average, per hour
+                of motion; 1 by default) and `calibrate` (time of motion in which the model, or at least the size of its
+                errors, is learnt; 5 s by default).
 
         Raises:
             ValueError: if a name is unknown, a number is out of its range, both model and terms are given, or a file
                 holds no model; when running, if samples do not come at the rate.
         """
-        options: dict[str, Any] = {"terms": terms, "rate": rate, "alarms_per_hour": alarms_per_hour}
-        options |= {"calibrate": calibrate, "robot": robot}
-        self.watch = watch_of(env, 1, model, **options)
-        super().__init__(env, self.watch, model=model, **options)
+        arguments: dict[str, Any] = {"model": model, "terms": terms, "rate": rate, "robot": robot, **options}
+        self.watch = watch_of(env, 1, **arguments)
+        super().__init__(env, self.watch, **arguments)
 
     def accept(self) -> None:
         """The plant is now as it shall be: calibrate anew."""
         self.watch.accept()
 
-    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
-        info["watch"] = self.watch.said[0]
-        return observation
-
 
 class WatchModelVector(MeasuringVector):
     """`WatchModel` for a vector environment: `info` has a verdict for each; a reset pendulum starts anew."""
+
+    key = "watch"
 
     def __init__(self, env: VectorEnv[Any, Any, Any], model: Model | str | Path | None = None, **options: Any) -> None:
         """Wrap a vector environment; the arguments are those of `WatchModel`."""
         self.watch = watch_of(env, env.num_envs, model, **options)
         super().__init__(env, self.watch)
-
-    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
-        info["watch"], info["_watch"] = self.watch.said, np.ones(self.num_envs, dtype=bool)
-        return observation
 
 
 def watch_of(
@@ -99,45 +94,23 @@ def watch_of(
     *,
     terms: Sequence[str | Term] | None = None,
     rate: float | None = None,
-    alarms_per_hour: float = 1.0,
-    calibrate: float = 5.0,
     robot: str | None = None,
+    **options: float,
 ) -> Watch:
-    """Watch for an environment.
+    """Watch for an environment; options as of `Watch`.
 
     Raises:
         ValueError: if both model and terms are given, if the file holds no model, or as `Watch` does.
     """
     if model is not None and terms is not None:
         raise ValueError("a model has its terms: give either model or terms")
-    rate = rate_of(env, rate)
+    rate, body = rate_of(env, rate), arm_of(env, robot)
+    if isinstance(model, str | Path):
+        model = Model.load(model) if body is None else ArmModel.load(model, body)
+    if model is not None and isinstance(model, ArmModel) != (body is not None):
+        ours, plant = ("an arm", "a pendulum") if body is None else ("a pendulum", "an arm")
+        raise ValueError(f"the model is of {ours}, and what is watched is {plant}: give the model of one")
+    chosen, theta = (terms_of(body, terms), None) if model is None else (model.terms, model.theta)
     smoothing = smoothing_of(env, rate)
-    if robot is not None or is_arm(env):
-        from estimators.arms.online import ArmBinner  # needs the extra `arms`
-        from estimators.wrappers.arms import body_of, terms_of
-
-        if isinstance(env, VectorEnv):
-            raise ValueError("arms are watched one by one: wrap each environment in WatchModel")
-        if isinstance(model, str | Path):
-            model = ArmModel.load(model, body_of(env, robot))
-        if model is not None and not isinstance(model, ArmModel):
-            raise ValueError("the model is of a pendulum, and what is watched is an arm: give the model of one")
-        chosen, theta = (terms_of(body_of(env, robot), terms), None) if model is None else (model.terms, model.theta)
-        binner = ArmBinner(chosen, smoothing, rate)
-    else:
-        if isinstance(model, str | Path):
-            model = Model.load(model)
-        if isinstance(model, ArmModel):
-            raise ValueError("the model is of an arm, and what is watched is a pendulum: give the model of one")
-        chosen, theta = (chosen_terms(terms), None) if model is None else (model.terms, model.theta)
-        binner = None
-    return Watch(
-        rate,
-        chosen,
-        batch=batch,
-        smoothing=smoothing,
-        theta=theta,
-        alarms_per_hour=alarms_per_hour,
-        calibrate=calibrate,
-        binner=binner,
-    )
+    binner = None if body is None else ArmBinner(chosen, smoothing, rate)
+    return Watch(rate, chosen, batch=batch, smoothing=smoothing, theta=theta, binner=binner, **options)

@@ -5,7 +5,7 @@ from pendulum_env.arms.joints import at_joint, friction, joint_effects, placed
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import TWO_LINK, Link
 from pendulum_env.arms.plane import planar_links
-from pendulum_env.arms.recording import ArmRecording, read_arm_recording, read_arm_source, write_arm_recording
+from pendulum_env.arms.recording import ArmRecording, read_arm_recording, read_arm_source
 
 __all__ = [
     "TWO_LINK",
@@ -23,5 +23,4 @@ __all__ = [
     "read_arm_recording",
     "read_arm_source",
     "read_body",
-    "write_arm_recording",
 ]

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from pendulum_env._typing import Array, Index
-from pendulum_env.arms.robot import BodyError, Robot, pinocchio, read_robot
+from pendulum_env.arms.robot import BodyError, pinocchio, read_robot
 from pendulum_env.words import along
 
 STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of a link, in its joint's frame
@@ -56,16 +56,32 @@ class BaseParameter:
 
 
 @dataclass(frozen=True, eq=False)
-class Body(Robot):
-    """Links of an arm with n joints that turn or slide, on a fixed base; build it with `read_body`.
+class Body:
+    """Links of an arm with n joints that turn or slide, in a tree on a fixed base; build it with `read_body`.
 
     All regressors broadcast over N samples of q, v and a, each (N, n) in rad, rad/s, rad/s^2 (m where joints slide),
     and have one column for each of P base parameters.
 
     Attributes:
+        name: of the robot.
+        joints: names of the n joints that move by themselves, from the base on.
+        held: joints that do not move, and where they are [rad] or [m].
+        links: names of the joints that have a link behind them: `joints`, and those that follow them.
+        sliding: joints that slide instead of turning, also of those that do not move.
+        model: Pinocchio's, of the links.
+        ratios: R, how fast each link's joint moves with each joint (links, n).
+        offsets: r, where it is with these at zero (links,) [rad] or [m].
         rotors: whether each joint's motor has an inertia of its own.
     """
 
+    name: str
+    joints: tuple[str, ...]
+    held: Mapping[str, float]
+    links: tuple[str, ...]
+    sliding: frozenset[str]
+    model: Any
+    ratios: Array
+    offsets: Array
     rotors: bool
 
     def __repr__(self) -> str:
@@ -279,5 +295,5 @@ def read_body(
             joints that turn or slide and each with an inertia, if it has no such joint; or without the extra `arms`.
     """
     robot = read_robot(path, joints, held or {}, bolted)
-    has_rotors = bool(np.any(np.asarray(robot.model.armature) > 0)) if rotors is None else rotors
-    return Body(**vars(robot), rotors=has_rotors)
+    has_rotors = bool(np.any(np.asarray(robot["model"].armature) > 0)) if rotors is None else rotors
+    return Body(**robot, rotors=has_rotors)

@@ -67,10 +67,11 @@ def _at_joint(effect: type[Term], joint: str, said: Callable[[str], str]) -> typ
         "slides": said is along,
         "shapes": tuple(replace(shape, unit=said(shape.unit)) for shape in effect.shapes if not shape.follows),
         "beyond": lambda term, low, high: said(effect.beyond(term, low, high)),
-        "columns": cached_property(lambda term: named(cast(Any, effect).columns.fget(term))),
-        "fixed": cached_property(lambda term: named(cast(Any, effect).fixed.fget(term))),
+        "columns": cached_property(lambda term: named(super(made, term).columns)),
+        "fixed": cached_property(lambda term: named(super(made, term).fixed)),
     }
-    return cast(type[Term], type(f"{effect.__name__}@{joint}", (effect,), content))
+    made = cast(type[Term], type(f"{effect.__name__}@{joint}", (effect,), content))
+    return made
 
 
 @dataclass(frozen=True)

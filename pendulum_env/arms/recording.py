@@ -19,7 +19,6 @@ from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import UNUSED, named_column
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE, ColumnError
-from pendulum_env.recording.storage import write_recording
 from pendulum_env.recording.study import Carried, Source
 from pendulum_env.words import listing
 
@@ -245,8 +244,3 @@ def _told(
 def without_units(headers: Sequence[str]) -> dict[str, str]:
     """Headers by their names alone: `position_lift` of `position_lift [mm]`."""
     return {re.split(r"[\[(]", header)[0].strip(): header for header in headers}
-
-
-def write_arm_recording(recording: ArmRecording, path: str | os.PathLike[str]) -> None:
-    """Write columns time, `position_<joint>` and `torque_<joint>`, as `write_recording` does; raises as it does."""
-    write_recording(recording, path)

@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import JSON
 from pendulum_env.isolated import Answer, isolated
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake, one_line
@@ -35,33 +35,8 @@ class BodyError(Mistake):
     """A robot that cannot be identified; the message is one sentence with the file, what is wrong and what to do."""
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
-    """Links in a tree on a fixed base.
-
-    Attributes:
-        name: of the robot.
-        joints: names of the n joints that move by themselves, from the base on.
-        held: joints that do not move, and where they are [rad] or [m].
-        links: names of the joints that have a link behind them: `joints`, and those that follow them.
-        sliding: joints that slide instead of turning, also of those that do not move.
-        model: Pinocchio's, of the links.
-        ratios: R, how fast each link's joint moves with each joint (links, n).
-        offsets: r, where it is with these at zero (links,) [rad] or [m].
-    """
-
-    name: str
-    joints: tuple[str, ...]
-    held: Mapping[str, float]
-    links: tuple[str, ...]
-    sliding: frozenset[str]
-    model: Any
-    ratios: Array
-    offsets: Array
-
-
-def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> Robot:
-    """Read a robot; arguments and errors are those of `read_body`."""
+def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> JSON:
+    """Fields of a `Body` as a file has it; arguments and errors are those of `read_body`."""
     model = pinocchio().Model()
     try:
         regular_size(path, DOCUMENT)
@@ -70,8 +45,8 @@ def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str
     except Mistake as error:
         raise BodyError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     model.loadFromString(told["model"])
-    names, links = tuple(told["joints"]), tuple(told["links"])
-    return Robot(told["name"], names, told["held"], links, frozenset(told["sliding"]), model, ratios, offsets)
+    many = {"joints": tuple(told["joints"]), "links": tuple(told["links"]), "sliding": frozenset(told["sliding"])}
+    return {**told, **many, "model": model, "ratios": ratios, "offsets": offsets}
 
 
 def _told(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> Answer:

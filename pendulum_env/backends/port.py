@@ -54,21 +54,13 @@ class Start:
 
 @dataclass(frozen=True)
 class Traits:
-    """What a backend is, as far as its users need to know.
+    """What a backend is, as far as its users need to know."""
 
-    Attributes:
-        rate: samples per second [Hz].
-        counts: of the encoder per turn; 0 measures the angle exactly, None where the measurement itself has to tell.
-        max_torque: largest torque that is let pass [N m].
-        simulated: whether the plant is a model, that can start anywhere and be replaced.
-        recording: what is played, whatever the torque, if that is all.
-    """
-
-    rate: float
-    counts: int | None = 0
-    max_torque: float = math.inf
-    simulated: bool = False
-    recording: Recording | None = None
+    rate: float  # samples per second [Hz]
+    counts: int | None = 0  # of the encoder per turn; 0 is exact, None where the measurement itself has to tell
+    max_torque: float = math.inf  # largest torque that is let pass [N m]
+    simulated: bool = False  # whether the plant is a model, that can start anywhere and be replaced
+    recording: Recording | None = None  # what is played, whatever the torque, if that is all
 
     @property
     def follows(self) -> bool:
@@ -101,23 +93,14 @@ class Backend(Protocol):
 
 @dataclass(frozen=True)
 class Setup:
-    """What the environment is asked for; each backend takes from it what concerns it.
+    """What the environment is asked for; each backend takes from it what concerns it."""
 
-    Attributes:
-        model: plant to simulate, with its effects.
-        rate: samples per second [Hz].
-        substeps: integration steps in a period.
-        sensor: encoder and torque measurement of a simulated plant.
-        recording: file to replay.
-        config: file that describes the rig.
-    """
-
-    model: Model
-    rate: float
-    substeps: int
-    sensor: Sensor
-    recording: str | None = None
-    config: str | None = None
+    model: Model  # plant to simulate, with its effects
+    rate: float  # samples per second [Hz]
+    substeps: int  # integration steps in a period
+    sensor: Sensor  # encoder and torque measurement of a simulated plant
+    recording: str | None = None  # file to replay
+    config: str | None = None  # file that describes the rig
 
     @property
     def period(self) -> float:

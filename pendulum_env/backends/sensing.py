@@ -16,15 +16,12 @@ COUNTS = 1_024_000  # per turn, the paper's encoder
 class Sensor:
     """Encoder and torque channel.
 
-    Attributes:
-        counts: of the encoder per turn; 0 measures the angle exactly.
-        torque_noise: standard deviation of the white noise on the measured torque [N m].
-        ideal_velocity: whether velocity is measured exactly; without it, it is the backward difference of the angle,
-            as in the paper, which is half a period late and quantised.
+    Where velocity is not measured exactly, it is the backward difference of the angle, as in the paper, which is half a
+    period late and quantised.
     """
 
-    counts: int = COUNTS
-    torque_noise: float = 0.0
+    counts: int = COUNTS  # of the encoder per turn; 0 measures the angle exactly
+    torque_noise: float = 0.0  # standard deviation of the white noise on the measured torque [N m]
     ideal_velocity: bool = False
 
     def __post_init__(self) -> None:

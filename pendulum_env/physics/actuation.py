@@ -10,7 +10,7 @@ import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.filters import lag
-from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric, one
+from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, one
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,9 @@ class TorqueOffset(Term):
     symptom = "the same torque everywhere"
     signature = "At every angle and speed the joint needs the same torque more, or less, than the model says."
     resembles = ("coulomb_asymmetry", "gravity_tilt")
+    by_angle = ("one",)
 
-    def of_angle(self, at: str) -> tuple[str, ...]:
-        return ("one",)
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (Column("torque_offset", "N m", force=one),)
+    columns = (Column("torque_offset", "N m", force=one),)
 
 
 @dataclass(frozen=True)
@@ -107,7 +103,7 @@ class TorqueSaturation(Term):
         peak = _peak(x)
         if peak == 0:
             return []
-        return [cls(float(limit), corner) for corner in (1.0, 0.2) for limit in geometric(0.2 * peak, 12 * peak, 16)]
+        return [cls(float(limit), corner) for corner in (1.0, 0.2) for limit in np.geomspace(0.2 * peak, 12 * peak, 16)]
 
     def possible(self, x: Samples) -> bool:
         # where next to nothing of what was asked came through, next to nothing is left to explain
@@ -164,7 +160,7 @@ class ActuatorLag(Term):
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls(float(t)) for t in geometric(1e-3, 0.2, 12)]
+        return [cls(float(t)) for t in np.geomspace(1e-3, 0.2, 12)]
 
 
 @dataclass(frozen=True)
@@ -205,7 +201,7 @@ class DeadTime(Term):
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls(float(t)) for t in geometric(1e-3, 0.2, 14)]
+        return [cls(float(t)) for t in np.geomspace(1e-3, 0.2, 14)]
 
 
 @dataclass(frozen=True)

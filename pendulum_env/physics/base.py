@@ -16,9 +16,7 @@ class Inertia(Term):
     kind = "inertial"
     reveal = "faster reversals"
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (Column("inertia", "kg m^2", mass=one),)
+    columns = (Column("inertia", "kg m^2", mass=one),)
 
 
 @dataclass(frozen=True)
@@ -29,15 +27,11 @@ class Gravity(Term):
     law = "mgl sin q"
     kind = "potential"
     reveal = "swings beyond 30 degrees"
+    by_angle = ("sine",)
 
-    def of_angle(self, at: str) -> tuple[str, ...]:
-        return ("sine",)
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (
-            Column("gravity", "N m", force=lambda x: np.sin(x.position), potential=lambda x: 1.0 - np.cos(x.position)),
-        )
+    columns = (
+        Column("gravity", "N m", force=lambda x: np.sin(x.position), potential=lambda x: 1.0 - np.cos(x.position)),
+    )
 
 
 @dataclass(frozen=True)
@@ -50,9 +44,7 @@ class Viscous(Term):
     kind = "dissipative"
     reveal = "a range of speeds"
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (Column("viscous", "N m s/rad", force=lambda x: x.velocity),)
+    columns = (Column("viscous", "N m s/rad", force=lambda x: x.velocity),)
 
 
 @dataclass(frozen=True)
@@ -65,9 +57,7 @@ class Coulomb(Term):
     kind = "dissipative"
     reveal = "motion in both directions"
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (Column("coulomb", "N m", dry=one),)
+    columns = (Column("coulomb", "N m", dry=one),)
 
 
 BASE: tuple[Term, ...] = (Inertia(), Gravity(), Viscous(), Coulomb())

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -41,6 +41,9 @@ LIBRARY = ("rint", "exp", "log", "pow", "tan", "tanh", "atan", "fmax", "fmin")
 PI = (3.141592651605606, 1.9841871479187034e-09, 1.1442377452219664e-17)  # parts: 27 bits, 25, and the rest
 ODD = [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(12)]  # of the sine's series, to the last bit up to pi / 2
 ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
+Place = tuple[int | None, float]  # of an operand: the line that computes it, or a number
+Line = tuple[Any, ...]  # operation, name of what is given, and places of its operands
+Names = tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]  # of inputs, constants and states
 SIGNS = {"less": "<", "less_equal": "<=", "greater": ">", "greater_equal": ">=", "equal": "==", "not_equal": "!="}
 
 
@@ -144,9 +147,6 @@ def _flat(parts: Mapping[str, Any]) -> list[Any]:
     return [value for part in parts.values() for value in np.asarray(boxed(part), dtype=object).ravel()]
 
 
-_known: dict[object, Recurrence] = {}
-
-
 def recurrence(
     inputs: Sequence[str],
     constants: Sequence[str],
@@ -158,35 +158,28 @@ def recurrence(
 
     The same expressions are compiled once: for speed or, for a program that runs beside a pendulum that waits, quickly.
     """
-    after = [x if isinstance(x, Symbol) else float(x) for x in after]  # `np.where` of numbers is an array
-    key = tuple(inputs), tuple(constants), tuple(states), _spelled(after), quickly
-    found = _known.get(key)
-    if found is None:
-        if len(_known) >= KEPT:
-            _known.clear()
-        found = _known[key] = _compile(inputs, constants, states, after, quickly)
-    return found
+    results = [x if isinstance(x, Symbol) else float(x) for x in after]  # `np.where` of numbers is an array
+    return _compile((tuple(inputs), tuple(constants), tuple(states)), *_spelled(results), quickly)
 
 
-def _spelled(results: Sequence[Operand]) -> tuple[object, ...]:
-    """What two expressions that are the same have in common."""
+def _spelled(results: Sequence[Operand]) -> tuple[tuple[Line, ...], tuple[Place, ...]]:
+    """Expressions as lines, each an operation on earlier ones, and the places of the results."""
     order, same = distinct(results)
     place = {symbol: k for k, symbol in enumerate(order)}
 
-    def of(operand: Operand) -> tuple[str, float]:
-        return ("of", place[same[operand]]) if isinstance(operand, Symbol) else ("is", operand)
+    def of(operand: Operand) -> Place:
+        return (place[same[operand]], 0.0) if isinstance(operand, Symbol) else (None, operand)
 
     lines = ((symbol.op, symbol.label if symbol.op == NAME else "", *map(of, symbol.inputs)) for symbol in order)
-    return (*lines, *map(of, results))
+    return tuple(lines), tuple(map(of, results))
 
 
-def _compile(
-    inputs: Sequence[str], constants: Sequence[str], states: Sequence[str], after: Sequence[Operand], quickly: bool
-) -> Recurrence:
+@lru_cache(maxsize=KEPT)
+def _compile(names: Names, lines: tuple[Line, ...], results: tuple[Place, ...], quickly: bool) -> Recurrence:
     _prepare()
     target, level = llvm.Target.from_default_triple(), 0 if quickly else 2
     machine = target.create_target_machine(llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), opt=level)
-    module = llvm.parse_assembly(str(_program(inputs, constants, states, after)))
+    module = llvm.parse_assembly(str(_program(*names, lines, results)))
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=level)
     options.loop_vectorization = not quickly
@@ -208,7 +201,11 @@ def _prepare() -> None:
 
 
 def _program(
-    inputs: Sequence[str], constants: Sequence[str], states: Sequence[str], after: Sequence[Operand]
+    inputs: Sequence[str],
+    constants: Sequence[str],
+    states: Sequence[str],
+    lines: Sequence[Line],
+    results: Sequence[Place],
 ) -> ir.Module:
     """Three loops: over steps, over variants, and over the lanes of a batch, which LLVM takes several at a time."""
     module = ir.Module()
@@ -237,7 +234,7 @@ def _program(
                     name: builder.load(place(own, begin, k, each), typ=DOUBLE) for k, name in enumerate(constants)
                 }
                 values |= {name: builder.load(place(now, begin, k, each), typ=DOUBLE) for k, name in enumerate(states)}
-                for k, result in enumerate(_Written(module, builder, values).all(after)):
+                for k, result in enumerate(_Written(module, builder, values).all(lines, results)):
                     builder.store(result, place(now, begin, k, each))
         done = builder.add(step, WHOLE(1))
         with builder.if_then(builder.icmp_signed("==", builder.srem(done, every), WHOLE(0))):
@@ -273,21 +270,19 @@ class _Written:
     builder: ir.IRBuilder
     given: Mapping[str, Any]
 
-    def all(self, results: Sequence[Operand]) -> list[Any]:
-        order, same = distinct(results)
-        values: dict[Symbol, Any] = {}
+    def all(self, lines: Sequence[Line], results: Sequence[Place]) -> list[Any]:
+        values: list[Any] = []
 
-        def of(operand: Operand) -> Any:
-            return values[same[operand]] if isinstance(operand, Symbol) else DOUBLE(operand)
+        def of(place: Place) -> Any:
+            line, number = place
+            return DOUBLE(number) if line is None else values[line]
 
-        for symbol in order:
-            values[symbol] = self._value(symbol, [of(x) for x in symbol.inputs])
+        for op, label, *operands in lines:
+            values.append(self.given[label] if op == NAME else self._value(op, [of(x) for x in operands]))
         return [self._number(of(result)) for result in results]
 
-    def _value(self, symbol: Symbol, inputs: list[Any]) -> Any:
-        write, op = self.builder, symbol.op
-        if op == NAME:
-            return self.given[symbol.label]
+    def _value(self, op: str, inputs: list[Any]) -> Any:
+        write = self.builder
         if op in LOGICAL:
             return {"logical_and": write.and_, "logical_or": write.or_}[op](*map(self._truth, inputs))
         if op == WHERE:

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.term import ROOM, Column, Memory, Samples, Shape, Term, geometric, one
+from pendulum_env.physics.term import ROOM, Column, Memory, Samples, Shape, Term, one
 
 WARMER = 1.0  # [K], by which the temperature has to change to tell of it
 SELF_LOCKING = 0.7  # share of the torque: gears that eat more are not driven backwards by any weight
@@ -31,9 +31,7 @@ class CoulombAsymmetry(Term):
     signature = "Forwards and backwards dry friction differs by the same amount at any speed: over speed, a constant."
     resembles = ("torque_offset", "gravity_tilt", "viscous_asymmetry")
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (Column("coulomb_asymmetry", "N m", force=one),)
+    columns = (Column("coulomb_asymmetry", "N m", force=one),)
 
 
 @dataclass(frozen=True)
@@ -51,9 +49,7 @@ class ViscousAsymmetry(Term):
     signature = "Over speed lies a V: what is left has the same sign forwards and backwards, and grows with the speed."
     resembles = ("coulomb_asymmetry", "encoder_eccentricity")
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (Column("viscous_asymmetry", "N m s/rad", force=lambda x: np.abs(x.velocity)),)
+    columns = (Column("viscous_asymmetry", "N m s/rad", force=lambda x: np.abs(x.velocity)),)
 
 
 @dataclass(frozen=True)
@@ -96,7 +92,7 @@ class Stribeck(Term):
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         fast = float(np.percentile(np.abs(x.velocity), 95))
-        return [cls(float(vs)) for vs in geometric(max(0.03, fast / 60), max(0.1, fast / 2), 10)]
+        return [cls(float(vs)) for vs in np.geomspace(max(0.03, fast / 60), max(0.1, fast / 2), 10)]
 
     @classmethod
     def smooth(cls, fast: float) -> Sequence[Self]:
@@ -123,9 +119,7 @@ class QuadraticDrag(Term):
     )
     resembles = ("viscous", "torque_saturation")
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (Column("quadratic_drag", "N m s^2/rad^2", force=lambda x: x.velocity * np.abs(x.velocity)),)
+    columns = (Column("quadratic_drag", "N m s^2/rad^2", force=lambda x: x.velocity * np.abs(x.velocity)),)
 
 
 @dataclass(frozen=True)
@@ -193,12 +187,10 @@ class PositionDependentFriction(Term):
     )
     resembles = ("load_dependent_friction", "torque_ripple")
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (
-            Column("position_dependent_friction.sin", "N m", dry=lambda x: np.sin(x.position)),
-            Column("position_dependent_friction.cos", "N m", dry=lambda x: np.cos(x.position)),
-        )
+    columns = (
+        Column("position_dependent_friction.sin", "N m", dry=lambda x: np.sin(x.position)),
+        Column("position_dependent_friction.cos", "N m", dry=lambda x: np.cos(x.position)),
+    )
 
 
 @dataclass(frozen=True)
@@ -217,20 +209,18 @@ class TemperatureDependentFriction(Term):
     resembles = ("friction_drift",)
     shares = ("viscous", "coulomb")
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (
-            Column(
-                "temperature_dependent_friction.viscous",
-                "N m s/rad/K",
-                force=lambda x: x.velocity * (x.temperature - ROOM),
-            ),
-            Column(
-                "temperature_dependent_friction.coulomb",
-                "N m/K",
-                dry=lambda x: (x.temperature - ROOM) * np.ones_like(x.velocity),
-            ),
-        )
+    columns = (
+        Column(
+            "temperature_dependent_friction.viscous",
+            "N m s/rad/K",
+            force=lambda x: x.velocity * (x.temperature - ROOM),
+        ),
+        Column(
+            "temperature_dependent_friction.coulomb",
+            "N m/K",
+            dry=lambda x: (x.temperature - ROOM) * np.ones_like(x.velocity),
+        ),
+    )
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
@@ -297,4 +287,4 @@ class Presliding(Term):
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls(float(d)) for d in geometric(5e-4, 0.2, 12)]
+        return [cls(float(d)) for d in np.geomspace(5e-4, 0.2, 12)]

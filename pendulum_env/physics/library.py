@@ -9,57 +9,35 @@ from types import ModuleType
 
 from pendulum_env.lookup import find
 from pendulum_env.mistake import told
-from pendulum_env.physics.actuation import (
-    ActuatorLag,
-    BackEmf,
-    DeadTime,
-    TorqueOffset,
-    TorqueRipple,
-    TorqueSaturation,
-)
+from pendulum_env.physics import actuation, friction, potential, sensor, time_varying, transmission
 from pendulum_env.physics.base import BASE
-from pendulum_env.physics.friction import (
-    CoulombAsymmetry,
-    LoadDependentFriction,
-    PositionDependentFriction,
-    Presliding,
-    QuadraticDrag,
-    Stribeck,
-    TemperatureDependentFriction,
-    ViscousAsymmetry,
-)
-from pendulum_env.physics.potential import Cogging, GravityTilt, HardStop, Spring
-from pendulum_env.physics.sensor import EncoderEccentricity
 from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.term import Term
-from pendulum_env.physics.time_varying import FrictionDrift, PayloadChange, PeriodicDisturbance
-from pendulum_env.physics.transmission import Backlash, JointFlexibility
 
 ENTRY_POINTS = "pendulum_ident.effects"
-
 BUILT_IN: tuple[type[Term], ...] = (
-    TorqueOffset,
-    GravityTilt,
-    CoulombAsymmetry,
-    ViscousAsymmetry,
-    Stribeck,
-    QuadraticDrag,
-    LoadDependentFriction,
-    PositionDependentFriction,
-    Cogging,
-    TorqueRipple,
-    Spring,
-    ActuatorLag,
-    DeadTime,
-    TorqueSaturation,
-    FrictionDrift,
-    PayloadChange,
-    PeriodicDisturbance,
-    Backlash,
-    JointFlexibility,
-    Presliding,
-    EncoderEccentricity,
-    HardStop,
+    actuation.TorqueOffset,
+    potential.GravityTilt,
+    friction.CoulombAsymmetry,
+    friction.ViscousAsymmetry,
+    friction.Stribeck,
+    friction.QuadraticDrag,
+    friction.LoadDependentFriction,
+    friction.PositionDependentFriction,
+    potential.Cogging,
+    actuation.TorqueRipple,
+    potential.Spring,
+    actuation.ActuatorLag,
+    actuation.DeadTime,
+    actuation.TorqueSaturation,
+    time_varying.FrictionDrift,
+    time_varying.PayloadChange,
+    time_varying.PeriodicDisturbance,
+    transmission.Backlash,
+    transmission.JointFlexibility,
+    friction.Presliding,
+    sensor.EncoderEccentricity,
+    potential.HardStop,
 )
 
 _registered: dict[str, type[Term]] = {}
@@ -122,5 +100,5 @@ def addition(id: str) -> type[Term]:
 
 def term(id: str) -> type[Term]:
     """Base term, effect or table of that id; raises ValueError like `effect`."""
-    base = {item.id: type(item) for item in (*BASE, BackEmf(), TemperatureDependentFriction())}
+    base = {item.id: type(item) for item in (*BASE, actuation.BackEmf(), friction.TemperatureDependentFriction())}
     return base[id] if id in base else addition(id)

@@ -28,15 +28,11 @@ class GravityTilt(Term):
     symptom = "a curve over the angle"
     signature = "Over the angle lies a cosine, largest where the arm hangs and changing sign where it is level."
     resembles = ("torque_offset", "coulomb_asymmetry", "spring", "encoder_eccentricity")
+    by_angle = ("cosine",)
 
-    def of_angle(self, at: str) -> tuple[str, ...]:
-        return ("cosine",)
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (
-            Column("gravity_tilt", "N m", force=lambda x: np.cos(x.position), potential=lambda x: np.sin(x.position)),
-        )
+    columns = (
+        Column("gravity_tilt", "N m", force=lambda x: np.cos(x.position), potential=lambda x: np.sin(x.position)),
+    )
 
 
 @dataclass(frozen=True)
@@ -131,16 +127,12 @@ class Spring(Term):
         "Over the angle lies a line that goes on rising where gravity turns back, and adds up from turn to turn."
     )
     resembles = ("gravity", "gravity_tilt", "hard_stop")
+    by_angle = ("one", "line")
 
-    def of_angle(self, at: str) -> tuple[str, ...]:
-        return ("one", "line")
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (
-            Column("spring.stiffness", "N m/rad", force=lambda x: x.position, potential=lambda x: 0.5 * x.position**2),
-            Column("spring.preload", "N m", force=one, potential=lambda x: x.position),
-        )
+    columns = (
+        Column("spring.stiffness", "N m/rad", force=lambda x: x.position, potential=lambda x: 0.5 * x.position**2),
+        Column("spring.preload", "N m", force=one, potential=lambda x: x.position),
+    )
 
 
 @dataclass(frozen=True)

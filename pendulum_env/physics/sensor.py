@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.term import Column, Samples, Shape, Term
+
+Function = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -41,31 +44,18 @@ class EncoderEccentricity(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        viscous = self.viscous
+        return self._column("sin", np.sin, np.cos), self._column("cos", np.cos, lambda q: -np.sin(q))
 
-        def sine(x: Samples) -> Array:
-            s, c, v = np.sin(x.position), np.cos(x.position), x.velocity
+    def _column(self, name: str, f: Function, slope: Function) -> Column:
+        """-(I d^2/dt^2 + mgl cos q + b d/dt) f(q), with f'' = -f."""
+
+        def force(x: Samples) -> Array:
             inertia, gravity = self._loaded(x)
-            return inertia * s * v**2 - gravity * c * s - viscous * c * v
+            q, v = x.position, x.velocity
+            return inertia * f(q) * v**2 - gravity * np.cos(q) * f(q) - self.viscous * slope(q) * v
 
-        def cosine(x: Samples) -> Array:
-            s, c, v = np.sin(x.position), np.cos(x.position), x.velocity
-            inertia, gravity = self._loaded(x)
-            return inertia * c * v**2 - gravity * c * c + viscous * s * v
-
-        return (
-            Column(
-                "encoder_eccentricity.sin",
-                "rad",
-                mass=lambda x: -self._loaded(x)[0] * np.cos(x.position),
-                force=sine,
-            ),
-            Column(
-                "encoder_eccentricity.cos",
-                "rad",
-                mass=lambda x: self._loaded(x)[0] * np.sin(x.position),
-                force=cosine,
-            ),
+        return Column(
+            f"encoder_eccentricity.{name}", "rad", mass=lambda x: -self._loaded(x)[0] * slope(x.position), force=force
         )
 
     def _loaded(self, x: Samples) -> tuple[ArrayLike, ArrayLike]:

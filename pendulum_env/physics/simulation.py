@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike, Mask
-from pendulum_env.physics.symbols import longest, may, name
+from pendulum_env.physics.symbols import labelled, longest, may, name, repeated
 from pendulum_env.physics.term import LOAD, UNLOADED, KnownLoad, Law, Memory, Samples, Term, one, upper, written, zero
 
 if TYPE_CHECKING:
@@ -93,6 +93,12 @@ class Balance:
         """Magnitude of dry friction [N m]; a term with memory may take some of it over, and a fit a little too much."""
         return self._sum(self._dry, x) if self._steady_dry is None else self._steady_dry
 
+    def at(self, x: Samples, stage: str) -> tuple[Any, Any]:
+        """`net` and `dry` at a stage of a step, in symbols by names that tell a reader."""
+        labelled(x.position, f"position_at_{stage}")
+        labelled(x.velocity, f"velocity_at_{stage}")
+        return labelled(self.net(x), f"net_at_{stage}"), labelled(self.dry(x), f"dry_at_{stage}")
+
 
 def _steady(parts: list[tuple[ArrayLike, Law]]) -> bool:
     return all(law is one for _, law in parts)
@@ -120,16 +126,17 @@ def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
     """
     q, v, h = x.position, x.velocity, duration
     direction = np.sign(v)
-    start = _directed(balance.net(x), balance.dry(x), direction)
+    start = _directed(*balance.at(x, "start"), direction)
     if may(direction == 0):
         direction = np.where(direction == 0, np.sign(start), direction)
-    inertia = balance.mass(x)
+    inertia = labelled(balance.mass(x), "inertia_at_start")
     middle_v = v + 0.5 * h * start / inertia
     middle_v = np.where(middle_v * direction < 0, 0.0, middle_v)
     half_way = balance.advance(x, 0.5 * (v + middle_v), 0.5 * h)
     middle = Samples(x.time + 0.5 * h, q + 0.5 * h * v, middle_v, x.torque, half_way, x.load)
-    inertia = balance.mass(middle)
-    a = (balance.net(middle) - balance.dry(middle) * direction) / inertia
+    inertia = labelled(balance.mass(middle), "inertia_at_middle")
+    net, dry = balance.at(middle, "middle")
+    a = (net - dry * direction) / inertia
     if may(direction == 0):
         a = np.where(direction == 0, 0.0, a)
     new_q, new_v = q + h * (v + 0.5 * h * a), v + h * a
@@ -141,7 +148,7 @@ def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
         stop_q = q + v * elapsed + 0.5 * a * elapsed**2
         at_rest = np.zeros_like(new_v)
         rest = Samples(x.time + elapsed, stop_q, at_rest, x.torque, half_way, x.load)
-        leave = _directed(balance.net(rest), balance.dry(rest), at_rest) / inertia
+        leave = _directed(*balance.at(rest, "rest"), at_rest) / inertia
         left = h - elapsed
         new_q = np.where(stops, stop_q + 0.5 * leave * left**2, new_q)
         new_v = np.where(stops, leave * left, new_v)
@@ -245,54 +252,33 @@ def simulate(
         commands = delayed(commands, np.repeat(earlier, count, axis=0), float(delay / h))
     q, v, t = (np.broadcast_to(np.asarray(a, dtype=float), batch).copy() for a in (position, velocity, start))
     x = Samples(t, q, v, commands[0] if len(commands) else np.zeros(1), load=load)
-    own = balance.start(x)
-    x = replace(x, memory={id: (memory or {}).get(id, state) for id, state in own.items()})
-    states = None
-    if len(batch) == 1:
-        states = _compiled_run(program or prepared(terms, balance.loaded, h), balance, x, commands, h, count)
-    if states is None:
-        states = _run(balance, x, commands, h, count)
+    x = replace(x, memory={id: (memory or {}).get(id, state) for id, state in balance.start(x).items()})
+    states = np.array([np.broadcast_to(row, batch) for row in rows(x)])
+    made = (program or prepared(terms, balance.loaded, h)) if len(batch) == 1 else Prepared(None, ())
+    if made.step is not None:
+        constants = [*balance.theta, *made.shapes, *(load if balance.loaded else ()), h]
+        own = np.array([np.broadcast_to(value, batch) for value in constants])
+        inputs = np.broadcast_to(commands, (len(commands), *batch))
+        path = made.step(inputs[:, None], own[:, None], states[:, None], count)[:, :, 0]
+    else:
+        path = repeated(lambda command, now: rows(step(balance, samples(now, x, command), h)), commands, states, count)
     if observe is not None:
-        for k, state in enumerate(states):
-            observe(_samples(state, x, commands[max(0, k * count - 1)] if len(commands) else x.torque))
-    return Trajectory(states[:, 1].copy(), states[:, 2].copy())
+        for k, state in enumerate(path):
+            observe(samples(state, x, commands[max(0, k * count - 1)] if len(commands) else x.torque))
+    return Trajectory(path[:, 1].copy(), path[:, 2].copy())
 
 
-def _state(x: Samples) -> Array:
-    """Time, position, velocity and the state variables of terms, as rows (S, B)."""
-    rows = [x.time, x.position, x.velocity, *(row for memory in x.memory.values() for row in memory)]
-    return np.array([np.broadcast_to(row, x.position.shape) for row in rows])
+def rows(x: Samples) -> list[Any]:
+    """What changes from step to step: time, position, velocity and the state variables of terms, S of them."""
+    return [x.time, x.position, x.velocity, *(row for memory in x.memory.values() for row in memory)]
 
 
-def _samples(state: Array, like: Samples, torque: Array) -> Samples:
+def samples(state: Array, like: Samples, torque: Array) -> Samples:
     """The samples that such rows are of."""
-    rows = iter(state)
-    t, q, v = next(rows), next(rows), next(rows)
-    memory = {id: tuple(next(rows) for _ in memory) for id, memory in like.memory.items()}
+    row = iter(state)
+    t, q, v = next(row), next(row), next(row)
+    memory = {id: tuple(next(row) for _ in memory) for id, memory in like.memory.items()}
     return Samples(t, q, v, torque, memory, like.load)
-
-
-def _run(balance: Balance, x: Samples, commands: Array, h: ArrayLike, every: int) -> Array:
-    """State at the start, and after every so many steps of h [s], (N + 1, S, B)."""
-    states = [_state(x)]
-    for k, command in enumerate(commands):
-        x = step(balance, Samples(x.time, x.position, x.velocity, command, x.memory, x.load), h)
-        if (k + 1) % every == 0:
-            states.append(_state(x))
-    return np.array(states)
-
-
-def _compiled_run(
-    program: Prepared, balance: Balance, x: Samples, commands: Array, h: ArrayLike, every: int
-) -> Array | None:
-    """The same by a compiled step; None if the laws of the terms are no formulas."""
-    batch = x.position.shape
-    if program.step is None:
-        return None
-    constants = [*balance.theta, *program.shapes, *(x.load if balance.loaded else ()), h]
-    own = np.array([np.broadcast_to(value, batch) for value in constants])
-    inputs = np.broadcast_to(commands, (len(commands), *batch))
-    return program.step(inputs[:, None], own[:, None], _state(x)[:, None], every)[:, :, 0]
 
 
 class Prepared(NamedTuple):
@@ -313,15 +299,10 @@ def prepared(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike = L
         balance, x, shapes = in_symbols(terms, loaded)
         duration: Any = name("h", most=upper(longest))
         after = step(balance, x, duration)
-        given: Any = [x.torque]
-        states: Any
-        results: Any
-        constants: Any = [*balance.theta, *map(name, shapes), *(x.load if loaded else ()), duration]
-        states, results = (
-            [y.time, y.position, y.velocity, *(one for own in y.memory.values() for one in own)] for y in (x, after)
-        )
-        inputs, known, before = ([symbol.label for symbol in each] for each in (given, constants, states))
-        step_of = recurrence(inputs, known, before, results)
+        constants = [*balance.theta, *map(name, shapes), *(x.load if loaded else ()), duration]
+        parts: Any = [x.torque], constants, rows(x)
+        inputs, known, before = ([symbol.label for symbol in each] for each in parts)
+        step_of = recurrence(inputs, known, before, rows(after))
     except Exception:  # a user's law may do anything that NumPy does
         return Prepared(None, ())
     return Prepared(step_of, list(shapes.values()))

@@ -7,12 +7,14 @@ for effects of a user.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from pendulum_env._typing import Array
 
 UNARY = ("negative", "absolute", "sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "arctan", "sign")
 BINARY = ("add", "subtract", "multiply", "divide", "power", "maximum", "minimum")
@@ -174,6 +176,26 @@ def labelled(value: Any, label: str) -> Any:
     if isinstance(value, Symbol) and not value.label:
         value.label = label
     return value
+
+
+def repeated(step: Callable[[Any, Any], Sequence[Any]], inputs: Array, states: Array, every: int = 1) -> Array:
+    """What a program of a step does, by NumPy: for steps that are no formula.
+
+    Args:
+        step: states after a step, of what is given and of the states before it.
+        inputs: given at each step (N, ...).
+        states: at the start (S, ...).
+        every: steps from one state that is kept to the next.
+
+    Returns:
+        States at the start and after every so many steps (N / every + 1, S, ...).
+    """
+    path, now = [states], states
+    for k, given in enumerate(inputs):
+        now = np.array([np.broadcast_to(row, states.shape[1:]) for row in step(given, now)])
+        if (k + 1) % every == 0:
+            path.append(now)
+    return np.array(path)
 
 
 def in_order(results: Sequence[Operand]) -> Iterator[Symbol]:

@@ -131,8 +131,7 @@ class Table(Term):
     @classmethod
     def basis(cls, argument: ArrayLike) -> list[ArrayLike]:
         """Values of the function that each coefficient multiplies."""
-        splines = _Splines(cls, argument)
-        return [splines.sum(row) for row in _weights(cls)]  # type: ignore[arg-type]
+        return [_sum(cls, argument, row) for row in _weights(cls)]  # type: ignore[arg-type]
 
     def curve(self, theta: Array, covariance: Array | None = None) -> Curve:
         """The function that linear parameters (P,) make, with standard errors by their covariance (P, P)."""
@@ -142,30 +141,20 @@ class Table(Term):
         return Curve(x, phi @ theta, np.sqrt(np.maximum(variance, 0.0)))
 
 
-class _Splines:
-    """Cubic B-splines at an argument, each computed once."""
-
-    def __init__(self, kind: type[Table], argument: ArrayLike) -> None:
-        extent = kind.extent
-        low, high, pieces = extent[:3]
-        self._round = pieces if extent.is_turn else None
-        if extent.is_turn:
-            inside: Any = 2.0 * np.arctan(np.tan(0.5 * argument))
-        else:
-            low, high = (float(cast(float, kind.warped(end))) for end in (low, high))
-            inside = np.clip(kind.warped(argument), low, high)
-        self._at: Any = (inside - low) * (pieces / (high - low))  # from 0 to the number of pieces
-        self._known: dict[int, Any] = {}
-
-    def sum(self, weights: Mapping[int, float]) -> ArrayLike:
-        """Splines by the number of the knot they are centred at, weighted."""
-        return sum(weight * self._one(knot) for knot, weight in weights.items())
-
-    def _one(self, knot: int) -> Any:
-        if knot not in self._known:
-            apart = np.absolute(self._at - float(knot))
-            self._known[knot] = _spline(apart) + (_spline(self._round - apart) if self._round else 0.0)
-        return self._known[knot]
+def _sum(kind: type[Table], argument: ArrayLike, weights: Mapping[int, float]) -> ArrayLike:
+    """Cubic B-splines at an argument, by the number of the knot they are centred at, weighted."""
+    low, high, pieces, _ = kind.extent
+    if kind.extent.is_turn:
+        inside: Any = 2.0 * np.arctan(np.tan(0.5 * argument))
+    else:
+        low, high = (float(cast(float, kind.warped(end))) for end in (low, high))
+        inside = np.clip(kind.warped(argument), low, high)
+    at = (inside - low) * (pieces / (high - low))  # from 0 to the number of pieces
+    total: ArrayLike = 0
+    for knot, weight in weights.items():
+        apart = np.absolute(at - float(knot))
+        total = total + weight * (_spline(apart) + (_spline(pieces - apart) if kind.extent.is_turn else 0.0))
+    return total
 
 
 def _spline(apart: Any) -> Any:
@@ -201,8 +190,7 @@ def _weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
     x = low + (high - low) * (np.arange(FINE) + 0.5) / FINE
 
     def at(x: Array) -> Array:
-        splines = _Splines(kind, x)
-        return np.array([splines.sum({knot: 1.0}) for knot in knots])
+        return np.array([_sum(kind, x, {knot: 1.0}) for knot in knots])
 
     conditions = [at(x) @ law(x) / FINE for law in kind.laws()]
     if kind.is_gain:
@@ -225,7 +213,7 @@ def _weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
 @cache
 def _columns(kind: type[Table]) -> tuple[Column, ...]:
     def at(weights: Mapping[int, float], x: Samples) -> ArrayLike:
-        return _Splines(kind, kind.argument(x)).sum(weights)
+        return _sum(kind, kind.argument(x), weights)
 
     name = kind.id.partition("@")[0]
     return tuple(kind.column(f"{name}.{k}", partial(at, own)) for k, own in enumerate(_weights(kind)))  # type: ignore[arg-type]

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.symbols import may, name
+from pendulum_env.physics.symbols import may, name, repeated
 from pendulum_env.words import NAMES
 
 if TYPE_CHECKING:
@@ -129,12 +129,8 @@ class Column:
 
     def power(self, x: Samples) -> ArrayLike:
         """Power per unit of the parameter that does not go into stored energy: q' loss + dry |q'|."""
-        return self.lossy(x) * x.velocity + self.dry(x) * np.abs(x.velocity)
-
-    @property
-    def lossy(self) -> Law:
-        """The part of the force whose work is dissipated."""
-        return self.force if self.potential is None else self.loss
+        lossy = self.force if self.potential is None else self.loss
+        return lossy(x) * x.velocity + self.dry(x) * np.abs(x.velocity)
 
 
 # Torque that a known load takes, dI q'' + dmgl sin q. It is no term of any model: it belongs to the recording, so that
@@ -185,6 +181,7 @@ class Term:
     signature: ClassVar[str] = ""  # what of it is seen in a recording, in a sentence or two
     resembles: ClassVar[tuple[str, ...]] = ()  # ids of terms that it is confused with
     shapes: ClassVar[tuple[Shape, ...]] = ()
+    by_angle: ClassVar[tuple[str, ...]] = ()  # functions of the angle alone that it is, see `of_angle`
     is_smooth: ClassVar[bool] = False  # whether it helps to follow any smooth torque, beside which the rest is noise
     is_of_speed: ClassVar[bool] = False  # whether it is friction that viscous and dry friction can stand in for
     omitted: ClassVar[str] = "it is left out"  # what that means where a simulator does not know it
@@ -235,7 +232,7 @@ class Term:
 
     def of_angle(self, at: str) -> tuple[str, ...]:
         """Functions of the angle of a joint alone that it may be there, by name: `one`, `line`, `sine` or `cosine`."""
-        return ()
+        return self.by_angle
 
     @property
     def fault(self) -> str:
@@ -273,8 +270,8 @@ class Term:
         return memory
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
-        """State variables along N recorded samples; see `trace`."""
-        return trace([self], x, command, period)[0]
+        """State variables along N recorded samples; see `traces`."""
+        return traces([self], [x], [command], [period])[0][0]
 
     @property
     def shape(self) -> dict[str, float]:
@@ -304,17 +301,10 @@ class Term:
 
 
 def written(term: Term, place: int = 0) -> tuple[Term, dict[str, ArrayLike]]:
-    """A term in symbols, with the values of its shape parameters by symbol; those at their usual value are no symbols.
-
-    Raises:
-        TypeError: if it holds more than shape parameters.
-    """
-    shapes = {shape.name: shape.usual for shape in term.shapes}
-    if term.shape.keys() != shapes.keys():
-        raise TypeError(f"{term.id} holds more than shape parameters")
+    """A term in symbols, and the values of its free shape parameters by symbol."""
     values: dict[str, ArrayLike] = {f"{place}.{shape.name}": term.shape[shape.name] for shape in term.free}
     symbols: dict[str, Any] = {shape.name: name(f"{place}.{shape.name}") for shape in term.free}
-    return type(term)(**shapes | symbols), values
+    return dataclasses.replace(term, **symbols), values
 
 
 def loads(at: str) -> dict[str, float]:
@@ -327,26 +317,24 @@ def upper(duration: ArrayLike) -> float:
     return float(np.ceil(1e3 * np.max(duration) - 1e-6) / 1e3)
 
 
+def _moved(term: Term, given: Sequence[Any], memory: Sequence[Any], period: Any) -> list[Any]:
+    """State variables of a term after a period [s], unless nothing moves; in symbols or arrays."""
+    *sample, at_rest = given
+    moved = term.advance(tuple(memory), Samples(*sample), period)
+    return [np.where(at_rest, old, new) for old, new in zip(memory, moved, strict=True)]
+
+
 def _advance(term: Term, count: int, period: Array) -> tuple[Recurrence, list[ArrayLike]] | None:
     """How a term's state variables move on along a motion, compiled, with its constants; None if it is no formula."""
     from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
 
     given, states = ("time", "position", "velocity", "torque", "at_rest"), [f"memory_{k}" for k in range(count)]
-    inputs: list[Any] = [name(text) for text in given]
-    memory: Any = tuple(name(text) for text in states)
-    duration: Any = name("period", most=upper(period))
     try:
         symbolic, values = written(term)
-        moved: Any = symbolic.advance(memory, Samples(*inputs[:4]), duration)
-        after: Any = [np.where(inputs[4], old, new) for old, new in zip(memory, moved, strict=True)]
+        after = _moved(symbolic, [*map(name, given)], [*map(name, states)], name("period", most=upper(period)))
         return recurrence(given, [*values, "period"], states, after), [*values.values(), period]
     except Exception:  # a user's law may do anything that NumPy does
         return None
-
-
-def trace(variants: Sequence[Term], x: Samples, command: Array, period: float) -> list[Memory]:
-    """State variables of V variants of one effect along one recording, see `traces`; for each variant, each (N,)."""
-    return traces(variants, [x], [command], [period])[0]
 
 
 def traces(
@@ -395,26 +383,15 @@ def traces(
     first_samples = Samples(time[0], position[0] + np.zeros(shape), velocity[0] + np.zeros(shape), held[0])
     memory = stacked.start(first_samples)
     states = np.array([np.broadcast_to(row, shape) for row in memory])
-    advance = _advance(stacked, len(memory), period)
-    if advance is not None:
+    inputs = np.stack([time[:-1], position[:-1], half, held[:-1], resting], axis=1)
+    if (advance := _advance(stacked, len(memory), period)) is not None:
         program, constants = advance
-        inputs = np.stack([time[:-1], position[:-1], half, held[:-1], resting], axis=1)
         history = program(inputs, np.array([np.broadcast_to(row, shape) for row in constants]), states)
     else:
-        history = np.empty((steps, len(memory), *shape))
-        history[0] = states
-        for k in range(steps - 1):
-            moved = stacked.advance(memory, Samples(time[k], position[k], half[k], held[k]), period)
-            memory = tuple(np.where(resting[k], old, new) for old, new in zip(memory, moved, strict=True))
-            history[k + 1] = memory
+        history = repeated(lambda given, rows: _moved(stacked, given, rows, period), inputs, states)
     kept = np.moveaxis(history[steps - length :], 0, -1)  # (states, V, stretches, length)
     results = []
     for own, count in zip(np.split(kept, np.cumsum(stretches)[:-1], axis=2), counts, strict=True):
         series = own.reshape(len(memory), len(variants), -1)[:, :, :count]
         results.append([tuple(series[:, v]) for v in range(len(variants))])
     return results
-
-
-def geometric(low: float, high: float, count: int) -> Array:
-    """Grid of `count` values with equal ratios, ends included."""
-    return np.geomspace(low, high, count)

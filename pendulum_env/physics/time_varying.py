@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.physics.term import Column, Samples, Shape, Term, geometric
+from pendulum_env.physics.term import Column, Samples, Shape, Term
 
 HIGHEST = 8  # peaks of a periodogram from which a search starts
 
@@ -46,7 +46,7 @@ class FrictionDrift(Term):
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         span = float(np.max(x.time))
-        return [cls(float(warm_up)) for warm_up in geometric(span / 20, span * 1.5, 8)]
+        return [cls(float(warm_up)) for warm_up in np.geomspace(span / 20, span * 1.5, 8)]
 
 
 @dataclass(frozen=True)

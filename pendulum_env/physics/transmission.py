@@ -25,7 +25,7 @@ import numpy as np
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.simulation import substeps
 from pendulum_env.physics.symbols import name
-from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric
+from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term
 
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
@@ -135,7 +135,7 @@ class JointFlexibility(Transmission):
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         return [
             cls(float(w), float(c), g)
-            for w in geometric(6.0, 300.0, 34)
+            for w in np.geomspace(6.0, 300.0, 34)
             for c in (0.3, 3.0)
             for g in (12.0, 25.0, 50.0)
         ]
@@ -175,7 +175,7 @@ class Backlash(Transmission):
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         return [
             cls(float(gap), float(w), c, g)
-            for gap in geometric(2e-3, 0.08, 6)
+            for gap in np.geomspace(2e-3, 0.08, 6)
             for w in (50.0, 90.0, 160.0)
             for c in (8.0, 20.0)
             for g in (15.0, 30.0)

@@ -16,9 +16,9 @@ import numpy as np
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
-from pendulum_env.physics.simulation import Balance, Prepared, in_symbols, step
-from pendulum_env.physics.symbols import name
-from pendulum_env.physics.term import upper, written
+from pendulum_env.physics.simulation import Balance, Prepared, in_symbols, rows, samples, step
+from pendulum_env.physics.symbols import name, repeated
+from pendulum_env.physics.term import upper
 from pendulum_env.servo.drive import Drive
 
 GAINS = ("kp", "ki", "kd", "most", "seen", "turn")  # of each servo
@@ -98,10 +98,18 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     balance = Balance(terms, theta, loaded)
     x = replace(x, memory=balance.start(x))
     state = State(np.zeros(shape), (np.zeros(shape),) * (len(weights) - 1), np.zeros(shape), v)
-    if program.step is None:  # a law of a user's is no formula
-        return _run(balance, x, state, inputs, dict(zip(GAINS, gains, strict=True)), weights, speed, h, every)
     states = np.array([np.broadcast_to(row, shape) for row in _flat(x, state, integrates)])
-    return np.asarray(program.step(inputs, own, states, every)[:, 1])
+    if program.step is not None:
+        return np.asarray(program.step(inputs, own, states, every)[:, 1])
+
+    def once(given: Array, now: Array) -> list[Any]:  # a law of a user's is no formula
+        held, *late = now[len(rows(x)) :]
+        before, (seen, *integral) = late[: len(weights) - 1], late[len(weights) - 1 :]
+        begin, then = samples(now, x, x.torque), State(held, tuple(before), integral[0] if integrates else 0.0, seen)
+        named = dict(zip(GAINS, gains, strict=True))
+        return _flat(*servo_step(balance, begin, then, Given(*given), named, [*weights], speed, h), integrates)
+
+    return repeated(once, inputs, states, every)[:, 1]
 
 
 def gains_of(drive: Drive, step: float) -> tuple[float, ...]:
@@ -111,31 +119,9 @@ def gains_of(drive: Drive, step: float) -> tuple[float, ...]:
     return drive.kp, drive.ki, drive.kd, drive.most, seen, turn
 
 
-def _run(
-    balance: Balance,
-    x: Samples,
-    state: State,
-    inputs: Array,
-    gains: Mapping[str, Array],
-    taps: Array,
-    speed: bool,
-    h: float,
-    every: int,
-) -> Array:
-    """The same step by step in NumPy."""
-    path = [x.position]
-    for k, given in enumerate(inputs):
-        x, state = servo_step(balance, x, state, Given(*given), gains, list(taps), speed, h)
-        if (k + 1) % every == 0:
-            path.append(x.position)
-    return np.array(path)
-
-
 def _flat(x: Samples, state: State, integrates: bool) -> list[Any]:
     """All that changes from step to step."""
-    own = [one for memory in x.memory.values() for one in memory]
-    held = [state.held, *state.before, state.speed, *([state.integral] if integrates else [])]
-    return [x.time, x.position, x.velocity, *own, *held]
+    return [*rows(x), state.held, *state.before, state.speed, *([state.integral] if integrates else [])]
 
 
 def _taps(terms: Sequence[Term], servos: Servos, shape: tuple[int, int]) -> Array:
@@ -197,29 +183,12 @@ def control(
     return torque, State(held, line[: len(state.before)], integral, seen)
 
 
-_known: dict[object, Any] = {}
-
-
 def _prepared(
     terms: Sequence[Term], speed: bool, taps: int, loaded: bool, integrates: bool, longest: float
 ) -> Prepared:
     """A step of servos, compiled."""
-    from pendulum_env.physics.compiled import KEPT, recurrence  # here, as it takes long to load
+    from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
 
-    key = (
-        tuple((type(term), *(shape.name for shape in term.free)) for term in terms),
-        speed,
-        taps,
-        loaded,
-        integrates,
-        upper(longest),
-    )
-    if key in _known:
-        return Prepared(_known[key], [value for k, term in enumerate(terms) for value in written(term, k)[1].values()])
-    try:
-        balance, x, shapes = in_symbols(terms, loaded)
-    except Exception:  # a user's law may do anything that NumPy does
-        return Prepared(None, [])
     h: Any = name("h", most=upper(longest))
     given = Given(*(name(text) for text in Given._fields))
     gains = {text: name(text) for text in GAINS}
@@ -228,13 +197,13 @@ def _prepared(
     integral: Any = name("integral") if integrates else 0.0
     state = State(name("held"), before, integral, name("speed"))
     try:
+        balance, x, shapes = in_symbols(terms, loaded)
         after, later = servo_step(balance, x, state, given, gains, weights, speed, h)
-    except Exception:
+        shared = [*gains.values(), *(x.load if loaded else ()), *weights, h]
+        constants: Any = [*balance.theta, *map(name, shapes), *shared]
+        inputs, known, states = (
+            [one.label for one in each] for each in (given, constants, _flat(x, state, integrates))
+        )
+        return Prepared(recurrence(inputs, known, states, _flat(after, later, integrates)), list(shapes.values()))
+    except Exception:  # a user's law may do anything that NumPy does
         return Prepared(None, [])
-
-    constants: Any = [*balance.theta, *map(name, shapes), *gains.values(), *(x.load if loaded else ()), *weights, h]
-    inputs, known, states = ([one.label for one in each] for each in (given, constants, _flat(x, state, integrates)))
-    if len(_known) >= KEPT:
-        _known.clear()
-    program = _known[key] = recurrence(inputs, known, states, _flat(after, later, integrates))
-    return Prepared(program, list(shapes.values()))

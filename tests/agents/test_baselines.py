@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from agents import multisine
-from agents.baselines import BASELINES, baseline
+from agents.baselines import BASELINES, baseline, foresee
 from agents.design_env import ExcitationDesignVector
-from agents.foresight import foresee
 from agents.knowledge import NOMINAL, log_det
 from agents.observer import CONSTRAINTS
 from benchmarks.multisine import PAPER, optimise, taught

@@ -47,25 +47,11 @@ def test_a_stream_that_is_closed_is_no_mistake(redirection):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.slow
-def test_a_file_does_not_become_the_standard_output_that_was_closed(tmp_path):
-    done = run(">&-", "record", "--seconds", "2", "-o", str(tmp_path / "run.csv"))
-    assert (done.returncode, done.stderr) == (0, "")
-    assert (tmp_path / "run.csv").read_text().startswith("time,position,torque\n")
-
-
 def test_files_are_written_though_nobody_reads_what_is_said(tmp_path):
     recording, model = str(tmp_path / "run.csv"), tmp_path / "model.json"
     assert main(["record", "--seconds", "4", "-o", recording]) == 0
     done = run('| true; echo "${PIPESTATUS[0]}"', "identify", recording, "-o", str(model), shell="bash")
     assert (done.stdout, done.stderr) == ("0\n", "") and model.is_file()
-
-
-@pytest.mark.parametrize("code", [0, 3, "x", None])
-def test_an_effect_that_ends_the_program_is_told(monkeypatch, capsys, code):
-    monkeypatch.setattr("workbench.commands.effects.run", lambda arguments, terminal: sys.exit(code))
-    assert main(["effects"]) == 2
-    assert capsys.readouterr().err == "pendulum-ident: a plugin ended it by sys.exit: take that out\n"
 
 
 @pytest.mark.parametrize("what", ["SystemExit(0)", "BaseException('x')", "ZeroDivisionError"])

@@ -16,7 +16,7 @@ NEWTON_METRE = re.compile(r"(?:N|kg)(?: |\N{NO-BREAK SPACE}|&nbsp;|\\u00a0)m(?!/
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bench(tmp_path_factory) -> Path:
     """Currents under three loads, of friction that grows with the load, and studies of all and of one."""
     folder = tmp_path_factory.mktemp("bench")
     friction = {"load_dependent_friction": {"load_mu": 0.12}}
@@ -41,9 +41,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
 FOUND = re.compile(r"torque constant 0\.87\d* ± 0\.\d+ N m/A, from 3 known loads")
 
 
-def test_a_torque_constant_is_identified_kept_and_used(
-    bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_torque_constant_is_identified_kept_and_used(bench, tmp_path, capsys: pytest.CaptureFixture[str]):
     study, model = str(bench / "all.toml"), str(tmp_path / "model.json")
     assert main(["identify", study, "-o", model, "--json", str(tmp_path / "identified.json")]) == 0
     assert FOUND.search(capsys.readouterr().out)
@@ -57,7 +55,7 @@ def test_a_torque_constant_is_identified_kept_and_used(
 
 
 @pytest.mark.slow
-def test_a_diagnosis_says_the_torque_constant(bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_diagnosis_says_the_torque_constant(bench, tmp_path, capsys):
     diagnosis, page = tmp_path / "diagnosis.json", tmp_path / "page.html"
     assert main(["diagnose", str(bench / "all.toml"), "--json", str(diagnosis), "--report", str(page)]) == 0
     assert FOUND.search(capsys.readouterr().out)
@@ -69,8 +67,8 @@ def test_a_diagnosis_says_the_torque_constant(bench: Path, tmp_path: Path, capsy
 
 @pytest.mark.slow
 def test_without_loads_that_differ_nothing_is_said_in_newton_metres(
-    bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    bench, tmp_path, capsys: pytest.CaptureFixture[str]
+):
     study, model, page = str(bench / "one.toml"), str(tmp_path / "model.json"), tmp_path / "page.html"
     told = []
     for command in (

@@ -9,20 +9,17 @@ import numpy as np
 import pytest
 
 from estimators import compare, fit, gather
-from estimators.schemes.identification import identify
 from tests import slow
 from tests.cases import diagnosed
 from tests.patience import wait_until
 from tests.workbench.app.fleets import surveyed
 from tests.workbench.test_report import recorded
 from workbench.cli import main
-from workbench.report import render
+from workbench.report import render, render_comparison
 from workbench.report.case import Case
-from workbench.report.comparison import write_comparison_report
-from workbench.report.figure import Figure, axis, line
+from workbench.report.figure import Figure, Section, axis, line
 from workbench.report.fleet import write_fleet_report
 from workbench.report.page import assemble
-from workbench.report.section import Section
 from workbench.report.sections.errors import ladder
 from workbench.survey import Fleet
 
@@ -52,7 +49,7 @@ CUT = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => {
 def of_a_pendulum(folder: Path) -> str:
     train, holdout = recorded("run one", 1), recorded("run two", 2)
     diagnosis = diagnosed([train], [holdout])
-    return render([train], [holdout], diagnosis, identify([train], diagnosis.model.terms))
+    return render([train], [holdout], diagnosis)
 
 
 def of_many_curves(folder: Path) -> str:
@@ -72,8 +69,7 @@ def of_many_curves(folder: Path) -> str:
 def of_a_comparison(folder: Path) -> str:
     train, holdout = recorded("run one", 1), recorded("run two", 2)
     model = fit(*gather([train], [holdout])).model
-    write_comparison_report(folder / "page.html", compare(model, [holdout]), [holdout])
-    return (folder / "page.html").read_text(encoding="utf-8")
+    return render_comparison(compare(model, [holdout]), [holdout])
 
 
 def of_a_fleet(folder: Path) -> str:

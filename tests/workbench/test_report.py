@@ -10,10 +10,10 @@ import pytest
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.checks.residual import Region, profiles, stand_out
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
-from estimators.schemes.identification import identify
 from pendulum_env.physics import BASE, Model, Samples
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import Recording
+from pendulum_env.words import number
 from tests.cases import diagnosed
 from tests.workbench.pages import Page, values
 from workbench.report import render, write_report
@@ -21,14 +21,13 @@ from workbench.report.case import Case
 from workbench.report.figure import broken, numbers, thin
 from workbench.report.sections import SECTIONS
 from workbench.report.sections.failures import profile_figure
-from workbench.report.words import number
 
 PLANT = Model.build((*BASE, Stribeck(0.6)), [0.09, 2.0, 0.35, 0.7, 0.4])
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
 REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "for q from 0.1 to 0.2 rad the joint needs <more>")
 
 
-def recorded(name: str, seed: int, seconds: float = 8.0, plant: Model = PLANT) -> Recording:
+def recorded(name, seed: int, seconds: float = 8.0, plant: Model = PLANT) -> Recording:
     rng = np.random.default_rng(seed)
     time = np.arange(round(500 * seconds)) / 500
     torque = 3 * np.sin(12.07 * time + rng.uniform(0, 6)) + 3 * np.sin(2.25 * time + rng.uniform(0, 6))
@@ -48,38 +47,30 @@ def holdout() -> Recording:
 
 
 @pytest.fixture(scope="module")
-def diagnosis(train: Recording, holdout: Recording) -> Diagnosis:
+def diagnosis(train, holdout) -> Diagnosis:
     return diagnosed([train], [holdout])
 
 
 @pytest.fixture(scope="module")
-def page(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> str:
-    return render([train], [holdout], diagnosis, identify([train], diagnosis.model.terms))
+def page(train, holdout, diagnosis) -> str:
+    return render([train], [holdout], diagnosis)
 
 
-def test_page_loads_nothing_from_elsewhere(page: str) -> None:
+def test_page_loads_nothing_from_elsewhere_and_links_to_every_section(page, diagnosis):
     found = Page(page)
-    assert values(found, "src") == []
-    assert all(href.startswith("#") for href in values(found, "href"))
+    links = values(found, "href")
+    assert values(found, "src") == [] and all(href.startswith("#") for href in links)
     style = re.search(r"<style>(.*?)</style>", page, re.DOTALL)[1]
     assert "url(" not in style and "@import" not in style
     assert not any(tag in ("link", "iframe", "img", "object", "embed") for tag, _ in found.tags)
-
-
-def test_page_has_every_section_and_a_link_to_each(page: str, diagnosis: Diagnosis) -> None:
-    found = Page(page)
     sections = [attrs["id"] for tag, attrs in found.tags if tag == "section"]
     assert len(sections) == len(SECTIONS) - (diagnosis.suggestion is None)
-    assert set(sections) <= {href[1:] for href in values(found, "href")}
+    assert set(sections) <= {href[1:] for href in links}
     ids = values(found, "id")
     assert len(ids) == len(set(ids))
 
 
-def test_schemes_are_left_out_where_none_were_run(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:
-    assert 'id="schemes"' not in render([train], [holdout], diagnosis)
-
-
-def test_numbers_in_the_text_are_those_of_the_diagnosis(page: str, diagnosis: Diagnosis) -> None:
+def test_numbers_in_the_text_are_those_of_the_diagnosis(page, diagnosis):
     text = Page(page).text
     assert diagnosis.selected == ("stribeck",)
     assert "Stribeck friction is missing" in text
@@ -95,16 +86,16 @@ def test_numbers_in_the_text_are_those_of_the_diagnosis(page: str, diagnosis: Di
         assert candidate.reason in text
 
 
-def test_parameters_that_the_base_model_got_wrong_are_told(page: str, diagnosis: Diagnosis) -> None:
+def test_parameters_that_the_base_model_got_wrong_are_told(page, diagnosis):
     wrong, right = (step.model.estimates["coulomb"].value for step in diagnosis.steps)
     told = re.search(r"Without it, the fit put .*Coulomb friction ([\d.]+) % too high", Page(page).text)
     assert float(told[1]) == pytest.approx(100 * (wrong / right - 1), abs=0.5)
     assert "inertia" not in told[0]  # reversals are fast enough to tell it apart
 
 
-def test_figures_are_small_finite_and_coloured_by_the_page(page: str) -> None:
+def test_figures_are_small_finite_and_coloured_by_the_page(page):
     figures = Page(page).figures
-    assert len(figures) >= 10
+    assert len(figures) >= 10 and len(page.encode()) < 3_000_000
     style = re.search(r"<style>(.*?)</style>", page, re.DOTALL)[1]
     for color in set(re.findall(r'"(--[a-z0-9-]+)"', json.dumps(figures))):
         assert style.count(f"{color}:") == 2, f"{color} in light and dark"
@@ -113,11 +104,7 @@ def test_figures_are_small_finite_and_coloured_by_the_page(page: str) -> None:
             assert len(trace["x"]) <= 6000
 
 
-def test_page_is_small(page: str) -> None:
-    assert len(page.encode()) < 3_000_000
-
-
-def test_hostile_names_stay_text(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:
+def test_hostile_names_stay_text(train, holdout, diagnosis):
     page = render([replace(train, name=HOSTILE)], [replace(holdout, name=HOSTILE)], diagnosis)
     assert "<script>alert" not in page
     found = Page(page)
@@ -125,13 +112,12 @@ def test_hostile_names_stay_text(train: Recording, holdout: Recording, diagnosis
     assert len([tag for tag, _ in found.tags if tag == "script"]) == 5 + len(found.figures) - 1
 
 
-def test_nothing_missing_is_said_plainly(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:
-    text = Page(render([train], [holdout], replace(diagnosis, steps=diagnosis.steps[:1]))).text
-    assert "Nothing is missing" in text
-    assert "times smaller" not in text
+def test_open_questions_are_told(train, holdout, diagnosis):
+    def told(found) -> str:
+        return Page(render([train], [holdout], found)).text
 
-
-def test_open_questions_are_told(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:
+    plain = told(replace(diagnosis, steps=diagnosis.steps[:1]))
+    assert "Nothing is missing" in plain and "times smaller" not in plain
     silent = Candidate("hard_stop", 0.0, Verdict.NOT_EXCITED, 1.0, "it needs wider swings")
     uncertain = replace(
         diagnosis,
@@ -140,24 +126,21 @@ def test_open_questions_are_told(train: Recording, holdout: Recording, diagnosis
         advice=("slower motion would separate them",),
         candidates=(*diagnosis.candidates, silent),
     )
-    text = Page(render([train], [holdout], uncertain)).text
+    text = told(uncertain)
     assert "Stribeck friction or presliding is missing, and more that no known effect explains" in text
     assert "For q from 0.1 to 0.2 rad the joint needs <more>" in text
     assert "Slower motion would separate them." in text
     assert "A hard stop: it needs wider swings." in text
     heavier = Disagreement(2, "friday", ("monday",), (Difference("inertia", "kg m^2", 0.099, 0.09, 0.001),))
-    two = replace(diagnosis, disagreements=(heavier,))
     friday = replace(train, name="friday", torque=2 * train.torque)
-    assert (
-        "Recording 2 (friday) disagrees with 'monday': inertia 10 % higher"
-        in Page(render([train, friday], [], two)).text
-    )
+    disagreeing = Page(render([train, friday], [], replace(diagnosis, disagreements=(heavier,)))).text
+    assert "Recording 2 (friday) disagrees with 'monday': inertia 10 % higher" in disagreeing
     stuck = replace(diagnosis, steps=diagnosis.steps[:1], unexplained=(REGION,))
-    assert "Something is missing, and no known effect explains it" in Page(render([train], [holdout], stuck)).text
+    assert "Something is missing, and no known effect explains it" in told(stuck)
 
 
 @pytest.mark.slow
-def test_ends_of_several_recordings_are_held_out_and_drawn() -> None:
+def test_ends_of_several_recordings_are_held_out_and_drawn():
     recordings = [recorded(f"part {k}", k, seconds=12.0) for k in range(2)]
     found = Page(render(recordings, [], diagnosed(recordings)))
     assert "the last 30 % of each recording" in found.text
@@ -165,15 +148,13 @@ def test_ends_of_several_recordings_are_held_out_and_drawn() -> None:
     assert "--holdout" not in found.text
 
 
-def test_report_is_written_whole_or_not_at_all(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, train: Recording, holdout: Recording, diagnosis: Diagnosis
-) -> None:
+def test_report_is_written_whole_or_not_at_all(tmp_path, monkeypatch, train, holdout, diagnosis: Diagnosis):
     path = tmp_path / "report.html"
     write_report(path, [train], [holdout], diagnosis)
     first = path.read_text(encoding="utf-8")
     assert first.rstrip().endswith("</html>")
 
-    def fail(*_: object) -> None:
+    def fail(*_: object):
         raise OSError(28, "disk full")
 
     monkeypatch.setattr(Path, "replace", fail)
@@ -183,7 +164,7 @@ def test_report_is_written_whole_or_not_at_all(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_command_line_quotes_names(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:
+def test_command_line_quotes_names(train, holdout, diagnosis):
     page = render([train], [holdout], diagnosis)
     assert "diagnose 'run one.csv' --holdout 'run two.csv' --report report.html" in html.unescape(page)
 
@@ -192,31 +173,25 @@ def test_command_line_quotes_names(train: Recording, holdout: Recording, diagnos
     ("value", "text"),
     [(0.00739, "0.00739"), (-0.5, "−0.5"), (2.5e-7, "2.5 × 10⁻⁷"), (float("nan"), "–"), (0.0, "0"), (1234.5, "1230")],
 )
-def test_numbers_are_printed_without_exponents(value: float, text: str) -> None:
+def test_numbers_are_printed_without_exponents(value, text):
     assert number(value) == text
 
 
-def test_thinning_keeps_peaks() -> None:
+def test_curves_are_thinned_but_for_their_peaks_and_break_where_time_has_a_gap():
     series = np.zeros(100_000)
     series[[123, 77_777]] = 5.0, -5.0
     kept = thin(series, 1000)
-    assert len(kept) <= 1000
-    assert {123, 77_777} <= set(kept)
-
-
-def test_curves_break_where_time_has_a_gap() -> None:
+    assert len(kept) <= 1000 and {123, 77_777} <= set(kept)
     time = np.r_[np.arange(5.0), np.arange(10.0, 15.0)]
     x, (y,) = broken(time, np.arange(10), time)
     assert np.flatnonzero(np.isnan(x)).tolist() == np.flatnonzero(np.isnan(y)).tolist() == [5]
 
 
-def test_plotted_numbers_are_rounded_and_gaps_are_null() -> None:
+def test_plotted_numbers_are_rounded_and_gaps_are_null():
     assert numbers(np.array([1.23456789, np.nan, -1e-9, 0.0])) == [1.2346, None, -1e-9, 0.0]
 
 
-def test_one_recording_need_not_be_a_list_and_a_file_is_no_recording(
-    tmp_path: Path, train: Recording, holdout: Recording, diagnosis: Diagnosis
-) -> None:
+def test_one_recording_need_not_be_a_list_and_a_file_is_no_recording(tmp_path, train, holdout, diagnosis: Diagnosis):
     pages = [re.sub(r"\d\d:\d\d", "", render(*given, diagnosis)) for given in ((train, holdout), ([train], [holdout]))]
     assert pages[0] == pages[1]
     with pytest.raises(TypeError, match=r"'run\.csv' is not a recording"):
@@ -233,7 +208,7 @@ def test_what_knocked_the_joint_is_among_the_windows_of_a_report(bouncing):
     assert drawn.torque_rms == pytest.approx(told.torque_rms, rel=1e-6)
 
 
-def test_the_residual_of_a_joint_that_turns_is_drawn_over_one_turn() -> None:
+def test_the_residual_of_a_joint_that_turns_is_drawn_over_one_turn():
     curves, time = [("base model", "--base")], np.arange(4000) * 0.005
     x = Samples(time, 1.5 * time, np.sin(time), np.cos(time))
     cogs = 0.1 * np.cos(7 * x.position)

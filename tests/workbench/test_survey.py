@@ -2,7 +2,6 @@
 
 import argparse
 import errno
-import inspect
 import json
 import os
 import signal
@@ -10,7 +9,6 @@ import subprocess
 import sys
 from datetime import UTC, datetime, timedelta
 from itertools import product
-from pathlib import PurePosixPath
 
 import numpy as np
 import pyarrow as pa
@@ -28,9 +26,7 @@ from workbench.mistakes import InputError
 from workbench.report.fleet import write_fleet_report
 from workbench.survey import Dataset, Fleet, Settings, find_cases, survey, work
 from workbench.survey import dataset as stored
-from workbench.survey.names import matched
 from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table, pooled_table
-from workbench.survey.work import examined
 
 distributed = pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")  # comes with it
@@ -185,21 +181,13 @@ def test_a_dataset_that_is_merged_while_it_is_read_loses_no_row(tmp_path, monkey
 def test_files_stay_where_the_disk_has_no_room_for_their_merging_and_one_that_is_damaged_does(tmp_path, monkeypatch):
     dataset = many(tmp_path, stored.FILES + 1)
     damaged, *others = dataset.parts
-    damage(damaged)
+    damaged.write_bytes(b"PAR1")
     with monkeypatch.context() as patch:
         patch.setattr(Dataset, "_write", full)
         dataset.merge()
     assert dataset.parts == [damaged, *others]
     dataset.merge()
     assert damaged in dataset.parts and len(dataset.parts) == 2
-
-
-def damage(part):
-    """Overwrite a column of a file that merging reads, but neither its end nor the columns that tell its cases."""
-    column = pq.read_metadata(part).row_group(0).column(stored.SCHEMA.names.index("reason"))
-    with part.open("r+b") as file:
-        file.seek(column.dictionary_page_offset or column.data_page_offset)
-        file.write(b"\xff" * column.total_compressed_size)
 
 
 def full(self, table):
@@ -209,24 +197,14 @@ def full(self, table):
 def test_a_file_that_no_survey_wrote_is_one_row_that_says_so(folder, tmp_path, client):
     dataset = Dataset(tmp_path / "out")
     survey(cases(folder), dataset, client, look=stub)
-    own = dataset.rows()
     parts = dataset.folder / "cases"
     (parts / "torn.parquet").write_bytes(b"PAR1")
-    os.mkfifo(parts / "pipe.parquet")  # which reading would wait for
     pq.write_table(pa.table({"a": [1]}), parts / "other.parquet")
-    strange = {"date": None}, {"status": "weird"}, {"verdict": "weird"}, {"selected": None}, {"parameters": [None]}
-    pq.write_table(pa.Table.from_pylist([own[0] | {"date": 2**60}]), parts / "late.parquet")  # [us]
-    for one in (*strange, {"candidates": [{"effect": None, "verdict": "selected"}]}):
-        dataset.append([own[0] | one])
-    absurd = [{"name": "inertia", "value": 1e308, "std": 1e-308, "unit": None}]
-    bare = dict.fromkeys(("headline", "robot", "joint", "kind", "torque_rms"))
-    dataset.append([{**own[0], **bare, "name": "bare", "parameters": absurd}])
     spoilt = [row["reason"] for row in dataset.rows() if row["name"].startswith("cases/")]
-    assert spoilt == ["it is damaged, or no survey wrote it: remove it from the dataset"] * 10
+    assert spoilt == ["it is damaged, or no survey wrote it: remove it from the dataset"] * 2
     assert survey(cases(folder), dataset, client, look=stub).known["done"] == 6
     write_fleet_report(tmp_path / "fleet.html", Fleet.of(dataset))
-    told = Page((tmp_path / "fleet.html").read_text()).text
-    assert told.count("it is damaged, or no survey wrote it") == 10
+    assert Page((tmp_path / "fleet.html").read_text()).text.count("it is damaged, or no survey wrote it") == 2
 
 
 def test_what_goes_wrong_with_one_case_is_marked_and_costs_no_other(folder, tmp_path, client):
@@ -358,23 +336,16 @@ def test_paths_tell_robot_joint_and_date(tmp_path):
     assert (only.joint, only.date.day) == ("run", 3)
 
 
-@pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
-def test_a_link_is_called_as_it_is_called_and_not_as_what_it_leads_to(tmp_path):
-    (tmp_path / "store").mkdir()
-    (tmp_path / "store" / "8f0e.csv").touch()
-    (tmp_path / "data" / "arm1" / "elbow").mkdir(parents=True)
-    for day in ("2026-03-01", "2026-03-08"):  # as git-annex keeps what has not changed
-        (tmp_path / "data" / "arm1" / "elbow" / f"{day}.csv").symlink_to(tmp_path / "store" / "8f0e.csv")
-    (tmp_path / "here").symlink_to(tmp_path / "data")
-    for folder in ("data", "here"):
-        first, second = cases(tmp_path / folder)
-        assert (first.name, first.robot, first.joint) == ("arm1/elbow/2026-03-01.csv", "arm1", "elbow")
-        assert second.date.day == 8
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are text")
-def test_loops_of_links_and_names_that_are_no_text_cost_no_other_case(folder, tmp_path, client):
-    elbow = folder / "arm" / "elbow"
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere links need rights, and names are text")
+def test_links_are_called_as_they_are_called_and_what_leads_nowhere_costs_no_other_case(folder, tmp_path, client):
+    elbow, store = folder / "arm" / "elbow", tmp_path / "store"
+    store.mkdir()
+    for day in ("2026-01-12", "2026-01-19"):  # as git-annex keeps what has not changed
+        os.rename(elbow / f"{day}.csv", store / f"8f0e{day}.csv")
+        (elbow / f"{day}.csv").symlink_to(store / f"8f0e{day}.csv")
+    (tmp_path / "here").symlink_to(folder)
+    first, *_ = cases(tmp_path / "here")
+    assert (first.name, first.robot, first.joint) == ("arm/elbow/2026-01-05.csv", "arm", "elbow")
     (elbow / "loop.csv").symlink_to("loop.csv")
     for name in ("here", "there"):
         (elbow / name).symlink_to(folder)
@@ -383,7 +354,9 @@ def test_loops_of_links_and_names_that_are_no_text_cost_no_other_case(folder, tm
     tally = survey(cases(folder), dataset, client, look=stub)
     assert (tally.new["done"], tally.new["refused"]) == (6, 1)
     assert [name for name, _ in tally.troubles] == ["arm/elbow/loop.csv"]
-    assert "arm/elbow/2026-01-05 \\udcff\\x1b.csv" in {row["name"] for row in dataset.rows(["name"])}
+    assert {"arm/elbow/2026-01-05 \\udcff\\x1b.csv", "arm/elbow/2026-01-12.csv"} <= {
+        row["name"] for row in dataset.rows(["name"])
+    }
     assert survey(cases(folder), dataset, client, look=stub).known["done"] == 6
 
 
@@ -418,19 +391,6 @@ def test_a_survey_is_no_recording_of_the_next_one(folder, client, place):
     names = [case.name for case in cases(folder)]
     survey(cases(folder), Dataset(folder / place), client, look=stub)
     assert [case.name for case in cases(folder)] == names
-
-
-def test_folders_may_nest_deeper_than_functions(tmp_path):
-    below = tmp_path.joinpath(*"a" * 300, "run.csv")
-    below.parent.mkdir(parents=True)
-    below.touch()
-    limit = sys.getrecursionlimit()
-    sys.setrecursionlimit(len(inspect.stack()) + 100)
-    try:
-        (only,) = cases(tmp_path)
-    finally:
-        sys.setrecursionlimit(limit)
-    assert only.source.file == below
 
 
 # ------------------------------------------------------------------------------------------------- the command
@@ -492,29 +452,10 @@ def test_ctrl_c_or_a_kill_ends_all_processes_and_keeps_what_is_done(tmp_path, sw
         assert "what is done is kept" in told and 0 < len(dataset.rows(["name"])) < 169
 
 
-def test_what_cannot_be_is_one_line(tmp_path, capsys, monkeypatch):
+def test_what_cannot_be_is_one_line(tmp_path, refused):
     (tmp_path / "empty").mkdir()
-    assert main(["survey", str(tmp_path / "empty"), "-o", str(tmp_path / "out")]) == 2
-    assert "holds no recording" in capsys.readouterr().err
-    assert main(["survey", str(tmp_path / "nothere"), "-o", str(tmp_path / "out")]) == 2
-    assert "there is no such folder or file" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_pipe_is_a_row_that_says_so_and_not_waited_for(tmp_path):
-    for name in ("run.csv", "run.parquet", "run.mat"):
-        os.mkfifo(tmp_path / name)
-    for case in cases(tmp_path):
-        row = examined(case, Settings())
-        assert row["status"] == "refused" and "it is a device or a pipe" in row["reason"]
-
-
-def test_many_stars_are_refused_and_some_are_soon_tried():
-    long = PurePosixPath("/".join(["a" * 100] * 5 + ["b.csv"]))
-    with pytest.raises(InputError, match="more than 4 words"):
-        matched(long, "*a*a*a*a{robot}b")
-    with pytest.raises(InputError, match="does not read as"):
-        matched(long, "{robot}*/{joint}*/{kind}*/{date}*/*/c")
+    assert "holds no recording" in refused("survey", tmp_path / "empty", "-o", tmp_path / "out")
+    assert "there is no such folder or file" in refused("survey", tmp_path / "nothere", "-o", tmp_path / "out")
 
 
 def test_settings_that_decide_have_another_mark(tmp_path):

@@ -11,7 +11,7 @@ from estimators.signals.measurements import Smoothing
 from pendulum_env.physics import BASE
 from pendulum_env.recording import read_recording
 from workbench.cli import main
-from workbench.until import Apart, Here, told
+from workbench.until import Apart, Here, verdict_text
 
 
 def test_a_recording_ends_when_the_verdict_stands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -34,14 +34,14 @@ def test_a_process_of_its_own_says_the_same() -> None:
         stood = [judge.stands(info) or before for judge, before in zip(judges, stood, strict=True)]
     here, apart = (judge.close() for judge in judges)
     assert stood[0] and (here.kind, here.group) == (apart.kind, apart.group) and "torque_offset" in here.group
-    assert "stands" in told(here, True)
+    assert "stands" in verdict_text(here, True)
 
 
 def test_what_was_not_tried_is_said_and_a_run_too_short_says_nothing_of_what_is_missing():
     not_run = {"backlash": "it has a state", "dead_time": "it delays"}
     said = OnlineDiagnosis("missing", BASE, group=("torque_saturation",), motion=3.0, not_run=not_run)
-    assert told(said, True) == (
+    assert verdict_text(said, True) == (
         "missing: torque saturation (the verdict stands, after 3.0 s of motion)\n"
         "not tried, as only `diagnose` on the recording does: backlash and dead time of the torque"
     )
-    assert "too short to tell" in told(OnlineDiagnosis("calibrating", BASE), False)
+    assert "too short to tell" in verdict_text(OnlineDiagnosis("calibrating", BASE), False)

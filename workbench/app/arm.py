@@ -22,13 +22,13 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import Recording, Source
+from pendulum_env.words import name, opening
 from workbench.app.state import NO_RECORDING, Asked, State
 from workbench.app.uploads import UNPACKED
 from workbench.arms import SAVED
 from workbench.mistakes import InputError
 from workbench.processes import Task
 from workbench.report.arm import render_arm
-from workbench.report.words import name, opening
 from workbench.robot import RobotFile, loaded_text, looked_for, meaning, straying
 
 WEIGHTLESS = "Its torques are without gravity"

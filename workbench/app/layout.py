@@ -11,6 +11,7 @@ from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from pendulum_env.lookup import find
+from pendulum_env.words import listing, name, number, opening
 from workbench.app.arm import ArmState
 from workbench.app.card import COLUMN
 from workbench.app.parts import LINKED, PLOT, SPEC, aria, button, saves
@@ -22,7 +23,6 @@ from workbench.app.state import State as Work
 from workbench.app.uploads import UPLOAD
 from workbench.report.page import shared
 from workbench.report.sections.story import changes
-from workbench.report.words import listing, name, number, opening
 
 TITLE = "pendulum-ident"
 WORTH = 1.05  # times smaller, from which an error has become smaller

@@ -9,10 +9,9 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from pendulum_env.physics import addable, effects
+from pendulum_env.words import name, opening
 from workbench.report import page
-from workbench.report.figure import Figure
-from workbench.report.section import Section
-from workbench.report.words import name, opening
+from workbench.report.figure import Figure, Section
 
 Content = Component | str | Sequence[Component | str] | None
 

@@ -16,12 +16,12 @@ from estimators.progress import Progress
 from pendulum_env.excitation import EXCITATIONS
 from pendulum_env.files import write_whole
 from pendulum_env.recording import Source
+from pendulum_env.words import opening
 from workbench.app.parts import KEPT, dropdown, effects_to_choose, labelled, number_field
 from workbench.app.session import Session
 from workbench.app.state import Loaded, State
 from workbench.cli import parse
 from workbench.mistakes import InputError
-from workbench.report.words import opening
 from workbench.terminal import Terminal
 
 DIAGNOSIS = "diagnosis.json"

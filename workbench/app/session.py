@@ -20,6 +20,7 @@ from pendulum_env.reading import amount, read_archive
 from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.study import read_sources
+from pendulum_env.words import listing
 from workbench.app import saved
 from workbench.app.arm import ArmState
 from workbench.app.card import Card
@@ -29,7 +30,6 @@ from workbench.app.uploads import safe_name, unpack
 from workbench.inputs import read_model
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.processes import Done, Failed, Job, Task, Workers
-from workbench.report.words import listing
 from workbench.robot import FORMATS, RobotFile
 
 MOST_UNDONE = 20  # changes

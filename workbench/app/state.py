@@ -22,7 +22,6 @@ from estimators.diagnosis.addition import add, fit
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose, gather
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.identification import Identification
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence, Step
 from estimators.signals.measurements import measure_segments
@@ -33,8 +32,8 @@ from pendulum_env.physics.library import addition
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.record import by_torque
 from pendulum_env.recording.study import named_twice
+from pendulum_env.words import name
 from workbench.app.uploads import UNPACKED, safe_name
-from workbench.commands.identify import six_schemes
 from workbench.inputs import ids as effects_of
 from workbench.inputs import known as values_of
 from workbench.inputs import ranges
@@ -42,7 +41,6 @@ from workbench.mistakes import InputError
 from workbench.processes import Task
 from workbench.report import render
 from workbench.report.case import Case
-from workbench.report.words import name
 
 NO_RECORDING = "load a recording first"
 
@@ -370,11 +368,6 @@ class State:
         return disagreements(own_fits([part.data for part in parts], self.model.terms), only_if_all_fit=True)
 
     @cached_property
-    def identification(self) -> Identification | None:
-        """The six schemes with the model's terms, None where the recordings are too poor for them."""
-        return six_schemes(self.train, self.model.terms)
-
-    @cached_property
     def told(self) -> Diagnosis:
         """What the report tells: the diagnosis as long as it calls for more than the ladder has, else the ladder."""
         if self.diagnosis is not None and self.found:
@@ -398,7 +391,7 @@ class State:
 
     def report(self) -> str:
         """HTML of the report."""
-        return render(self.train, self.holdout, self.told, self.identification)
+        return render(self.train, self.holdout, self.told)
 
     @cached_property
     def case(self) -> Case:

@@ -17,11 +17,10 @@ from pendulum_env.physics import BASE, Estimate, Model, effect
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
-from workbench.commands.identify import six_schemes
-from workbench.inputs import check_outputs, take_verbose, whole, wrote
+from pendulum_env.words import listing
+from workbench.inputs import check_outputs, take, whole, wrote
 from workbench.story import story
 from workbench.terminal import Terminal
-from workbench.words import enumerate_words
 
 if TYPE_CHECKING:  # Pinocchio is imported by who needs it
     from estimators.arms.diagnosis import ArmDiagnosis
@@ -36,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--robot", choices=("two-link",), help="an arm in the place of a pendulum (needs the extra arms)"
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="another seed hides another effect (default 0)")
-    take_verbose(parser)
+    take(parser, "--verbose")
     parser.add_argument(
         "-o",
         "--output",
@@ -75,7 +74,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         found = diagnose([train], [holdout], progress=progress)
     story(found).tell(terminal, arguments.verbose, more=False)
     with terminal.progress("writing the report"):
-        write_report(report, [train], [holdout], found, six_schemes([train], found.model.terms))
+        write_report(report, [train], [holdout], found)
     reveal(plant.effects, effect(plant.effects[0]).law, plant.estimates, found, terminal)
     wrote([report, *files], terminal)
     terminal.say(f"another pendulum: pendulum-ident demo --seed {arguments.seed + 1}")
@@ -100,7 +99,7 @@ def reveal(
 ) -> None:
     """Print what was hidden, whether it was found, and the true parameters beside the estimates."""
     terminal.heading("The truth")
-    terminal.say(f"hidden was {enumerate_words(hidden)}: {law}")
+    terminal.say(f"hidden was {listing(hidden)}: {law}")
     terminal.say(verdict(hidden, found))
     estimates = found.model.estimates
     rows = [
@@ -120,7 +119,7 @@ def verdict(hidden: Sequence[str], found: Diagnosis | ArmDiagnosis) -> str:
     true, named = set(hidden), set(found.selected)
     alike = {effect for group in found.ambiguous if true & set(group) for effect in group} - true
     if true == named:
-        return "found" + (f", though {enumerate_words(sorted(alike))} would look the same" if alike else "")
+        return "found" + (f", though {listing(sorted(alike))} would look the same" if alike else "")
     if len(named) == len(true) and named <= true | alike:
-        return f"found as one of a group that looks the same: {enumerate_words(sorted(true | alike))}"
-    return f"NOT found as it is: the diagnosis says {enumerate_words(found.selected) or 'nothing'}"
+        return f"found as one of a group that looks the same: {listing(sorted(true | alike))}"
+    return f"NOT found as it is: the diagnosis says {listing(found.selected) or 'nothing'}"

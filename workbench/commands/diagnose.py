@@ -5,36 +5,30 @@ from __future__ import annotations
 import argparse
 import math
 
-from estimators.checks.alignment import Aligned
 from estimators.diagnosis.experiment import USUAL
 from estimators.diagnosis.run import diagnose
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
-from pendulum_env.physics import Model
-from workbench.commands.identify import six_schemes
 from workbench.inputs import (
+    LIMITS,
     argument,
-    check_outputs,
-    given,
     ids,
-    in_torque,
     number,
     of_pendulums,
-    read_model,
-    read_recordings,
+    opened,
     refuse_joint,
-    take_instruments,
-    take_limits,
+    take,
     take_recordings,
     take_report,
     take_robot,
-    take_verbose,
     write_json,
     write_model,
     wrote,
 )
 from workbench.story import story
 from workbench.terminal import Terminal
+
+ASKED = ("only", "without", "fixed", "bounds", "max_torque", "max_angle", "max_speed")  # of a diagnosis, as it is
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -55,9 +49,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--without", metavar="ID,...", type=argument(ids), default=[], help="do not look for these effects"
     )
-    take_limits(parser)
-    take_instruments(parser)
-    take_verbose(parser)
+    take(parser, *LIMITS, "--instruments", "--verbose")
     parser.add_argument("--all", action="store_true", help="the same with every effect, also those not judged")
     parser.add_argument(
         "--max-torque",
@@ -89,47 +81,28 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the story, write what is asked for."""
-    if arguments.robot is not None:
-        from workbench import arms  # Pinocchio is imported by who needs it
-
-        arms.diagnose(arguments, terminal)
-        return
     for effect in (*(arguments.only or ()), *arguments.without):
         refuse_joint(effect)
     from workbench.report import write_report  # plotly takes a while to import
 
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
-    asked = given(arguments)
-    check_outputs(outputs, asked.files)
-    model = read_model(arguments.model) if arguments.model else Model()
-    base, asked = model.terms, asked.read_as(model.log_format, arguments.model)
-    recordings, holdout = (read_recordings(part, terminal) for part in (asked.fitted, asked.held_out))
-    recordings, holdout = in_torque(recordings, holdout, terminal)
+    asked = opened(arguments, outputs, terminal)
+    recordings, holdout = asked.in_torque(terminal)
     with terminal.progress("diagnosing") as progress:
         found = diagnose(
             recordings,
             holdout,
-            base,
+            asked.model.terms,
             progress,
-            only=arguments.only,
-            without=arguments.without,
-            fixed=arguments.fixed,
-            bounds=arguments.bounds,
-            max_torque=arguments.max_torque,
-            max_angle=arguments.max_angle,
-            max_speed=arguments.max_speed,
             by_reference=arguments.instruments is not None,
+            **{name: getattr(arguments, name) for name in ASKED},
         )
     if arguments.experiment is not None and found.suggestion is not None:
         write_whole(arguments.experiment, found.suggestion.csv())
     write_json(arguments.json, found.json())
     if arguments.report is not None:
         with terminal.progress("writing the report"):
-            schemes = None
-            if not found.is_in_loop:
-                fitted = Aligned.by(found.alignments, recordings, holdout).recordings
-                schemes = six_schemes(fitted, found.model.terms)
-            write_report(arguments.report, recordings, holdout, found, schemes)
+            write_report(arguments.report, recordings, holdout, found)
     story(found, arguments.all).tell(terminal, arguments.verbose or arguments.all, more=arguments.report is None)
     if arguments.experiment is not None and found.suggestion is None:
         terminal.say(f"{arguments.experiment} is not written: there is no experiment")

@@ -10,8 +10,6 @@ from pendulum_env.backends.hardware.config import LINKS
 from workbench.inputs import check_outputs, number, plant_of, take_plant, whole
 from workbench.terminal import Terminal
 
-BEHIND = 5.0  # [s], on a machine that does other things as well
-GAP = 0.75  # of the watchdog's time, from which the guard stops the rig: it can say why
 RATES = {"serial": 1000.0, "canopen402": 500.0, "nidaq": 250.0}  # [Hz], that each holds
 
 
@@ -41,7 +39,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs([arguments.output, arguments.log])
     rate = arguments.rate or RATES[arguments.kind]
 
-    def said(text: str) -> None:
+    def report(text: str) -> None:
         terminal.say(text)
         if text.startswith("ready"):
             terminal.say(
@@ -49,16 +47,20 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
                 f"type a mishap to let it happen ({', '.join(MISHAPS)}), or quit"
             )
 
-    patience = max(GAP * arguments.watchdog, 2.0 / rate)
-    limits = {"watchdog": arguments.watchdog, "gap": patience, "reply": arguments.reply}
-    limits |= {"behind": BEHIND, "overruns": 1_000_000}
+    limits = {
+        "watchdog": arguments.watchdog,
+        "gap": max(0.75 * arguments.watchdog, 2.0 / rate),  # before the watchdog: the guard can say why
+        "reply": arguments.reply,
+        "behind": 5.0,  # a machine that does other things as well is no fault
+        "overruns": 1_000_000,
+    }
     emulate(
         arguments.kind,
         plant_of(arguments),
         Path(arguments.output),
         rate,
         {"limits": limits},
-        said,
+        report,
         first=arguments.first_count,
         realtime=arguments.realtime,
         log=None if arguments.log is None else Path(arguments.log),

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from functools import partial
 
 from agents.baselines import BASELINE, BASELINES, baseline
-from agents.evaluation import Contender, Outcome, compare, evaluation_json
+from agents.evaluation import Contender, compare, evaluation_json
 from agents.network import Network, load
 from agents.observer import CONSTRAINTS
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
+from pendulum_env.files import write_whole
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.policy import Policy
 from workbench.cluster import connected
@@ -78,44 +79,32 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             tell=tell,
         )
     setting = {name: getattr(arguments, name) for name in ("constraint", "plants", "seed", "scheme", "effects")}
-    told = evaluation_json(outcomes, BASELINE, **setting)
-    show(told, terminal)
-    write_json(arguments.json, told)
+    figures = evaluation_json(outcomes, BASELINE, **setting)
+    show(figures, terminal)
+    write_json(arguments.json, figures)
     if arguments.report is not None:
-        _write_report(arguments.report, told, outcomes, terminal)
+        from workbench.report.excitation import render  # plotly takes a while to import
+
+        with terminal.progress("writing the report"):
+            write_whole(arguments.report, render(figures, outcomes))
     wrote(outputs, terminal)
 
 
-def show(told: JSON, terminal: Terminal) -> None:
-    """Print what `evaluation_json` tells."""
-    policies = told["policies"]
-    first = policies[told["baseline"]]
-    terminal.say(f"{told['plants']} plants within 30 %, 10 s, constraint {told['constraint']}; medians over plants")
+def show(report: JSON, terminal: Terminal) -> None:
+    """Print what `evaluation_json` holds."""
+    policies = report["policies"]
+    first = policies[report["baseline"]]
+
+    def table(headers: Iterable[str], row: Callable[[JSON], Iterable[str]]) -> None:
+        terminal.table(("policy", *headers), [[name, *row(figures)] for name, figures in policies.items()])
+
+    terminal.say(f"{report['plants']} plants within 30 %, 10 s, constraint {report['constraint']}; medians over plants")
     terminal.heading("RMS error of the parameters [%] (Cramer-Rao bound), and time until all stay within [s]")
-    terminal.table(
-        ("policy", *(f"at {moment}" for moment in first["error"]), *first["time_to"]),
-        [
-            [name, *_errors(one), *(_number(all[1]) for all in one["time_to"].values())]
-            for name, one in policies.items()
-        ],
-    )
-    terminal.heading(f"Gain over {told['baseline']}, above 1 is better, with bootstrap intervals of 95 %")
-    terminal.table(
-        ("policy", *first["gain"]), [[name, *map(_gain, one["gain"].values())] for name, one in policies.items()]
-    )
+    table((*(f"at {moment}" for moment in first["error"]), *first["time_to"]), _errors)
+    terminal.heading(f"Gain over {report['baseline']}, above 1 is better, with bootstrap intervals of 95 %")
+    table(first["gain"], lambda figures: map(_gain, figures["gain"].values()))
     terminal.heading("What it takes")
-    terminal.table(
-        ("policy", "peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision [ms]"),
-        [
-            [
-                name,
-                f"{one['torque_peak']:.2f}",
-                *(_number(one[what][1]) for what in ("torque_rms", "speed", "turns")),
-                f"{1e3 * one['seconds_per_action']:.3g}",
-            ]
-            for name, one in policies.items()
-        ],
-    )
+    table(("peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision [ms]"), _use)
     if PLANNER in policies and SHIPPED in policies:
         agent, planner = policies[SHIPPED], policies[PLANNER]
         share = agent["gain"]["information"]["ratio"] / planner["gain"]["information"]["ratio"]
@@ -128,6 +117,13 @@ def show(told: JSON, terminal: Terminal) -> None:
 def _errors(figures: JSON) -> Iterator[str]:
     for error, bound in zip(figures["error"].values(), figures["cramer_rao"].values(), strict=True):
         yield f"{100 * error[1]:.3f}" + ("" if bound[1] is None else f" ({100 * bound[1]:.3f})")
+    yield from (_number(quartiles[1]) for quartiles in figures["time_to"].values())
+
+
+def _use(figures: JSON) -> Iterator[str]:
+    yield f"{figures['torque_peak']:.2f}"
+    yield from (_number(figures[name][1]) for name in ("torque_rms", "speed", "turns"))
+    yield f"{1e3 * figures['seconds_per_action']:.3g}"
 
 
 def _gain(gain: JSON) -> str:
@@ -140,11 +136,7 @@ def _number(value: float | None) -> str:
 
 @contextmanager
 def _workers(arguments: argparse.Namespace) -> Iterator[Executor | None]:
-    """Where the work is done: here, in processes, or on a cluster.
-
-    Raises:
-        InputError: if there is no such cluster, Dask is not installed, or a worker has died.
-    """
+    """Where the work is done: here, in processes, or on a cluster."""
     if arguments.dask is None and arguments.workers == 1:
         yield None
         return
@@ -155,13 +147,6 @@ def _workers(arguments: argparse.Namespace) -> Iterator[Executor | None]:
             yield client.get_executor()
         except KilledWorker:
             raise InputError("a worker ended unexpectedly, perhaps for want of memory: use fewer") from None
-
-
-def _write_report(path: str, told: JSON, outcomes: dict[str, Outcome], terminal: Terminal) -> None:
-    from workbench.report.excitation import write_excitation_report  # plotly takes a while to import
-
-    with terminal.progress("writing the report"):
-        write_excitation_report(path, told, outcomes)
 
 
 def _contender(name: str, constraint: str) -> Contender:
@@ -175,8 +160,7 @@ def _contender(name: str, constraint: str) -> Contender:
 
 
 def _always(network: Network, seed: int) -> Policy:
-    """A network draws nothing."""
-    return network
+    return network  # it draws nothing
 
 
 def _effect(text: str) -> str:

@@ -12,7 +12,8 @@ from pendulum_env.physics import Model
 from pendulum_env.reading import shown
 from pendulum_env.recording import Recording
 from pendulum_env.recording.study import Source, read_as
-from workbench.export import ACTUATORS, BODIES, FORMATS, READABLE, Exported, Request, export
+from pendulum_env.words import listing
+from workbench.export import FORMATS, Exported, Request, export
 from workbench.export.request import Language
 from workbench.inputs import (
     check_outputs,
@@ -33,7 +34,7 @@ from workbench.terminal import Terminal
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, format, output and how."""
     parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
-    forms = "; ".join(f"{name}, {what}" for name, (what, _) in FORMATS.items())
+    forms = "; ".join(f"{name}, {form.what}" for name, form in FORMATS.items())
     parser.add_argument("--to", required=True, choices=tuple(FORMATS), help=forms)
     parser.add_argument("-o", "--output", metavar="FILE", help="write it there (default: print it, unless --check)")
     parser.add_argument(
@@ -80,15 +81,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Export, perhaps check, and say what the form does not hold."""
-    if arguments.robot is not None:
-        from workbench import arms  # Pinocchio is imported by who needs it
-
-        arms.export(arguments, terminal)
-        return
     sources = _checked(arguments)
     outputs = [arguments.output, arguments.callback]
     check_outputs(outputs, [arguments.model, *(str(source.file) for source in sources)])
-    _refuse(arguments, bool(sources))
+    _refuse(arguments)
     language: Language | None = None
     if arguments.callback is not None:
         language = "c" if arguments.callback.endswith(".c") else "python"
@@ -122,23 +118,14 @@ def _checked(arguments: argparse.Namespace) -> tuple[Source, ...]:
     return tuple(source for source in sources if source.role == "holdout") or sources
 
 
-def _refuse(arguments: argparse.Namespace, checks: bool) -> None:
+def _refuse(arguments: argparse.Namespace) -> None:
     """Raise InputError if what is asked for is not of the format."""
-    to = arguments.to
-    if checks and to not in READABLE:
-        raise InputError(f"--check runs in MuJoCo, which reads {' and '.join(READABLE)}, not {to}")
-    if to not in BODIES and arguments.mass:
-        raise InputError(f"--mass is of a rigid body, which {', '.join(BODIES)} have, not {to}")
-    if to not in (*BODIES, *ACTUATORS) and arguments.armature:
-        raise InputError(f"--armature is of a joint, which {', '.join((*BODIES, *ACTUATORS))} have, not {to}")
-    if arguments.callback is not None and to != "mjcf":
-        raise InputError(f"--callback goes with mjcf: {to} has no place for it")
+    for option in ("check", "mass", "armature", "callback", "drive"):
+        if getattr(arguments, option) and option not in FORMATS[arguments.to].options:
+            others = [name for name, form in FORMATS.items() if option in form.options]
+            raise InputError(f"--{option} goes with {listing(others)}, not with {arguments.to}")
     if arguments.callback is not None and not arguments.callback.endswith((".py", ".c")):
         raise InputError(f"--callback {shown(arguments.callback)}: its name should end in .py or .c")
-    if arguments.drive is not None and to in ("urdf", "sdf"):
-        raise InputError(
-            f"--drive is of a servo, which {to} does not hold: export to mjcf, isaaclab, mjlab, python or c"
-        )
 
 
 def _check(

@@ -6,24 +6,18 @@ import argparse
 from collections.abc import Sequence
 
 from estimators.arguments import within_limits
-from estimators.regression.equations import IdentificationError
-from estimators.schemes.identification import Identification, identify
+from estimators.schemes.identification import identify
 from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
-from estimators.show.tables import schemes_table
+from estimators.show.story import schemes_table
 from estimators.weak_form.instruments import fit_by_reference
-from pendulum_env.physics import BASE, Term
-from pendulum_env.recording import Recording
+from pendulum_env.physics import BASE
 from workbench.inputs import (
+    LIMITS,
     argument,
-    check_outputs,
-    given,
     in_time,
-    in_torque,
     of_pendulums,
-    read_recordings,
-    take_align,
-    take_instruments,
-    take_limits,
+    opened,
+    take,
     take_recordings,
     take_robot,
     write_json,
@@ -38,10 +32,9 @@ SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, schemes and outputs."""
     take_recordings(parser)
-    take_align(parser)
+    take(parser, "--align")
     take_robot(parser)
-    take_limits(parser)
-    take_instruments(parser)
+    take(parser, *LIMITS, "--instruments")
     parser.add_argument(
         "--scheme",
         type=argument(_schemes),
@@ -56,15 +49,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
-    if arguments.robot is not None:
-        from workbench import arms  # Pinocchio is imported by who needs it
-
-        arms.identify(arguments, terminal)
-        return
     outputs = [arguments.json, arguments.output]
-    asked = given(arguments)
-    check_outputs(outputs, asked.files)
-    recordings, _ = in_torque(read_recordings(asked.fitted, terminal), [], terminal)
+    asked = opened(arguments, outputs, terminal, holdout=False)
+    recordings, _ = asked.in_torque(terminal)
     if arguments.align:
         recordings, _ = in_time(recordings, [], True, terminal)
     with terminal.progress("identifying"):
@@ -83,14 +70,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if model is not None:
         outputs[1] = write_model(model, arguments.output, asked.fitted, terminal)
     wrote(outputs, terminal)
-
-
-def six_schemes(recordings: Sequence[Recording], terms: Sequence[Term]) -> Identification | None:
-    """Estimates of all schemes with these terms, None where the recordings are too poor for them."""
-    try:
-        return identify(recordings, terms, SCHEMES)
-    except IdentificationError:
-        return None
 
 
 def _schemes(text: str) -> Sequence[Scheme]:

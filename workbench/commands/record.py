@@ -40,7 +40,7 @@ from workbench.inputs import (
 from workbench.mistakes import InputError
 from workbench.rig import configured, controller, describe, record_rig
 from workbench.terminal import Terminal
-from workbench.until import DIAGNOSED, LONGEST, Here, told
+from workbench.until import DIAGNOSED, LONGEST, Here, verdict_text
 
 MOST = 5_000_000  # samples; simulating them takes some minutes
 BACKENDS = (
@@ -166,11 +166,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _samples(seconds: float, rate: float) -> int:
-    """How many a recording has.
-
-    Raises:
-        InputError: if they are too few or too many.
-    """
+    """How many a recording has."""
     samples = seconds * rate
     if not FEWEST <= samples <= MOST:
         raise InputError(f"{samples:.0f} samples are asked for, between {FEWEST} and {MOST} are possible")
@@ -241,7 +237,7 @@ def _run(
             until=None if judge is None else judge.stands,
         )
     if judge is not None:
-        terminal.say(told(judge.close(), len(recording) < steps))
+        terminal.say(verdict_text(judge.close(), len(recording) < steps))
     return recording
 
 

@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING
 from estimators.arguments import chosen_effects, within_limits
 from pendulum_env.physics import BASE
 from workbench.cluster import connected
-from workbench.inputs import check_outputs, ids, number, read_model, take_limits, take_reading, whole, wrote
+from workbench.inputs import (
+    LIMITS,
+    check_outputs,
+    ids,
+    number,
+    read_model,
+    take,
+    take_reading,
+    whole,
+    wrote,
+)
 from workbench.mistakes import InputError, Interrupted
 from workbench.survey.cases import find_cases, joints
 from workbench.survey.dataset import Dataset
@@ -60,7 +70,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", metavar="MODEL.json", help="start from its terms (default: the paper's four)")
     parser.add_argument("--only", metavar="ID,...", type=ids, help="look for these effects alone")
     parser.add_argument("--without", metavar="ID,...", type=ids, default=[], help="do not look for these effects")
-    take_limits(parser)
+    take(parser, *LIMITS)
     parser.add_argument("--workers", type=whole(1, 1000), default=2, help="processes here (default 2)")
     parser.add_argument("--memory", type=number(100, 1e6), metavar="MB", help="of each (default: equal shares)")
     parser.add_argument(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
@@ -15,18 +16,24 @@ from workbench.export import actuator, mjcf, program, robot
 from workbench.export.request import Exported, ExportError, Request
 from workbench.export.servo import in_units_of
 
-FORMATS: dict[str, tuple[str, Callable[[Model, Request], Exported]]] = {  # what each is, and what writes it
-    "mjcf": ("a model for MuJoCo", mjcf.export),
-    "urdf": ("a robot description for ROS", robot.urdf),
-    "sdf": ("a model for Gazebo", robot.sdf),
-    "python": ("a module without dependencies", program.python),
-    "c": ("a file of C99", program.c),
-    "isaaclab": ("an actuator of Isaac Lab", actuator.isaaclab),
-    "mjlab": ("an actuator of mjlab", actuator.mjlab),
+
+class Format(NamedTuple):
+    """A form of a model: what it is, what writes it, and the options of the command line that it takes."""
+
+    what: str
+    write: Callable[[Model, Request], Exported]
+    options: tuple[str, ...]
+
+
+FORMATS = {
+    "mjcf": Format("a model for MuJoCo", mjcf.export, ("mass", "armature", "drive", "callback", "check")),
+    "urdf": Format("a robot description for ROS", robot.urdf, ("mass", "armature", "check")),
+    "sdf": Format("a model for Gazebo", robot.sdf, ("mass", "armature")),
+    "python": Format("a module without dependencies", program.python, ("drive",)),
+    "c": Format("a file of C99", program.c, ("drive",)),
+    "isaaclab": Format("an actuator of Isaac Lab", actuator.isaaclab, ("armature", "drive")),
+    "mjlab": Format("an actuator of mjlab", actuator.mjlab, ("armature", "drive")),
 }
-BODIES = ("mjcf", "urdf", "sdf")  # rigid ones, on a joint
-READABLE = ("mjcf", "urdf")  # by MuJoCo
-ACTUATORS = ("isaaclab", "mjlab")  # of servos
 
 
 def export(model: Model, format: str, request: Request | None = None) -> Exported:
@@ -38,11 +45,11 @@ def export(model: Model, format: str, request: Request | None = None) -> Exporte
             unit than the model.
         InputError: if a library of the extra `export` is not installed.
     """
-    _, write = find("format", format, FORMATS)
+    write = find("format", format, FORMATS).write
     request = request or Request()
     if request.drive is not None:
         request = replace(request, drive=in_units_of(model, request.drive))
     return write(model, request)
 
 
-__all__ = ["ACTUATORS", "BODIES", "FORMATS", "READABLE", "ExportError", "Exported", "Request", "export"]
+__all__ = ["FORMATS", "ExportError", "Exported", "Request", "export"]

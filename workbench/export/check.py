@@ -21,7 +21,7 @@ from pendulum_env.physics.term import Memory
 from pendulum_env.recording import Recording
 from pendulum_env.servo.loop import Servos
 from workbench.export import mjcf
-from workbench.export.request import Exported, ExportError, Request, needed
+from workbench.export.request import Exported, ExportError, Request, load_mujoco
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def refuse_loads(recordings: Sequence[Recording]) -> None:
 
 def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array:
     """Positions of servos in MuJoCo at the start and after every so many steps, (N / every + 1, 1, B) [rad]."""
-    mujoco = needed("mujoco")
+    mujoco = load_mujoco()
     drives = [  # a supply that was recorded, and not said, is that at the start
         drive if drive.supply or drive.output != "duty" else replace(drive, supply=float(servos.supply[0, lane]))
         for lane, drive in enumerate(servos.drives)
@@ -141,7 +141,7 @@ def _rms(ones: Sequence[Array], others: Sequence[Array]) -> float:
 
 def _simulated(model: Model, exported: Exported, segments: Segments) -> Array:
     """Position in every segment, (N + 1, B) [rad]."""
-    mujoco = needed("mujoco")
+    mujoco = load_mujoco()
     world = mujoco.MjModel.from_xml_string(exported.content)
     rate = segments.windows.recording.rate
     count = max(1, math.ceil(1.0 / (rate * world.opt.timestep) - 1e-9))

@@ -8,14 +8,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from keyword import iskeyword
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics import Model, Samples, Term
+from pendulum_env.physics import Estimate, Model, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
-from pendulum_env.physics.simulation import LONGEST_STEP, Balance, step
+from pendulum_env.physics.simulation import LONGEST_STEP, Balance, in_symbols, step
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, in_order, labelled, name
 from pendulum_env.physics.term import Memory
 from pendulum_env.servo.drive import UNIT, Drive
@@ -31,7 +30,6 @@ RESERVED = frozenset(  # names that the exported programs and their languages ha
     np Any Value SimpleNamespace NUMBERS _functions
     goal supply on applied friction phase held speed integral limit kp ki kd gain""".split()
 )
-STAGES = ("start", "middle", "rest")  # of a step: its begin, its middle, and where friction has stopped the joint
 
 
 @dataclass(frozen=True)
@@ -89,48 +87,16 @@ class Dynamics:
         return late if share == 0 else f"{1.0 - share!r} * {late} + {share!r} * {later}"
 
 
-@dataclass
-class _Spelled:
-    """A balance whose results have names for the reader."""
-
-    balance: Balance
-    asked: dict[str, int] = field(default_factory=dict)
-
-    def _label(self, what: str, value: Any) -> Any:
-        count = self.asked[what] = self.asked.get(what, -1) + 1
-        return labelled(value, f"{what}_at_{STAGES[count]}" if count < len(STAGES) else "")
-
-    def net(self, x: Samples) -> ArrayLike:
-        self._label("position", x.position)
-        self._label("velocity", x.velocity)
-        return self._label("net", self.balance.net(x))
-
-    def dry(self, x: Samples) -> ArrayLike:
-        return self._label("dry", self.balance.dry(x))
-
-    def mass(self, x: Samples) -> ArrayLike:
-        return self._label("inertia", self.balance.mass(x))
-
-    def advance(self, x: Samples, velocity: Array, duration: ArrayLike) -> Mapping[str, Memory]:
-        return self.balance.advance(x, velocity, duration)
-
-
 def written(model: Model, seconds: float = LONGEST_STEP, drive: Drive | None = None) -> Dynamics:
     """The step of a model, of that length [s], under a torque; or under a goal, with a drive.
 
     Raises:
         ExportError: if a law of the model is not made of what can be written down.
     """
-    held, x = _Held.of(model, drive, seconds), _now()
     with _formulas():
-        names = _Names.of(model, model.terms)
-        spelled: Any = _Spelled(names.balance)
-        after = step(spelled, names.under(held), seconds)
-        start = {"time": 0.0, "position": x.position, "velocity": x.velocity} | names.start | held.start
-        states: dict[str, Any] = {"time": after.time, "position": after.position, "velocity": after.velocity}
-        states |= names.flat(after.memory) | held.after
-    delay = 0.0 if drive else sum(term.delay for term in model.terms) / seconds
-    return _dynamics(seconds, (*names.parameters, *held.parameters), held.given, start, states, {}, delay)
+        parts = _Parts.of(model, model.terms, drive, seconds)
+        x = step(parts.balance, parts.x, seconds)
+    return parts.dynamics({"time": x.time, "position": x.position, "velocity": x.velocity} | parts.memory(x.memory))
 
 
 def beside(model: Model, terms: Sequence[Term], drive: Drive | None, seconds: float = LONGEST_STEP) -> Dynamics:
@@ -141,18 +107,15 @@ def beside(model: Model, terms: Sequence[Term], drive: Drive | None, seconds: fl
     Raises:
         ExportError: if a law of the model is not made of what can be written down, or adds inertia that varies.
     """
-    held = _Held.of(model, drive, seconds)
     with _formulas():
-        names = _Names.of(model, terms)
-        balance, x = names.balance, names.under(held)
-        applied, dry = balance.net(x), np.maximum(balance.dry(x), 0.0)
+        parts = _Parts.of(model, terms, drive, seconds)
+        balance, x = parts.balance, parts.x
+        results = {
+            Quantity("applied", model.torque_unit): _operand(balance.net(x)),
+            Quantity("friction", model.torque_unit): _operand(np.maximum(balance.dry(x), 0.0)),
+        }
         memory = balance.advance(x, x.velocity, seconds)
-        states: dict[str, Any] = {"time": x.time + seconds} | names.flat(memory) | held.after
-    unit, given = model.torque_unit, (Quantity("position", "rad"), Quantity("velocity", "rad/s"), *held.given)
-    results = {Quantity("applied", unit): _operand(applied), Quantity("friction", unit): _operand(dry)}
-    start, delay = {"time": 0.0} | names.start | held.start, sum(term.delay for term in terms) / seconds
-    parameters = (*names.parameters, *held.parameters)
-    return _dynamics(seconds, parameters, given, start, states, results, 0.0 if drive else delay)
+    return parts.dynamics({"time": x.time + seconds} | parts.memory(memory), results)
 
 
 @contextmanager
@@ -164,137 +127,130 @@ def _formulas() -> Iterator[None]:
         raise ExportError(f"a law of this model cannot be written down as a formula: {error}") from None
 
 
-def _dynamics(
-    seconds: float,
-    parameters: tuple[Parameter, ...],
-    given: tuple[Quantity, ...],
-    start: Mapping[str, Any],
-    after: Mapping[str, Any],
-    results: Mapping[Quantity, Operand],
-    delay: float = 0.0,
-) -> Dynamics:
-    """A step without the state variables that nothing depends on."""
-    kept = {"time"} | ({"position", "velocity"} & set(after))
-    while True:
-        needed = {
-            symbol.label
-            for symbol in in_order([*results.values(), *(_operand(after[text]) for text in kept)])
-            if symbol.op == NAME
-        }
-        if not (more := needed & set(after) - kept):
-            break
-        kept |= more
-    state = tuple(text for text in after if text in kept)
-    for text in state:
-        labelled(after[text], f"{text}_after")
-    used = [parameter.name for parameter in parameters] + [*state]
-    twice = [text for text in used if used.count(text) > 1 or re.fullmatch(r"t\d+|\w+_at_\w+|\w+_after", text)]
-    if twice:
-        raise ExportError(f"'{twice[0]}' cannot be the name of a parameter in a program: rename it in its effect")
-    return Dynamics(
-        seconds,
-        parameters,
-        given,
-        state,
-        tuple(_operand(start[text]) for text in state),
-        tuple(_operand(after[text]) for text in state),
-        results,
-        delay,
-    )
+@dataclass
+class _Parts:
+    """Some terms of a model in names for the reader, under a torque or a drive.
 
+    Attributes:
+        seconds: length of a step.
+        balance: of the terms.
+        x: start of a step.
+        remembered: names of the terms' state variables.
+        parameters: of the terms, and of the drive.
+        given: what a step is given.
+        start: state variables after long rest, by name.
+        after: those of the controller after a step.
+        delay: of a torque that is given [s].
+    """
 
-@dataclass(frozen=True)
-class _Names:
-    """Terms of a model in names: their parameters, their balance, and what they remember."""
-
-    parameters: tuple[Parameter, ...]
+    seconds: float
     balance: Balance
-    memory: Mapping[str, tuple[str, ...]]
-    start: dict[str, Operand]
-
-    @classmethod
-    def of(cls, model: Model, terms: Sequence[Term]) -> _Names:
-        parameters = [_estimated(model, column.name, column.unit) for term in terms for column in term.columns]
-        named: list[Term] = []
-        for term in terms:
-            symbols: dict[str, Any] = dict(term.shape)
-            for shape in term.shapes:
-                if shape in term.free and not term.delay:
-                    value = float(term.shape[shape.name])
-                    parameters.append(_estimated(model, f"{term.id}.{shape.name}", shape.unit, value))
-                    symbols[shape.name] = name(parameters[-1].name)
-            named.append(replace(term, **symbols))
-        theta: Any = [name(identifier(column.name)) for term in terms for column in term.columns]
-        balance = Balance(named, theta)
-        long_ago = balance.start(replace(_now(), torque=np.zeros(())))
-        memory = {id: _texts(id, len(values)) for id, values in long_ago.items()}
-        start = {text: _operand(one) for id in memory for text, one in zip(memory[id], long_ago[id], strict=True)}
-        return cls(tuple(parameters), balance, memory, start)
-
-    def under(self, held: _Held) -> Samples:
-        """The samples at the start of a step under a torque, or under that of a drive, which brakes while it is on."""
-        memory: Any = {id: tuple(name(text) for text in texts) for id, texts in self.memory.items()}
-        if held.is_driven and BackEmf.id in memory:
-            memory[BackEmf.id] = (name("on"),)
-        return replace(_now(), torque=held.torque, memory=memory)
-
-    def flat(self, memory: Mapping[str, Memory]) -> dict[str, Any]:
-        """What is remembered, by name."""
-        return {text: one for id, texts in self.memory.items() for text, one in zip(texts, memory[id], strict=True)}
-
-
-@dataclass(frozen=True)
-class _Held:
-    """A torque in names, or that of a drive: what it is given, and what its controller remembers."""
-
-    torque: Any
-    given: tuple[Quantity, ...]
-    is_driven: bool = False
-    parameters: tuple[Parameter, ...] = ()
-    start: dict[str, Operand] = field(default_factory=dict)
+    x: Samples
+    remembered: dict[str, list[str]]
+    parameters: list[Parameter]
+    given: list[Quantity]
+    start: dict[str, Any]
     after: dict[str, Any] = field(default_factory=dict)
+    delay: float = 0.0
 
     @classmethod
-    def of(cls, model: Model, drive: Drive | None, seconds: float) -> _Held:
-        x = _now()
+    def of(cls, model: Model, terms: Sequence[Term], drive: Drive | None, seconds: float) -> _Parts:
+        """The terms of a model, under the torque of a drive if there is one."""
+        balance, x, _ = in_symbols(terms)
+        named: list[tuple[str, str, Any, float]] = [
+            (column.name, column.unit, symbol, 0.0)
+            for column, symbol in zip((c for term in terms for c in term.columns), balance.theta, strict=True)
+        ] + [
+            (f"{term.id}.{shape.name}", shape.unit, getattr(symbols, shape.name), term.shape[shape.name])
+            for term, symbols in zip(terms, balance.terms, strict=True)
+            for shape in term.free
+        ]
+        parameters = []
+        for text, unit, symbol, value in named:
+            symbol.label = identifier(text)
+            known = model.estimates.get(text, Estimate(value, 0.0, unit))  # a shape may be as it usually is
+            parameters.append(Parameter(symbol.label, known.value, known.unit, known.std))
+        start: dict[str, Any] = {"time": 0.0, "position": x.position, "velocity": x.velocity}
+        remembered: dict[str, list[str]] = {}
+        long_ago, memory = balance.start(replace(x, torque=np.zeros(()))), cast(Mapping[str, Any], x.memory)
+        for id, symbols in memory.items():
+            ends = [f"_{k + 1}" for k in range(len(symbols))] if len(symbols) > 1 else [""]
+            remembered[id] = [f"{id}_memory{end}" for end in ends]
+            for symbol, text, at_rest in zip(symbols, remembered[id], long_ago[id], strict=True):
+                symbol.label, start[text] = text, at_rest
+        parts = cls(seconds, balance, x, remembered, parameters, [Quantity("torque", model.torque_unit)], start)
         if drive is None:
-            return cls(x.torque, (Quantity("torque", model.torque_unit),))
+            parts.delay = sum(term.delay for term in terms)
+        else:
+            parts.drive(model, drive)
+        return parts
+
+    def drive(self, model: Model, drive: Drive) -> None:
+        """Put a drive, which is given a goal, in the place of the torque."""
+        seconds, x = self.seconds, self.x
         looks_always = drive.rate is None or drive.rate * seconds >= 1.0
         gains: dict[str, Any] = dict(zip(GAINS, gains_of(drive, seconds), strict=True))
         output = {"duty": "1", "voltage": "V", "current": "A", "torque": model.torque_unit}[drive.output]
         per = "s/rad" if drive.acts_on_speed else "rad"
         units = {"kp": f"{output}/{per}", "ki": f"{output}/({per} s)", "kd": f"{output} s/rad", "most": output}
-        parameters = []
         for text, unit in units.items():
             if gains[text] not in (0.0, math.inf):
-                parameters.append(Parameter("limit" if text == "most" else text, gains[text], unit, 0.0))
-                gains[text] = name(parameters[-1].name)
+                self.parameters.append(Parameter("limit" if text == "most" else text, gains[text], unit, 0.0))
+                gains[text] = name(self.parameters[-1].name)
         scale: Any = 1.0
-        given = [Quantity("goal", "rad/s" if drive.acts_on_speed else "rad")]
+        self.given = [Quantity("goal", "rad/s" if drive.acts_on_speed else "rad")]
         if drive.output == "duty":
-            given.append(Quantity("supply", "V", supply_of(drive)))
+            self.given.append(Quantity("supply", "V", supply_of(drive)))
             scale = name("supply")
         if drive.gain is not None:
-            parameters.append(Parameter("gain", drive.gain, f"N m/{UNIT[drive.output]}", 0.0))
+            self.parameters.append(Parameter("gain", drive.gain, f"N m/{UNIT[drive.output]}", 0.0))
             scale = scale * name("gain")
-        given.append(Quantity("on", "0: the motor is open", 1.0))
+        self.given.append(Quantity("on", "0: the motor is open", 1.0))
         weights = taps(np.array((drive.delay + sum(term.delay for term in model.terms)) / seconds)).tolist()
-        due = 1.0 if looks_always else name("phase") - (1.0 - 1e-6)
+        phase: Any = name("phase")
+        due = 1.0 if looks_always else phase - (1.0 - 1e-6)
         before = tuple(name(f"before_{k + 1}") for k in range(len(weights) - 1))
         speed = x.velocity if looks_always and gains["seen"] == 1.0 else name("speed")
-        state = State(name("held"), before, name("integral"), speed)
-        if not drive.ki:
-            state = state._replace(integral=0.0)
-        torque, after = control(
-            x, state, Given(name("goal"), scale, name("on"), due), gains, weights, drive.acts_on_speed
+        state = State(name("held"), before, name("integral") if drive.ki else 0.0, speed)
+        on: Any = name("on")
+        torque, after = control(x, state, Given(name("goal"), scale, on, due), gains, weights, drive.acts_on_speed)
+        memory = {id: (on,) if id == BackEmf.id else own for id, own in x.memory.items()}
+        self.x = replace(x, torque=torque, memory=memory)
+        turn = np.where(due > 0, phase - 1.0, phase) + seconds * (drive.rate or 0.0)
+        self.after = {"held": after.held, "integral": after.integral, "speed": after.speed, "phase": turn}
+        self.after |= {symbol.label: value for symbol, value in zip(before, after.before, strict=True)}
+        self.start |= dict.fromkeys(self.after, 0.0) | {"speed": name("velocity"), "phase": 1.0}
+
+    def memory(self, values: Mapping[str, Memory]) -> dict[str, Any]:
+        """Values of what terms remember, by name."""
+        pairs = [pair for id, texts in self.remembered.items() for pair in zip(texts, values[id], strict=True)]
+        return dict(pairs)
+
+    def dynamics(self, after: Mapping[str, Any], results: Mapping[Quantity, Operand] | None = None) -> Dynamics:
+        """The step without the state variables that nothing depends on; what gives results is told where it is."""
+        results, after = results or {}, {**after, **self.after}
+        kept, needed = {"time"} | ({"position", "velocity"} & set(after)), set(after)
+        while needed:
+            values = [*results.values(), *(_operand(after[text]) for text in kept)]
+            needed = {symbol.label for symbol in in_order(values) if symbol.op == NAME} & set(after) - kept
+            kept |= needed
+        state = tuple(text for text in after if text in kept)
+        for text in state:
+            labelled(after[text], f"{text}_after")
+        used = [parameter.name for parameter in self.parameters] + [*state]
+        if twice := [x for x in used if used.count(x) > 1 or re.fullmatch(r"t\d+|\w+_at_\w+|\w+_after", x)]:
+            raise ExportError(f"'{twice[0]}' cannot be the name of a parameter in a program: rename it in its effect")
+        where = (Quantity("position", "rad"), Quantity("velocity", "rad/s")) if results else ()
+        return Dynamics(
+            self.seconds,
+            tuple(self.parameters),
+            (*where, *self.given),
+            state,
+            tuple(_operand(self.start[text]) for text in state),
+            tuple(_operand(after[text]) for text in state),
+            results,
+            self.delay / self.seconds,
         )
-        starts: dict[str, Operand] = {"held": 0.0, "integral": 0.0, "speed": name("velocity"), "phase": 1.0}
-        later: dict[str, Any] = {"held": after.held, "integral": after.integral, "speed": after.speed}
-        phase: Any = name("phase")
-        later["phase"] = np.where(due > 0, phase - 1.0, phase) + seconds * (drive.rate or 0.0)
-        for one, value in zip(before, after.before, strict=True):
-            starts[one.label], later[one.label] = 0.0, value
-        return cls(torque, tuple(given), True, tuple(parameters), starts, later)
 
 
 def identifier(text: str) -> str:
@@ -303,25 +259,5 @@ def identifier(text: str) -> str:
     return f"{plain}_" if plain in RESERVED or iskeyword(plain) or plain[0].isdigit() else plain
 
 
-def _now() -> Samples:
-    time: Any = name("time")
-    position: Any = name("position")
-    velocity: Any = name("velocity")
-    torque: Any = name("torque")
-    return Samples(time, position, velocity, torque)
-
-
-def _texts(id: str, count: int) -> tuple[str, ...]:
-    return (f"{id}_memory",) if count == 1 else tuple(f"{id}_memory_{k + 1}" for k in range(count))
-
-
 def _operand(value: Any) -> Operand:
     return value if isinstance(value, Symbol) else float(value)
-
-
-def _estimated(model: Model, text: str, unit: str, value: float = 0.0) -> Parameter:
-    """A parameter as the model has it; a shape of an effect may be as it usually is."""
-    estimate = model.estimates.get(text)
-    if estimate is None:
-        return Parameter(identifier(text), value, unit, 0.0)
-    return Parameter(identifier(text), estimate.value, estimate.unit, estimate.std)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from xml.etree.ElementTree import Element, SubElement, indent, tostring
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
@@ -25,9 +25,8 @@ from pendulum_env.physics.library import term
 from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import loads
 from workbench.export.arm import Friction, value
-from workbench.export.request import Exported, ExportError, Request, commented, plain
-
-UNBOUNDED = 1e9  # [N m], [rad/s]: what a joint of URDF has to tell and a file did not
+from workbench.export.request import Exported, Request, commented, keep, plain
+from workbench.export.robot import UNBOUNDED, add_link, numbers, xml
 
 
 def at(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
@@ -89,17 +88,8 @@ def urdf(model: ArmModel, request: Request) -> Exported:
     SubElement(robot, "link", name="base")
     for k, joint in enumerate(body.links):
         link = pin.Inertia.FromDynamicParameters(standard[len(STANDARD) * k : len(STANDARD) * (k + 1)])
-        own, parent = SubElement(robot, "link", name=f"{joint}_link"), of.parents[k + 1]
-        inertial = SubElement(own, "inertial")
-        SubElement(inertial, "origin", xyz=_numbers(link.lever))
-        SubElement(inertial, "mass", value=repr(float(link.mass)))
-        tensor = {
-            f"i{a}{b}": repr(float(link.inertia[m, n]))
-            for m, a in enumerate("xyz")
-            for n, b in enumerate("xyz")
-            if m <= n
-        }
-        SubElement(inertial, "inertia", tensor)
+        add_link(robot, f"{joint}_link", link.mass, link.lever, link.inertia)
+        parent = of.parents[k + 1]
         slides, low, high = joint in body.sliding, float(of.lowerPositionLimit[k]), float(of.upperPositionLimit[k])
         bounded = bool(np.isfinite([low, high]).all()) and low < high
         kind = "prismatic" if slides else "revolute" if bounded else "continuous"
@@ -107,10 +97,8 @@ def urdf(model: ArmModel, request: Request) -> Exported:
         SubElement(written, "parent", link=f"{body.links[parent - 1]}_link" if parent else "base")
         SubElement(written, "child", link=f"{joint}_link")
         place = of.jointPlacements[k + 1]
-        SubElement(
-            written, "origin", xyz=_numbers(place.translation), rpy=_numbers(pin.rpy.matrixToRpy(place.rotation))
-        )
-        SubElement(written, "axis", xyz=_numbers(np.ravel(of.joints[k + 1].createData().S).reshape(2, 3).sum(axis=0)))
+        SubElement(written, "origin", xyz=numbers(place.translation), rpy=numbers(pin.rpy.matrixToRpy(place.rotation)))
+        SubElement(written, "axis", xyz=numbers(np.ravel(of.joints[k + 1].createData().S).reshape(2, 3).sum(axis=0)))
         effort, speed = (float(most[k]) or UNBOUNDED for most in (of.upperEffortLimit, of.upperVelocityLimit))
         ends = {"lower": repr(low), "upper": repr(high)} if bounded else {}
         SubElement(written, "limit", ends, effort=repr(min(effort, UNBOUNDED)), velocity=repr(min(speed, UNBOUNDED)))
@@ -120,9 +108,7 @@ def urdf(model: ArmModel, request: Request) -> Exported:
             (leader,) = np.flatnonzero(body.ratios[k])
             ratio, offset = repr(float(body.ratios[k, leader])), repr(float(body.offsets[k]))
             SubElement(written, "mimic", joint=body.joints[leader], multiplier=ratio, offset=offset)
-    indent(robot)
-    text = '<?xml version="1.0"?>\n' + tostring(robot, encoding="unicode") + "\n"
-    return Exported(_said(text, model, notes), notes)
+    return Exported(_said(xml(robot), model, notes), notes)
 
 
 FORMATS: dict[str, Callable[[ArmModel, Request], Exported]] = {"mjcf": mjcf, "urdf": urdf}
@@ -151,15 +137,9 @@ def _friction(
         missing.append("that the driver takes gravity off: switch it off where the robot is simulated")
     if format == "urdf" and model.body.rotors:
         missing.append("rotors' inertia: it is left out")
-    if missing and not request.approximate:
-        raise ExportError(f"{format} cannot hold {'; nor '.join(missing)}: say --approximate to have it so")
-    return joints, tuple(f"{format} cannot hold {text}" for text in missing)
+    return joints, keep(format, missing, request, others="")
 
 
-def _said(xml: str, model: ArmModel, notes: tuple[str, ...]) -> str:
-    first = xml if xml.startswith("<?xml") else f'<?xml version="1.0"?>\n{xml}'
+def _said(text: str, model: ArmModel, notes: tuple[str, ...]) -> str:
+    first = text if text.startswith("<?xml") else f'<?xml version="1.0"?>\n{text}'
     return commented(first, (f"The arm {plain(model.body.name)}, as identified.", *notes))
-
-
-def _numbers(values: Array) -> str:
-    return " ".join(repr(float(x)) for x in values)

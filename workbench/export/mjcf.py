@@ -22,7 +22,7 @@ from pendulum_env.servo.drive import Drive
 from workbench.export.arm import EVERY, Body, Friction, Stop, arm, value
 from workbench.export.dynamics import beside
 from workbench.export.program import ACTUATOR, JOINT, program
-from workbench.export.request import Exported, ExportError, Language, Request, comment, keep, needed, title
+from workbench.export.request import Exported, ExportError, Language, Request, comment, keep, load_mujoco, title
 from workbench.export.servo import Servo
 
 BODY = tuple(id for id in EVERY if id != "back_emf")  # a motor that is off does not brake
@@ -40,7 +40,7 @@ def export(model: Model, request: Request) -> Exported:
         ExportError: if the model has what MuJoCo does not, and may not be exported without it.
         InputError: if the extra `export` is not installed.
     """
-    mujoco = needed("mujoco")
+    mujoco = load_mujoco()
     link = next((term for term in model.terms if isinstance(term, JointFlexibility) and _holds(model, term)), None)
     held = {*BODILY, *([] if link is None else [link.id])}
     for effect, parameter in (("quadratic_drag", "quadratic_drag"), ("spring", "spring.stiffness")):

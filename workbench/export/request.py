@@ -51,22 +51,23 @@ class Exported:
     callback: str = ""
 
 
-def keep(format: str, missing: Sequence[str], request: Request) -> tuple[str, ...]:
+WHOLE = ", or export --to python or c, which hold every effect"
+
+
+def keep(format: str, missing: Sequence[str], request: Request, others: str = WHOLE) -> tuple[str, ...]:
     """What a file does not hold of the model, a sentence each, if that is allowed.
 
     Args:
         format: name of the format.
         missing: what it cannot hold, and what would be in its place.
         request: whether approximations are allowed.
+        others: which formats hold more, said if they are not.
 
     Raises:
         ExportError: if something is missing and approximations are not allowed.
     """
     if missing and not request.approximate:
-        raise ExportError(
-            f"{format} cannot hold {'; nor '.join(missing)}. Ask for that with --approximate, or export --to python or "
-            "c, which hold every effect"
-        )
+        raise ExportError(f"{format} cannot hold {'; nor '.join(missing)}. Ask for that with --approximate{others}")
     return tuple(f"{format} cannot hold {text}" for text in missing)
 
 
@@ -91,17 +92,13 @@ def commented(xml: str, lines: Sequence[str]) -> str:
     return f"{first}\n<!-- {comment(lines)} -->\n{rest}"
 
 
-def needed(module: str) -> Any:
-    """A module of the extra `export`.
+def load_mujoco() -> Any:
+    """MuJoCo, imported where it is needed.
 
     Raises:
         InputError: if it is not installed; the message names the command that does it.
     """
     try:
-        return import_module(module)
-    except ModuleNotFoundError as error:
-        if error.name is not None and error.name.partition(".")[0] != module.partition(".")[0]:
-            raise
-        raise InputError(
-            f"this needs {module.partition('.')[0]}: install it with pip install 'pendulum-ident[export]'"
-        ) from None
+        return import_module("mujoco")
+    except ModuleNotFoundError:
+        raise InputError("this needs mujoco: install it with pip install 'pendulum-ident[export]'") from None

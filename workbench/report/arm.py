@@ -15,12 +15,12 @@ from estimators.selection.data import Evidence, inertias
 from estimators.weak_form.dataset import NEGLIGIBLE
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.words import listing, percent
+from workbench.report.figure import Section
 from workbench.report.page import assemble
-from workbench.report.section import Section
 from workbench.report.sections.candidates import ranked
 from workbench.report.sections.failures import key, profile_figure
 from workbench.report.sections.parameters import of_models
-from workbench.report.words import listing, percent
 
 SHOWN = ("position", "velocity", "time")  # a strip's plots
 Drawn = tuple[str, str, ArmStep]  # how the page calls a model, the colour of its curves, and its errors

@@ -10,7 +10,9 @@ from estimators.checks.alignment import Aligned
 from estimators.checks.torque_constant import Calibrated
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import agreeing, gather
-from estimators.schemes.identification import Identification
+from estimators.regression.equations import IdentificationError
+from estimators.schemes.identification import Identification, identify
+from estimators.schemes.six import SCHEMES
 from estimators.selection.data import Evidence, with_impacts
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
@@ -26,7 +28,6 @@ class Case:
         holdout: recordings that were held out: given ones, or the ends of the fitted ones.
         is_split: whether the held-out recordings are the ends of the fitted ones.
         diagnosis: what was found.
-        identification: the schemes side by side, where they were run.
         gathered: evidence from the recordings, fitted and held out, where it is at hand already.
         first: what the model is called that the diagnosis started from.
     """
@@ -35,18 +36,11 @@ class Case:
     holdout: tuple[Recording, ...]
     is_split: bool
     diagnosis: Diagnosis
-    identification: Identification | None = None
     gathered: tuple[Evidence, Evidence] | None = None
     first: str = "base model"
 
     @classmethod
-    def of(
-        cls,
-        recordings: Sequence[Recording],
-        holdout: Sequence[Recording],
-        diagnosis: Diagnosis,
-        identification: Identification | None = None,
-    ) -> Case:
+    def of(cls, recordings: Sequence[Recording], holdout: Sequence[Recording], diagnosis: Diagnosis) -> Case:
         """Gather a case as the diagnosis did.
 
         Currents are turned into torque and torque that was logged late is corrected alike.
@@ -58,7 +52,7 @@ class Case:
             aligned = Aligned.by(diagnosis.alignments, recordings, holdout)
             recordings, holdout = aligned.recordings, aligned.holdout
         fitted = tuple(agreeing(recordings, [one.recording for one in diagnosis.disagreements]))
-        return cls(fitted, tuple(holdout) or fitted, not holdout, diagnosis, identification)
+        return cls(fitted, tuple(holdout) or fitted, not holdout, diagnosis)
 
     @cached_property
     def _evidence(self) -> tuple[Evidence, Evidence]:
@@ -78,6 +72,14 @@ class Case:
         """Windows and segments of the held-out recordings."""
         return self._evidence[1]
 
+    @cached_property
+    def schemes(self) -> Identification | None:
+        """All schemes with the terms of the final model, None where the recordings are too poor for them."""
+        try:
+            return identify(self.train, self.diagnosis.model.terms, SCHEMES)
+        except IdentificationError:
+            return None
+
     @property
     def base(self) -> Model:
         """The model that the diagnosis started from."""
@@ -91,16 +93,14 @@ class Case:
         return (base, final) if self.diagnosis.selected else (base,)
 
     @cached_property
-    def _watched(self) -> list[tuple[Evidence, list[Evidence]]]:
-        return []
+    def _watched(self) -> dict[int, list[Evidence]]:
+        return {}
 
     def watched(self, evidence: Evidence) -> list[Evidence]:
         """Evidence for each drawn model, with its link watched if it has one; worked out once."""
-        for known, watched in self._watched:
-            if known is evidence:
-                return watched
-        self._watched.append((evidence, [evidence.watching(model) for _, _, model in self.models]))
-        return self._watched[-1][1]
+        if id(evidence) not in self._watched:
+            self._watched[id(evidence)] = [evidence.watching(model) for _, _, model in self.models]
+        return self._watched[id(evidence)]
 
     def residuals(self, evidence: Evidence) -> list[Array]:
         """Measured minus modelled torque (R,) [N m] of each drawn model."""

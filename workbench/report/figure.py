@@ -1,18 +1,41 @@
-"""Plots as plain data for plotly.js; colours are names of the page's own, so that one file does light and dark."""
+"""Sections of a page and their plots, as plain data for plotly.js.
+
+Colours are names of the page's own, so that one file does light and dark.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
+from typing import Any
 
 import numpy as np
 
 from pendulum_env import thinning
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
 
-POINTS = 2400  # of one curve; more than a screen is wide
-DIGITS = 5  # significant, more than a plot can show
+
+@dataclass(frozen=True)
+class Drawing:
+    """How reports draw."""
+
+    points: int = 2400  # of one curve, at most; more than a screen is wide
+    digits: int = 5  # significant digits of a number, more than a plot can show
+    sigmas: float = 2.0  # standard errors on either side of a value
+    broad: float = 3.4  # width of a measured curve, on which models are drawn [px]
+    close: float = 5.0  # length of what is shown at first, where that is a part [s]
+    compared: int = 4  # recordings that are drawn beside models, at most
+    in_loop: int = 8  # recordings that are drawn beside simulations in the loop, at most
+    settled: float = 0.25  # share of a recording from which on estimates decide what is in the picture
+    frame: float = 0.6  # share of the picture's height that these take
+    correlated: int = 20  # parameters of which a table of correlations can be read
+    courses: int = 8  # parameters of a fleet with a plot over time
+    means: int = 4  # parameters of a fleet with a plot of means
+    joints: int = 60  # of a fleet in one plot: those that stand out, and others behind them
+
+
+DRAWING = Drawing()
 
 
 @dataclass(frozen=True)
@@ -43,11 +66,33 @@ class Figure:
     views: tuple[View, ...] = ()
 
 
+@dataclass(frozen=True)
+class Section:
+    """What the page shows under one heading.
+
+    Attributes:
+        id: anchor on the page, and name of the template.
+        short: title in the navigation.
+        title: heading.
+        content: what the template may use.
+    """
+
+    id: str
+    short: str
+    title: str
+    content: Mapping[str, Any]
+
+    @property
+    def template(self) -> str:
+        """File name of the template."""
+        return f"{self.id}.html"
+
+
 def numbers(values: Array) -> list[float | None]:
     """Values rounded to what a plot can show; NaN becomes a gap."""
     values = np.asarray(values, dtype=float)
     size = np.floor(np.log10(np.maximum(np.abs(np.nan_to_num(values)), 1e-30)))
-    scale = 10.0 ** (DIGITS - 1 - np.clip(size, -12, 12))
+    scale = 10.0 ** (DRAWING.digits - 1 - np.clip(size, -12, 12))
     rounded = np.round(values * scale) / scale  # a whole number over a power of ten: as short as it can be printed
     return [value if isfinite(value) else None for value in rounded.ravel().tolist()]
 
@@ -88,7 +133,7 @@ def axis(title: str, **more: object) -> JSON:
     return {"title": {"text": title}, **more}
 
 
-def thin(series: Array, most: int = POINTS) -> Index:
+def thin(series: Array, most: int = DRAWING.points) -> Index:
     """Indices of about `most` samples of a series (N,) that keep every peak."""
     return thinning.thin(series, most)
 

@@ -13,12 +13,11 @@ from urllib.parse import quote
 import numpy as np
 
 from estimators.fleet import LEVEL
+from pendulum_env import words
 from pendulum_env._typing import JSON, Array
 from pendulum_env.files import write_whole
-from workbench.report import words
-from workbench.report.figure import Figure, axis, line, numbers
+from workbench.report.figure import DRAWING, Figure, Section, axis, line, numbers
 from workbench.report.page import assemble
-from workbench.report.section import Section
 from workbench.survey.dataset import STATUSES, VERDICTS
 from workbench.survey.fleet import CHANCE, DAY, Fleet, Missing, Series
 from workbench.survey.tables import (
@@ -30,10 +29,6 @@ from workbench.survey.tables import (
     pooled_table,
 )
 
-SIGMAS = 2.0  # standard errors on either side
-COURSES = 8  # parameters with a plot over time
-MEANS = 4  # parameters with a plot of means
-JOINTS = 60  # in one plot over time: those that stand out, and others behind them
 COLORS = ("--final", "--base", "--scheme-1", "--scheme-3", "--low", "--high")
 ORDER = (*STATUSES[:2], *VERDICTS)  # of cases
 MARKS = {"missing": "selected", "unexplained": "ambiguous"}  # classes of the page's style
@@ -124,9 +119,9 @@ def courses(fleet: Fleet) -> Section | None:
     content = {
         "drifting": drifting_table(fleet),
         "jumping": jumping_table(fleet),
-        "figures": [over_time(fleet, name, k) for k, name in enumerate(_parameters(fleet, telling, COURSES))],
+        "figures": [over_time(fleet, name, k) for k, name in enumerate(_parameters(fleet, telling, DRAWING.courses))],
         "all": courses_table(fleet),
-        "sigmas": SIGMAS,
+        "sigmas": DRAWING.sigmas,
         "level": LEVEL,
     }
     return Section("courses", "Over time", "Parameters over time", content)
@@ -140,8 +135,8 @@ def siblings(fleet: Fleet) -> Section | None:
     telling = [one.parameter for one in fleet.odd]
     content = {
         "odd": odd_table(fleet),
-        "figures": [means(fleet, name, k) for k, name in enumerate(_parameters(fleet, telling, MEANS))],
-        "sigmas": SIGMAS,
+        "figures": [means(fleet, name, k) for k, name in enumerate(_parameters(fleet, telling, DRAWING.means))],
+        "sigmas": DRAWING.sigmas,
     }
     return Section("siblings", "Siblings", "Joints beside their siblings", content)
 
@@ -179,7 +174,7 @@ def over_time(fleet: Fleet, parameter: str, number: int) -> Figure:
     """One parameter of all joints: those that drift in colours, with their lines."""
     having = [one for one in fleet.series if one.parameter == parameter]
     plain, telling = ([one for one in having if one.changes is changes] for changes in (False, True))
-    shown = plain[: max(0, JOINTS - len(telling))]
+    shown = plain[: max(0, DRAWING.joints - len(telling))]
     data = [_course(one, "--train", mode="lines+markers", opacity=0.45, showlegend=False) for one in shown]
     for one, color in zip(telling, cycle(COLORS)):  # drawn last
         data.append(_course(one, color, showlegend=True))
@@ -226,7 +221,13 @@ def _points(value: Array, error: Array, color: str, **more: object) -> JSON:
         "type": "scatter",
         "mode": "markers",
         "y": numbers(value),
-        "error_y": {"type": "data", "array": numbers(SIGMAS * error), "color": color, "thickness": 1.2, "width": 0},
+        "error_y": {
+            "type": "data",
+            "array": numbers(DRAWING.sigmas * error),
+            "color": color,
+            "thickness": 1.2,
+            "width": 0,
+        },
         "marker": {"color": color, "size": 6},
         "line": {"color": color, "width": 0.8},
         **more,

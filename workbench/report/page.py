@@ -13,15 +13,18 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
 from estimators.arguments import Recordings, chosen_recordings
+from estimators.comparison import Comparison, in_units_of, joined
 from estimators.diagnosis.result import Diagnosis
-from estimators.schemes.identification import Identification
+from estimators.selection.data import Evidence, Step
+from pendulum_env import words
 from pendulum_env.files import write_whole
-from workbench.report import words
 from workbench.report.case import Case
-from workbench.report.section import Section
+from workbench.report.figure import Section
 from workbench.report.sections import SECTIONS
 from workbench.report.sections.candidates import candidates
-from workbench.report.sections.loop import of_diagnosis
+from workbench.report.sections.comparison import comparison
+from workbench.report.sections.failures import failures
+from workbench.report.sections.loop import loop, of_diagnosis
 from workbench.report.sections.parameters import parameters
 
 
@@ -54,15 +57,10 @@ def plotly() -> str:
     return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode()
 
 
-def render(
-    recordings: Recordings,
-    holdout: Recordings,
-    diagnosis: Diagnosis,
-    identification: Identification | None = None,
-) -> str:
+def render(recordings: Recordings, holdout: Recordings, diagnosis: Diagnosis) -> str:
     """HTML of the report; see `write_report`."""
     fitted, unseen = chosen_recordings(recordings), chosen_recordings(holdout, empty=True)
-    case = Case.of(fitted, unseen, diagnosis, identification)
+    case = Case.of(fitted, unseen, diagnosis)
     if diagnosis.is_in_loop:
         sections = [of_diagnosis(diagnosis, fitted, unseen), candidates(case), parameters(case)]
     else:
@@ -102,13 +100,7 @@ def assemble(sections: Sequence[Section], subject: str, home: str | None = None)
     )
 
 
-def write_report(
-    path: str | Path,
-    recordings: Recordings,
-    holdout: Recordings,
-    diagnosis: Diagnosis,
-    identification: Identification | None = None,
-) -> None:
+def write_report(path: str | Path, recordings: Recordings, holdout: Recordings, diagnosis: Diagnosis) -> None:
     """Write a diagnosis as one self-contained HTML file: it needs no network and no other file, and it prints.
 
     Args:
@@ -116,10 +108,36 @@ def write_report(
         recordings: what the diagnosis was made from.
         holdout: what it was confirmed on; empty if the end of each recording was held out.
         diagnosis: what was found.
-        identification: the schemes side by side, if they were run.
 
     Raises:
         TypeError: if something else is given than recordings.
         OSError: if the file cannot be written.
     """
-    write_whole(path, render(recordings, holdout, diagnosis, identification))
+    write_whole(path, render(recordings, holdout, diagnosis))
+
+
+def render_comparison(compared: Comparison, recordings: Recordings) -> str:
+    """HTML of what `compare` found of recordings, as one self-contained page like that of a diagnosis."""
+    case = _case(compared, recordings)
+    sections = [_distances(compared), comparison(case), failures(case), parameters(case)]
+    if compared.told_in_loop is not None:
+        own = in_units_of(compared.model, chosen_recordings(recordings))
+        sections.insert(1, loop(compared.told_in_loop, [("model", compared.model)], own))
+    page = assemble(sections, f"comparison with {words.listing([recording.name for recording in case.train])}")
+    return words.per(page, compared.torque_unit)
+
+
+def _distances(compared: Comparison) -> Section:
+    """Errors on every recording, and what they mean."""
+    headline = words.opening(compared.headline).replace(" N m", "\u00a0N\u00a0m").replace(" rad", "\u00a0rad")
+    return Section("distances", "Result", headline, {"compared": compared})
+
+
+def _case(compared: Comparison, recordings: Recordings) -> Case:
+    """The comparison as a diagnosis in which nobody has looked for effects."""
+    own = in_units_of(compared.model, chosen_recordings(recordings))
+    together = joined([Evidence.of([recording]) for recording in own])
+    errors = compared.joint.errors
+    step = Step(None, compared.model, {"train": errors, "holdout": errors})
+    told = Diagnosis((step,), (), (), compared.regions, compared.joint.noise_floor, ())
+    return Case(own, own, False, told, gathered=(together, together), first="model")  # nothing is added to it

@@ -1,28 +1,33 @@
-"""What is surveyed: recordings in folders, studies and tables, each with its robot, joint and date."""
+"""What is surveyed: recordings in folders, studies and tables, each with its robot, joint and date.
+
+What no table says, the path does: `arm3/elbow/2026-03-01.csv` is of a robot, a joint and a date.
+"""
 
 from __future__ import annotations
 
 import csv
 import os
+import re
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import pyarrow.parquet as pq
 
 from pendulum_env.lookup import find
+from pendulum_env.mistake import Mistake
 from pendulum_env.recording import Source
 from pendulum_env.recording.storage import READERS
 from workbench.inputs import sources_of
 from workbench.mistakes import InputError, printable
-from workbench.survey.names import LABELS, date_of, guessed, matched
 
 STUDY = "study.toml"
 ENDINGS = tuple(ending for ending in READERS if ending != ".txt")  # that a folder is searched for; text is often prose
-HEADER = 1 << 16  # characters of a table's first line
+LABELS = ("robot", "joint", "kind", "date")
+DATE = re.compile(r"(?<!\d)\d{4}(-?)\d\d\1\d\d(?:[T_ -]\d\d[-:h]?\d\d(?:[-:m]?\d\d)?)?(?!\d)")
 
 
 @dataclass(frozen=True)
@@ -30,7 +35,7 @@ class Case:
     """One recording to diagnose.
 
     Attributes:
-        name: its path below what is surveyed, and its stretch of time if that is not all: the same in every run.
+        name: its path below what is surveyed, and its range of time if that is not all: the same in every run.
         source: the file, and how it is read.
         robot: the machine.
         joint: of the machine.
@@ -79,44 +84,37 @@ def find_cases(names: Sequence[str], reading: Namespace, pattern: str | None = N
 
 def _sources(path: Path, reading: Namespace) -> Iterator[tuple[Source, Mapping[str, str]]]:
     """Recordings of a folder, a table, a study or a file, each with what a table says of it."""
+    rows = _table(path) if path.is_file() else None
     if path.is_dir():
         yield from ((source, {}) for source in _in_folder(path, reading))
-    elif not _is_table(path):
+    elif rows is None:
         yield from ((source, {}) for source in sources_of(str(path), reading))
-    else:
-        for number, row in enumerate(_table(path), 2):
-            where = f"{path}, row {number}"
-            if "file" not in row:
-                raise InputError(f"{where}: names no file: fill in the column file")
-            if "date" in row and date_of(row["date"]) is None:
-                raise InputError(f"{where}: {row['date']!r} is no date: write it as 2026-03-01 or 2026-03-01T14:30")
-            if Path(row["file"]).suffix.lower() == ".toml":
-                raise InputError(f"{where}: {row['file']}: is a study: a table names recordings, one in each row")
-            yield from ((source, row) for source in sources_of(str(path.parent / row["file"]), reading))
+    for number, row in enumerate(rows or (), 2):
+        where = f"{path}, row {number}"
+        if "file" not in row:
+            raise InputError(f"{where}: names no file: fill in the column file")
+        if "date" in row and date_of(row["date"]) is None:
+            raise InputError(f"{where}: {row['date']!r} is no date: write it as 2026-03-01 or 2026-03-01T14:30")
+        if Path(row["file"]).suffix.lower() == ".toml":
+            raise InputError(f"{where}: {row['file']}: is a study: a table names recordings, one in each row")
+        yield from ((source, row) for source in sources_of(str(path.parent / row["file"]), reading))
 
 
 def _in_folder(folder: Path, reading: Namespace) -> Iterator[Source]:
-    """Recordings below a folder; what a study names is read as it says, hidden files and rows of surveys are not."""
-    told: set[str] = set()
+    """Recordings below a folder, read as a study there says; hidden files and rows of surveys are none."""
+    in_study: set[str] = set()
     files: list[Path] = []
-    left = [folder]  # a tree may be deeper than functions may call themselves
-    while left:
-        where, folders, names = next(os.walk(left.pop()), ("", [], []))  # one that may not be read is empty
-        own = {"cases"} if is_survey(Path(where)) else set()
-        kept = [Path(where, name) for name in folders if not (_is_hidden(name) or name in own)]
-        left += [place for place in sorted(kept, reverse=True) if not place.is_symlink()]
+    for where, folders, names in os.walk(folder):
+        own = ["cases"] if is_survey(Path(where)) else []
+        folders[:] = sorted(name for name in folders if not name.startswith(".") and name not in own)
         if STUDY in names:
             for source in sources_of(str(Path(where, STUDY)), reading):
-                told.add(os.path.realpath(source.file))
+                in_study.add(os.path.realpath(source.file))
                 yield source
-        files += [Path(where, name) for name in names if name.lower().endswith(ENDINGS) and not _is_hidden(name)]
+        files += [Path(where, name) for name in names if name.lower().endswith(ENDINGS) and not name.startswith(".")]
     for file in files:
-        if os.path.realpath(file) not in told:
+        if os.path.realpath(file) not in in_study:
             yield from sources_of(str(file), reading)
-
-
-def _is_hidden(name: str) -> bool:
-    return name.startswith(".") and name != ".."
 
 
 def is_survey(folder: Path) -> bool:
@@ -124,53 +122,96 @@ def is_survey(folder: Path) -> bool:
     return (folder / "cases").is_dir() and (folder / "SURVEY").exists()
 
 
-def _is_table(path: Path) -> bool:
-    """Whether a file has a column `file`; what cannot be read is told where recordings are read."""
-    if not path.is_file():  # a pipe would be waited for
-        return False
+def _table(path: Path) -> list[dict[str, str]] | None:
+    """Rows of a table of recordings, without empty cells; None if the file is none: it has no column `file`."""
     try:
         if path.suffix.lower() == ".parquet":
-            return "file" in _plain(pq.read_schema(path).names)
-        if path.suffix.lower() != ".csv":
-            return False
-        with path.open(encoding="utf-8-sig") as lines:
-            return "file" in _plain(lines.readline(HEADER).split(","))
-    except (OSError, ValueError):
-        return False
-
-
-def _table(path: Path) -> list[dict[str, str]]:
-    """Rows of a table of recordings, without cells in which nothing stands."""
-    try:
-        if path.suffix.lower() == ".parquet":
-            table = pq.read_table(path)
-            lines: list[Sequence[Any]] = [table.column_names, *zip(*table.to_pydict().values(), strict=True)]
+            table = pq.read_table(path) if "file" in pq.read_schema(path).names else None
+            lines = [] if table is None else [table.column_names, *zip(*table.to_pydict().values(), strict=True)]
+        elif path.suffix.lower() == ".csv":
+            with path.open(encoding="utf-8-sig", newline="") as file:
+                reader = csv.reader(file)
+                first = [header.strip().lower() for header in next(reader, [])]
+                lines = [first, *reader] if "file" in first else []
         else:
-            lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
-        headers, *rows = filter(None, lines)
-        for header in _plain(headers):
+            return None
+    except (OSError, ValueError, csv.Error):
+        return None  # what cannot be read is told where recordings are read
+    if not lines:
+        return None
+    headers, *rows = lines
+    try:
+        for header in headers:
             find("column", header, dict.fromkeys(("file", *LABELS)))
-    except (OSError, ValueError, csv.Error) as error:
+    except Mistake as error:
         raise InputError(f"{path}: {error}") from None
-    cells = [["" if cell is None else str(cell).strip() for cell in row] for row in rows]
-    return [{name: cell for name, cell in zip(_plain(headers), row, strict=False) if cell} for row in cells]
-
-
-def _plain(headers: Sequence[str]) -> list[str]:
-    return [header.strip(' "').lower() for header in headers]
+    cells = [["" if cell is None else str(cell).strip() for cell in row] for row in rows if row]
+    return [{name: cell for name, cell in zip(headers, row, strict=False) if cell} for row in cells]
 
 
 def _case(source: Source, told: Mapping[str, str], root: Path, pattern: str | None) -> Case:
     """A case from its source; what a table does not tell of it, the path below the root tells."""
     below = PurePosixPath(printable(Path(os.path.relpath(source.file, root)).as_posix()))
-    stretch = "" if source.range is None else f"#{source.range[0]:g}-{source.range[1]:g}"
-    from_name = matched(below, pattern) if pattern is not None else guessed(below)
-    labels = from_name | dict(told)
+    part = "" if source.range is None else f"#{source.range[0]:g}-{source.range[1]:g}"
+    labels = (guessed(below) if pattern is None else matched(below, pattern)) | dict(told)
     date, dated_by = date_of(labels.get("date", "")), "table" if "date" in told else "name"
     if date is None:
         date, dated_by = file_time(source.file), "file"
     joint = labels.get("joint", "")
-    return Case(f"{below}{stretch}", source, labels.get("robot", ""), joint, labels.get("kind", joint), date, dated_by)
+    return Case(f"{below}{part}", source, labels.get("robot", ""), joint, labels.get("kind", joint), date, dated_by)
+
+
+def date_of(text: str) -> datetime | None:
+    """A date, UTC unless it says otherwise; None if the text is none."""
+    try:
+        if DATE.fullmatch(text):
+            return datetime.strptime(re.sub(r"\D", "", text).ljust(14, "0"), "%Y%m%d%H%M%S").replace(tzinfo=UTC)
+        date = datetime.fromisoformat(text)
+        return date.astimezone(UTC) if date.tzinfo else date.replace(tzinfo=UTC)
+    except (ValueError, OverflowError):  # of the 31st of February
+        return None
+
+
+def guessed(path: PurePosixPath) -> dict[str, str]:
+    """Robot, joint and date: folders name robot and joint, or the file the joint of a folder that is a date."""
+    stem = _stem(path)
+    folders = [part for part in path.parts[:-1] if part != ".."]
+    plain = [part for part in folders if date_of(part) is None]
+    dates = [match[0] for part in (stem, *reversed(folders)) if (match := DATE.search(part)) and date_of(match[0])]
+    names_joint = not plain or (len(plain) < len(folders) and DATE.search(stem) is None)
+    words = ["", *plain, *[DATE.sub("", stem).strip(" _-.") or stem] * names_joint]
+    return {"robot": words[-2], "joint": words[-1]} | ({"date": dates[0]} if dates else {})
+
+
+def matched(path: PurePosixPath, pattern: str) -> dict[str, str]:
+    """What a pattern such as `{robot}/{joint}_{date}` takes from the end of a path, folder by folder.
+
+    Raises:
+        InputError: if the pattern makes no sense, or the path does not match it.
+    """
+    wanted = [_expression(folder) for folder in pattern.split("/")]
+    parts = [*path.parts[:-1], _stem(path)][-len(wanted) :]
+    found = [expression.fullmatch(part) for expression, part in zip(wanted, parts, strict=False)]
+    if len(parts) < len(wanted) or None in found:
+        raise InputError(f"{path}: does not read as {pattern}: mend --names, or use a table")
+    return {label: text for match in found if match for label, text in match.groupdict().items()}
+
+
+@cache
+def _expression(folder: str) -> re.Pattern[str]:
+    """A folder's name in a pattern as a regular expression."""
+    for label in re.findall(r"\{(\w*)\}", folder):
+        find("part of a name", label, dict.fromkeys(LABELS))
+    plain = re.escape(folder).replace(r"\*", ".*")
+    try:
+        return re.compile(re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.+?)", plain))
+    except re.error as error:
+        raise InputError(f"{folder}: {error}: write names as {{robot}}/{{joint}}_{{date}}, or use a table") from None
+
+
+def _stem(path: PurePosixPath) -> str:
+    ending = next((ending for ending in READERS if path.name.lower().endswith(ending)), path.suffix)
+    return path.name[: len(path.name) - len(ending)]
 
 
 def file_time(file: Path) -> datetime:

@@ -15,7 +15,6 @@ from estimators.diagnosis.result import Verdict
 from estimators.fleet import Course, Odd, Pooled, course, odd_ones, onset, pool, surely, weigh
 from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON, Array
-from pendulum_env.reading import LARGE
 from workbench.survey.dataset import SCHEMA, Dataset
 
 DAY = 86400.0  # [s]
@@ -26,12 +25,7 @@ COLUMNS = tuple(name for name in SCHEMA.names if name != "diagnosis")  # which i
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint with its cases.
-
-    Attributes:
-        robot, name, kind: what it is.
-        cases: rows of the dataset that were diagnosed, in the order of time.
-    """
+    """A joint of a robot, of a kind, with rows of the dataset that were diagnosed, in the order of time."""
 
     robot: str
     name: str
@@ -46,27 +40,17 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A parameter of a joint over time.
-
-    Attributes:
-        joint: whose.
-        parameter, unit: name and unit; one with a shape, such as `stribeck.velocity`, is a parameter like others.
-        date: of each case (N,) [s since 1970].
-        value, error: of each (N,), in the unit.
-        course: their mean, and the line or step that tells most, time in days.
-        changes: whether that is sure, all parameters of the fleet weighed.
-        odd: what its siblings lead to expect, if its mean surely differs.
-    """
+    """A parameter of a joint over time; one with a shape, such as `stribeck.velocity`, is a parameter like others."""
 
     joint: Joint
     parameter: str
     unit: str
-    date: Array
-    value: Array
-    error: Array
-    course: Course
-    changes: bool = False
-    odd: Odd | None = None
+    date: Array  # of each case (N,) [s since 1970]
+    value: Array  # of each (N,), in the unit
+    error: Array  # standard error of each (N,)
+    course: Course  # mean, and the line or step that explains most, time in days
+    changes: bool = False  # whether that is significant, all parameters of the fleet weighed
+    odd: Odd | None = None  # what its siblings lead to expect, if its mean differs significantly
 
     @property
     def since(self) -> datetime | None:
@@ -76,44 +60,26 @@ class Series:
 
 @dataclass(frozen=True)
 class Missing:
-    """An effect that is missing in a joint's model.
-
-    Attributes:
-        joint: where.
-        effect: id.
-        cases: number of the joint's cases in which it was named.
-        of: number of its cases.
-        first: when it was named first.
-        since: when it set in, if cases before and after are surely different.
-        sure: whether so many cases do not name an effect by chance.
-    """
+    """An effect that is missing in a joint's model."""
 
     joint: Joint
-    effect: str
-    cases: int
-    of: int
-    first: datetime
-    since: datetime | None
-    sure: bool
+    effect: str  # id
+    cases: int  # in which it was named
+    of: int  # number of the joint's cases
+    first: datetime  # when it was named first
+    since: datetime | None  # when it set in, if cases before and after differ significantly
+    sure: bool  # whether so many cases do not name an effect by chance
 
 
 @dataclass(frozen=True)
 class Shared:
-    """An effect that no case of a group names, or few, and all of the others show a little.
+    """An effect that no case of a group names, or few, and all of the others show a little."""
 
-    Attributes:
-        group: whose cases were added up: a joint, or joints of one kind.
-        effect: id.
-        pooled: sum over the cases that do not name it.
-        named: number of cases that do.
-        probability: among the effects that show in this group in this way.
-    """
-
-    group: str
-    effect: str
-    pooled: Pooled
-    named: int
-    probability: float
+    group: str  # whose cases were added up: a joint, or joints of one kind
+    effect: str  # id
+    pooled: Pooled  # sum over the cases that do not name it
+    named: int  # number of cases that do
+    probability: float  # among the effects that show in this group in this way
 
 
 @dataclass(frozen=True)
@@ -175,7 +141,7 @@ def _series(joint: Joint) -> Iterator[Series]:
     points: dict[tuple[str, str], list[tuple[float, float, float]]] = {}  # by name and unit
     for row in joint.cases:
         for one in row["parameters"]:
-            if one["std"] and abs(one["value"]) <= LARGE and 1 / LARGE**2 <= one["std"] <= LARGE:  # nor NaN
+            if one["std"] and np.isfinite(one["std"]):
                 point = (row["date"].timestamp(), one["value"], one["std"])
                 points.setdefault((one["name"], one["unit"]), []).append(point)
     units = dict(sorted(points, key=lambda key: len(points[key])))  # of two units the one that is used

@@ -18,26 +18,18 @@ if TYPE_CHECKING:
     from distributed import Client
 
 KNOWN = ("name", "status", "reason", "hash", "settings", "verdict", "report")
-MERGED = 500  # files after which those of a survey that goes on become one
 SENT = 1000  # cases in one message to the scheduler; Dask warns of one that is large
 DIED = "its worker died, of too little memory perhaps: give workers more (--memory), or shorten the recording"
 
 
 @dataclass
 class Tally:
-    """What became of the cases so far.
+    """What became of the cases so far."""
 
-    Attributes:
-        total: cases that this run was asked for.
-        known: how many are as an earlier run left them, by status.
-        new: how many this run looked at, by status.
-        troubles: name and reason of each that was refused or failed.
-    """
-
-    total: int = 0
-    known: Counter[str] = field(default_factory=Counter)
-    new: Counter[str] = field(default_factory=Counter)
-    troubles: list[tuple[str, str]] = field(default_factory=list)
+    total: int = 0  # cases that this run was asked for
+    known: Counter[str] = field(default_factory=Counter)  # by status, of cases that an earlier run looked at
+    new: Counter[str] = field(default_factory=Counter)  # by status, of those that this run looked at
+    troubles: list[tuple[str, str]] = field(default_factory=list)  # name and reason of each refused or failed
 
     @property
     def through(self) -> int:
@@ -88,10 +80,8 @@ def survey(
         else:
             todo.append(case)
     tell(tally)
-    for number, rows in enumerate(_batches(todo, client, settings, look) if todo else (), 1):
+    for rows in _batches(todo, client, settings, look) if todo else ():
         dataset.append(rows)
-        if number % MERGED == 0:
-            dataset.merge()
         for row in rows:
             tally.count(row, tally.new)
             tell(tally)

@@ -11,13 +11,12 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import cache, cached_property
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from estimators.checks.alignment import Aligned
 from estimators.diagnosis.result import Diagnosis, Verdict
 from estimators.diagnosis.run import diagnose
 from pendulum_env._typing import JSON
@@ -52,12 +51,9 @@ class Settings:
     def mark(self, case: Case) -> str:
         """Hash of all that decides on a row apart from what is in the file, wherever it lies."""
         of_case = vars(case) | {"source": vars(case.source) | {"file": None}}
-        text = json.dumps([version(), self.asked, self._plugins, of_case], sort_keys=True, default=_plain)
+        plugins = [content_hash(path) for path in self.plugins]
+        text = json.dumps([version(), self.asked, plugins, of_case], sort_keys=True, default=_plain)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-    @cached_property
-    def _plugins(self) -> list[str]:
-        return [content_hash(path) for path in self.plugins]
 
     def is_answered(self, case: Case, row: JSON) -> bool:
         """Whether a row is what would be found of a case now: the same was asked, of the same content."""
@@ -107,12 +103,10 @@ def page_of(case: Case) -> str:
 
 
 def _write_page(path: Path, recording: Recording, found: Diagnosis) -> None:
-    from workbench.commands.identify import six_schemes
     from workbench.report import write_report  # plotly takes a while to import
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    fitted = Aligned.by(found.alignments, [recording], []).recordings
-    write_report(path, [recording], [], found, six_schemes(fitted, found.model.terms))
+    write_report(path, [recording], [], found)
 
 
 def _row(recording: Recording, found: Diagnosis) -> JSON:

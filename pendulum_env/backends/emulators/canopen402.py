@@ -11,8 +11,6 @@ from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import cia402
 from pendulum_env.backends.hardware.measuring import difference
 
-NODE = 1
-RATED = 15.0  # [N m]
 NO_OBJECT = 0x06020000  # abort code
 OVER_TEMPERATURE, HOST_LOST = 0x4310, 0x8130
 FAULT = 0x08  # statuswords
@@ -22,6 +20,9 @@ POWER_OF = {"switch-on disabled": 0x40, "ready to switch on": 0x21, "switched on
 class ServoDrive:
     """Object dictionary, state machine and process data of a drive."""
 
+    node = 1
+    rated = 15.0  # [N m]
+
     def __init__(self, motor: Motor) -> None:
         self.motor, self._line = motor, bytearray()
         settings = (cia402.CONSUMER_HEARTBEAT, cia402.ON_LOST_HOST, cia402.ON_FAULT, cia402.MODE)
@@ -29,7 +30,7 @@ class ServoDrive:
         for (parameters, mapping), _ in cia402.PDOS.values():
             self._objects |= dict.fromkeys([(parameters, 1), (parameters, 2)], bytes(4))
             self._objects |= dict.fromkeys([(mapping, k) for k in range(9)], bytes(4))
-        self._objects[cia402.RATED_TORQUE] = struct.pack("<I", round(1e3 * RATED))
+        self._objects[cia402.RATED_TORQUE] = struct.pack("<I", round(1e3 * self.rated))
         self._status, self._control, self._error = 0x40, 0, 0
         self._operational = False
 
@@ -57,17 +58,17 @@ class ServoDrive:
             self._error, self._status = OVER_TEMPERATURE if motor.faulty else HOST_LOST, FAULT
             motor.switch(False)
             motor.expired = False
-        if id == cia402.NMT and len(data) == 2 and data[1] in (0, NODE):
+        if id == cia402.NMT and len(data) == 2 and data[1] in (0, self.node):
             self._operational = data[0] == cia402.START
-        elif id == cia402.REQUEST + NODE and len(data) == cia402.SDO.size:
-            yield cia402.ANSWER + NODE, self._serve(*cia402.unpack_sdo(data))
+        elif id == cia402.REQUEST + self.node and len(data) == cia402.SDO.size:
+            yield cia402.ANSWER + self.node, self._serve(*cia402.unpack_sdo(data))
         elif not self._operational:
             return
-        elif id == cia402.RPDO1 + NODE and len(data) == cia402.COMMAND.size:
+        elif id == cia402.RPDO1 + self.node and len(data) == cia402.COMMAND.size:
             control, torque = cia402.COMMAND.unpack(data)
             self._obey(control)
             if self._status == POWER_OF[cia402.ENABLED]:
-                motor.command(1e-3 * RATED * torque)
+                motor.command(1e-3 * self.rated * torque)
         elif id >> 7 == cia402.HEARTBEAT >> 7 and data:
             beat = int.from_bytes(self._objects[cia402.CONSUMER_HEARTBEAT], "little")
             if id - cia402.HEARTBEAT == beat >> 16:
@@ -75,11 +76,11 @@ class ServoDrive:
                 motor.feed()
         elif id == cia402.SYNC:
             counts = difference(motor.counts(), 0)
-            torque = round(motor.torque / (1e-3 * RATED))
-            yield cia402.TPDO1 + NODE, cia402.STATE.pack(self._status, counts, torque)
+            torque = round(motor.torque / (1e-3 * self.rated))
+            yield cia402.TPDO1 + self.node, cia402.STATE.pack(self._status, counts, torque)
             (parameters, _), _ = cia402.PDOS[cia402.TPDO2]
-            if int.from_bytes(self._objects[parameters, 1], "little") == cia402.NO_REMOTE | (cia402.TPDO2 + NODE):
-                yield cia402.TPDO2 + NODE, cia402.STAMP.pack(int(1e6 * motor.moment) % 2**32)
+            if int.from_bytes(self._objects[parameters, 1], "little") == cia402.NO_REMOTE | (cia402.TPDO2 + self.node):
+                yield cia402.TPDO2 + self.node, cia402.STAMP.pack(int(1e6 * motor.moment) % 2**32)
 
     def _obey(self, control: int) -> None:
         """State machine, one transition for each controlword that asks for it."""

@@ -69,13 +69,13 @@ def emulate(
     config: Path,
     rate: float,
     settings: Mapping[str, Mapping[str, Any]],
-    said: Callable[[str], None],
+    report: Callable[[str], None],
     *,
     first: int = 0,
     realtime: bool = False,
     log: Path | None = None,
 ) -> None:
-    """Run an emulated rig until interrupted or told to `quit`; lines on standard input are mishaps, see `MISHAPS`.
+    """Run an emulated rig until interrupted or keyboard to `quit`; lines on standard input are mishaps, see `MISHAPS`.
 
     Args:
         kind: of adapter that reaches it.
@@ -83,7 +83,7 @@ def emulate(
         config: where to write the rig.toml.
         rate: of the loop in it [Hz].
         settings: keys that differ in it, by table.
-        said: called with lines for whoever watches; the first one when the rig is ready.
+        report: called with lines for whoever watches; the first one when the rig is ready.
         first: first reading of the counter.
         realtime: whether emulator and loop ask for real-time priority.
         log: where to write what the motor did.
@@ -110,28 +110,28 @@ def emulate(
         lines += [line for name, table in tables.items() for line in ("", f"[{name}]", *toml(table))]
         write_whole(config, MARK + "\n".join([*lines, ""]))
         mark_checked(load(config))  # nobody gets hurt
-        said(f"ready: an emulated {kind} rig at {cable.place}, described by {config}")
-        _serve(Emulated(motor, cable), said)
+        report(f"ready: an emulated {kind} rig at {cable.place}, described by {config}")
+        _serve(Emulated(motor, cable), report)
     finally:
         cable.pull()
 
 
-def _serve(rig: Emulated, said: Callable[[str], None]) -> None:
-    told = sys.stdin.fileno() if sys.stdin is not None else -1
+def _serve(rig: Emulated, report: Callable[[str], None]) -> None:
+    keyboard = sys.stdin.fileno() if sys.stdin is not None else -1
     while True:
-        listening = told if told >= 0 and _in_front(told) else -1
+        listening = keyboard if keyboard >= 0 and _in_front(keyboard) else -1
         ready, _, _ = select.select([end for end in (rig.cable.descriptor, listening) if end >= 0], [], [], TICK)
         with rig.motor.turn:
             if rig.cable.descriptor in ready:
                 rig.cable.come()
-            if told in ready:
-                line = os.read(told, 1000).decode(errors="replace")
+            if keyboard in ready:
+                line = os.read(keyboard, 1000).decode(errors="replace")
                 if not line:
-                    told = -1  # nobody is there: go on until interrupted
+                    keyboard = -1  # nobody is there: go on until interrupted
                 for words in filter(None, map(str.split, line.splitlines())):
                     if words == ["quit"]:
                         return
-                    said(_mishap(rig, words))
+                    report(_mishap(rig, words))
             rig.motor.advance()
 
 
@@ -157,7 +157,7 @@ def _number(text: str) -> float:
 
 
 def _plant(plant: Model) -> dict[str, Any]:
-    """What the watch is told of the arm; one with something hidden in it may move as nobody expects."""
+    """What the watch is keyboard of the arm; one with something hidden in it may move as nobody expects."""
     known = dict(zip((column.name for column in plant.columns), map(float, plant.theta), strict=True))
     return {name: known.get(name, 0.0) for name in PAPER} | {"watch": not plant.effects}
 

@@ -15,12 +15,9 @@ import can
 
 from pendulum_env.backends.hardware import cia402
 from pendulum_env.backends.hardware.config import CanSettings, RigConfig
-from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, said
+from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, driver_errors
 from pendulum_env.backends.hardware.measuring import DriveClock
 
-SWITCHING = 2.0  # [s] that a drive may take to switch on
-PER_MILLE = 1e-3
-STALE = 64  # messages, at most, that came too late for what they answered and are passed over
 SERIAL_LINE: dict[str, Any] = {"sleep_after_open": 0.0}  # of serial adapters
 
 logging.getLogger("can").addHandler(logging.NullHandler())  # what it finds wrong comes as an exception, too
@@ -31,6 +28,9 @@ class Canopen402:
 
     It hears this computer's heartbeat from `write` only, and lets go when that stays away for the watchdog's time.
     """
+
+    switching = 2.0  # [s] that a drive may take to switch on
+    stale = 64  # messages, at most, that came too late for what they answered and are passed over
 
     def __init__(self, config: RigConfig) -> None:
         """Take bus, patience and watchdog."""
@@ -47,7 +47,7 @@ class Canopen402:
         link = self._link
         own = [cia402.TPDO1 + link.node, cia402.TPDO2 + link.node, cia402.ANSWER + link.node]
         remedy = "check canopen402.interface and channel"
-        with said(f"the CAN bus {link.interface} {link.channel} cannot be opened", remedy):
+        with driver_errors(f"the CAN bus {link.interface} {link.channel} cannot be opened", remedy):
             self._bus = can.Bus(
                 interface=link.interface,
                 channel=link.channel,
@@ -89,7 +89,7 @@ class Canopen402:
 
     def enable(self) -> None:
         """Go through the states of CiA 402 up to operation."""
-        until = time.monotonic() + SWITCHING
+        until = time.monotonic() + self.switching
         last = cia402.DISABLE_VOLTAGE
         while True:
             status, _ = self._sync()
@@ -107,7 +107,7 @@ class Canopen402:
 
     def write(self, torque: float) -> Sent:
         """Set the torque [N m], in thousandths of the rated one."""
-        unit = PER_MILLE * self._link.rated_torque
+        unit = 1e-3 * self._link.rated_torque
         steps = min(max(round(torque / unit), -32767), 32767)
         return Sent(self._send(cia402.ENABLE, steps) + self._clock.delay, unit * steps)
 
@@ -143,7 +143,7 @@ class Canopen402:
 
     def _sync(self) -> tuple[int, Reading]:
         """Statusword and counts at a SYNC."""
-        for _ in range(STALE):
+        for _ in range(self.stale):
             if not self._is_waiting() or self._receive(0.0) is None:
                 break
         sent = time.monotonic()
@@ -197,7 +197,7 @@ class Canopen402:
         """The bus, as long as it is there."""
         if self._bus is None:
             raise DriveError("the CAN bus is not open")
-        with said(f"the CAN bus {self._link.channel} was lost", "check its plug"):
+        with driver_errors(f"the CAN bus {self._link.channel} was lost", "check its plug"):
             yield self._bus
 
     def _post(self, id: int, data: bytes) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from pendulum_env.backends.hardware.config import RigConfig, mark_checked
@@ -16,12 +16,20 @@ from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.backends.hardware.rig import Rig
 from pendulum_env.backends.port import Sample, Start, Status
 
-QUARTER = 0.5 * math.pi  # [rad], that the arm is turned by hand
-ROUGHLY = 0.5  # [rad], how well a hand does it
-RAMP = 1.0  # [N m/s]
-MOVED = 0.1  # [rad], that the motor has to turn the arm
-STEP = 0.005  # [s]
-PATIENCE = 3.0  # watchdog times after which the drive must have let go
+
+@dataclass(frozen=True)
+class Trial:
+    """What is done in the check, by hand and by the motor."""
+
+    quarter: float = 0.5 * math.pi  # [rad], that the arm is turned by hand
+    roughly: float = 0.5  # [rad], how well a hand does it
+    ramp: float = 1.0  # [N m/s] of the torque
+    moved: float = 0.1  # [rad], that the motor has to turn the arm
+    step: float = 0.005  # [s] between torques without power
+    patience: float = 3.0  # watchdog times after which the drive must have let go
+
+
+TRIAL = Trial()
 
 
 class Person(Protocol):
@@ -80,9 +88,9 @@ def _encoder(rig: Rig, person: Person) -> str:
     _need(abs(moved) > 0.01, "the counts do not change: check the encoder's cable and supply")
     _need(moved > 0, f"the counts go the wrong way: set encoder.sign = {-encoder.sign}")
     _need(
-        abs(moved - QUARTER) < ROUGHLY,
-        f"a quarter turn came as {degrees}: encoder.counts is nearer to {round(encoder.counts * moved / QUARTER)} "
-        "(after quadrature: four times the lines)",
+        abs(moved - TRIAL.quarter) < TRIAL.roughly,
+        f"a quarter turn came as {degrees}: encoder.counts is nearer to "
+        f"{round(encoder.counts * moved / TRIAL.quarter)} (after quadrature: four times the lines)",
     )
     return f"turned by {degrees}"
 
@@ -92,7 +100,7 @@ def _zero(rig: Rig, person: Person) -> str:
     off = math.degrees(math.remainder(rig.guard.read()[1], 2 * math.pi))
     counts = rig.guard.drive.read().counts
     _need(
-        abs(off) < math.degrees(ROUGHLY),
+        abs(off) < math.degrees(TRIAL.roughly),
         f"it hangs at {off:.0f} degrees: start the check with the arm hanging down, or set encoder.zero to {counts}",
     )
     return (
@@ -105,7 +113,7 @@ def _torque(rig: Rig, person: Person) -> str:
     most = rig.traits.max_torque
     _ask(person, f"The motor will push, slowly, up to {most:g} N m, one way and then the other. Ready?")
     _need(
-        _moved_without_power(rig, most) < MOVED,
+        _moved_without_power(rig, most) < TRIAL.moved,
         "the arm moves although it must have no power: servo-enable does not get through to the drive, so nothing "
         "takes a torque away: check that line, that it is pulled down, and the drive's setting for it",
     )
@@ -113,12 +121,15 @@ def _torque(rig: Rig, person: Person) -> str:
     for direction in (1.0, -1.0):
         start = rig.enable(Start())
         torque, moved = 0.0, 0.0
-        for sample in _run(rig, lambda t, d=direction: d * min(RAMP * t, most), most / RAMP + 1.0):  # type: ignore[misc]
+        for sample in _run(rig, lambda t, d=direction: d * min(TRIAL.ramp * t, most), most / TRIAL.ramp + 1.0):  # type: ignore[misc]
             torque, moved = sample.torque, sample.position - start.position
-            if abs(moved) > MOVED:
+            if abs(moved) > TRIAL.moved:
                 break
         rig.disable()
-        _need(abs(moved) > MOVED, f"the arm does not move under {most:g} N m: check motor and drive, or free the arm")
+        _need(
+            abs(moved) > TRIAL.moved,
+            f"the arm does not move under {most:g} N m: check motor and drive, or free the arm",
+        )
         _need(
             moved * direction > 0,
             f"a torque of {torque:+.2g} N m turned it by {math.degrees(moved):+.0f} degrees: set torque_sign = "
@@ -136,11 +147,11 @@ def _moved_without_power(rig: Rig, most: float) -> float:
     drive, sign, moved = rig.guard.drive, rig.config.torque_sign, 0.0
     _, start = rig.guard.read()
     try:
-        for k in range(round(most / RAMP / STEP)):
-            drive.write(sign * RAMP * k * STEP)
-            time.sleep(STEP)
+        for k in range(round(most / TRIAL.ramp / TRIAL.step)):
+            drive.write(sign * TRIAL.ramp * k * TRIAL.step)
+            time.sleep(TRIAL.step)
             moved = abs(rig.guard.read()[1] - start)
-            if moved > MOVED:
+            if moved > TRIAL.moved:
                 break
     finally:
         drive.write(0.0)
@@ -157,7 +168,7 @@ def _clamp(rig: Rig, person: Person) -> str:
 
 
 def _watchdog(rig: Rig, person: Person) -> str:
-    patience = PATIENCE * rig.config.limits.watchdog
+    patience = TRIAL.patience * rig.config.limits.watchdog
     rig.enable(Start())
     for _ in _run(rig, lambda t: 0.0, 0.2):
         pass

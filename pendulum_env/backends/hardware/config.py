@@ -172,22 +172,16 @@ class Top:
 
 @dataclass(frozen=True, kw_only=True)
 class RigConfig(Top):
-    """A rig, as its file describes it.
+    """A rig, as its file describes it."""
 
-    Attributes:
-        link: settings of the adapter.
-        path: of the file.
-        checked: whether `hardware check` has passed with this wiring.
-    """
-
-    link: Link
+    link: Link  # settings of the adapter
     encoder: EncoderSettings
     limits: Limits
     fault: OnFault
     rest: Rest
     plant: Plant
-    path: Path
-    checked: bool = False
+    path: Path  # of the file
+    checked: bool = False  # whether `hardware check` has passed with this wiring
 
     @property
     def max_torque(self) -> float:

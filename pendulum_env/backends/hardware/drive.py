@@ -23,8 +23,8 @@ class DriveError(RuntimeError):
 
 
 @contextmanager
-def said(what: str, remedy: str) -> Iterator[None]:
-    """Tell of whatever a driver raises, what it was and what to do; drivers raise what they like.
+def driver_errors(what: str, remedy: str) -> Iterator[None]:
+    """Whatever a driver raises becomes a DriveError: what happened, and what to do; drivers raise what they like.
 
     Raises:
         DriveError: if one does.

@@ -21,9 +21,6 @@ from pendulum_env.files import at_once
 log = logging.getLogger("pendulum_env.rig")
 log.addHandler(logging.NullHandler())  # whoever wants to see it sets a handler
 
-RISE = 1.0  # [rad/s] by which an arm may speed up against stall_torque
-BRAKING_STEP = 1e-3  # [s]
-
 
 class Event(NamedTuple):
     """Something that happened to the rig."""
@@ -41,6 +38,9 @@ class Guard:
 
     `fault` says what happened and what to do, or is None.
     """
+
+    rise = 1.0  # [rad/s] by which an arm may speed up against stall_torque or a brake
+    braking_step = 1e-3  # [s]
 
     def __init__(self, drive: Drive, config: RigConfig) -> None:
         """Take the drive and what is allowed."""
@@ -280,7 +280,7 @@ class Guard:
             self._against = None
         elif self._against is None or abs(velocity) < abs(self._against[1]):
             self._against = (self.torque, velocity)
-        elif abs(velocity) > abs(self._against[1]) + RISE:
+        elif abs(velocity) > abs(self._against[1]) + self.rise:
             self.trip(
                 f"the arm speeds up against {self.torque:.3g} N m: the sign of the torque or of the encoder is wrong, "
                 "run `pendulum-ident hardware check`"
@@ -292,10 +292,10 @@ class Guard:
         until = time.monotonic() + self.config.fault.seconds
         slowest = abs(encoder.velocity)
         try:
-            while time.monotonic() < until and self.config.rest.velocity < abs(encoder.velocity) <= slowest + RISE:
+            while time.monotonic() < until and self.config.rest.velocity < abs(encoder.velocity) <= slowest + self.rise:
                 torque = min(max(-self.config.fault.gain * encoder.velocity, -most), most)
                 self.drive.write(self.config.torque_sign * torque)
-                time.sleep(BRAKING_STEP)
+                time.sleep(self.braking_step)
                 reading = self.drive.read()
                 if reading.fault is not None:
                     break

@@ -15,8 +15,6 @@ from pendulum_env.backends.hardware.config import EncoderSettings
 from pendulum_env.backends.hardware.drive import DriveError
 
 TURNOVER = 2**32  # of a counter of encoder lines or of microseconds
-KEPT = 64  # readings before the tick
-NAP = 150e-6  # [s] before a tick from which the loop waits awake: a sleep may end that late
 
 
 def difference(new: int, old: int) -> int:
@@ -119,6 +117,9 @@ class Ticks:
     and 1e-4 rad where the loop was held up for 10 ms. In the torque each command has the share of the time it acted.
     """
 
+    kept = 64  # readings before the tick
+    nap = 150e-6  # [s] before a tick from which the loop waits awake: a sleep may end that late
+
     def __init__(self, period: float, start: float, position: float) -> None:
         """The arm rests at a position [rad] at the first tick [s], without torque; a period lies between ticks [s]."""
         self._period, self._start, self._count = period, start, 0
@@ -141,8 +142,8 @@ class Ticks:
         self._count += 1
         left = self.now - time.monotonic()
         self.overruns += left < -self._period
-        if left > NAP:
-            time.sleep(left - NAP)
+        if left > self.nap:
+            time.sleep(left - self.nap)
         while time.monotonic() < self.now:
             pass
 
@@ -162,7 +163,7 @@ class Ticks:
         The older one is as far away as these two are from each other, or the noise of the three would grow.
         """
         readings, tick = self._readings, self.now
-        while len(readings) > KEPT and readings[KEPT][0] < tick:
+        while len(readings) > self.kept and readings[self.kept][0] < tick:
             readings.popleft()
         if len(readings) == 1:
             return readings[0][1]

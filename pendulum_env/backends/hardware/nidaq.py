@@ -23,11 +23,8 @@ from pendulum_env.backends.hardware.config import DaqSettings, RigConfig
 from pendulum_env.backends.hardware.drive import OPENING, DriveError, Reading, Sent
 from pendulum_env.mistake import one_line
 
-FULL_SCALE = 10.0  # [V]
 LOCAL, REMOTE = 10e-6, 150e-6  # [s], uncertainty of when a count is taken: by the driver here, over gRPC
 RESERVED = -50103  # error code of NI-DAQmx
-TRIES = 3  # at a reading that takes twice as long as usual: nobody knows when in that time it was taken
-EDGES = {"X_1": 1, "X_2": 2, "X_4": 4}  # counts per pulse, by decoding
 
 
 class _Timeout(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
@@ -43,10 +40,14 @@ class _Timeout(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
 class NiDaq:
     """The Dynaserv's analogue drive behind a card."""
 
+    full_scale = 10.0  # [V]
+    tries = 3  # at a reading that takes twice as long as usual: nobody knows when in that time it was taken
+
     def __init__(self, config: RigConfig) -> None:
         """Take channels, encoder, patience and watchdog."""
         assert isinstance(config.link, DaqSettings)
-        self._link, self._pulses = config.link, max(1, config.encoder.counts // EDGES[config.link.decoding])
+        self._link = config.link
+        self._pulses = max(1, config.encoder.counts // int(config.link.decoding[-1]))  # X_4: four counts each
         self._reply, self._timeout = config.limits.reply, config.limits.watchdog
         self.noise = LOCAL if self._link.server is None else REMOTE
         self._tasks: list[Any] = []
@@ -67,7 +68,7 @@ class NiDaq:
         if link.server is not None:
             self._channel = grpc.insecure_channel(link.server)
         torque, encoder, enable = (self._task() for _ in range(3))
-        torque.ao_channels.add_ao_voltage_chan(link.torque, min_val=-FULL_SCALE, max_val=FULL_SCALE)
+        torque.ao_channels.add_ao_voltage_chan(link.torque, min_val=-self.full_scale, max_val=self.full_scale)
         encoder.ci_channels.add_ci_ang_encoder_chan(
             link.encoder,
             decoding_type=EncoderType[link.decoding],
@@ -129,7 +130,7 @@ class NiDaq:
         """Counts now."""
         with self._told():
             took, when, counts = self._count()
-            for _ in range(TRIES - 1):
+            for _ in range(self.tries - 1):
                 if took <= 2 * self._usual:
                     break
                 took, when, counts = min((took, when, counts), self._count())
@@ -174,7 +175,7 @@ class NiDaq:
     def _set(self, torque: float) -> float:
         """Set as much of a torque as the voltage reaches; returns that [N m]."""
         scale, offset = self._link.newton_metres_per_volt, self._link.volts_offset
-        volts = min(max(torque / scale + offset, -FULL_SCALE), FULL_SCALE)
+        volts = min(max(torque / scale + offset, -self.full_scale), self.full_scale)
         self._volts.write_one_sample(volts, self._reply)
         return scale * (volts - offset)
 

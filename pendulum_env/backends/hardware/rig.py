@@ -15,9 +15,6 @@ from pendulum_env.backends.hardware.measuring import Ticks
 from pendulum_env.backends.hardware.process import Ownership, Signals, ordinary, realtime
 from pendulum_env.backends.port import Sample, Setup, Start, Status, Timing, Traits
 
-RESTING = 0.01  # [s] between looks at an arm that comes to rest
-SPEED = 10.0  # [rad/s], at which an uncertain time makes the angle uncertain
-
 
 class Rig:
     """The motor with the arm, over one of the adapters.
@@ -27,6 +24,9 @@ class Rig:
     motor has power from the first step of a run to its end, so whoever thinks before the first step may take as long
     as they like; after the last one the drive's watchdog lets go if nobody else does.
     """
+
+    resting = 0.01  # [s] between looks at an arm that comes to rest
+    speed = 10.0  # [rad/s], at which an uncertain time makes the angle uncertain
 
     def __init__(self, config: RigConfig, make: Callable[[RigConfig], Drive] = make_drive) -> None:
         self.config = config
@@ -43,9 +43,9 @@ class Rig:
     def traits(self) -> Traits:
         """Those of the configuration; counts, as far as their steps can be told from the uncertainty of time."""
         counts = self.config.encoder.counts
-        blur = SPEED * self.guard.drive.noise * math.sqrt(12.0)  # [rad], step of an encoder that is as uncertain
-        told = min(counts, int(2 * math.pi / blur)) if blur else counts
-        return Traits(self.config.rate, told, self.config.max_torque)
+        blur = self.speed * self.guard.drive.noise * math.sqrt(12.0)  # [rad], step of an encoder that is as uncertain
+        resolved = min(counts, int(2 * math.pi / blur)) if blur else counts
+        return Traits(self.config.rate, resolved, self.config.max_torque)
 
     def open(self) -> None:
         """Own the rig and connect; the motor has no power.
@@ -127,12 +127,7 @@ class Rig:
         _let_go(self.guard, self._owner, self._signals)
 
     def _wait_for_rest(self) -> float:
-        """Wait, without power, until the arm has been at rest for a while; returns where [rad].
-
-        Raises:
-            Fault: if one is kept, or the drive does not answer.
-            DriveError: if it takes too long.
-        """
+        """Wait, without power, until the arm has been at rest for a while; returns where [rad]."""
         rest, anchor, since = self.config.rest, math.inf, 0.0
         until = time.monotonic() + rest.timeout
         while time.monotonic() < until:
@@ -142,7 +137,7 @@ class Rig:
                 anchor, since = position, now
             if now - since >= rest.seconds:
                 return anchor
-            time.sleep(RESTING)
+            time.sleep(self.resting)
         raise DriveError(
             f"the arm does not come to rest within {rest.timeout:g} s (rest.timeout): hold it, look for what moves it"
         )

@@ -10,17 +10,16 @@ import serial
 
 from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
-from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, said
+from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, driver_errors
 from pendulum_env.backends.hardware.measuring import DriveClock
-
-REFUSED = 5  # torques in a row that are not set: more than damaged frames
-TRIES = 4  # requests in the time allowed for a reply, or between two commands: a damaged frame alone ends no run
 
 
 class SerialDrive:
     """The motor's analogue drive behind a microcontroller."""
 
     noise = 0.0  # it tells the time of its readings
+    refusals = 5  # torques in a row that are not set: more than damaged frames
+    tries = 4  # requests in the time allowed for a reply, or between two commands: a damaged frame alone ends no run
 
     def __init__(self, config: RigConfig) -> None:
         """Take port, patience and watchdog."""
@@ -35,11 +34,11 @@ class SerialDrive:
         """Open the port, wait for a board that starts anew with that, and set the watchdog."""
         link, self._on = self._link, False
         self._sequence, self._clock, self._splitter = 0, DriveClock(), frames.Splitter()
-        with said(f"serial port {link.port} cannot be opened", "check serial.port"):
+        with driver_errors(f"serial port {link.port} cannot be opened", "check serial.port"):
             self._port = serial.Serial(
                 link.port,
                 link.baud,
-                timeout=min(self._reply, self._gap) / TRIES,
+                timeout=min(self._reply, self._gap) / self.tries,
                 write_timeout=self._reply,
                 exclusive=True,
             )
@@ -73,7 +72,7 @@ class SerialDrive:
         if why is None and self._on and not state.flags & frames.POWERED:
             why = "it has no power any more: check its emergency stop and supply, it may have started anew"
         self._refused = self._refused + 1 if self._on and state.torque != self._micro else 0
-        if why is None and self._refused >= REFUSED:
+        if why is None and self._refused >= self.refusals:
             why = f"it does not set {frames.MICRO * self._micro:.3g} N m: firmware and limits.torque have to agree"
         return Reading(self._clock.take(state.microseconds, *between), state.counts, why)
 
@@ -93,7 +92,7 @@ class SerialDrive:
 
     def _ask(self, kind: int, *values: int, patience: float | None = None) -> tuple[frames.State, float, float]:
         """Send a request until it is answered: the answer, when it was asked for, and when it came [s]."""
-        each = (patience or min(self._reply, self._gap)) / TRIES
+        each = (patience or min(self._reply, self._gap)) / self.tries
         patience = patience or self._reply
         until = time.monotonic() + patience
         asked: dict[int, float] = {}  # when, by the number of the request: an answer may come after the next one
@@ -127,7 +126,7 @@ class SerialDrive:
         """The port, as long as it is there."""
         if self._port is None:
             raise DriveError("the serial port is not open")
-        with said(f"serial port {self._link.port} was lost", "check its plug"):
+        with driver_errors(f"serial port {self._link.port} was lost", "check its plug"):
             yield self._port
 
 

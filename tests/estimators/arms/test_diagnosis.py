@@ -10,13 +10,10 @@ from scipy.signal import butter, lfilter
 from benchmarks import six_joint
 from benchmarks.six_joint import Hidden
 from estimators.arms.addition import add_arm
-from estimators.arms.diagnosis import diagnose_arm, gather_arm
+from estimators.arms.diagnosis import diagnose_arm
 from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
 from estimators.diagnosis.result import Verdict
 from estimators.regression.equations import IdentificationError
-from estimators.selection.criterion import Criterion
-from estimators.selection.data import inertias
-from pendulum_env.arms.joints import Links, friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics.actuation import TorqueOffset
@@ -50,17 +47,6 @@ def test_torque_of_six_joints_in_mujoco_is_predicted_within_two_per_cent(six, pl
     for joint, viscous, coulomb in zip(six_joint.JOINTS, six_joint.VISCOUS, six_joint.COULOMB, strict=True):
         assert found.model.estimates[f"viscous@{joint}"].value == pytest.approx(viscous, rel=0.05)
         assert found.model.estimates[f"coulomb@{joint}"].value == pytest.approx(coulomb, rel=0.02)
-
-
-def test_what_is_left_of_a_whole_model_is_noise_of_the_size_that_the_sensors_have(six, plain):
-    base = (Links(six), *friction(six))
-    evidence = gather_arm([plain], base)
-    residual, felt = evidence.screen.residual(base), inertias(evidence.screen, base)
-    for joint in six.joints:
-        part, own = evidence.data.part(joint), residual[evidence.data.where(joint)]
-        left = part.structure(own, felt[joint])
-        assert abs(left.sure) < Criterion().sure
-        assert left.all == pytest.approx(part.noise(felt[joint]), rel=0.25)
 
 
 def test_nothing_is_named_where_nothing_is_hidden(six, plain):

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import Multisine, TwoLink
-from estimators.arms.balance import VIEWS, measure_arm, rows
 from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
 from estimators.arms.untold import untold as arms_untold
 from estimators.checks.identifiability import untold
 from estimators.regression.equations import IdentificationError
-from estimators.regression.recursive import start, step
 from estimators.schemes.six import PAPER
 from estimators.signals.measurements import measure_segments
 from pendulum_env.arms.body import read_body
@@ -75,18 +73,6 @@ def test_the_recursion_ends_at_the_batch_estimate(found):
     for one in found.schemes.values():
         assert np.allclose(one.convergence.theta[-1], one.model.theta, rtol=1e-4, atol=1e-5)
         assert len(one.convergence.time) > 100
-
-
-def test_the_papers_recursion_takes_the_rows_one_by_one(recording, body):
-    (m,) = measure_arm(recording)
-    equations = rows(m, (Links(body), *friction(body)), VIEWS["impulse"])
-    clear = [joint.clear(0.02) for joint in m]
-    state = start(equations[0].phi.shape[1])
-    for k in range(2, 3000):
-        for own, usable in zip(equations, clear, strict=True):
-            if usable[k]:
-                state = step(state, own.phi[k], own.y[k])
-    assert np.allclose(state.theta[[1, 2, 4, 5]], body.values[[1, 2, 4, 5]], rtol=0.02)
 
 
 def test_a_joint_that_sticks_is_left_out_of_its_own_row_alone(body, truth):

@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.two_link import Multisine
 from estimators.arms.transmission import find_transmissions
-from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
+from pendulum_env.arms.recording import ArmRecording, read_arm_recording
+from pendulum_env.recording import write_recording
 
 MOTOR, LINK, WEIGHT = 0.03, 0.06, 1.5  # [kg m^2], [kg m^2], [N m]
 VISCOUS, COULOMB = 0.2, 0.4  # [N m s/rad], [N m]
@@ -36,7 +37,7 @@ def run(play=0.0, stiffness=STIFFNESS, seconds=8.0):
 
 @pytest.mark.parametrize("play", [0.0, 0.02])
 def test_stiffness_and_play_follow_from_both_sides_of_a_joint(play, tmp_path):
-    write_arm_recording(run(play), tmp_path / "run.csv")
+    write_recording(run(play), tmp_path / "run.csv")
     recording = read_arm_recording(tmp_path / "run.csv", ("hinge",))
     (found,) = find_transmissions([recording])
     assert found.stiffness is not None and found.damping is not None

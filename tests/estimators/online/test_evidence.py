@@ -62,16 +62,9 @@ def test_wealth_is_the_largest_product_of_factors_up_to_now(factors):
     assert evidence.joint == pytest.approx(np.log(np.mean(np.exp(largest))), abs=1e-9)
 
 
-def test_a_loss_widens_the_unit_of_later_bets():
-    """A share s of the wealth is staked on g / c, where c is 1 until more is lost, and 1.5 times what was."""
-    bets = Bets(1)
-    for gain, unit in ((2.0, 1.0), (-2.0, 1.0), (6.0, 3.0)):
-        before = np.maximum(bets._wealth, 0.0)
-        bets.take(np.full(1, gain))
-        np.testing.assert_allclose(bets._wealth - before, np.log1p(SHARES * max(gain / unit, -1.0))[None])
-
-
-def test_a_rate_that_cannot_be_is_refused():
+def test_a_rarer_alarm_needs_more_evidence_and_a_rate_that_cannot_be_is_refused():
+    often, rare = (threshold_of(rate, BLOCK) for rate in (10.0, 0.1))
+    assert rare - often == pytest.approx(np.log(100))
     for rate in (0.0, 1e5):
         with pytest.raises(ValueError, match="alarms_per_hour"):
             threshold_of(rate, BLOCK)

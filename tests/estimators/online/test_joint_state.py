@@ -49,21 +49,16 @@ def slowly() -> tuple[OnlineEstimator, list[Estimates]]:
 @pytest.mark.slow
 def test_at_50_hz_it_is_twice_as_right_and_its_intervals_hold_the_truth():
     """An independent integrator, twelve runs: 95 % intervals hold 88 to 100 % of 48 parameters."""
-    _, course = slowly()
+    one, course = slowly()
     now = course[-1]
+    learnt = [np.exp(filter.log_variance / 2) for filter in one._joint.filters]
+    assert np.mean(learnt) == pytest.approx(0.05, rel=0.25)  # by how much the torque that acts is off the measured one
     errors = now.theta - TRUTH
     std = np.sqrt(np.einsum("bsii->bsi", now.covariance))
     dynamic, _, joint = np.sqrt(np.mean((errors / TRUTH) ** 2, axis=(0, 2)))
     assert joint < 0.5 * dynamic and joint < 0.01
     assert 0.88 <= np.mean(np.abs(errors[:, 2]) < 1.96 * std[:, 2]) <= 1.0
     assert 0.5 < np.sqrt(np.mean((errors[:, 2] / std[:, 2]) ** 2)) < 1.5
-
-
-@pytest.mark.slow
-def test_it_learns_how_far_the_torque_that_acts_differs_from_the_measured_one():
-    one, _ = slowly()
-    learnt = [np.exp(filter.log_variance / 2) for filter in one._joint.filters]
-    assert np.mean(learnt) == pytest.approx(0.05, rel=0.25)
 
 
 @pytest.mark.slow
@@ -101,21 +96,6 @@ def test_a_joint_that_sticks_tells_nothing_and_costs_nothing():
     np.testing.assert_allclose(after, before, rtol=0.3)
     theta, std = course[-1].theta[0, 0], np.sqrt(np.diag(course[-1].covariance[0, 0]))
     assert (np.abs(theta - TRUTH) < 4 * std).all() and (std < 0.05 * TRUTH).all()
-
-
-@pytest.mark.slow
-def test_many_are_estimated_as_one_and_a_reset_forgets_one_of_them():
-    runs = slow_runs()[:2]
-    both = estimator(2, schemes=[JointState()])
-    run(both, runs, 0, 400)
-    alone = estimator(1, schemes=[JointState()])
-    run(alone, runs[:1], 0, 400)
-    both.reset(np.array([False, True]))
-    together, one = run(both, runs, 400, 500)[-1], run(alone, runs[:1], 400, 500)[-1]
-    np.testing.assert_allclose(together.theta[0], one.theta[0], rtol=1e-9)
-    np.testing.assert_allclose(together.covariance[0], one.covariance[0], rtol=1e-6)
-    fresh = run(estimator(1, schemes=[JointState()]), runs[1:], 400, 500)[-1]
-    np.testing.assert_allclose(together.theta[1], fresh.theta[0], rtol=1e-9)
 
 
 def test_a_copy_goes_on_alike_and_lost_samples_keep_the_parameters():

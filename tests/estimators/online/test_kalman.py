@@ -3,15 +3,12 @@
 import pickle
 from functools import cache
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.online import Estimates, OnlineEstimator
 from estimators.online.estimator import RECURSIONS
-from estimators.wrappers import EstimateParameters
-from pendulum_env.registration import PENDULUM
 
 CASES = {  # options, and how close
     "all": ({}, 1e-8),
@@ -54,22 +51,3 @@ def test_what_was_handed_out_stays_and_a_copy_goes_on_alike():
     np.testing.assert_array_equal(before.spread(), P)
     estimator.reset()
     assert (fed(estimator, last=1)[-1].theta == 0).all()
-
-
-def test_a_wrapper_takes_it_and_its_spec_holds_it():
-    env = EstimateParameters(gym.make(PENDULUM), schemes="dynamic", recursion="KalmanFilter")
-    again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
-    theta = []
-    for one in (env, again):
-        one.reset(seed=0)
-        infos = [one.step(np.array([np.sin(k / 30) * 4], dtype=np.float32))[-1] for k in range(300)]
-        theta.append(infos[-1]["estimates"]["dynamic"]["theta"])
-    np.testing.assert_array_equal(*theta)
-    assert (theta[0] != 0).all()
-
-
-def test_what_it_cannot_do_is_said():
-    with pytest.raises(ValueError, match="unknown recursion 'KalmanFiltr': did you mean KalmanFilter"):
-        OnlineEstimator(500.0, recursion="KalmanFiltr")
-    with pytest.raises(ValueError, match=r"forgetting factor cannot be 1.1"):
-        OnlineEstimator(500.0, recursion="KalmanFilter", forgetting=1.1)

@@ -32,31 +32,21 @@ def bins_of(count: int, seed: int) -> Bins:
 
 @pytest.mark.parametrize(("id", "shapes"), [("cogging", [{"order": 3.0}, {"order": 7.0}]), ("quadratic_drag", [{}])])
 def test_each_variant_is_least_squares_in_all_columns(id, shapes):
+    """Also if families go on in another batch, with all that they have learnt."""
     variants = [effect(id)(**shape) for shape in shapes]
-    first, then = bins_of(120, 0), bins_of(40, 1)
-    rivals = Rivals([Family(Running.of(BASE, first), (), 2), Family(Running.of(BASE, first), variants, 2)], 120)
-    densities, errors = rivals.take(then)
+    parts = [bins_of(120, 0), bins_of(40, 1), bins_of(40, 2)]
+    running = Running.of(BASE, parts[0])
+    rivals = Rivals([Family(running, (), 2), Family(running, variants, 2)], 120)
+    for part in parts[1:]:
+        rivals = Rivals(rivals.families, 120)
+        densities, errors = rivals.take(part)
     for variant, theta in zip(variants, rivals.families[1].theta, strict=True):
         columns = sum(len(term.columns) for term in (*BASE, variant))
-        rows = [part.rows([*BASE, variant]) for part in (first, then)]
-        phi = np.concatenate([one.phi[:, 0] for one in rows])
-        y = np.concatenate([one.y[:, 0] for one in rows])
+        rows = [part.rows([*BASE, variant]) for part in parts]
+        phi, y = np.concatenate([one.phi[:, 0] for one in rows]), np.concatenate([one.y[:, 0] for one in rows])
         expected = np.linalg.solve(phi.T @ phi + np.eye(columns) / PRIOR, phi.T @ y)
         np.testing.assert_allclose(theta[:columns], expected, rtol=1e-6, atol=1e-9)
     assert densities.shape == (40, 2) and errors.shape == (40,)
-
-
-def test_families_go_on_in_another_batch_with_all_that_they_have_learnt():
-    variant = effect("cogging")(order=3.0)
-    parts = [bins_of(60, seed) for seed in range(3)]
-    rivals = Rivals([Family(Running.of(BASE, parts[0]), (), 2), Family(Running.of(BASE, parts[0]), [variant], 2)], 60)
-    for part in parts[1:]:
-        rivals = Rivals(rivals.families, 60)
-        rivals.take(part)
-    rows = [part.rows([*BASE, variant]) for part in parts]
-    phi, y = np.concatenate([one.phi[:, 0] for one in rows]), np.concatenate([one.y[:, 0] for one in rows])
-    expected = np.linalg.solve(phi.T @ phi + np.eye(phi.shape[1]) / PRIOR, phi.T @ y)
-    np.testing.assert_allclose(rivals.families[1].theta[0], expected, rtol=1e-6, atol=1e-9)
 
 
 def test_an_error_is_predicted_to_scatter_as_least_squares_has_it():

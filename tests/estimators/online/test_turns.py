@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.online.turns import HALF, LARGEST, Mover, TurnFinder, Turns
+from estimators.online.turns import TURN, Mover, TurnFinder, Turns
 from pendulum_env.physics import BASE
 from pendulum_env.physics import simulate as pendulum
 from pendulum_env.physics.library import effect
@@ -52,7 +52,7 @@ def sizes(turns: Turns, theta=THETA) -> np.ndarray:
 def test_reversals_are_found_whole_and_do_not_overlap():
     time = np.arange(0.0, 6.0, 1 / RATE)
     told = found(time, np.cos(4 * time), time, -4 * np.sin(4 * time))
-    middles = np.array([turn.time[0] + HALF for turn in told])
+    middles = np.array([turn.time[0] + TURN.half for turn in told])
     np.testing.assert_allclose(middles, np.arange(1, len(middles) + 1) * np.pi / 4, atol=1.5 / RATE)
     assert len(told) == 7
     for turn in told:
@@ -66,7 +66,7 @@ def test_reversals_are_found_whole_and_do_not_overlap():
 def test_no_turn_reaches_back_to_before_a_run_began_and_none_is_at_rest():
     time = np.arange(0.0, 2.0, 1 / RATE)
     told = found(time, np.cos(4 * time), time, -4 * np.sin(4 * time), begins=round(0.7 * RATE))
-    assert [round(turn.time[0] + HALF, 1) for turn in told] == [1.6]
+    assert [round(turn.time[0] + TURN.half, 1) for turn in told] == [1.6]
     flicker = 1e-3 * np.sign(np.sin(60 * time))
     assert not found(time, 0.0 * time, time, flicker)
 
@@ -88,16 +88,6 @@ def test_parameters_explain_another_value_but_not_another_structure():
     assert left("stribeck") > left("own") + 3.0
 
 
-def test_derivatives_foresee_what_another_parameter_would_miss():
-    turns, mover = turns_of("own"), Mover(BASE, 1 / RATE)
-    here = mover.missed(turns, THETA)
-    for k, delta in enumerate(np.diag(3e-3 * THETA)):
-        moved = mover.missed(turns, THETA + delta).error - here.error
-        expected = here.by_parameter[..., k] * delta[k]
-        off = np.linalg.norm(moved - expected, axis=1) / np.linalg.norm(expected, axis=1)
-        assert np.median(off) < 0.05
-
-
 def test_an_error_in_newton_metres_is_the_torque_that_makes_it():
     turns = turns_of("own")
     push = 0.05
@@ -108,10 +98,10 @@ def test_an_error_in_newton_metres_is_the_torque_that_makes_it():
 
 def test_a_joint_that_sticks_throughout_hides_any_torque():
     """Its errors are no larger a torque than the largest there is."""
-    count = round(2 * HALF * RATE)
+    count = round(2 * TURN.half * RATE)
     rest = Turns(np.zeros(1), np.full((count + 1, 1), 0.1), np.zeros(1), np.zeros((count, 1)), np.zeros((1, 1)))
     jump = 1e-3 * (np.arange(count + 1) > count // 2)[:, None]
-    for turns, torque in ((rest, LEAST), (replace(rest, position=rest.position + jump), LARGEST * LEAST)):
+    for turns, torque in ((rest, LEAST), (replace(rest, position=rest.position + jump), TURN.largest * LEAST)):
         np.testing.assert_allclose(sizes(turns)[0, 1], 2 * np.log(torque), atol=0.01)
 
 

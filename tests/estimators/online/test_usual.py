@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimators.online.usual import FEWEST, MOST, Usual
+from estimators.online.usual import USUAL, Usual
 
 
-@given(st.lists(st.floats(-20, 5), min_size=FEWEST, max_size=40), st.floats(-30, 30), st.floats(-20, 20))
+@given(st.lists(st.floats(-20, 5), min_size=USUAL.fewest, max_size=40), st.floats(-30, 30), st.floats(-20, 20))
 def test_what_is_usual_has_no_unit(told, unit, new):
     """Sizes are logs: in another unit, all are larger by the same; and what is larger surprises more."""
     both = Usual(2), Usual(2)
@@ -18,12 +18,12 @@ def test_what_is_usual_has_no_unit(told, unit, new):
     asked = np.full((1, 2), new)
     one, other = both[0].surprise(asked), both[1].surprise(asked + unit)
     assert one == pytest.approx(other, abs=1e-6)
-    assert both[0].surprise(asked + 1.0) >= one and abs(one) <= MOST
+    assert both[0].surprise(asked + 1.0) >= one and abs(one) <= USUAL.most
 
 
 def test_few_errors_tell_little():
     usual = Usual(2)
-    for _ in range(FEWEST - 1):
+    for _ in range(USUAL.fewest - 1):
         usual.learn(np.zeros(2))
     assert usual.surprise(np.full((1, 2), 100.0)) == 0.0
     usual.learn(np.zeros(2))
@@ -50,4 +50,4 @@ def test_an_error_is_larger_than_usual_only_if_it_is_so_in_each_unit():
         usual.learn(np.array([size, size]))
     for one in ([9.0, 0.0], [0.0, 9.0]):
         assert usual.surprise(np.array([one])) < 1.0
-    assert usual.surprise(np.array([[9.0, 9.0]])) > 0.95 * MOST
+    assert usual.surprise(np.array([[9.0, 9.0]])) > 0.95 * USUAL.most

@@ -63,19 +63,6 @@ def test_the_covariance_is_that_of_leaving_out_each_cluster_and_fitting_again():
     np.testing.assert_allclose(found / scale, expected / scale, atol=1e-6)
 
 
-@pytest.mark.slow
-def test_intervals_hold_the_truth_though_residuals_are_correlated_and_clusters_few():
-    """Twelve clusters with a common error each, columns that vary slowly: 95 % intervals hold in 90 to 99 %."""
-    inside, rng = [], np.random.default_rng(5)
-    for _ in range(400):
-        clusters = np.repeat(np.arange(12), 20)
-        phi = np.column_stack([np.ones(240), rng.standard_normal(12)[clusters] + 0.3 * rng.standard_normal(240)])
-        error = 0.3 * rng.standard_normal(12)[clusters] + 0.3 * rng.standard_normal(240)
-        fit = solve(Equations(phi, phi @ [1.0, 2.0] + error), np.ones(240), clusters)
-        inside += (np.abs(fit.theta - [1.0, 2.0]) < 1.96 * fit.std).tolist()
-    assert 0.9 <= np.mean(inside) <= 0.99
-
-
 def test_one_cluster_alone_gives_errors_all_the_same():
     rng = np.random.default_rng(0)
     phi, noise = rng.normal(size=(200, 2)), 0.1 * rng.normal(size=200)
@@ -162,13 +149,6 @@ def test_each_fold_of_a_bent_law_is_left_out_as_well():
         assert len(others.y) * (found / best - 1) / 2 < 0.2  # [nat]
 
 
-def test_weights_multiply_the_errors():
-    balance, _ = loaded(0.0, 0.5)
-    weights = np.where(np.arange(len(balance.y)) < 500, 1.0, 1e-6)
-    few = replace(balance, weights=weights).solve()
-    assert few == pytest.approx(balance[np.arange(len(balance.y)) < 500].solve(), rel=1e-3, abs=1e-3)
-
-
 def coverage(memory: float, clustered: bool, trials: int = 200) -> np.ndarray:
     """Errors of many estimates in units of their standard errors, (trials, P), under noise with memory."""
     rng = np.random.default_rng(0)
@@ -188,12 +168,6 @@ def test_standard_errors_from_clusters_cover_the_truth_under_correlated_noise(me
     scores = coverage(memory, clustered=True)
     assert np.all(np.abs(np.sqrt(np.mean(scores**2, axis=0)) - 1) < 0.25)
     assert np.mean(np.abs(scores) < 2) > 0.88
-
-
-@pytest.mark.slow
-def test_standard_errors_that_take_noise_for_white_do_not():
-    scores = coverage(0.8, clustered=False, trials=40)  # of many clusters, which take time
-    assert np.all(np.sqrt(np.mean(scores**2, axis=0)) > 1.7)
 
 
 def samples() -> Samples:

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter
 
 from estimators.regression.equations import Equations
 from estimators.regression.recursive import PRIOR, State, evenly, history, start, step
@@ -34,23 +33,6 @@ def test_history_equals_the_recursion(scheme, exact):
         np.testing.assert_allclose(course.theta[k], state.theta.astype(float), rtol=1e-9)
         scale = np.sqrt(np.outer(*2 * [np.diag(state.P)])).astype(float)
         np.testing.assert_allclose(course.P[k] / scale, state.P.astype(float) / scale, atol=1e-9)
-
-
-def test_recursion_equals_a_kalman_filter_of_constant_parameters():
-    rng = np.random.default_rng(1)
-    phi, truth = rng.normal(size=(300, 3)), np.array([0.5, -2.0, 3.0])
-    y = phi @ truth + 0.1 * rng.normal(size=300)
-    kalman = KalmanFilter(dim_x=3, dim_z=1)
-    kalman.P, kalman.Q, kalman.R = PRIOR * np.eye(3), np.zeros((3, 3)), np.eye(1)
-    state = start(3)
-    for row, value in zip(phi, y, strict=True):
-        kalman.predict()
-        kalman.update(value, H=row[None, :])
-        state = step(state, row, value)
-    np.testing.assert_allclose(state.theta, kalman.x[:, 0], rtol=1e-9)
-    np.testing.assert_allclose(state.P, kalman.P, rtol=1e-7)
-    course = history(Equations(phi, y), np.ones(300, dtype=bool), np.array([299]))
-    np.testing.assert_allclose(course.theta[0], kalman.x[:, 0], rtol=1e-9)
 
 
 def test_error_is_the_one_before_the_update():

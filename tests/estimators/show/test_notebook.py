@@ -17,7 +17,7 @@ from pendulum_env.notebook import BLUE, Curve, plot
 from pendulum_env.physics import Column, Model, Term, effects
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import Recording
-from pendulum_env.words import plus_minus
+from pendulum_env.words import opening, plus_minus
 
 HOSTILE = "</div><script>alert('1')</script>&\"{{ 7 * 7 }}"
 PENDULUM = "pendulum_env/DirectDrivePendulum-v0"
@@ -136,7 +136,7 @@ def test_headline_says_no_more_than_was_looked_for(results):
 def test_comparison_tells_where(results):
     text = shown(results["comparison"])
     assert results["comparison"].regions
-    assert all(region.text in text for region in results["comparison"].regions)
+    assert all(opening(region.text) in text for region in results["comparison"].regions)
 
 
 def test_online_estimates_are_those_of_the_info(results):

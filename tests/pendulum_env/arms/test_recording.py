@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
-from pendulum_env.recording import RecordingError
+from pendulum_env.arms.recording import ArmRecording, read_arm_recording
+from pendulum_env.recording import RecordingError, write_recording
 
 JOINTS = ("shoulder", "elbow")
 TIME = np.arange(400) / 200
@@ -18,7 +18,7 @@ def table(path, **columns):
 
 def test_what_is_written_is_read(tmp_path):
     recording = ArmRecording.of("run", JOINTS, TIME, POSITION, TORQUE)
-    write_arm_recording(recording, tmp_path / "run.csv")
+    write_recording(recording, tmp_path / "run.csv")
     again = read_arm_recording(tmp_path / "run.csv", JOINTS)
     assert np.array_equal(again.position, POSITION) and np.array_equal(again.torque, TORQUE)
     assert again.summary.endswith("400 samples, 2 joints")
@@ -95,6 +95,6 @@ def test_temperatures_of_some_joints_may_be_there(tmp_path):
     np.testing.assert_allclose(recording.temperature[:, 0], 25.0)  # nobody has measured it
     np.testing.assert_allclose(recording.temperature[:, 1], 30 + time, atol=1e-9)
     np.testing.assert_allclose(recording.split(0.5)[1].joints[1].temperature, 30 + time[50:], atol=1e-9)
-    write_arm_recording(recording, tmp_path / "again.csv")
+    write_recording(recording, tmp_path / "again.csv")
     again = read_arm_recording(tmp_path / "again.csv", ("hip", "knee"))
     np.testing.assert_allclose(again.temperature, recording.temperature)

@@ -145,11 +145,7 @@ def floating(text):
         (urdf(PARALLEL).replace('multiplier="1.0"', 'multiplier="one"'), {}, "mimics another by 'one 0.0': give 2 num"),
         (floating(urdf(PARALLEL)), {}, "'shoulder' lets the base float: say --base fixed"),
         (floating(urdf(PARALLEL)), {"joints": ["elbow"]}, "'shoulder' lets the base float: say --base fixed"),
-        (
-            "<mujoco><include file='arm.xml'/></mujoco>",
-            {},
-            "<include>, which is not followed: write all of it into one",
-        ),
+        ("<mujoco><include file='arm.xml'/></mujoco>", {}, "<include>, which is not followed: write all of it"),
         (urdf(PARALLEL).replace('type="revolute"', 'type="planar"', 1), {}, "'shoulder' is Planar: .*--joints A,B,C"),
     ],
 )

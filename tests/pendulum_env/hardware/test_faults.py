@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tests import slow
-from tests.pendulum_env.rigs import KINDS, SLOW, Disturbed, TooSlow
+from tests.pendulum_env.rigs import KINDS, SLOW, Disturbed
 
 pytestmark = [
     pytest.mark.realtime,
@@ -58,7 +58,7 @@ class Scene:
         self.host = host(HOST, self.rig.config, self.path, trouble)
         line = self.host.process.stdout.readline()
         if line.startswith("fault") and any(slow in line for slow in SLOW):
-            raise TooSlow(line)
+            raise Disturbed(line)
         if not line.startswith("running"):
             raise Disturbed(line + self.host.process.stderr.read())
         self.rig.wait_for("power", 1.0)
@@ -69,14 +69,14 @@ class Scene:
         code, _, err = self.host.finish()
         assert code == 0, err
         if any(slow in text for slow in SLOW) and not re.search(but, text):
-            raise TooSlow(text)
+            raise Disturbed(text)
         return text
 
     def ended(self) -> tuple[int, str]:
         """Exit code and errors of a host that ends by itself, unless the machine was too slow for it before."""
         code, out, err = self.host.finish()
         if any(slow in out for slow in SLOW):
-            raise TooSlow(out)
+            raise Disturbed(out)
         return code, err
 
     def safe(self) -> None:
@@ -193,7 +193,7 @@ def test_a_second_owner_is_refused_and_the_first_goes_on(scene, host, kind):
     drives = second.heard("")  # says nothing unless it has the rig
     if s.host.says(0.0):  # the first had to give it up
         second.close()
-        raise TooSlow(s.fault(but=""))
+        raise Disturbed(s.fault(but=""))
     assert not drives
     code, _, err = second.finish()
     assert code == 1 and "is in use by another program" in err

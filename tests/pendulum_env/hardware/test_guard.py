@@ -36,17 +36,20 @@ class FakeDrive:
         self.clock, self.powered, self.sent, self.angle, self.fault, self.dead = clock, False, [], 0.0, None, False
         self.calls, self.hangs = [], 0.0
 
-    def _reached(self, call):
+    def _reached(self, call, powered=None):
         self.calls.append(call)
         if self.dead:
             raise DriveError("the drive did not answer: check its cable")
+        self.powered = self.powered if powered is None else powered
 
     def open(self):
         self._reached("open")
 
     def enable(self):
-        self._reached("enable")
-        self.powered = True
+        self._reached("enable", True)
+
+    def disable(self):
+        self._reached("disable", False)
 
     def write(self, torque):
         self._reached("write")
@@ -57,10 +60,6 @@ class FakeDrive:
         self._reached("read")
         self.clock.sleep(self.hangs)
         return Reading(self.clock.now, round(self.angle * PER_RADIAN) % 2**32, self.fault)
-
-    def disable(self):
-        self._reached("disable")
-        self.powered = False
 
     def close(self):
         self.calls.append("close")

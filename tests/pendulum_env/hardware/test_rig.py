@@ -20,7 +20,7 @@ from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import read_recording
 from pendulum_env.registration import PENDULUM
 from tests import slow
-from tests.pendulum_env.rigs import PATIENT, Disturbed, TooSlow
+from tests.pendulum_env.rigs import PATIENT, Disturbed
 from workbench.cli import main
 
 pytestmark = pytest.mark.realtime
@@ -36,7 +36,7 @@ def in_time(jitter):
     """What was measured while the machine stood still is interpolated, and no measurement."""
     worst = max(jitter)
     if worst > STILL:
-        raise TooSlow(f"a sample was {worst:.3g} s late")
+        raise Disturbed(f"a sample was {worst:.3g} s late")
 
 
 def make(rig, **options):

@@ -1,13 +1,12 @@
-"""Parameters that are known or bounded, effects from a file, and what people also call parameters."""
+"""Parameters that are known or bounded, and effects from a file."""
 
 import pickle
 
 import numpy as np
 import pytest
 
-from pendulum_env.physics import BASE, Model, ModelError, PluginError, Samples, effects, library, load_plugin, plugin
+from pendulum_env.physics import BASE, PluginError, Samples, effects, library, load_plugin, plugin
 from pendulum_env.physics.limits import LimitsError, check_names, limited, limited_term, limits_of
-from pendulum_env.physics.transmission import JointFlexibility
 
 PLUGIN = '''
 from dataclasses import dataclass
@@ -35,31 +34,22 @@ def own_library(monkeypatch):
     monkeypatch.setattr(plugin, "_loaded", {})
 
 
-def test_a_limited_kind_is_the_same_law_within_limits():
-    kind = limited(effects()["stribeck"], {"stribeck": (0.1, 0.2), "stribeck.stribeck_velocity": (0.3, 0.4)})
+def test_a_limited_kind_is_the_same_law_whose_parameters_and_search_stay_within_limits():
+    limits = {"stribeck": (0.1, 0.2), "stribeck.stribeck_velocity": (0.3, 0.4)}
+    kind = limited(effects()["stribeck"], limits)
     term = kind(stribeck_velocity=0.35)
     (column,) = term.columns
     assert (column.least, column.most) == (0.1, 0.2) and term.id == "stribeck"
     assert (term.shapes[0].low, term.shapes[0].high) == (0.3, 0.4)
     assert limited(effects()["stribeck"], {"gravity": (1, 2)}) is effects()["stribeck"]
-    assert limited(effects()["stribeck"], {"stribeck": (0.1, 0.2)}) is limited(
-        effects()["stribeck"], {"stribeck": (0.1, 0.2)}
-    )
-
-
-def test_a_search_starts_within_the_limits():
-    kind = limited(effects()["stribeck"], {"stribeck.stribeck_velocity": (0.3, 0.4)})
+    assert limited(effects()["stribeck"], limits) is kind
     x = Samples(np.zeros(9), np.zeros(9), np.linspace(-5, 5, 9), np.zeros(9))
     velocities = [variant.stribeck_velocity for variant in kind.grid(x, np.zeros(9))]
     assert velocities and min(velocities) >= 0.3 and max(velocities) <= 0.4
 
 
-def test_limits_of_a_body_hold_within_those_of_a_user():
-    kind = limited(effects()["joint_flexibility"], {"joint_flexibility": (-1.0, 1.0)})
-    assert kind().columns[0].least == 0.0
-
-
-def test_a_base_term_can_be_known():
+def test_limits_of_a_body_hold_within_those_of_a_user_and_a_base_term_can_be_known():
+    assert limited(effects()["joint_flexibility"], {"joint_flexibility": (-1.0, 1.0)})().columns[0].least == 0.0
     gravity = limited_term(BASE[1], {"gravity": (2.0, 2.0)})
     assert gravity.columns[0].is_known and gravity.id == "gravity"
     assert gravity == limited_term(BASE[1], {"gravity": (2.0, 2.0)}) != BASE[1]
@@ -142,31 +132,3 @@ def test_a_package_whose_effects_cannot_be_loaded_ends_nothing(monkeypatch):
     monkeypatch.setattr(library, "entry_points", lambda group: [OfAPackage()])
     with pytest.warns(UserWarning, match="'package.effects' cannot be loaded: .*NoText: <exception str"):
         assert library._installed.__wrapped__() == ()
-
-
-def test_a_transmission_is_also_told_as_a_spring_and_a_damper():
-    term = JointFlexibility(resonance=50.0, damping=2.0, gravity=25.0)
-    names = {"joint_flexibility.resonance": 0.5, "joint_flexibility.damping": 0.1, "joint_flexibility.gravity": 0.2}
-    model = Model.build([*BASE, term], [0.1, 2.0, 0.4, 0.9, 0.02], [0.0] * 4 + [4e-4], **names)
-    k, d = model.derived["joint_flexibility.k"], model.derived["joint_flexibility.d"]
-    assert (k.value, k.unit, d.unit) == (pytest.approx(50.0), "N m/rad", "N m s/rad")
-    assert k.std == pytest.approx(50.0 * np.hypot(0.02, 2 * 0.01), rel=1e-4)  # of J w^2, errors independent
-    assert d.std == pytest.approx(0.04 * np.hypot(0.02, 0.05), rel=1e-4)
-
-
-def test_a_saved_model_keeps_the_covariance(tmp_path):
-    covariance = np.diag([1e-4, 1e-2, 1e-3, 1e-2]) ** 2
-    covariance[2, 3] = covariance[3, 2] = -0.8 * 1e-3 * 1e-2
-    model = Model.build(BASE, [0.1, 2.0, 0.4, 0.9], np.sqrt(np.diag(covariance)))
-    model = model.correlated(["inertia", "gravity", "viscous", "coulomb"], covariance)
-    model.save(tmp_path / "model.json")
-    np.testing.assert_allclose(Model.load(tmp_path / "model.json").covariance, covariance, rtol=1e-12)
-    assert model.at({"gravity": 1.9}).covariance is None  # nobody has told that of another model
-    data = model.json()
-    data["covariance"]["parameters"][0] = "mass"
-    with pytest.raises(ModelError, match="does not tell of inertia"):
-        Model.from_json(data)
-    data = model.json()
-    data["covariance"]["matrix"].pop()
-    with pytest.raises(ModelError, match="4 rows"):
-        Model.from_json(data)

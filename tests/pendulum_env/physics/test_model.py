@@ -23,13 +23,6 @@ def everything() -> Model:
     return model
 
 
-@pytest.mark.parametrize("id", EVERYTHING)
-def test_a_model_with_an_effect_is_read_back_as_it_was_written(id, tmp_path):
-    model = hide(paper_plant(), id)
-    model.save(tmp_path / "model.json")
-    assert Model.load(tmp_path / "model.json") == model
-
-
 def test_a_model_with_all_effects_keeps_values_errors_units_and_order(tmp_path):
     model = everything()
     theta = np.random.default_rng(0).standard_normal(len(model.theta)) / 3
@@ -54,20 +47,16 @@ def test_a_parameter_at_its_bound_is_said_to_be_there_and_has_no_error():
     }
 
 
-def test_json_holds_schema_terms_and_theta():
-    data = hide(paper_plant(), "stribeck").json()
-    assert data["schema"] == "pendulum-ident/model@1"
-    assert data["terms"] == ["inertia", "gravity", "viscous", "coulomb", "stribeck"]
-    assert data["theta"]["stribeck"] == {"value": 0.45, "std": 0.0, "unit": "N m"}
-    assert data["theta"]["stribeck.stribeck_velocity"]["unit"] == "rad/s"
-    assert json.loads(json.dumps(data, allow_nan=False)) == data
-
-
-def test_parameters_are_in_the_order_of_the_columns():
+def test_json_holds_schema_terms_and_theta_in_the_order_of_the_columns():
     model = hide(hide(paper_plant(), "cogging=0.3,0.2"), "stribeck=0.1")
-    names = [column.name for column in model.columns]
-    assert names == ["inertia", "gravity", "viscous", "coulomb", "cogging.sin", "cogging.cos", "stribeck"]
+    data = model.json()
+    assert data["schema"] == "pendulum-ident/model@1"
+    assert data["terms"] == ["inertia", "gravity", "viscous", "coulomb", "cogging", "stribeck"]
+    assert [column.name for column in model.columns][4:] == ["cogging.sin", "cogging.cos", "stribeck"]
+    assert data["theta"]["stribeck"] == {"value": 0.1, "std": 0.0, "unit": "N m"}
+    assert data["theta"]["stribeck.stribeck_velocity"]["unit"] == "rad/s"
     np.testing.assert_array_equal(model.theta[4:], [0.3, 0.2, 0.1])
+    assert json.loads(json.dumps(data, allow_nan=False)) == data
 
 
 def test_torque_is_the_sum_over_columns_and_laws_without_a_parameter():
@@ -80,20 +69,15 @@ def test_torque_is_the_sum_over_columns_and_laws_without_a_parameter():
     np.testing.assert_allclose(model.torque(Samples(t, q, v, u), a), expected, rtol=1e-12)
 
 
-def test_adding_a_term_leaves_the_model_and_its_estimates_as_they_were():
+def test_adding_a_term_leaves_the_model_as_it_was_and_works_once():
     model = Model.build(BASE, np.array([0.1, 2.0, 0.3, 0.8]), 0.01)
     larger = model.add(effect("spring")(), [0.2, 0.1])
-    assert model.effects == ()
-    assert larger.effects == ("spring",)
+    assert model.effects == () and larger.effects == ("spring",)
     assert {name: larger.estimates[name] for name in model.estimates} == dict(model.estimates)
     assert larger.estimates["spring.preload"].value == 0.1
-
-
-def test_a_term_cannot_be_added_twice():
-    with pytest.raises(ModelError, match="the model has 'stribeck' already: each effect can be added once"):
-        paper_plant().add(effect("stribeck")()).add(effect("stribeck")(stribeck_velocity=0.1))
-    with pytest.raises(ModelError, match="the model has 'inertia' already"):
-        paper_plant().add(BASE[0])
+    for term in (effect("spring")(), BASE[0]):
+        with pytest.raises(ModelError, match=f"the model has '{term.id}' already: each effect can be added once"):
+            larger.add(term)
 
 
 def edited(**changes: object) -> dict:
@@ -116,34 +100,24 @@ def with_theta(**entries: object) -> dict:
             edited(schema="pendulum-ident/arm-model@1"),
             "this is a model of an arm, of which a pendulum has no use: commands take it with --robot",
         ),
-        ([], "this is not a model"),
         (None, "this is not a model"),
         ({"schema": "pendulum-ident/model@1"}, "the model lacks 'terms'"),
         (edited(terms=["inertia", "stribek"]), r"unknown effect 'stribek': did you mean stribeck\? Known: "),
         (edited(terms=["inertia", "inertia"]), "names a term twice"),
         (edited(terms=3), "'terms' of the model is 3: it has to be a list"),
-        (edited(terms=[["inertia"]]), r"'terms\[0\]' of the model is \['inertia'\]: it has to be a text"),
         (edited(theta=[1, 2]), r"'theta' of the model is \[1, 2\]: it has to be a table"),
-        (with_theta(stribeck=None), "the model lacks 'stribeck'"),
         (with_theta(**{"stribeck.stribeck_velocity": None}), "the model lacks 'stribeck.stribeck_velocity'"),
-        (with_theta(gravity={"std": 0.1}), "the model lacks 'value'"),
         (with_theta(gravity=2.0), "'theta.gravity' of the model is 2.0: it has to be a table"),
         (
             with_theta(gravity={"value": float("nan")}),
             "'theta.gravity.value' of the model is nan: it has to be a finite",
         ),
-        (with_theta(gravity={"value": "inf"}), "a finite number"),
-        (with_theta(**{"stribeck.stribeck_velocity": {"value": float("nan")}}), "a finite number"),
         (with_theta(gravity={"value": 2.0, "std": float("nan")}), "'theta.gravity.std' of the model is nan"),
-        (with_theta(gravity={"value": 1e308}), "'theta.gravity.value' of the model is 1e[+]308"),
         (
             with_theta(inertia={"value": 0.0}),
             "'theta.inertia.value' of the model is 0.0: it has to be a number above zero",
         ),
-        (with_theta(inertia={"value": -0.1}), "it has to be a number above zero"),
-        (with_theta(gravity={"value": 10**400}), "is 10{27}"),
         (edited(torque_unit=3), "'torque_unit' of the model is 3"),
-        (with_theta(gravity={"value": "two"}), "two"),
         (with_theta(gravity={"value": None}), "the model lacks 'value' under 'theta.gravity'"),
     ],
 )
@@ -157,32 +131,28 @@ def test_what_makes_no_model_is_refused_with_the_reason(data, match, tmp_path):
 
 @pytest.mark.parametrize(
     ("id", "shape", "value"),
-    [("stribeck", "stribeck_velocity", -0.5), ("cogging", "order", 3.5), ("cogging", "order", 0)],
+    [
+        ("stribeck", "stribeck_velocity", -0.5),
+        ("cogging", "order", 3.5),
+        ("cogging", "order", 0),
+        ("hard_stop", "lower", 2.0),
+    ],
 )
-def test_a_shape_parameter_out_of_its_limits_is_refused_with_the_limits(id, shape, value):
+def test_shape_parameters_beyond_their_limits_or_without_sense_are_refused(id, shape, value):
     data = hide(paper_plant(), id).json()
     data["theta"][f"{id}.{shape}"]["value"] = value
-    with pytest.raises(ModelError, match=rf"{shape}.*{value:g}"):
+    with pytest.raises(ModelError, match=rf"{shape}.*{value:g}|makes no sense: lower has to be below upper"):
         Model.from_json(data)
 
 
-def test_stops_that_leave_no_room_between_them_are_refused():
-    data = Model.build(BASE, 1.0).add(effect("hard_stop")(0.5, -0.5), 40.0).json()
-    with pytest.raises(ModelError, match="'hard_stop' makes no sense: lower has to be below upper"):
-        Model.from_json(data)
-
-
-@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe\x00", b"time,position,torque\n0,0,0\n"])
-def test_a_file_that_is_not_json_is_refused_by_name(content, tmp_path):
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe\x00", b"time,position,torque\n0,0,0\n", None])
+def test_a_file_that_is_missing_or_not_json_is_refused_by_name(content, tmp_path):
     path = tmp_path / "run.csv"
-    path.write_bytes(content)
-    with pytest.raises(ModelError, match=r"run\.csv: is not JSON; a model file is what `identify -o`"):
+    if content is not None:
+        path.write_bytes(content)
+    told = "cannot be read" if content is None else "is not JSON; a model file is what `identify -o`"
+    with pytest.raises(ModelError, match=rf"run\.csv: {told}"):
         Model.load(path)
-
-
-def test_a_missing_file_is_refused_by_name(tmp_path):
-    with pytest.raises(ModelError, match=r"nowhere\.json: cannot be read \(No such file or directory\)"):
-        Model.load(tmp_path / "nowhere.json")
 
 
 def test_a_save_that_fails_leaves_the_old_model_and_nothing_else(tmp_path, monkeypatch):
@@ -208,3 +178,31 @@ def test_a_save_replaces_the_file_whole(tmp_path):
     paper_plant().save(path)
     assert Model.load(path) == paper_plant()
     assert path.read_text().endswith("}\n")
+
+
+def test_a_transmission_is_also_told_as_a_spring_and_a_damper():
+    term = effect("joint_flexibility")(resonance=50.0, damping=2.0, gravity=25.0)
+    names = {"joint_flexibility.resonance": 0.5, "joint_flexibility.damping": 0.1, "joint_flexibility.gravity": 0.2}
+    model = Model.build([*BASE, term], [0.1, 2.0, 0.4, 0.9, 0.02], [0.0] * 4 + [4e-4], **names)
+    k, d = model.derived["joint_flexibility.k"], model.derived["joint_flexibility.d"]
+    assert (k.value, k.unit, d.unit) == (pytest.approx(50.0), "N m/rad", "N m s/rad")
+    assert k.std == pytest.approx(50.0 * np.hypot(0.02, 2 * 0.01), rel=1e-4)  # of J w^2, errors independent
+    assert d.std == pytest.approx(0.04 * np.hypot(0.02, 0.05), rel=1e-4)
+
+
+def test_a_saved_model_keeps_the_covariance(tmp_path):
+    covariance = np.diag([1e-4, 1e-2, 1e-3, 1e-2]) ** 2
+    covariance[2, 3] = covariance[3, 2] = -0.8 * 1e-3 * 1e-2
+    model = Model.build(BASE, [0.1, 2.0, 0.4, 0.9], np.sqrt(np.diag(covariance)))
+    model = model.correlated(["inertia", "gravity", "viscous", "coulomb"], covariance)
+    model.save(tmp_path / "model.json")
+    np.testing.assert_allclose(Model.load(tmp_path / "model.json").covariance, covariance, rtol=1e-12)
+    assert model.at({"gravity": 1.9}).covariance is None  # nobody has told that of another model
+    data = model.json()
+    data["covariance"]["parameters"][0] = "mass"
+    with pytest.raises(ModelError, match="does not tell of inertia"):
+        Model.from_json(data)
+    data = model.json()
+    data["covariance"]["matrix"].pop()
+    with pytest.raises(ModelError, match="4 rows"):
+        Model.from_json(data)

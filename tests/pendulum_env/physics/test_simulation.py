@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from pendulum_env.physics import BASE, Coulomb, Gravity, Inertia, Samples, Term, Viscous, effect, effects, simulate
+from pendulum_env.physics import BASE, Coulomb, Inertia, Samples, Term, effect, effects, simulate
 from pendulum_env.physics.term import zero
 from pendulum_env.plant import hide, paper_plant
 
@@ -45,55 +45,43 @@ def base_load(t: float, q: float, v: float, u: float) -> float:
     return MGL * np.sin(q) + B * v
 
 
+def case(id: str | None, theta: tuple[float, ...], load: Law = base_load, shapes: tuple = (), **laws: Law) -> Case:
+    return Case((*BASE, *([effect(id)(*shapes)] if id else [])), (*THETA, *theta), load, **laws)
+
+
 CASES = {
-    "base": Case(BASE, THETA, base_load),
-    "stribeck": Case(
-        (*BASE, effect("stribeck")(stribeck_velocity=0.6)),
-        (*THETA, 0.45),
-        base_load,
-        lambda t, q, v, u: FC + 0.45 * np.exp(-((v / 0.6) ** 2)),
+    "base": case(None, ()),
+    "stribeck": case("stribeck", (0.45,), shapes=(0.6,), dry=lambda t, q, v, u: FC + 0.45 * np.exp(-((v / 0.6) ** 2))),
+    "load_dependent_friction": case(
+        "load_dependent_friction",
+        (0.1, 0.05),
+        shapes=(2.0,),
+        dry=lambda t, q, v, u: FC + 0.1 * abs(u) + 0.05 * abs(2.0 * np.sin(q)),
     ),
-    "load_dependent_friction": Case(
-        (*BASE, effect("load_dependent_friction")(weight=2.0)),
-        (*THETA, 0.1, 0.05),
-        base_load,
-        lambda t, q, v, u: FC + 0.1 * abs(u) + 0.05 * abs(2.0 * np.sin(q)),
+    "position_dependent_friction": case(
+        "position_dependent_friction", (0.3, -0.2), dry=lambda t, q, v, u: FC + 0.3 * np.sin(q) - 0.2 * np.cos(q)
     ),
-    "position_dependent_friction": Case(
-        (*BASE, effect("position_dependent_friction")()),
-        (*THETA, 0.3, -0.2),
-        base_load,
-        lambda t, q, v, u: FC + 0.3 * np.sin(q) - 0.2 * np.cos(q),
-    ),
-    "cogging": Case(
-        (*BASE, effect("cogging")(order=9.0)),
-        (*THETA, 0.15, -0.1),
+    "cogging": case(
+        "cogging",
+        (0.15, -0.1),
         lambda t, q, v, u: base_load(t, q, v, u) + 0.15 * np.sin(9 * q) - 0.1 * np.cos(9 * q),
+        (9.0,),
     ),
-    "spring": Case(
-        (*BASE, effect("spring")()),
-        (*THETA, 0.5, -0.2),
-        lambda t, q, v, u: base_load(t, q, v, u) + 0.5 * q - 0.2,
-    ),
-    "hard_stop": Case(
-        (*BASE, effect("hard_stop")(-0.2, 0.3, 0.1)),
-        (*THETA, 40.0),
+    "spring": case("spring", (0.5, -0.2), lambda t, q, v, u: base_load(t, q, v, u) + 0.5 * q - 0.2),
+    "hard_stop": case(
+        "hard_stop",
+        (40.0,),
         lambda t, q, v, u: base_load(t, q, v, u) + 40 * pushed_back(q - 0.3, v) - 40 * pushed_back(-0.2 - q, -v),
+        (-0.2, 0.3, 0.1),
     ),
-    "torque_saturation": Case(
-        (*BASE, effect("torque_saturation")(limit=5.0)),
-        THETA,
-        base_load,
-        torque=lambda t, q, v, u: 5 * np.tanh(u / 5),
-    ),
-    "coulomb_asymmetry": Case(
-        (*BASE, effect("coulomb_asymmetry")()), (*THETA, 0.2), lambda t, q, v, u: base_load(t, q, v, u) + 0.2
-    ),
-    "friction_drift": Case(
-        (*BASE, effect("friction_drift")(warm_up=1.0)),
-        (*THETA, 0.15, 0.4),
+    "torque_saturation": case("torque_saturation", (), shapes=(5.0,), torque=lambda t, q, v, u: 5 * np.tanh(u / 5)),
+    "coulomb_asymmetry": case("coulomb_asymmetry", (0.2,), lambda t, q, v, u: base_load(t, q, v, u) + 0.2),
+    "friction_drift": case(
+        "friction_drift",
+        (0.15, 0.4),
         lambda t, q, v, u: base_load(t, q, v, u) + 0.15 * v * np.exp(-t),
-        lambda t, q, v, u: FC + 0.4 * np.exp(-t),
+        (1.0,),
+        dry=lambda t, q, v, u: FC + 0.4 * np.exp(-t),
     ),
 }
 
@@ -181,18 +169,8 @@ def test_the_error_is_of_second_order_in_the_step(name, sticks):
     position, _, stuck = reference(case, torque, period, start)
     assert np.any(stuck) == sticks
     steps = period / 2.0 ** np.arange(1, 5)
-    errors = [
-        np.sqrt(
-            np.mean(
-                (
-                    simulate(case.terms, np.array(case.theta), period, torque, *start, longest_step=h).position[:, 0]
-                    - position
-                )
-                ** 2
-            )
-        )
-        for h in steps
-    ]
+    paths = [simulate(case.terms, np.array(case.theta), period, torque, *start, longest_step=h)[0] for h in steps]
+    errors = [np.sqrt(np.mean((path[:, 0] - position) ** 2)) for path in paths]
     order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert 1.8 < order < 2.6
 
@@ -258,13 +236,6 @@ def test_a_joint_breaks_loose_with_the_command_that_exceeds_dry_friction(directi
     assert direction * path.velocity[first + 1, 0] == pytest.approx(1e-3 * (abs(ramp[first]) - FC) / INERTIA, rel=0.01)
 
 
-def test_a_joint_held_by_friction_that_fades_breaks_loose_when_it_has_faded():
-    terms = (Inertia(), Coulomb(), effect("friction_drift")(warm_up=1.0))
-    path = simulate(terms, np.array([INERTIA, 0.5, 0.0, 1.0]), 1e-3, np.full(2000, 0.9), 0.0, 0.0)
-    leaves = np.flatnonzero(path.velocity[:, 0] > 0)[0] * 1e-3
-    assert leaves == pytest.approx(-np.log(0.4), abs=2e-3)
-
-
 def test_a_sliding_block_stops_where_its_energy_is_used_up():
     path = simulate((Inertia(), Coulomb()), np.array([INERTIA, FC]), 1e-3, np.zeros(1000), 0.0, 4.0)
     assert path.position[-1, 0] == pytest.approx(0.5 * INERTIA * 4.0**2 / FC, rel=1e-12)
@@ -274,29 +245,16 @@ def test_a_sliding_block_stops_where_its_energy_is_used_up():
 
 
 @every_effect
-def test_a_batch_is_its_pendulums_one_by_one(id):
+def test_a_batch_of_pendulums_and_parameters_is_each_one_by_one(id):
     model = hide(paper_plant(), id)
     rng = np.random.default_rng(0)
+    theta = model.theta[:, None] * rng.uniform(0.8, 1.25, (len(model.theta), 3))
     torque = two_tones(0.3, 2e-3)[:, None] + rng.uniform(-1, 1, 3)
     q, v, start = rng.uniform(-2, 2, 3), rng.uniform(-3, 3, 3), rng.uniform(0, 20, 3)
-    together = model.simulate(2e-3, torque, q, v, start)
+    together = simulate(model.terms, theta, 2e-3, torque, q, v, start)
     for j in range(3):
-        alone = model.simulate(2e-3, torque[:, j], q[j], v[j], start[j])
-        np.testing.assert_allclose(together.position[:, j], alone.position[:, 0], rtol=1e-10, atol=1e-10)
-        np.testing.assert_allclose(together.velocity[:, j], alone.velocity[:, 0], rtol=1e-10, atol=1e-10)
-
-
-@every_effect
-def test_a_batch_of_parameters_is_its_models_one_by_one(id):
-    model = hide(paper_plant(), id)
-    rng = np.random.default_rng(1)
-    theta = model.theta[:, None] * rng.uniform(0.8, 1.25, (len(model.theta), 3))
-    torque = two_tones(0.3, 2e-3)
-    together = simulate(model.terms, theta, 2e-3, torque, 0.5, -1.0, 9.0)
-    assert together.position.shape == (len(torque) + 1, 3)
-    for j in range(3):
-        alone = simulate(model.terms, theta[:, j], 2e-3, torque, 0.5, -1.0, 9.0)
-        np.testing.assert_allclose(together.position[:, j], alone.position[:, 0], rtol=1e-10, atol=1e-10)
+        alone = simulate(model.terms, theta[:, j], 2e-3, torque[:, j], q[j], v[j], start[j])
+        np.testing.assert_allclose([part[:, j] for part in together], [part[:, 0] for part in alone], 1e-10, 1e-10)
 
 
 @every_effect
@@ -312,11 +270,10 @@ def test_no_parameters_however_wild_make_a_simulation_return_nan(id):
 
 @pytest.mark.parametrize("samples", [1, 7, 50])
 def test_dead_time_shifts_the_response_exactly(samples):
-    torque, late = two_tones(2.0, 2e-3), np.array(THETA)
-    prompt = simulate(BASE, late, 2e-3, torque, 0.0, 0.0)
-    delayed = simulate((*BASE, effect("dead_time")(dead_time=2e-3 * samples)), late, 2e-3, torque, 0.0, 0.0)
-    np.testing.assert_allclose(delayed.position[samples:], prompt.position[:-samples], atol=1e-11)
-    np.testing.assert_array_equal(delayed.position[: samples + 1], 0.0)
+    torque, late = two_tones(2.0, 2e-3), effect("dead_time")(dead_time=2e-3 * samples)
+    prompt, delayed = (simulate(terms, np.array(THETA), 2e-3, torque, 0.0, 0.0)[0] for terms in (BASE, (*BASE, late)))
+    np.testing.assert_allclose(delayed[samples:], prompt[:-samples], atol=1e-11)
+    np.testing.assert_array_equal(delayed[: samples + 1], 0.0)
 
 
 @pytest.mark.parametrize("dead_time", [0.004, 0.0071])
@@ -328,28 +285,17 @@ def test_commands_before_the_first_still_arrive_after_it(dead_time):
     np.testing.assert_allclose(rest.position, whole.position[400:], atol=1e-11)
 
 
-def test_actuator_lag_answers_a_step_on_a_free_inertia_as_the_closed_form_says():
+@pytest.mark.parametrize("before", [0.0, 2.0])
+def test_actuator_lag_answers_a_step_on_a_free_inertia_as_the_closed_form_says(before):
     lag, step, time = 0.03, 2.0, 1e-3 * np.arange(301)
-    path = simulate(
-        (Inertia(), effect("actuator_lag")(time_constant=lag)),
-        np.array([INERTIA]),
-        1e-3,
-        np.full(300, step),
-        0.0,
-        0.0,
-        memory={"actuator_lag": (np.zeros(1),)},
-    )
-    fade = 1 - np.exp(-time / lag)
-    velocity = step / INERTIA * (time - lag * fade)
-    position = step / INERTIA * (0.5 * time**2 - lag * time + lag**2 * fade)
+    terms = (Inertia(), effect("actuator_lag")(time_constant=lag))
+    memory = None if before == step else {"actuator_lag": (np.zeros(1),)}  # else what has acted for long
+    path = simulate(terms, np.array([INERTIA]), 1e-3, np.full(300, step), 0.0, 0.0, memory=memory)
+    fade, share = 1 - np.exp(-time / lag), 1 - before / step
+    velocity = step / INERTIA * (time - share * lag * fade)
+    position = step / INERTIA * (0.5 * time**2 - share * (lag * time - lag**2 * fade))
     np.testing.assert_allclose(path.velocity[:, 0], velocity, atol=2e-4 * velocity.max())
     np.testing.assert_allclose(path.position[:, 0], position, atol=2e-4 * position.max())
-
-
-def test_actuator_lag_starts_from_the_torque_that_has_acted_for_long():
-    terms = (Inertia(), effect("actuator_lag")(time_constant=0.03))
-    path = simulate(terms, np.array([INERTIA]), 1e-3, np.full(100, 2.0), 0.0, 0.0)
-    np.testing.assert_allclose(path.velocity[:, 0], 2.0 / INERTIA * 1e-3 * np.arange(101), rtol=1e-12)
 
 
 def test_presliding_friction_is_a_spring_of_stiffness_f_over_d_for_small_displacements():
@@ -365,8 +311,7 @@ def test_presliding_friction_is_a_spring_of_stiffness_f_over_d_for_small_displac
 
 
 def test_presliding_friction_far_beyond_its_displacement_is_dry_friction():
-    terms = (Inertia(), Gravity(), Viscous(), Coulomb(), effect("presliding")(displacement=1e-3))
-    torque = np.full(600, 5.0)
+    terms, torque = (*BASE, effect("presliding")(displacement=1e-3)), np.full(600, 5.0)
     smooth = simulate(terms, np.array([*THETA, FC]), 1e-3, torque, -1.0, 8.0)
     dry = simulate(BASE, np.array(THETA), 1e-3, torque, -1.0, 8.0)
     np.testing.assert_allclose(smooth.position, dry.position, atol=0.01)

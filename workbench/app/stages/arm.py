@@ -12,6 +12,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from estimators.arms.diagnosis import gather_arm
+from pendulum_env.words import listing, name, number, opening
 from workbench.app import card
 from workbench.app.arm import WEIGHTLESS, ArmState
 from workbench.app.parts import button, dropdown, fragment, graph, labelled, panel, table
@@ -23,7 +24,6 @@ from workbench.app.state import NOTHING
 from workbench.arms import SAVED, TRUST, schemes_table
 from workbench.report.arm import ends, joints, parameters, strips, worst
 from workbench.report.sections.candidates import ranked
-from workbench.report.words import listing, name, number, opening
 from workbench.robot import held_text
 
 

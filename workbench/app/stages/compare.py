@@ -19,6 +19,7 @@ from estimators.checks.residual import AXES, Region, profiles, stand_out, turns,
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.physics import Samples, effect
 from pendulum_env.recording import Recording
+from pendulum_env.words import number, opening
 from workbench.app.arm import ArmState
 from workbench.app.parts import LINKED, dropdown, effects_to_choose, field, graph, labelled, panel
 from workbench.app.session import Session, Sessions
@@ -30,7 +31,6 @@ from workbench.report.figure import Figure, axis, band, broken, line, numbers, s
 from workbench.report.gallery import picture
 from workbench.report.sections.comparison import before_and_after, position_figure
 from workbench.report.sections.failures import planes
-from workbench.report.words import number, opening
 
 GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
 HINT = "Drag a box in any of the plots, or choose a region: the same moments light up in all."

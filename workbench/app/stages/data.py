@@ -11,6 +11,7 @@ from dash.development.base_component import Component
 
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
+from pendulum_env.words import listing, name, number, opening, percent
 from workbench.app import card, recorder
 from workbench.app.arm import ArmState
 from workbench.app.parts import (
@@ -34,8 +35,6 @@ from workbench.app.state import State as Work
 from workbench.app.uploads import UPLOAD
 from workbench.inputs import FORMATS
 from workbench.report.figure import Figure, line, stacked, thin
-from workbench.report.sections.method import use
-from workbench.report.words import listing, name, number, opening, percent
 
 DRAWN = 4  # recordings that are drawn
 WHY = "No effect does that, and several may be found that only imitate it."
@@ -132,8 +131,8 @@ def _share_in_stick(state: Work) -> dict[int, float]:
     if state.trouble:
         return {}
     training, testing = state.prepared.evidence
-    windows = [*((w, "checked") for w in testing.data.windows), *((w, "fitted") for w in training.data.windows)]
-    return {id(w.recording): use(w, part).at_rest for w, part in windows}
+    windows = [*testing.data.windows, *training.data.windows]
+    return {id(w.recording): 1.0 - float(np.mean(w.moving)) for w in windows}
 
 
 def _telling(state: Work) -> Component:

@@ -8,6 +8,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from estimators.diagnosis.result import Diagnosis
+from pendulum_env.words import listing
 from workbench import inputs
 from workbench.app import recorder
 from workbench.app.parts import KEPT, button, effects_to_choose, field, fragment, labelled, panel
@@ -19,7 +20,6 @@ from workbench.app.state import NOTHING, Asked
 from workbench.app.state import State as Work
 from workbench.report.sections.candidates import candidates
 from workbench.report.sections.story import story
-from workbench.report.words import listing
 
 
 def show(session: Session) -> list[Component]:

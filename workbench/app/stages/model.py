@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from dash import html
 from dash.development.base_component import Component
 
+from pendulum_env.words import name, opening
 from workbench.app.parts import button, drop, fragment, graph, panel
 from workbench.app.session import Session
 from workbench.app.stage import Stage
 from workbench.app.state import State as Work
 from workbench.report.sections.parameters import parameters
 from workbench.report.sections.schemes import schemes
-from workbench.report.words import name, opening
 
 
 def show(session: Session) -> list[Component]:
@@ -24,7 +22,7 @@ def show(session: Session) -> list[Component]:
         for term in state.model.terms
     ]
     about = html.P("The torque that moves the joint is the sum of these terms:")
-    section = schemes(replace(state.standing, identification=state.identification))
+    section = schemes(state.standing)
     side_by_side: list[Component] = [html.P("These recordings are too poor for the six schemes.")]
     if section is not None:
         plots = [graph(figure) for figure in section.content["figures"]]

@@ -3,13 +3,12 @@
 from collections.abc import Callable
 
 from workbench.report.case import Case
-from workbench.report.section import Section
-from workbench.report.sections.candidates import candidates
+from workbench.report.figure import Section
+from workbench.report.sections.candidates import candidates, next_experiment
 from workbench.report.sections.comparison import comparison
 from workbench.report.sections.errors import errors
 from workbench.report.sections.failures import failures
 from workbench.report.sections.method import method
-from workbench.report.sections.next import next_experiment
 from workbench.report.sections.parameters import parameters
 from workbench.report.sections.schemes import schemes
 from workbench.report.sections.story import story

@@ -9,13 +9,9 @@ import numpy as np
 from estimators.simulation.free_running import Segments, follow
 from pendulum_env._typing import Array
 from workbench.report.case import Case
-from workbench.report.figure import POINTS, Figure, band, broken, joined, line, stacked, thin, views
-from workbench.report.section import Section
+from workbench.report.figure import DRAWING, Figure, Section, band, broken, joined, line, stacked, thin, views
 
-MOST = 4  # held-out recordings that are drawn
 PER_SEGMENT = (10, 80)  # points of each simulated window, fewer where there are many
-CLOSE = 5.0  # [s] that are shown at first
-BROAD = 3.4  # width of the measured curve, on which the models are drawn
 
 
 def comparison(case: Case) -> Section:
@@ -26,7 +22,7 @@ def comparison(case: Case) -> Section:
     torque = np.split(evidence.data.torque(), ends)
     noise = case.diagnosis.noise_floor
     usable = [k for k, w in enumerate(evidence.data.windows) if len(w.centers) > 1]
-    order = sorted(usable, key=lambda k: -float(np.mean(split[0][k] ** 2)))[:MOST]
+    order = sorted(usable, key=lambda k: -float(np.mean(split[0][k] ** 2)))[: DRAWING.compared]
     runs = [
         {
             "name": case.holdout[k].name,
@@ -68,7 +64,7 @@ def position_figure(case: Case, id: str, each: Sequence[Segments]) -> Figure:
         each: segments of the recording as each model starts them.
     """
     segments = each[0]
-    points = int(np.clip(2 * POINTS // len(segments.first), *PER_SEGMENT))
+    points = int(np.clip(2 * DRAWING.points // len(segments.first), *PER_SEGMENT))
     step = max(1, (len(segments.position) - 1) // points)
     at = np.arange(0, len(segments.position), step)
     recording = segments.windows.recording
@@ -99,13 +95,13 @@ def before_and_after(
 ) -> Figure:
     """Measured and modelled quantity (N,) above their difference, for every model; names: of both, and their unit."""
     quantity, difference, unit = names
-    data = [line(x, measured, "measured", "--measured", unit, line={"color": "--measured", "width": BROAD})]
+    data = [line(x, measured, "measured", "--measured", unit, line={"color": "--measured", "width": DRAWING.broad})]
     for (name, color, _), above, below in zip(case.models, modelled, differences, strict=True):
         data.append(line(x, above, name, color, unit, legendgroup=name))
         data.append(line(x, below, name, color, unit, legendgroup=name, yaxis="y2", showlegend=False))
     layout = stacked(f"{quantity} [{unit}]", f"{difference} [{unit}]", "time [s]")
     to_see = bool(case.diagnosis.selected or case.diagnosis.unexplained)
-    choice = views(x, [measured, *modelled], differences, CLOSE, worst_first=to_see, model=case.first)
+    choice = views(x, [measured, *modelled], differences, DRAWING.close, worst_first=to_see, model=case.first)
     for axis, limits in choice[0].ranges.items():
         layout[axis]["range"] = limits
     return Figure(id, label, data, layout, 460, choice)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from textwrap import wrap
 
 import numpy as np
@@ -10,10 +9,9 @@ import numpy as np
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence
 from pendulum_env._typing import JSON
+from pendulum_env.words import name, number
 from workbench.report.case import Case
-from workbench.report.figure import Figure, axis, line
-from workbench.report.section import Section
-from workbench.report.words import name, number
+from workbench.report.figure import Figure, Section, axis, line
 
 PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))
 BROADEST = 14  # characters of a label's line
@@ -40,24 +38,15 @@ def errors(case: Case) -> Section:
     return Section("errors", "Errors", "How the error falls", content)
 
 
-@dataclass(frozen=True)
-class Whiteness:
-    """What neighbouring windows share of a residual [N m], in standard errors of white noise, and what that means."""
+def whiteness(label: str, case: Case, evidence: Evidence, drawn: int) -> tuple[str, float, float, str]:
+    """Test of the residual of a drawn model for correlation between neighbours, beyond what their overlap gives.
 
-    label: str
-    shared: float
-    significance: float
-    verdict: str
-
-
-def whiteness(label: str, case: Case, evidence: Evidence, drawn: int) -> Whiteness:
-    """Test of the residual of a drawn model for correlation between neighbours, beyond what their overlap gives."""
+    Label, what they share [N m], the same in standard errors of white noise, and what that means.
+    """
     residual, model = case.residuals(evidence)[drawn], case.models[drawn][2]
-    shared, sure, _ = evidence.data.structure(residual, abs(model.estimates["inertia"].value))
-    if sure < Criterion().sure:
-        return Whiteness(label, shared, sure, "white")
-    small = shared < case.diagnosis.noise_floor
-    return Whiteness(label, shared, sure, f"not white{', by less than noise is' if small else ': something is left'}")
+    shared, significance, _ = evidence.data.structure(residual, abs(model.estimates["inertia"].value))
+    small = ", by less than noise is" if shared < case.diagnosis.noise_floor else ": something is left"
+    return label, shared, significance, "white" if significance < Criterion().sure else f"not white{small}"
 
 
 def ladder(case: Case, quantity: str, title: str, floor: float | None) -> Figure:

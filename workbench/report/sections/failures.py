@@ -9,8 +9,7 @@ import numpy as np
 from estimators.checks.residual import STANDS_OUT, WITHIN, Profile, Region, profiles, stand_out, wrapped
 from pendulum_env._typing import JSON, Array
 from workbench.report.case import Case
-from workbench.report.figure import Figure, axis, band, line, numbers
-from workbench.report.section import Section
+from workbench.report.figure import Figure, Section, axis, band, line, numbers
 
 TITLES = {
     "position": "angle q [rad]",

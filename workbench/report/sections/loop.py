@@ -11,11 +11,9 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.in_loop.comparison import followed
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
-from workbench.report.figure import Figure, axis, line
-from workbench.report.section import Section
-from workbench.report.words import opening
+from pendulum_env.words import opening
+from workbench.report.figure import DRAWING, Figure, Section, axis, line
 
-MOST = 8  # recordings that are drawn
 COLORS = ("--base", "--final")
 
 
@@ -35,7 +33,7 @@ def loop(
             errors.append(float(np.mean(np.abs(simulated - measured))))
             curves.append(line(time, simulated, label, color, "rad"))
         rows.append((recording.name, errors))
-        if number >= MOST or recording.reference is None:
+        if number >= DRAWING.in_loop or recording.reference is None:
             continue
         start = recording.time - recording.time[0]
         lines = [line(time, measured, "measured", "--measured", "rad"), *curves]

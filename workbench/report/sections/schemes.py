@@ -5,21 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from estimators.schemes.identification import Identification
-from estimators.show.tables import kin
+from estimators.show.story import kin
 from pendulum_env._typing import JSON
+from pendulum_env.words import name, unit
 from workbench.report.case import Case
-from workbench.report.figure import Figure, axis, line
-from workbench.report.section import Section
-from workbench.report.words import name, unit
+from workbench.report.figure import DRAWING, Figure, Section, axis, line
 
 COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
-SETTLED = 0.25  # share of the recording after which estimates are in the picture
-FRAME = 0.6  # of the picture's height, at most, are within that range
 
 
 def schemes(case: Case) -> Section | None:
-    """Estimates of every scheme and how they converge, where the schemes were run."""
-    found = case.identification
+    """Estimates of every scheme and how they converge; None where recordings are too poor for them."""
+    found = case.schemes
     if found is None:
         return None
     strokes = {id: stroke(k, id) for k, id in enumerate(found.schemes)}
@@ -47,12 +44,12 @@ def convergence_figure(found: Identification, column: int, strokes: dict[str, JS
     for id, result in found.schemes.items():
         course = result.convergence
         estimate = course.theta[:, column]
-        late = course.time >= course.time[0] + SETTLED * (course.time[-1] - course.time[0])
+        late = course.time >= course.time[0] + DRAWING.settled * (course.time[-1] - course.time[0])
         settled.append(estimate[late])
         data.append(line(course.time, estimate, name(id), "", unit(parameter.unit), line=strokes[id]))
     values = np.concatenate(settled)
     middle = float(np.median([result[-1] for result in settled]))
-    reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / FRAME
+    reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / DRAWING.frame
     title = f"{parameter.name} [{unit(parameter.unit)}]" if unit(parameter.unit) else parameter.name
     layout = {
         "xaxis": axis("time [s]"),

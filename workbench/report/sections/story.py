@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from estimators.diagnosis.result import Diagnosis, Verdict
 from estimators.simulation.free_running import SECONDS
-from pendulum_env.physics import Estimate, Term
+from pendulum_env.words import listing, name, number
 from workbench.report.case import Case
-from workbench.report.section import Section
-from workbench.report.words import listing, name, number
+from workbench.report.figure import Section
 
 TELLING = 0.01  # share of a parameter, from which an error is worth a word
 SURE = 3.0  # standard errors
@@ -29,41 +29,25 @@ class Change:
     note: str
 
 
-@dataclass(frozen=True)
-class Finding:
-    """An effect that was added, with its law and the parameters found for it."""
-
-    effect: str
-    law: str
-    about: str
-    parameters: dict[str, Estimate]
-    rivals: tuple[str, ...]
-
-
 def story(case: Case) -> Section:
     """Headline, key figures and what follows from them."""
     diagnosis = case.diagnosis
-    open_questions = [c for c in diagnosis.candidates if c.verdict is Verdict.NOT_EXCITED]
-    return Section(
-        "story",
-        "Result",
-        diagnosis.headline,
-        {
-            "changes": changes(diagnosis),
-            "misled": misled(diagnosis),
-            "findings": [finding(diagnosis, effect) for effect in diagnosis.selected],
-            "ambiguous": diagnosis.ambiguous,
-            "unexplained": diagnosis.unexplained,
-            "disagreements": diagnosis.disagreements,
-            "advice": [diagnosis.next_step, *diagnosis.remarks] if diagnosis.candidates else diagnosis.advice,
-            "not_excited": open_questions,
-            "noise_floor": diagnosis.noise_floor,
-            "reached": diagnosis.steps[-1].errors["holdout"].torque_rms / diagnosis.noise_floor,
-            "candidates": len(diagnosis.candidates),
-            "held_out": held_out(case),
-            "torque_constant": diagnosis.torque_constant.text if diagnosis.torque_constant is not None else None,
-        },
-    )
+    constant = diagnosis.torque_constant
+    content = {
+        "changes": changes(diagnosis),
+        "misled": misled(diagnosis),
+        "findings": [finding(diagnosis, effect) for effect in diagnosis.selected],
+        "unexplained": diagnosis.unexplained,
+        "disagreements": diagnosis.disagreements,
+        "advice": [diagnosis.next_step, *diagnosis.remarks] if diagnosis.candidates else diagnosis.advice,
+        "not_excited": [c for c in diagnosis.candidates if c.verdict is Verdict.NOT_EXCITED],
+        "noise_floor": diagnosis.noise_floor,
+        "reached": diagnosis.steps[-1].errors["holdout"].torque_rms / diagnosis.noise_floor,
+        "candidates": len(diagnosis.candidates),
+        "held_out": held_out(case),
+        "torque_constant": constant.text if constant is not None else None,
+    }
+    return Section("story", "Result", diagnosis.headline, content)
 
 
 def changes(diagnosis: Diagnosis) -> list[Change]:
@@ -98,20 +82,20 @@ def misled(diagnosis: Diagnosis) -> list[str]:
     return told
 
 
-def finding(diagnosis: Diagnosis, effect: str) -> Finding:
-    """One added effect with its parameters in the final model."""
+def finding(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
+    """One added effect with its law, its parameters in the final model, and what looks the same."""
     term = next(term for term in diagnosis.model.terms if term.id == effect)
     names = [column.name for column in term.columns] + [f"{term.id}.{shape.name}" for shape in term.free]
-    rivals = tuple(id for group in diagnosis.ambiguous if group[0] == effect for id in group[1:])
     named = {**diagnosis.model.estimates, **diagnosis.model.derived}
     names += [name for name in diagnosis.model.derived if name.startswith(f"{effect}.")]
-    return Finding(effect, term.law, about(term), {name: named[name] for name in names}, rivals)
-
-
-def about(term: Term) -> str:
-    """What a term is, in the first sentence of its own description, without the formula."""
-    first = (type(term).__doc__ or "").split("\n")[0].split(":")[0]
-    return "" if first.startswith(f"{type(term).__name__}(") else first.rstrip(".")
+    about = (type(term).__doc__ or "").split("\n")[0].split(":")[0]  # its first sentence, without the formula
+    return {
+        "effect": effect,
+        "law": term.law,
+        "about": "" if about.startswith(f"{type(term).__name__}(") else about.rstrip("."),
+        "parameters": {name: named[name] for name in names},
+        "rivals": [id for group in diagnosis.ambiguous if group[0] == effect for id in group[1:]],
+    }
 
 
 def held_out(case: Case) -> str:

@@ -1,19 +1,22 @@
-"""Results as tables of words; the command line prints them, notebooks show them."""
+"""Results as parts, each a title with tables, sentences and lists; the command line prints and notebooks show them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
+from estimators.checks.homogeneity import Disagreement
 from estimators.checks.residual import SYMBOLS, Profile
 from estimators.comparison import Comparison
-from estimators.diagnosis.result import Candidate, Detectable, Verdict
+from estimators.diagnosis.added import Addition
+from estimators.diagnosis.result import Candidate, Detectable, Diagnosis, Verdict
 from estimators.schemes.identification import Identification
 from estimators.selection.data import Step
 from pendulum_env.physics import Model
-from pendulum_env.words import Table, bar, listing
+from pendulum_env.words import BIASED, Table, bar, listing, parameters_table
 
 RUNNERS_UP = 5  # rejected candidates that are shown
 SCORE = (
@@ -21,52 +24,106 @@ SCORE = (
     "likelier it makes data that it was not fitted to"
 )
 _DISTANCES = ("recording", "torque [N m]", "fit [%]", "noise floor [N m]", "free-running position [rad]", "fit [%]")
+ERRORS = {"in_loop": ("in the loop", "rad"), "torque_rms": ("torque", "N m"), "position_rms": ("position", "rad")}
 _IN_LOOP = ("in the loop, mean [rad]", "RMS [rad]")
+FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
+FOLLOWED = 80.0  # [%] of the motion in free runs, below which torque alone does not make a good model
+
+Content = Sequence[Table | str | tuple[str, ...]]  # a tuple is a list of points
+
+
+class Part(NamedTuple):
+    """What is told under one title; of a part that is not brief a notebook shows the title alone until it is opened."""
+
+    title: str
+    content: Content
+    brief: bool = True
+
+
+def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[Part]:
+    """A diagnosis of a pendulum, with the candidates that matter or every one; `how` the others are shown."""
+    noise = noise_text(found.noise_floor, found.is_in_loop)
+    parts = [
+        Part("Errors", [errors_table(found.steps), fit_text(found.steps), noise]),
+        Part("Parameters", [parameters_table(found.model), *([BIASED] if found.unexplained else [])]),
+        judged(found.candidates, every, how),
+    ]
+    if found.detectable:
+        parts.append(Part("What would have shown", [detectable_table(found.detectable)], brief=False))
+    if found.unexplained:
+        parts.append(Part("Left unexplained", [tuple(region.text for region in found.unexplained)]))
+    return parts
+
+
+def judged(candidates: Sequence[Candidate], every: bool, how: str = "") -> Part:
+    """The candidates that matter or every one, and what their score means."""
+    ranking, more = candidates_table(candidates, every)
+    return Part("Candidates", [ranking, *([f"and {more}{how}"] if more else []), SCORE], brief=False)
+
+
+def disagreeing(found: Sequence[Disagreement]) -> list[Part]:
+    """Recordings that show another plant than the others, if there are any."""
+    return [Part("Recordings that disagree", [tuple(one.text for one in found)])] if found else []
+
+
+def of_addition(found: Addition) -> list[Part]:
+    """Errors before and after, what follows from them, and the parameters."""
+    told = [found.text, *([found.looks_like] if found.looks_like is not None else [])]
+    if found.left > FAR_ABOVE:
+        told.append(
+            f"what is left is {found.left:.1f} times the noise floor: something else is missing, `diagnose` ranks what"
+        )
+    if found.doubt is not None:
+        told.append(f"warning: {found.doubt}")
+    return [
+        Part(
+            "Errors, the model refitted without and with the effect", [errors_table((found.before, found.after)), *told]
+        ),
+        Part("Parameters", [parameters_table(found.after.model)]),
+    ]
+
+
+def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
+    """Errors of a model, and where it fails: a profile as a table, unless it is drawn."""
+    several = len(found.distances)
+    where: list[Table | str | tuple[str, ...]] = [tuple(region.text for region in found.regions)]
+    axes = [region.axis for region in found.regions if region.axis != "frequency"]
+    profile = next((item for axis in axes for item in found.profiles if item.axis == axis), None)
+    if profile is not None and not is_drawn:
+        where.append(profile_table(profile))
+    if len(found.regions) > 1:
+        where.append("regions of different quantities may be of the same moments")
+    if found.regions:
+        where.append("`diagnose` tells which effect would explain this")
+    elif found.joint.errors.position_fit >= FOLLOWED:
+        where.append("nothing stands out of the noise: the model explains these recordings")
+    else:
+        error = f"{found.joint.errors.position_rms:.3g} rad"
+        where.append(
+            f"nothing in torque stands out of the noise, but free runs err by {error}: something acts near turns or at "
+            "rest, `diagnose` tells what may"
+        )
+    in_words = [text for text in (found.told_in_loop, found.caveat) if text]
+    title = f"Errors of the model with {listing([term.id for term in found.model.terms])}"
+    return [
+        Part(title, [distances_table(found), *in_words]),
+        *disagreeing(found.disagreements),
+        Part(f"Where, all {several} recordings together" if several > 1 else "Where", where),
+    ]
 
 
 def errors_table(steps: Sequence[Step]) -> Table:
     """Errors step by step, with a bar that shrinks; ratios are held-out errors over the base's."""
     base = steps[0].errors["holdout"]
-    if base.is_in_loop:
-        return _loop_table(steps)
-    rows = []
-    for step in steps:
-        train, holdout = step.errors["train"], step.errors["holdout"]
-        torque = holdout.torque_rms / max(base.torque_rms, 1e-300)
-        position = holdout.position_rms / max(base.position_rms, 1e-300)
-        rows.append(
-            (
-                "as it was" if step.added is None else f"+ {step.added}",
-                f"{train.torque_rms:.4g}",
-                f"{holdout.torque_rms:.4g}",
-                f"{torque:.3g}",
-                f"{train.position_rms:.4g}",
-                f"{holdout.position_rms:.4g}",
-                f"{position:.3g}",
-                bar(torque),
-            )
-        )
-    headers = (
-        "model",
-        "torque, fitted [N m]",
-        "torque, held out [N m]",
-        "ratio",
-        "position, fitted [rad]",
-        "position, held out [rad]",
-        "ratio",
-        "",
-    )
-    return Table(headers, rows, left=("",))
-
-
-def _loop_table(steps: Sequence[Step]) -> Table:
-    """The same of errors in the loop."""
-    base, rows = steps[0].errors["holdout"].in_loop, []
-    for step in steps:
-        train, holdout = (step.errors[part].in_loop for part in ("train", "holdout"))
-        label = "as it was" if step.added is None else f"+ {step.added}"
-        rows.append((label, f"{train:.4g}", f"{holdout:.4g}", f"{holdout / base:.3g}", bar(holdout / base)))
-    return Table(("model", "in the loop, fitted [rad]", "in the loop, held out [rad]", "ratio", ""), rows, left=("",))
+    kinds = ["in_loop"] if base.is_in_loop else ["torque_rms", "position_rms"]
+    headers, rows = ["model"], [["as it was" if step.added is None else f"+ {step.added}"] for step in steps]
+    for kind in kinds:
+        what, unit = ERRORS[kind]
+        headers += [f"{what}, fitted [{unit}]", f"{what}, held out [{unit}]", "ratio"]
+        for row, step in zip(rows, steps, strict=True):
+            train, holdout = (getattr(step.errors[part], kind) for part in ("train", "holdout"))
+            row += [f"{train:.4g}", f"{holdout:.4g}", f"{holdout / max(getattr(base, kind), 1e-300):.3g}"]
+    return Table([*headers, ""], [[*row, bar(float(row[3]))] for row in rows], left=("",))
 
 
 def fit_text(steps: Sequence[Step]) -> str:

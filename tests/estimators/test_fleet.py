@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimators.fleet import course, odd_ones, onset, pool, pooling, surely, weigh
+from estimators import fleet
+from estimators.fleet import course, odd_ones, onset, pool, surely, weigh
 
 WEEKS = np.arange(10.0)
 
@@ -124,6 +125,6 @@ def test_of_many_cases_some_are_drawn_together_to_the_same_weights(monkeypatch):
     rng = np.random.default_rng(8)
     gains = rng.normal(0.02, 1, (600, 1)) + rng.normal(0, 0.05, (600, 3))
     one_by_one = weigh(gains)
-    monkeypatch.setattr(pooling, "DRAWN", 50)
+    monkeypatch.setattr(fleet, "FEWEST", fleet.Fewest(summed=50))
     assert weigh(gains) == pytest.approx(one_by_one, abs=0.03)
     assert one_by_one.max() - one_by_one.min() > 0.1  # there is something to tell

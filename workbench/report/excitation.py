@@ -1,9 +1,8 @@
-"""Sections of the page: gains with their intervals, errors over time, the bound, and what each policy does."""
+"""The page about excitation policies: how soon the parameters are known, how surely, and what it takes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
@@ -11,10 +10,8 @@ from agents.evaluation import MOMENTS, Outcome
 from agents.knowledge import COUNT
 from agents.observer import TICK
 from pendulum_env._typing import JSON, Array
-from pendulum_env.files import write_whole
-from workbench.report.figure import Figure, axis, line, numbers
+from workbench.report.figure import Figure, Section, axis, line, numbers
 from workbench.report.page import assemble
-from workbench.report.section import Section
 
 COLORS = ("--base", "--final", "--low", "--high", "--measured", "--train")  # the baseline's first
 DASHES = ("solid", "dash", "dot")
@@ -23,20 +20,9 @@ SHOWN = 2  # s of torque and motion
 
 
 def render(told: JSON, outcomes: Mapping[str, Outcome]) -> str:
-    """HTML of the page."""
+    """HTML of the page, from what `agents.evaluation.evaluation_json` tells of outcomes, by name of the policy."""
     sections = [summary(told), course(told, outcomes), efficiency(told), behaviour(told, outcomes)]
     return assemble(sections, f"excitation policies under the constraint {told['constraint']}")
-
-
-def write_excitation_report(path: str | Path, told: JSON, outcomes: Mapping[str, Outcome]) -> None:
-    """Write an evaluation as one self-contained HTML file, whole or not at all.
-
-    Args:
-        path: of the file.
-        told: what `agents.evaluation.evaluation_json` tells of the outcomes.
-        outcomes: by name of the policy.
-    """
-    write_whole(path, render(told, outcomes))
 
 
 def summary(told: JSON) -> Section:
