@@ -76,19 +76,16 @@ def make_app(
 
 
 def _show_fleet(server: flask.Flask, survey: Path) -> str:
-    """Answer for a survey's page, which tells what its dataset holds by then, and for those of its cases.
-
-    Args:
-        server: of the app, which is for this computer alone.
-        survey: the folder, as the server's user named it.
-
-    Returns the page's address.
-    """
+    """Answer for a survey's page, which tells what its dataset holds by then, and for those of its cases."""
     dataset = Dataset(survey.resolve())
+
+    @lru_cache(maxsize=1)  # made anew when there are other files in the dataset: none is ever written twice
+    def made(parts: tuple[Path, ...]) -> str:
+        return fleet.render(Fleet.of(dataset), dataset.folder, home=HOME)
 
     @server.get(FLEET)
     def page() -> str:
-        return _page(dataset, tuple(dataset.parts))
+        return made(tuple(dataset.parts))
 
     @server.get(f"{FLEET}reports/<name>")  # one folder and no other: a name holds no slash
     def case(name: str) -> flask.Response:
@@ -97,12 +94,6 @@ def _show_fleet(server: flask.Flask, survey: Path) -> str:
         return response
 
     return FLEET
-
-
-@lru_cache(maxsize=1)
-def _page(dataset: Dataset, parts: tuple[Path, ...]) -> str:
-    """The page, made anew when there are other files in the dataset: none is ever written twice."""
-    return fleet.render(Fleet.of(dataset), dataset.folder, home=HOME)
 
 
 def _excuse(error: Exception) -> None:
