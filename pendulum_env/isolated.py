@@ -20,6 +20,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,12 +31,20 @@ from pendulum_env.reading import LARGEST, REMEDY, Unreadable, amount
 
 Answer = tuple[Any, Sequence[NDArray[Any]]]  # a record that JSON holds, and arrays
 
-ROOM = 500_000_000  # bytes of memory beside `size`: 110 MB for the libraries, the rest to unpack with
-SECONDS = 20  # of processor time, where `size` is as usual; in proportion where it is more
-PATIENCE = 10  # times as long by the clock, for a machine that does other things as well
-FILES = 64  # that may be open
-RECORD = 1 << 26  # bytes of a record
-IDLE = 2  # helpers that wait for more work
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a helper may take."""
+
+    room: int = 500_000_000  # bytes of memory beside `size`: 110 MB for the libraries, the rest to unpack with
+    seconds: int = 20  # of processor time, where `size` is as usual; in proportion where it is more
+    patience: float = 10.0  # times as long by the clock, for a machine that does other things as well
+    files: int = 64  # that may be open
+    record: int = 1 << 26  # bytes of a record
+    idle: int = 2  # helpers that wait for more work
+
+
+BOUNDS = Bounds()
 HERE = os.path.dirname(__file__)
 BARE = {"pendulum_env": HERE, "pendulum_env.arms": os.path.join(HERE, "arms")}  # whose contents a helper begins without
 SERVE = f"""
@@ -67,7 +76,7 @@ def isolated(work: Callable[..., Answer], *arguments: object, size: float = LARG
     except BaseException:
         helper.end()
         raise
-    if len(_idle) < IDLE:
+    if len(_idle) < BOUNDS.idle:
         _idle.append(helper)
     else:
         helper.end()
@@ -95,13 +104,14 @@ class _Helper:
         self._questions, self._answers = self.process.stdin, self.process.stdout
 
     def ask(self, work: Callable[..., Answer], arguments: tuple[object, ...], size: float, remedy: str) -> Answer:
-        seconds = math.ceil(SECONDS * max(1.0, size / LARGEST))
-        until = time.monotonic() + PATIENCE * seconds
-        late = threading.Timer(PATIENCE * seconds, self.process.kill)
+        seconds = math.ceil(BOUNDS.seconds * max(1.0, size / LARGEST))
+        until = time.monotonic() + BOUNDS.patience * seconds
+        late = threading.Timer(BOUNDS.patience * seconds, self.process.kill)
         late.daemon = True
         late.start()
         try:
-            limits = {"DATA": ROOM + int(size), "FSIZE": int(size), "CPU": seconds, "NOFILE": FILES, "CORE": 0}
+            memory = BOUNDS.room + int(size)
+            limits = {"DATA": memory, "FSIZE": int(size), "CPU": seconds, "NOFILE": BOUNDS.files, "CORE": 0}
             self._questions.write(pickle.dumps((_folder(), work, arguments, limits)))
             self._questions.flush()
             return self._heard(size, remedy)
@@ -114,14 +124,14 @@ class _Helper:
                 raise Unreadable(f"it takes more than {seconds} s to read: {remedy}") from None
             how = signal.Signals(code).name if code > 0 else f"exit code {-code}"
             raise Unreadable(
-                f"what reads it crashed ({how}): it is damaged, or takes more than {amount(ROOM + size)} of memory: "
+                f"what reads it crashed ({how}): it is damaged, or takes more than {amount(memory)} of memory: "
                 f"export it again, or {remedy}"
             ) from None
         finally:
             late.cancel()
 
     def _heard(self, size: float, remedy: str) -> Answer:
-        head = json.loads(self._answers.readline(RECORD))
+        head = json.loads(self._answers.readline(BOUNDS.record))
         kinds = [(np.dtype(str(kind)), tuple(map(int, shape))) for kind, shape in head.get("arrays", ())]
         if any(kind.kind not in "biufcU" for kind, _ in kinds):
             raise ValueError("no plain array")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimators.checks.identifiability import SURE, is_told
+from estimators.checks.identifiability import TELLING, is_told
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import DRAWS
 from pendulum_env.arms.model import ArmModel
@@ -29,7 +29,7 @@ def untold(model: ArmModel, position: Array, velocity: Array, torque: Array) -> 
     anywhere = np.random.default_rng(0).uniform(-np.pi, np.pi, (DRAWS, len(body.joints)))
     weight = np.abs(body.torque(anywhere, 0 * anywhere, 0 * anywhere)).max(axis=0)  # (n, P)
     with np.errstate(divide="ignore"):
-        links = np.minimum(inertia[:, None] / SURE / felt, largest[:, None] / weight).min(axis=0)
+        links = np.minimum(inertia[:, None] / TELLING.sure / felt, largest[:, None] / weight).min(axis=0)
     large = dict(zip(body.names, links.tolist(), strict=True))
     for joint, most, fast in zip(body.joints, largest.tolist(), fastest.tolist(), strict=True):
         large |= {f"viscous@{joint}": most / max(fast, 1e-300), f"coulomb@{joint}": most}

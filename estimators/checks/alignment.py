@@ -22,7 +22,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimators.checks.channel_fits import SURE, ChannelFits, Law
+from estimators.checks.channel_fits import SEARCH, ChannelFits, Law
 from estimators.regression.equations import IdentificationError
 from estimators.signals.channel import Channel
 from pendulum_env._typing import JSON
@@ -103,7 +103,7 @@ class Alignment:
         """Whether it is no other delay and lag than another's, as far as both are known."""
         apart = self.delay + self.lag - other.delay - other.lag
         spread = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
-        return bool(abs(apart) <= SURE * spread)
+        return bool(abs(apart) <= SEARCH.sure * spread)
 
     def apply(self, recording: Recording) -> Recording:
         """The recording with the torque that acted, where it was logged late or filtered; else as it is.
@@ -146,10 +146,10 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
         beside: effects that the joint has, with their shape parameters set; those that depend on the motion alone,
             and on what it was before, are fitted along.
 
-    A law is reported if its delay or lag is `SURE` standard errors from none, and if it surely predicts seconds better
-    to which it was not fitted. A filter is told from a delay where it surely predicts better, else both are said. What
-    looks logged late by half a sample, or by less since a controller held it for a while, was sampled unless held
-    torque surely predicts better; what looks late by more was, if that surely predicts better.
+    A law is reported if its delay or lag is `SEARCH.sure` standard errors from none, and if it surely predicts better
+    seconds to which it was not fitted. A filter is told from a delay where it surely predicts better, else both are
+    said. What looks logged late by half a sample, or by less since a controller held it for a while, was sampled unless
+    held torque surely predicts better; what looks late by more was, if that surely predicts better.
     Recordings too short to tell give an alignment without a finding and with infinite standard errors.
     """
     try:
@@ -164,7 +164,7 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
     if not found.is_late:
         return found
     other, rival = _found(replace(fits, is_sampled=True))
-    is_usual = found.delay + found.lag < 0.5 * fits.period + SURE * (found.delay_std + found.lag_std)
+    is_usual = found.delay + found.lag < 0.5 * fits.period + SEARCH.sure * (found.delay_std + found.lag_std)
     is_sampled = not law.excels(rival) if is_usual else rival.excels(law)
     return replace(other, rival=None) if is_sampled and other.is_late else found
 
@@ -247,7 +247,7 @@ def _found(fits: ChannelFits) -> tuple[Alignment, Law]:
     lag = fits.fit([np.array([0.0, share * late]) for share in (0.5, 1.0, 1.5)], (1,))
     if not delay.stands(none) or abs(late) < NEGLIGIBLE * fits.period:  # a filtered torque is late, too
         # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
-        spread = max(delay.std[0], abs(late) / SURE), max(lag.std[1], abs(lag.channel.lag) / SURE)
+        spread = max(delay.std[0], abs(late) / SEARCH.sure), max(lag.std[1], abs(lag.channel.lag) / SEARCH.sure)
         return Alignment(none.channel, *spread), none
     if late > 0:
         both = fits.fit([late * np.array([share, 1 - share]) for share in (0.25, 0.5, 0.75)], (0, 1), low=0.0)

@@ -38,23 +38,31 @@ from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
-REACH = 0.05  # [s], delays and lags up to it are looked for
-STARTS = 51  # delays among which a search starts from the best
-SURE = 4.0  # standard errors from which an estimate is told from none
-CLEARER = float(ndtri(1 - Criterion().chance))  # standard errors that a law has to gain to be better, as an effect has
-BY_CHANCE = float(np.log(2 * REACH / 1e-3))  # [nat], that the best of so many delays predicts better by chance
-FEWEST = 3  # equations for each column
-FRICTION = (0.02, 0.1, 0.5)  # of the highest velocity: where friction may bend, beside where smooth laws bend already
-BENT = 3  # times that the torque of the model is refitted with columns that depend on it
-NEARBY = 1e-4  # [s], difference for derivatives
-BETWEEN = 4  # recordings from which on their scatter, too, tells a standard error
+
+@dataclass(frozen=True)
+class ChannelSettings:
+    """How delays and lags are searched for, and when one is reported."""
+
+    reach: float = 0.05  # [s], delays and lags up to it are looked for
+    starts: int = 51  # delays among which a search starts from the best
+    sure: float = 4.0  # standard errors from which an estimate is told from none
+    clearer: float = float(ndtri(1 - Criterion().chance))  # standard errors of a gain that counts, as of an effect's
+    by_chance: float = float(np.log(2 * reach / 1e-3))  # [nat], gained by chance by the best of so many delays
+    fewest_equations: int = 3  # equations for each column
+    friction: tuple[float, ...] = (0.02, 0.1, 0.5)  # of the highest velocity: where friction, too, may bend
+    bends: int = 3  # times that the torque of the model is refitted with columns that depend on it
+    nearby: float = 1e-4  # [s], difference for derivatives
+    between: int = 4  # recordings from which on their scatter, too, tells a standard error
+    fewest_stretches: int = 3  # below which their scatter tells nothing
+
+
+SEARCH = ChannelSettings()
 NONE = Load(0.0, 0.0)
 # friction that is pressed by what hangs on the output, the joint's own weight and the known loads [per N m of each]
 OWN = Column("own", "1", dry=lambda x: np.abs(np.sin(x.position)))
 HUNG = Column("hung", "1", dry=lambda x: x.load.gravity * np.abs(np.sin(x.position)))
 # and by the motor, with its slope by the torque
 MOTOR = Column("motor", "1", dry=lambda x: np.abs(x.torque), of_torque=True)
-FEWEST_STRETCHES = 3  # below which their scatter tells nothing
 SENSE = Column("sense", "1", dry=lambda x: np.sign(x.torque), of_torque=True)
 
 
@@ -79,11 +87,11 @@ class Law:
     def is_sure(self) -> bool:
         """Whether each of its parameters is told from zero, and none is at the end of the search."""
         pairs = zip((self.channel.delay, self.channel.lag), self.std, strict=True)
-        return all(SURE * std < abs(value) < REACH for value, std in pairs if std > 0)
+        return all(SEARCH.sure * std < abs(value) < SEARCH.reach for value, std in pairs if std > 0)
 
     def stands(self, none: Law) -> bool:
         """Whether it is surely told from none, and surely predicts better."""
-        return self.is_sure and self.excels(none, BY_CHANCE)
+        return self.is_sure and self.excels(none, SEARCH.by_chance)
 
     def excels(self, other: Law, by_chance: float = 0.0) -> bool:
         """Whether it surely predicts better, by the scatter between stretches, whatever is left.
@@ -91,10 +99,10 @@ class Law:
         A channel acts always: what fits a single event better is no delay.
         """
         gain = self.density - other.density
-        if gain.shape[1] < FEWEST_STRETCHES:
+        if gain.shape[1] < SEARCH.fewest_stretches:
             return False
         spread = np.sqrt(gain.shape[1]) * gain.std(axis=1)
-        return bool((gain.sum(axis=1) - by_chance > CLEARER * spread).all())
+        return bool((gain.sum(axis=1) - by_chance > SEARCH.clearer * spread).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +140,12 @@ class ChannelFits:
         rows = np.flatnonzero(np.concatenate([_clear(w) for w in data.windows]))
         fast = float(np.percentile(np.abs(data.samples.velocity), 95))
         known = [term for term in beside if not depends_on_torque(term)]
-        laws = (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in FRICTION), *known)
+        laws = (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in SEARCH.friction), *known)
         gain = [] if is_torque(data) else [LOAD]
         columns = [*gain, OWN, HUNG] if len(set(loads)) > 1 else [OWN]
         first = [data.rows.column(column, data.rows.samples) for column in columns]
         phi = np.column_stack([*first, *(data.columns([law])[0][0] for law in laws)])
-        if len(rows) < FEWEST * phi.shape[1]:
+        if len(rows) < SEARCH.fewest_equations * phi.shape[1]:
             return None
         stretch, recording = (numbers[rows] for numbers in data.stretches(STRETCH)[:2])
         _, begin, stretch = np.unique(stretch, return_index=True, return_inverse=True)
@@ -159,7 +167,7 @@ class ChannelFits:
     def bent(self) -> Self:
         """The same with columns that bend with the torque of the model: friction under load, and a bent gain."""
         sign, torque, bent = np.sign(self.data.samples.velocity[self.rows]), self.torque(self.channel(self.start)), self
-        for _ in range(BENT):
+        for _ in range(SEARCH.bends):
             fitted = (torque - bent.residual(torque)) / self.data.weights[self.rows] + self.carried[self.rows]
             bent = self.beside(np.column_stack([np.abs(fitted) * sign, fitted**2, fitted**3]))
         return bent
@@ -185,7 +193,7 @@ class ChannelFits:
     @cached_property
     def start(self) -> Array:
         """The best of a few delays, (2,), see `channel`."""
-        delays = REACH * np.linspace(-1.0, 1.0, STARTS)
+        delays = SEARCH.reach * np.linspace(-1.0, 1.0, SEARCH.starts)
         return min(np.outer(delays, [1.0, 0.0]), key=lambda x: float(np.linalg.norm(self.misfit(x))))
 
     def sharpest(self) -> Self:
@@ -231,10 +239,11 @@ class ChannelFits:
 
     def slopes(self, x: Array, ways: Array) -> Array:
         """Derivatives (R, F) of the torque along each of several ways (F, 2)."""
-        ends = [[self.torque(self.channel(x + sign * NEARBY * way)) for sign in (1, -1)] for way in ways]
-        return np.reshape([(after - before) / (2 * NEARBY) for after, before in ends], (len(ways), len(self.rows))).T
+        ends = [[self.torque(self.channel(x + sign * SEARCH.nearby * way)) for sign in (1, -1)] for way in ways]
+        rises = [(after - before) / (2 * SEARCH.nearby) for after, before in ends]
+        return np.reshape(rises, (len(ways), len(self.rows))).T
 
-    def fit(self, starts: Iterable[Array], free: Sequence[int] = (), low: float = -REACH) -> Law:
+    def fit(self, starts: Iterable[Array], free: Sequence[int] = (), low: float = -SEARCH.reach) -> Law:
         """Best law near the best of the starts.
 
         Args:
@@ -242,7 +251,7 @@ class ChannelFits:
             free: which of them are fitted.
             low: limit of both.
         """
-        within = (np.clip(start, low, REACH) for start in starts)
+        within = (np.clip(start, low, SEARCH.reach) for start in starts)
         x = min(within, key=lambda start: float(np.linalg.norm(self.misfit(start))))
         ways = np.eye(2)[list(free)]
         if free:
@@ -250,7 +259,7 @@ class ChannelFits:
                 lambda way: self.misfit(x + way @ ways),
                 np.zeros(len(ways)),
                 lambda way: self.residual(self.slopes(x + way @ ways, ways)),
-                (low - ways @ x, REACH - ways @ x),
+                (low - ways @ x, SEARCH.reach - ways @ x),
                 xtol=1e-6,
             )
             x = x + moved.x @ ways
@@ -270,7 +279,7 @@ class ChannelFits:
 
     def raised(self, channel: Channel) -> float:
         """By how much the channel's filter raises white noise of the log in the windows, at most."""
-        factors, reach = [], int(np.ceil(5 * REACH / self.period))
+        factors, reach = [], int(np.ceil(5 * SEARCH.reach / self.period))
         impulse = np.eye(1, 2 * reach + 1, reach)[0]
         for w in self.data.windows:
             ways, period = (replace(channel, delay=0.0), Channel()), 1.0 / w.recording.rate
@@ -283,7 +292,7 @@ class ChannelFits:
     def clusters(self) -> list[Index]:
         """Stretches of time, and recordings, of each equation (R,), within which errors may be alike."""
         time, recording = self.data.clusters, self.data.recording_of_window
-        several = [time, recording] if len(np.unique(recording[self.rows])) >= BETWEEN else [time]
+        several = [time, recording] if len(np.unique(recording[self.rows])) >= SEARCH.between else [time]
         return [np.unique(clusters[self.rows], return_inverse=True)[1] for clusters in several]
 
 
@@ -294,6 +303,6 @@ def is_torque(data: Dataset) -> bool:
 
 def _clear(w: Windows) -> Mask:
     """Windows whose torque is known under every law of the channel (R,)."""
-    beyond = len(w.kernel) // 2 + int(np.ceil(REACH * w.recording.rate)) + 2
+    beyond = len(w.kernel) // 2 + int(np.ceil(SEARCH.reach * w.recording.rate)) + 2
     bounds = pairwise((*w.recording.starts, len(w.recording)))
     return np.any([(w.centers >= begin + beyond) & (w.centers < end - beyond) for begin, end in bounds], axis=0)

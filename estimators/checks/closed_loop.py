@@ -17,11 +17,19 @@ from estimators.regression.equations import Equations
 from estimators.regression.least_squares import least_squares, solve
 from pendulum_env.recording import Recording
 
-PAST = 6  # samples of torque and position that tell what comes
-PARTS = 20  # of a recording, whose scatter tells how sure a correlation is
-SURE = 4.0  # standard errors
-ANSWERED = 0.1  # correlation of the surprises; less of it biases no parameter
-TAIL = 4.0  # standard deviations beyond which a surprise is an event of its own: a step, a stop, a glitch
+
+@dataclass(frozen=True)
+class FeedbackSettings:
+    """How a controller's answer is told from chance."""
+
+    past: int = 6  # samples of torque and position that tell what comes
+    parts: int = 20  # of a recording, whose scatter tells how sure a correlation is
+    sure: float = 4.0  # standard errors
+    answered: float = 0.1  # correlation of the surprises; less of it biases no parameter
+    tail: float = 4.0  # standard deviations beyond which a surprise is an event of its own: a step, a stop, a glitch
+
+
+ANSWER = FeedbackSettings()
 
 
 @dataclass(frozen=True)
@@ -60,21 +68,21 @@ def feedback(recordings: Sequence[Recording]) -> list[Feedback]:
 
 def _gain(recording: Recording) -> float | None:
     """Slope of the torque's surprise over the position's [N m/rad], None unless it is surely below zero."""
-    bounds = [(a, b) for a, b in pairwise((*recording.starts, len(recording))) if b - a > 2 * PAST]
-    if sum(b - a - PAST for a, b in bounds) < 20 * PARTS:
+    bounds = [(a, b) for a, b in pairwise((*recording.starts, len(recording))) if b - a > 2 * ANSWER.past]
+    if sum(b - a - ANSWER.past for a, b in bounds) < 20 * ANSWER.parts:
         return None
     position, torque = (
-        np.concatenate([sliding_window_view(series[a:b] - series.mean(), PAST + 1) for a, b in bounds])
+        np.concatenate([sliding_window_view(series[a:b] - series.mean(), ANSWER.past + 1) for a, b in bounds])
         for series in (recording.position, recording.torque)
-    )  # (R, PAST + 1) each: past and present
+    )  # (R, ANSWER.past + 1) each: past and present
     past = np.column_stack([position[:, :-1], torque[:, :-1], np.ones(len(torque))])
     moved, answer = (now - past @ least_squares(past, now) for now in (position[:, -1], torque[:, -1]))
-    usual = [TAIL * 1.4826 * float(np.median(np.abs(surprise))) for surprise in (moved, answer)]
+    usual = [ANSWER.tail * 1.4826 * float(np.median(np.abs(surprise))) for surprise in (moved, answer)]
     calm = (np.abs(moved) < usual[0]) & (np.abs(answer) < usual[1])
     moved, answer = moved[calm], answer[calm]
-    if len(moved) < PARTS or not (moved.any() and answer.any()):
+    if len(moved) < ANSWER.parts or not (moved.any() and answer.any()):
         return None
-    parts = np.arange(len(moved)) * PARTS // len(moved)
+    parts = np.arange(len(moved)) * ANSWER.parts // len(moved)
     fit = solve(Equations(moved[:, None], answer), np.ones(len(moved)), parts)
     gain, std = float(fit.theta[0]), float(fit.std[0])
-    return gain if gain < -max(ANSWERED * answer.std() / moved.std(), SURE * std) else None
+    return gain if gain < -max(ANSWER.answered * answer.std() / moved.std(), ANSWER.sure * std) else None

@@ -25,13 +25,21 @@ from estimators.weak_form.dataset import Dataset
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Column, Model, Term
 
-CHANCE = 1e-3  # of a false alarm in all comparisons of one diagnosis
-PRACTICAL = 0.03  # of a parameter: a smaller difference is of no use to anybody
-FEWEST = 40  # windows that a recording needs to have a say,
-FREEDOM = 6  # stretches of time that it has more than parameters,
-CONDITION = 1e4  # and condition number of its regressor: beyond, it cannot tell the parameters from one another
-FITS = 1.3  # times the noise floor that a fit leaves at most where the model lacks nothing
-MISFITS = 2.0  # times the noise floor that it leaves where the model surely lacks something
+
+@dataclass(frozen=True)
+class AgreementSettings:
+    """Which recordings have a say, and which differences count."""
+
+    chance: float = 1e-3  # of a false alarm in all comparisons of one diagnosis
+    practical: float = 0.03  # of a parameter: a smaller difference is of no use to anybody
+    fewest_windows: int = 40  # that a recording needs to have a say
+    freedom: int = 6  # stretches of time that it needs beyond the number of parameters
+    condition: float = 1e4  # of its regressor: beyond, it cannot tell the parameters from one another
+    fits: float = 1.3  # times the noise floor that a fit leaves at most where the model lacks nothing
+    misfits: float = 2.0  # times the noise floor that it leaves where the model surely lacks something
+
+
+AGREEMENT = AgreementSettings()
 
 
 @dataclass(frozen=True)
@@ -143,7 +151,7 @@ class Own:
     @property
     def is_explained(self) -> bool:
         """Whether the model lacks nothing that shows in this recording."""
-        return self.times <= FITS
+        return self.times <= AGREEMENT.fits
 
     @property
     def is_turned(self) -> bool:
@@ -157,7 +165,7 @@ class Own:
     def differences(self, other: Known) -> tuple[Difference, ...]:
         """How the recording differs by more than chance, and than is left of either, the surest first."""
         gap, std = self._gap(other)
-        large = (np.abs(gap) > PRACTICAL * np.abs(other.theta)) & (
+        large = (np.abs(gap) > AGREEMENT.practical * np.abs(other.theta)) & (
             self.load * np.abs(gap) > max(self.known.rms, other.rms)
         )
         told = np.flatnonzero(large & (np.abs(gap) > self.sure * std))
@@ -175,8 +183,8 @@ class Own:
         factor = float(other.theta @ weight @ self.known.theta) / max(scale, 1e-300)
         scaled = Known(factor * other.theta, factor**2 * other.covariance, other.rms)
         gap, std = self._gap(scaled)
-        alike = np.abs(gap) <= np.maximum(PRACTICAL * np.abs(scaled.theta), self.sure * std)
-        if len(gap) < 2 or not alike.all() or abs(factor - 1) <= PRACTICAL:
+        alike = np.abs(gap) <= np.maximum(AGREEMENT.practical * np.abs(scaled.theta), self.sure * std)
+        if len(gap) < 2 or not alike.all() or abs(factor - 1) <= AGREEMENT.practical:
             return None
         return f"its torque is {factor:.3g} times what the same motion takes there"
 
@@ -226,7 +234,7 @@ def _differing(fits: Sequence[Own], known: Known, others: tuple[str, ...]) -> tu
 def misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
     """Recordings that the terms cannot explain beside as many or more that they do explain, in order."""
     others = tuple(fit.name for fit in fits if fit.is_explained)
-    poor = [fit for fit in fits if fit.times > MISFITS]
+    poor = [fit for fit in fits if fit.times > AGREEMENT.misfits]
     if len(others) < len(poor):
         return ()
     why = "so that something was changed, or an effect shows there only"
@@ -248,7 +256,7 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
     compared = np.array([term.kind != "time-varying" for term, _ in moved], dtype=bool)
     columns = tuple(column for term, column in moved if term.kind != "time-varying")
     names, fits, number = [column.name for _, column in moved], [], 0
-    level = 1 - CHANCE / (2 * max(1, sum(len(data.windows) for data in datasets) * len(columns)))
+    level = 1 - AGREEMENT.chance / (2 * max(1, sum(len(data.windows) for data in datasets) * len(columns)))
     for data in datasets:
         near = Screen(data).balance(terms).tangent()
         phi = near.slopes[:, fitted]
@@ -258,10 +266,10 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
             rows = data.recording_of_window == place
             clusters = np.unique(data.clusters[rows], return_inverse=True)[1]
             freedom = int(clusters.max(initial=-1)) + 1 - len(names)
-            if len(clusters) < FEWEST or freedom < FREEDOM:
+            if len(clusters) < AGREEMENT.fewest_windows or freedom < AGREEMENT.freedom:
                 continue
             fit = solve(Equations(phi[rows], y[rows]), np.ones(len(clusters)), clusters)
-            if fit.condition > CONDITION:
+            if fit.condition > AGREEMENT.condition:
                 continue
             inertia = abs(float(fit.theta[names.index("inertia")])) if "inertia" in names else 0.0
             fits.append(

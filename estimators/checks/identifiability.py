@@ -12,11 +12,19 @@ from estimators.signals.measurements import Measurements
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.physics import BASE, Estimate, Model, Term
 
-SMALL = 0.3  # [rad]; up to here sin q and q differ by less than 1.5 %
-ALIKE = 1e-4  # columns of length one whose weighted sum is shorter than this act alike
-FOLLOWED = 0.9  # share of the squared torque that the motion may leave unexplained if it follows the torque
-SURE = 3.0  # standard errors by which a value differs from nothing
-ONE_SIDED = 0.002  # share of the motion that may go the other way by mistake
+
+@dataclass(frozen=True)
+class IdentifiabilitySettings:
+    """When data cannot tell a parameter."""
+
+    small: float = 0.3  # [rad]; up to here sin q and q differ by less than 1.5 %
+    alike: float = 1e-4  # columns of length one whose weighted sum is shorter than this act alike
+    followed: float = 0.9  # share of the squared torque that the motion may leave unexplained if it follows the torque
+    sure: float = 3.0  # standard errors by which a value differs from nothing
+    one_sided: float = 0.002  # share of the motion that may go the other way by mistake
+
+
+TELLING = IdentifiabilitySettings()
 
 
 @dataclass(frozen=True)
@@ -54,12 +62,12 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
             Doubt("torque is never applied: only ratios of parameters are known, record with torque", tuple(names))
         )
     forwards = float(np.mean(velocity > 0))
-    if not ONE_SIDED < forwards < 1 - ONE_SIDED:
+    if not TELLING.one_sided < forwards < 1 - TELLING.one_sided:
         constants = ("coulomb", "torque_offset", "coulomb_asymmetry")
         text = "velocity never changes sign: coulomb and torque_offset cannot be told apart, record both directions"
         doubts.append(Doubt(text, tuple(name for name in constants if name in names), ("torque_offset", "coulomb")))
     furthest = max(float(np.abs(m.position).max()) for m in measurements)
-    if furthest < SMALL:
+    if furthest < TELLING.small:
         text = (
             f"position stays small, within {furthest:.2g} rad: gravity and a spring look the same, record wider swings"
         )
@@ -94,7 +102,7 @@ def untold(model: Model, measurements: Sequence[Measurements], doubts: Sequence[
 
 def is_told(estimate: Estimate, large: float) -> bool:
     """Whether an estimate tells its parameter: it differs from nothing, or its error is less than what is large."""
-    return estimate.std <= max(abs(estimate.value) / SURE, large)
+    return estimate.std <= max(abs(estimate.value) / TELLING.sure, large)
 
 
 def is_driven(m: Measurements) -> bool:
@@ -106,7 +114,7 @@ def is_driven(m: Measurements) -> bool:
     if len(y) <= 10 * len(BASE):
         return False
     left = y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0]
-    return bool(y @ y > 1e-18 * len(y) and left @ left < FOLLOWED * (y @ y))
+    return bool(y @ y > 1e-18 * len(y) and left @ left < TELLING.followed * (y @ y))
 
 
 def inseparable(phi: Array, names: Sequence[str], acts: Mask) -> list[Doubt]:
@@ -122,7 +130,7 @@ def inseparable(phi: Array, names: Sequence[str], acts: Mask) -> list[Doubt]:
     acting = np.flatnonzero(size)
     scaled = phi[:, acting] / size[acting]
     squares, directions = np.linalg.eigh(scaled.T @ scaled)
-    for direction in directions.T[squares < ALIKE**2]:
+    for direction in directions.T[squares < TELLING.alike**2]:
         group = tuple(names[acting[j]] for j in np.flatnonzero(np.abs(direction) > 0.1))
         listed = f"{', '.join(group[:-1])} and {group[-1]}"
         doubts.append(Doubt(f"{listed} cannot be told apart: they act alike in these recordings", group))

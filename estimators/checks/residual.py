@@ -12,13 +12,22 @@ from pendulum_env.physics import Samples
 
 AXES = {"position": "rad", "velocity": "rad/s", "torque": "N m", "time": "s"}
 SYMBOLS = {"position": "q", "velocity": "q'", "torque": "tau", "time": "t", "frequency": "f"}
-BINS = 24
-TURNS = 2.0  # turns of the joint, from which on its angle is told within one
-FINE = 4  # times as many bins over a turn: what repeats along it repeats often
-SHARE = 0.03  # of what the first finding tells, that another has to
+
+
+@dataclass(frozen=True)
+class RegionSettings:
+    """Bins of a profile, and what stands out in it."""
+
+    bins: int = 24
+    turns: float = 2.0  # turns of the joint, from which on its angle is told within one
+    fine: int = 4  # times as many bins over a turn: what repeats along it repeats often
+    share: float = 0.03  # of what the first finding tells, that another has to
+    stands_out: float = 5.0  # standard errors
+    countable: float = 100.0  # standard errors, above which their number says nothing more to people
+
+
+REGIONS = RegionSettings()
 WITHIN = "rad within a turn"
-STANDS_OUT = 5.0  # standard errors
-COUNTABLE = 100.0  # standard errors, above which their number says nothing more to people
 
 
 @dataclass(frozen=True)
@@ -66,7 +75,7 @@ class Region:
 
 def turns(position: Array) -> bool:
     """Whether a joint turns and turns, so that its angle (R,) [rad] counts within a turn."""
-    return bool(np.ptp(position) > TURNS * 2 * np.pi)
+    return bool(np.ptp(position) > REGIONS.turns * 2 * np.pi)
 
 
 def wrapped(position: Array) -> Array:
@@ -80,8 +89,8 @@ def profile(axis: str, values: Array, residual: Array, noise: float) -> Profile:
     The angle of a joint that turns is taken within a turn.
     """
     around = axis == "position" and turns(values)
-    values, most, unit = (wrapped(values), FINE * BINS, WITHIN) if around else (np.asarray(values), BINS, AXES[axis])
-    count = max(2, min(most, len(values) // 8))
+    values, unit = (wrapped(values), WITHIN) if around else (np.asarray(values), AXES[axis])
+    count = max(2, min(REGIONS.bins * (REGIONS.fine if around else 1), len(values) // 8))
     edges = np.quantile(values, np.linspace(0, 1, count + 1))
     which = _bins(values, edges)
     number = np.maximum(np.bincount(which, minlength=count), 1)
@@ -134,7 +143,7 @@ def stand_out(
     for _ in range(len(axes) + 1):
         laws = [law for law in (_constant(x, left, noise), *profiles(x, left, noise, axes)) if _regions(law)]
         law = max(laws, key=_weight, default=None)
-        if law is None or _weight(law) < SHARE * first:
+        if law is None or _weight(law) < REGIONS.share * first:
             break
         place, *others = _regions(law)
         places, more, first = [*places, place], [*more, *others], first or _weight(law)
@@ -170,7 +179,7 @@ def _of(law: Profile, x: Samples, residual: Array) -> Array:
 def _regions(item: Profile) -> list[Region]:
     """Stretches of a profile that stand out, the most telling first; of a spectrum, its peak."""
     score = np.abs(item.mean) / np.maximum(item.error, 1e-12)
-    signs = np.sign(item.mean) * (score > STANDS_OUT)
+    signs = np.sign(item.mean) * (score > REGIONS.stands_out)
     if item.axis == "frequency":
         signs = np.where(np.arange(len(score)) == np.argmax(score), signs, 0)
     regions = []
@@ -198,4 +207,4 @@ def _in_words(item: Profile, low: float, high: float, residual: float, significa
 
 
 def _chance(significance: float) -> str:
-    return f"{significance:.0f} standard errors" if significance <= COUNTABLE else "far beyond chance"
+    return f"{significance:.0f} standard errors" if significance <= REGIONS.countable else "far beyond chance"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from pendulum_env.recording.sampling import LONG
+from pendulum_env.recording.sampling import SAMPLING
 
 
 class Clock:
@@ -31,7 +31,7 @@ class Clock:
             )
         on_time, follows = 0.9 < passed * self._rate < 1.1, math.isfinite(passed)
         gap = follows and not on_time
-        if gap and not (self._came and passed * self._rate > LONG):
+        if gap and not (self._came and passed * self._rate > SAMPLING.long):
             raise ValueError(f"samples come every {passed:.4g} s, not at {self._rate:g} Hz: pass rate=")
         self._time, self._came = time, self._came or on_time
         return gap

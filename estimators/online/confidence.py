@@ -16,7 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.online.kalman import KalmanLeastSquares
+from estimators.online.recursion import SquareRootLeastSquares
 from pendulum_env._typing import Array, Index, Mask
+
+Recursion = SquareRootLeastSquares | KalmanLeastSquares
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,7 @@ class Clusters:
         if which.all():
             self._length, self._filled, self._done = self._shortest, 0, 0
 
-    def take(self, equations: Array, usable: Mask) -> bool:
+    def take(self, equations: Array, error: Array, usable: Mask) -> bool:
         """Take in one equation each, phi and y (B, S, P + 1); returns whether a cluster is complete."""
         np.multiply(equations, usable[..., None], out=self._rows[self._filled % self._shortest])
         self._used += usable
@@ -68,8 +72,9 @@ class Clusters:
             self._now += np.einsum("r...i,r...j->...ij", self._rows[..., :-1], self._rows)
         return self._filled >= self._length
 
-    def close(self, theta: Array, P: Array) -> None:
-        """Complete a cluster: theta (B, S, P) are the estimates, P their covariance for unit noise (B, S, P, P)."""
+    def close(self, squares: Recursion) -> None:
+        """Complete a cluster, given what has solved the regressions."""
+        theta, P = squares.theta, squares.P
         if self._forgetting < 1:
             self._left[: self._done] *= (self._forgetting**self._used)[..., None, None]
         self._left[self._done] = self._now
@@ -91,9 +96,9 @@ class Clusters:
         self._meat = (score @ score.swapaxes(-1, -2)).sum(axis=0)
         self._known = np.count_nonzero(np.einsum("c...ii->c...", A), axis=0)
 
-    def judge(self, squares: Array, count: Array, prior: float) -> Callable[[Array], Array]:
-        """What turns P into a covariance now, for sums of squared errors and counts of equations (B, S), and P(0)."""
-        return functools.partial(_covariance, self._meat, self._known, squares, count, prior)
+    def judge(self, squares: Recursion) -> Callable[[Array], Array]:
+        """What turns P into a covariance now."""
+        return functools.partial(_covariance, self._meat, self._known, squares.squares, squares.count, squares.prior)
 
 
 def _covariance(meat: Array, known: Index, squares: Array, count: Array, prior: float, P: Array) -> Array:
@@ -117,8 +122,9 @@ class Wandering:
     a long-run variance, mean (sum of a cluster)^2 / length, that is larger than their variance.
     """
 
-    def __init__(self, batch: tuple[int, int], period: float) -> None:
-        """Take the shape (B, S) and the time between samples [s]."""
+    def __init__(self, batch: tuple[int, int], period: float, walk: float = 0.0) -> None:
+        """Take the shape (B, S), the time between samples [s], and the random walk, relative to theta [1/sqrt(s)]."""
+        self._walk = walk
         self._length, self._filled = max(2, round(COVARIANCE.cluster / period)), 0
         self._now = np.zeros((2, *batch))  # sum and number of the errors in the cluster to come
         self._past = np.zeros((2, *batch))  # squares of such sums, and numbers, fading
@@ -127,17 +133,20 @@ class Wandering:
         """Those of the B start anew."""
         self._now[:, which] = self._past[:, which] = 0.0
 
-    def take(self, error: Array, usable: Mask) -> bool:
+    def take(self, equations: Array, error: Array, usable: Mask) -> bool:
         """Take in a-priori errors (B, S), 0 where not usable; returns whether a cluster is complete."""
         self._now += np.array([error, usable])
         self._filled += 1
         return self._filled >= self._length
 
-    def close(self) -> None:
-        """Complete a cluster."""
+    def close(self, squares: Recursion | None = None) -> None:
+        """Complete a cluster: the parameters may have moved since the last."""
         total, used = self._now
         self._past = (1.0 - 1.0 / COVARIANCE.most) * self._past + np.array([total**2, used])
         self._now, self._filled = np.zeros_like(self._now), 0
+        if squares is not None:
+            increase = (self._walk * squares.theta) ** 2 * COVARIANCE.cluster
+            squares.widen(increase / np.maximum(self.noise, np.finfo(float).tiny)[..., None])
 
     @property
     def noise(self) -> Array:
@@ -145,6 +154,6 @@ class Wandering:
         squares, count = self._past
         return np.where(count > 0, squares / np.maximum(count, 1.0), 1.0)
 
-    def judge(self) -> Callable[[Array], Array]:
+    def judge(self, squares: Recursion) -> Callable[[Array], Array]:
         """What turns P into a covariance now."""
         return functools.partial(np.multiply, self.noise[..., None, None])

@@ -104,8 +104,6 @@ class Diagnoser(Monitors["EffectMonitor"]):
         library: Mapping[str, type[Term]] | None = None,
         smoothing: Smoothing | None = None,
         alarms_per_hour: float = 1.0,
-        criterion: Criterion | None = None,
-        seed: int = 0,
         binner: BinSource | None = None,
     ) -> None:
         """Take a model and the effects that it may lack.
@@ -117,8 +115,6 @@ class Diagnoser(Monitors["EffectMonitor"]):
             library: effects by id; None are all that are known.
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
-            criterion: its `rival` is the least probability of a competitor.
-            seed: of the bootstrap.
             binner: of an arm, which gives the columns of its links.
 
         Raises:
@@ -135,8 +131,7 @@ class Diagnoser(Monitors["EffectMonitor"]):
         length, joints = binner.every / rate, binner.joints  # of a bin [s]
         self.threshold = threshold_of(alarms_per_hour, BLOCK * length / len(joints))
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
-        rival = (criterion or Criterion()).rival
-        each = [EffectMonitor(terms, library, joints, blank, length, 1 / rate, rival, seed) for _ in range(batch)]
+        each = [EffectMonitor(terms, library, joints, blank, length, 1 / rate) for _ in range(batch)]
         super().__init__(rate, binner, each)
 
 
@@ -155,16 +150,11 @@ class EffectMonitor:
         blank: OnlineDiagnosis,
         length: float,
         period: float,
-        rival: float,
-        seed: int,
     ) -> None:
-        """Take model, effects, joints, what is said at first, the length of a bin and the time between samples [s].
-
-        Effects with a probability above `rival` are competitors; `seed` is of the bootstrap.
-        """
+        """Take model, effects, joints, what is said at first, the length of a bin and the time between samples [s]."""
         self._base, self._library, self._blank = tuple(terms), library, blank
         self._joints, self._length = tuple(joints), length / len(joints)  # of motion that a bin tells of
-        self._period, self._rival, self._seed = period, rival, seed
+        self._period = period
         self._often = max(1, round(STRETCH / (BLOCK * self._length)))  # blocks in a stretch
         self.reset()
 
@@ -349,7 +339,7 @@ class EffectMonitor:
         if len(blocks) >= ONLINE.fewest * self._often:
             blocks = blocks[len(blocks) % self._often :].reshape(-1, self._often, blocks.shape[1]).sum(axis=1)
         told = blocks.T  # (families, stretches)
-        bootstrap = Bootstrap(np.zeros(told.shape[1], dtype=np.intp), np.random.default_rng(self._seed))
+        bootstrap = Bootstrap(np.zeros(told.shape[1], dtype=np.intp), np.random.default_rng(0))
         odds = bootstrap.probabilities(list(told))
         penalty = float(np.log(max(1, len(families))))
         ranking = []
@@ -361,7 +351,7 @@ class EffectMonitor:
         ranking.sort(key=lambda one: (-round(one.probability, 3), -one.gain))
         joint = self._bets.joint if ranking else -np.inf
         missing = joint >= self.said.threshold and ranking[0].gain > 0
-        alike = [one.effect for one in ranking if one.probability > self._rival]
+        alike = [one.effect for one in ranking if one.probability > Criterion.rival]
         self.said = replace(
             self.said,
             kind="missing" if missing else "nothing",

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimators.online.clock import checked_rate
-from estimators.online.confidence import COVARIANCE, Clusters, Wandering
+from estimators.online.confidence import Clusters, Recursion, Wandering
 from estimators.online.estimates import Estimates
 from estimators.online.joint_state import JointFilters, JointState
 from estimators.online.kalman import KalmanLeastSquares
@@ -22,7 +22,7 @@ from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term
 
 OURS = "SquareRootLeastSquares"
-RECURSIONS: dict[str, type[SquareRootLeastSquares] | type[KalmanLeastSquares]] = {
+RECURSIONS: dict[str, type[Recursion]] = {
     OURS: SquareRootLeastSquares,
     "KalmanFilter": KalmanLeastSquares,
 }
@@ -46,7 +46,7 @@ class OnlineEstimator:
         smoothing: Smoothing | None = None,
         prior: float = PRIOR,
         forgetting: float = 1.0,
-        random_walk: float | Sequence[float] = 0.0,
+        random_walk: float = 0.0,
         recursion: str = OURS,
         position_noise: float | None = None,
     ) -> None:
@@ -60,8 +60,7 @@ class OnlineEstimator:
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
             prior: P(0) on the diagonal.
             forgetting: factor lambda, once for every equation; 1 remembers all.
-            random_walk: of the parameters, relative to their value [1/sqrt(s)], or for each in its own unit
-                [unit/sqrt(s)]; 0 if they are constant.
+            random_walk: of the parameters, relative to their value [1/sqrt(s)]; 0 if they are constant.
             recursion: what solves the regressions: "SquareRootLeastSquares", all at once, or "KalmanFilter",
                 filterpy's, one after the other; they find the same.
             position_noise: standard deviation of the measured position, which a `JointState` has to know [rad]; without
@@ -71,9 +70,8 @@ class OnlineEstimator:
             ValueError: if a number is out of its range, a filter is too fast for the rate, or the terms have no
                 parameter.
         """
-        walk = np.asarray(random_walk, dtype=float)
-        if not ((walk >= 0) & (walk < np.inf)).all():
-            raise ValueError(f"random_walk cannot be {walk}: give zero or a positive number")
+        if not 0 <= random_walk < np.inf:
+            raise ValueError(f"random_walk cannot be {random_walk:g}: give zero or a positive number")
         checked_rate(rate)
         columns = [column for term in terms for column in term.columns]
         self.names = tuple(column.name for column in columns)
@@ -82,8 +80,6 @@ class OnlineEstimator:
             raise ValueError("nothing to estimate: name terms with linear parameters, and schemes")
         if len(set(self.names)) < len(self.names):
             raise ValueError(f"a term is named twice: {', '.join(self.names)}")
-        if walk.shape not in ((), (len(self.names),)):
-            raise ValueError(f"random_walk has shape {walk.shape}, give one number or {len(self.names)}")
         joint = next((one for one in schemes if isinstance(one, JointState)), None)
         told = tuple(one for one in schemes if not isinstance(one, JointState))
         for one in told:
@@ -96,13 +92,13 @@ class OnlineEstimator:
         shape, period, parameters = (batch, len(run)), 1.0 / rate, len(self.names)
         self._stream = Stream(terms, run, smoothing, period, batch)
         self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
-        self._clusters = Clusters(shape, parameters, period, forgetting)
-        self._wandering = Wandering(shape, period) if walk.any() else None
-        self._walk = walk
+        self._clusters: Clusters | Wandering = Clusters(shape, parameters, period, forgetting)
+        if random_walk:
+            self._clusters = Wandering(shape, period, random_walk)
         self._joint: JointFilters | None = None
         if joint is not None:
             noise = of_steps(COUNTS) if position_noise is None else position_noise
-            self._joint = JointFilters(joint.torque_noise, terms, period, batch, noise, forgetting, walk)
+            self._joint = JointFilters(joint.torque_noise, terms, period, batch, noise, forgetting, random_walk)
         self.delay = self._stream.delay  # [samples]
 
     def reset(self, which: Mask | None = None) -> None:
@@ -111,7 +107,7 @@ class OnlineEstimator:
         if not mask.any():
             return
         self._stream.reset(mask)
-        for part in (self._squares, self._clusters, self._wandering, self._joint):
+        for part in (self._squares, self._clusters, self._joint):
             if part is not None:
                 part.reset(mask)
 
@@ -129,11 +125,8 @@ class OnlineEstimator:
         usable = taken.usable
         squares = self._squares
         squares.take(taken.phi, taken.y, usable)
-        if self._wandering is not None:
-            if self._wandering.take(squares.error, usable):
-                self._wander(self._wandering)
-        elif self._clusters.take(taken.equations, usable):
-            self._clusters.close(squares.theta, squares.P)
+        if self._clusters.take(taken.equations, squares.error, usable):
+            self._clusters.close(squares)
         now = self._regressions(taken.place, taken.time, usable, taken.regressor)
         if self._joint is not None:
             self._joint.take(time, position, torque, taken.anew, now)
@@ -148,15 +141,5 @@ class OnlineEstimator:
         return now if self._joint is None else self._joint.beside(now)
 
     def _regressions(self, index: Index, time: Array, usable: Mask, regressor: Array) -> Estimates:
-        squares = self._squares
-        if self._wandering is not None:
-            judge = self._wandering.judge()
-        else:
-            judge = self._clusters.judge(squares.squares, squares.count, squares.prior)
+        squares, judge = self._squares, self._clusters.judge(self._squares)
         return Estimates(index, time, squares.theta, squares.error, usable, regressor, squares.spread(), judge)
-
-    def _wander(self, wandering: Wandering) -> None:
-        """End of a cluster of time: the parameters may have moved since the last."""
-        wandering.close()
-        step = self._walk if self._walk.ndim else self._walk * self._squares.theta
-        self._squares.widen(step**2 * COVARIANCE.cluster / np.maximum(wandering.noise, np.finfo(float).tiny)[..., None])

@@ -82,7 +82,7 @@ class JointFilters:
         batch: int,
         position_noise: float,
         forgetting: float,
-        walk: Array,
+        walk: float,
     ) -> None:
         """Make the filters.
 
@@ -93,7 +93,7 @@ class JointFilters:
             batch: number of pendulums B.
             position_noise: standard deviation of the measured position [rad].
             forgetting: factor for every sample.
-            walk: by which parameters may wander, as a share, or for each in its unit [1/sqrt(s)].
+            walk: by which parameters may wander, as a share [1/sqrt(s)].
         """
         noise = max(position_noise, FILTER.finest)
         self._begin = functools.partial(_Filter, torque_noise, tuple(terms), period, noise, forgetting, walk)
@@ -136,7 +136,7 @@ class JointFilters:
                 self.filters[b] = None
                 continue
             self.theta[b], self.P[b] = one.theta, one.P
-        if self._surprise.take(new, self.running[:, None]):
+        if self._surprise.take(new, new, self.running[:, None]):
             self._surprise.close()
 
     def _started(self, lent: Estimates, b: int) -> _Filter | None:
@@ -175,7 +175,7 @@ class _Filter:
         period: float,
         position_noise: float,
         forgetting: float,
-        walk: Array,
+        walk: float,
         theta: Array,
         P: Array,
     ) -> None:
@@ -237,8 +237,7 @@ class _Filter:
         speed = np.exp(self.log_variance) * (period / inertia) ** 2
         added = np.zeros_like(ukf.P)
         added[:2, :2] = speed * np.array([[period**2 / 3, period / 2], [period / 2, 1.0]])
-        walk = self._walk if self._walk.ndim else self._walk * ukf.x[2:]
-        added[2:, 2:] = np.diag(walk**2 * period)
+        added[2:, 2:] = np.diag((self._walk * ukf.x[2:]) ** 2 * period)
         return added
 
     def _forward(self, sigmas: Array, time: float, command: Any) -> Array:

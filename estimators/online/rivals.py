@@ -60,7 +60,7 @@ class OnlineDiagnosisSettings:
 ONLINE = OnlineDiagnosisSettings()
 
 
-class Rows(NamedTuple):
+class ModelRows(NamedTuple):
     """Equations of V models over R bins, and their slopes by the torque.
 
     Attributes:
@@ -114,7 +114,7 @@ class Bins:
         """The instants in the middle of the bins, (R,) each."""
         return Samples(*self.series[:, :, self.series.shape[2] // 2])
 
-    def rows(self, terms: Sequence[Term], count: int = 1) -> Rows:
+    def rows(self, terms: Sequence[Term], count: int = 1) -> ModelRows:
         """Equations of some terms, whose shape parameters may be those of several variants, of which they are `count`.
 
         The left-hand side is the torque less all fixed columns.
@@ -138,7 +138,7 @@ class Bins:
                 value, by_torque = of_joint._column(column, True)
                 y[own] -= value / scale
                 passed[own] -= by_torque
-        return Rows(phi, y, slope, passed)
+        return ModelRows(phi, y, slope, passed)
 
     def _column(self, column: Column, of_torque: bool) -> tuple[Array, Array | float]:
         """Mean of a column over the bins (R, V), and its slope by the torque; V is 1 where variants do not differ."""
@@ -196,7 +196,7 @@ class Running:
 
     terms: tuple[Term, ...]
     bins: Bins
-    rows: Rows
+    rows: ModelRows
     phi: Array
     weak: Array
     root: Array
@@ -259,12 +259,12 @@ class Family:
         self.square = square * len(squares) / max(1, len(squares) - len(weak) - width)
         self.weight = np.zeros(len(self.of_y))
 
-    def rows(self, bins: Bins) -> Rows:
+    def rows(self, bins: Bins) -> ModelRows:
         """What the V variants add to equations of the running model, padded to K columns."""
         rows = bins.rows(self._stacked, max(1, len(self.variants)))
         phi, slope = np.zeros((2, *rows.y.shape, self.width))
         phi[..., : rows.phi.shape[-1]], slope[..., : rows.phi.shape[-1]] = rows.phi, rows.slope
-        return Rows(phi, rows.y, slope, rows.passed)
+        return ModelRows(phi, rows.y, slope, rows.passed)
 
     @property
     def theta(self) -> Array:
@@ -330,7 +330,7 @@ class Rivals:
         """
         base = bins.rows(self.families[0].terms)
         parts = [family.rows(bins) for family in self.families]
-        own = Rows(*(np.concatenate(series, axis=1) for series in zip(*parts, strict=True)))
+        own = ModelRows(*(np.concatenate(series, axis=1) for series in zip(*parts, strict=True)))
         y, passed = base.y + own.y - bins.y[:, None], base.passed + own.passed - 1.0
         rows = zip(base.phi[:, 0], base.slope[:, 0], own.phi, own.slope, y, passed, strict=True)
         densities, errors = zip(*(self._take(*row) for row in rows), strict=True)

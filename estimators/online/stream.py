@@ -22,7 +22,7 @@ from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.compiled import Machine, Step
 from pendulum_env.physics.simulation import Balance
 from pendulum_env.physics.symbols import names
-from pendulum_env.recording.sampling import LONG
+from pendulum_env.recording.sampling import SAMPLING
 
 NEVER = -1e9
 INSTANT = 6  # values
@@ -108,7 +108,7 @@ class Stream:
         self._looked = [(k, behind - n) for k, n in enumerate(distances) if n is not None and n < behind]
         width = self._machine.now["total"].shape[1]
         self._sums = [(k, np.zeros((n, width, batch))) for k, n in enumerate(windows_of(schemes, period)) if n]
-        self._arrival = Machine(_arrival, (LONG * period,), batch)
+        self._arrival = Machine(_arrival, (SAMPLING.long * period,), batch)
         self._index = np.full(batch, -length, dtype=np.intp)
         self._none = np.zeros(batch, dtype=bool)
         self.instant, self.following = self._instants[:2]

@@ -48,7 +48,6 @@ class Verdict:
         since: time of the change [s]; None while there is none.
         score: evidence that the model no longer predicts [nat].
         threshold: of an alarm [nat].
-        parameter: name of the parameter with the most significant change; empty if none.
         changes: change and standard error of each changed parameter in its unit, most significant first.
         where: of "structure", the range of position, velocity or torque in which errors are largest, in SI units; of an
             arm, `velocity@elbow`.
@@ -60,11 +59,15 @@ class Verdict:
     since: float | None = None
     score: float = 0.0
     threshold: float = 0.0
-    parameter: str = ""
     changes: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     where: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     error: float | None = None
     alarms: int = 0
+
+    @property
+    def parameter(self) -> str:
+        """Name of the parameter with the most significant change; empty if none."""
+        return next(iter(self.changes), "")
 
 
 class Watch(Monitors["ChangeMonitor"]):
@@ -391,7 +394,6 @@ class ChangeMonitor:
             kind,
             score=max(0.0, self._evidence.joint),
             threshold=self._threshold,
-            parameter=next(iter(told.get("changes", ())), ""),
             alarms=self._alarms,
             **told,
         )

@@ -43,87 +43,59 @@ def backward_difference(series: Array, period: float) -> Array:
     return np.diff(series, prepend=series[0]) / period
 
 
-# ------------------------------------------------------------------------- four balances of torque, energy and power
-
-
-def dynamic(m: Measurements, terms: Sequence[Term]) -> Equations:
-    """Torque balance at the instants, tau = I q'' + mgl sin q + b q' + fc sgn q'."""
-    return Equations(_columns(m, terms, lambda c, x: c.torque(x, m.acceleration)), m.torque)
-
-
-def filtered_dynamic(m: Measurements, terms: Sequence[Term]) -> Equations:
-    """Torque balance through F, F tau = I lambda (q' - F q') + F(mgl sin q + b q' + fc sgn q')."""
-    momentum = _columns(m, terms, lambda c, x: c.mass(x) * x.velocity)
-    rest = _columns(m, terms, lambda c, x: c.torque(x, 0.0))
-    return Equations(CUTOFF * (momentum - low_pass(momentum, m)) + low_pass(rest, m), low_pass(m.torque, m))
-
-
-def energy(m: Measurements, terms: Sequence[Term]) -> Equations:
-    """Energy balance, integral tau q' = I (q'^2 - q'0^2) / 2 + mgl (cos q0 - cos q) + integral (b q'^2 + fc |q'|).
-
-    Source: the paper's (7).
-    """
-    supplied = np.cumsum(m.torque * m.velocity) * m.period
-    return Equations(_stored(m, terms) + np.cumsum(_dissipated(m, terms), axis=0) * m.period, supplied)
-
-
-def filtered_power(m: Measurements, terms: Sequence[Term]) -> Equations:
-    """Power balance through F, F(tau q') = lambda (1 - F) (I q'^2 / 2 + mgl (1 - cos q)) + F(b q'^2 + fc |q'|).
-
-    Source: the paper's (8).
-    """
-    stored = _stored(m, terms)
-    phi = CUTOFF * (stored - low_pass(stored, m)) + low_pass(_dissipated(m, terms), m)
-    return Equations(phi, low_pass(m.torque * m.velocity, m))
-
-
 def low_pass(series: Array, m: Measurements) -> Array:
     """F = lambda / (s + lambda) by the bilinear rule, from rest, over (N,) or (N, P)."""
     before = np.concatenate([np.zeros_like(series[:1]), series[:-1]])
     return exponential_average(0.5 * (before + series), CUTOFF, m.period)
 
 
-def _columns(m: Measurements, terms: Sequence[Term], law: Callable[[Column, Samples], ArrayLike]) -> Array:
-    columns = [column for term in terms for column in term.columns]
-    return np.column_stack([np.broadcast_to(law(column, m.samples), m.time.shape) for column in columns])  # (N, P)
-
-
-def _stored(m: Measurements, terms: Sequence[Term]) -> Array:
-    """Stored energy since the first sample, per unit of each parameter (N, P)."""
-    potential = _columns(m, terms, lambda c, x: 0.0 if c.potential is None else c.potential(x))
-    stored = _columns(m, terms, lambda c, x: 0.5 * c.mass(x) * x.velocity**2) + potential
-    return np.asarray(stored - stored[0])
-
-
-def _dissipated(m: Measurements, terms: Sequence[Term]) -> Array:
-    """Power that is lost, per unit of each parameter (N, P)."""
-    return _columns(m, terms, lambda c, x: c.power(x))
-
-
-# -------------------------------------------------------------------------------------------------- six schemes
-
-
 @dataclass(frozen=True)
 class Printed:
-    """One of the paper's schemes over measurements `as_logged`; attributes as in `estimators.schemes.six.Regressor`."""
+    """One of the paper's schemes over measurements `as_logged`; attributes as in `estimators.schemes.six.Regressor`.
+
+    The balances, with momentum p = I q' and energy E = I q'^2 / 2 + mgl (1 - cos q):
+
+        dynamic           tau = I q'' + mgl sin q + b q' + fc sgn q'
+        filtered_dynamic  F tau = lambda (1 - F) p + F(mgl sin q + b q' + fc sgn q')
+        energy            integral tau q' = E - E(0) + integral (b q'^2 + fc |q'|), the paper's (7)
+        filtered_power    F(tau q') = lambda (1 - F) E + F(b q'^2 + fc |q'|), the paper's (8)
+
+    The (9) with p' differenced backwards is the dynamic model, its inertia moved to the left-hand side.
+    """
 
     id: str
     unit: str
-    balance: Callable[[Measurements, Sequence[Term]], Equations]
     drifts: bool = False
     borrows: str | None = None
 
     def regression(self, m: Measurements, terms: Sequence[Term]) -> Regression:
         """The balance at every sample."""
-        return Regression(self.balance(m, terms), np.ones(len(m), dtype=bool))
+
+        def columns(law: Callable[[Column, Samples], ArrayLike]) -> Array:
+            each = [law(column, m.samples) for term in terms for column in term.columns]
+            return np.column_stack([np.broadcast_to(values, m.time.shape) for values in each])  # (N, P)
+
+        if self.unit == "N m":
+            stored = columns(lambda c, x: c.mass(x) * x.velocity)
+            rest, supplied = columns(lambda c, x: c.torque(x, 0.0)), m.torque
+        else:
+            stored = columns(lambda c, x: 0.5 * c.mass(x) * x.velocity**2 + (c.potential(x) if c.potential else 0.0))
+            stored -= stored[0]
+            rest, supplied = columns(lambda c, x: c.power(x)), m.torque * m.velocity
+        if "filtered" in self.id:
+            phi, y = CUTOFF * (stored - low_pass(stored, m)) + low_pass(rest, m), low_pass(supplied, m)
+        elif self.drifts:
+            phi, y = stored + np.cumsum(rest, axis=0) * m.period, np.cumsum(supplied) * m.period
+        else:
+            phi, y = columns(lambda c, x: c.torque(x, m.acceleration)), supplied
+        return Regression(Equations(phi, y), np.ones(len(m), dtype=bool))
 
 
-# The (9) with p = I q' and p' differenced backwards is the dynamic model, its inertia moved to the left-hand side.
 PRINTED: tuple[Regressor, ...] = (
-    Printed("dynamic", "N m", dynamic),
-    Printed("filtered_dynamic", "N m", filtered_dynamic),
-    Printed("energy", "J", energy, drifts=True),
-    Printed("filtered_power", "W", filtered_power),
-    Printed("hamiltonian", "N m", dynamic, borrows="dynamic"),
-    Printed("filtered_hamiltonian", "N m", filtered_dynamic, borrows="filtered_dynamic"),
+    Printed("dynamic", "N m"),
+    Printed("filtered_dynamic", "N m"),
+    Printed("energy", "J", drifts=True),
+    Printed("filtered_power", "W"),
+    Printed("hamiltonian", "N m", borrows="dynamic"),
+    Printed("filtered_hamiltonian", "N m", borrows="filtered_dynamic"),
 )

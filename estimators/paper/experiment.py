@@ -15,10 +15,10 @@ from typing import NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from estimators.paper.as_printed import as_logged, dynamic
+from estimators.paper.as_printed import PRINTED, as_logged
 from estimators.paper.ways import WAYS, Anatomy, dissect, rms
-from estimators.schemes import six
 from estimators.schemes.identification import Identification, identify
+from estimators.schemes.six import SCHEMES
 from estimators.signals.measurements import measure
 from pendulum_env._typing import JSON, Array
 from pendulum_env.backends.simulated import TORQUE_NOISE
@@ -146,12 +146,9 @@ class Experiment:
         Ours is NaN in stick, where the torque cannot be calculated from the motion.
         """
         theta = self.truth if scheme is None else self.found[0][way][scheme].model.theta
-        if way == "printed":
-            m = as_logged(self.fresh)
-            equations, usable = dynamic(m, BASE), np.ones(len(m), dtype=bool)
-        else:
-            m = measure(self.fresh)
-            equations, usable = six.scheme("dynamic").regression(m, BASE)
+        dynamic, measured = (PRINTED[0], as_logged) if way == "printed" else (SCHEMES[0], measure)
+        m = measured(self.fresh)
+        equations, usable = dynamic.regression(m, BASE)
         return m.time, np.where(usable, equations.y, np.nan), np.where(usable, equations.phi @ theta, np.nan)
 
     def norms(self, way: str) -> Norms:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
@@ -199,11 +199,10 @@ class Balance:
     recorded: Balance | None = None
 
     def __getitem__(self, rows: Mask) -> Balance:
-        phi, y, by_torque, weights = (values[rows] for values in (self.phi, self.y, self.by_torque, self.weights))
-        response, pushes = (None if part is None else part[rows] for part in (self.response, self.pushes))
-        recorded = None if self.recorded is None else self.recorded[rows]
-        passed = self.passed[rows] if isinstance(self.passed, np.ndarray) else self.passed
-        return Balance(phi, y, by_torque, self.least, self.most, weights, response, pushes, passed, recorded)
+        names = "phi", "y", "by_torque", "weights", "response", "pushes", "passed", "recorded"
+        parts = ((name, getattr(self, name)) for name in names)
+        chosen: dict[str, Any] = {name: part[rows] for name, part in parts if isinstance(part, np.ndarray | Balance)}
+        return replace(self, **chosen)
 
     def error(self, theta: Array) -> Array:
         """Measured minus predicted torque (R,) [N m] at parameters (P,)."""
@@ -285,20 +284,13 @@ class Balance:
         rows = np.column_stack([self.phi, self.y])[plain] * (self.weights / self.passed)[plain, None]
         triangle = np.asarray(np.linalg.qr(rows, mode="r"))
         kept, ones = self[~plain], np.ones(len(triangle))
-        small = Balance(
-            np.concatenate([kept.phi, triangle[:, :-1]]),
-            np.concatenate([kept.y, triangle[:, -1]]),
-            np.concatenate([kept.by_torque, np.zeros((len(triangle), self.phi.shape[1]))]),
-            self.least,
-            self.most,
-            np.concatenate([kept.weights, ones]),
-            passed=np.concatenate([np.broadcast_to(kept.passed, kept.y.shape), ones]),
-        )
-        if kept.response is not None and kept.pushes is not None and self.pushes is not None:
-            wide = np.broadcast_to(self.pushes.max(axis=0), (len(triangle), self.pushes.shape[1]))
-            response, pushes = np.concatenate([kept.response, wide]), np.concatenate([kept.pushes, wide])
-            small = replace(small, response=response, pushes=pushes)
-        return small
+        zeros = np.zeros((len(triangle), self.phi.shape[1]))
+        added = {"phi": triangle[:, :-1], "y": triangle[:, -1], "by_torque": zeros, "weights": ones, "passed": ones}
+        if self.pushes is not None:
+            added["response"] = added["pushes"] = np.tile(self.pushes.max(axis=0), (len(triangle), 1))
+        kept = replace(kept, passed=np.broadcast_to(kept.passed, kept.y.shape), recorded=None)
+        both: dict[str, Any] = {name: np.concatenate([getattr(kept, name), more]) for name, more in added.items()}
+        return replace(kept, **both)
 
     def beside(self, own: Columns, here: slice, least: Array, most: Array, pushes: Array) -> Balance:
         """The equations with the columns of one more term.
@@ -314,16 +306,15 @@ class Balance:
         passed[here] *= own.passed
         linear, slope = np.zeros((2, len(y), len(least)))
         linear[here], slope[here] = own.linear, own.slope
-        whole = Balance(
-            np.column_stack([self.phi, linear]),
-            y,
-            np.column_stack([self.by_torque, slope]),
-            np.concatenate([self.least, least]),
-            np.concatenate([self.most, most]),
-            self.weights,
-            self.response,
-            self.pushes,
-            passed,
+        whole = replace(
+            self,
+            phi=np.column_stack([self.phi, linear]),
+            y=y,
+            by_torque=np.column_stack([self.by_torque, slope]),
+            least=np.append(self.least, least),
+            most=np.append(self.most, most),
+            passed=passed,
+            recorded=None,
         )
         if own.taken is None:
             return whole

@@ -20,7 +20,7 @@ from estimators.arguments import (
 )
 from estimators.checks.alignment import Aligned
 from estimators.checks.closed_loop import feedback
-from estimators.checks.homogeneity import MISFITS, Own, disagreements, misfits, own_fits
+from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
 from estimators.checks.identifiability import Doubt, identifiability, is_driven, untold
 from estimators.checks.physical import driving_friction
 from estimators.checks.remedies import wrong_columns
@@ -199,7 +199,6 @@ def identify(
     *,
     fixed: Mapping[str, float] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
-    points: int = POINTS,
     measured: Callable[[Recording], Sequence[Measurements]] = measure_segments,
 ) -> Identification:
     """Fit the linear parameters of the terms to recordings, one set for all, by each scheme.
@@ -213,7 +212,6 @@ def identify(
         schemes: which to use, as they are or by id; one that borrows its inertia comes after the scheme that lends it.
         fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
         bounds: of other parameters: `{"viscous": (0.0, 0.5)}`; an estimate that would leave them stays at the bound.
-        points: moments at which the convergence is recorded.
         measured: how motion and torque are taken from the segments of a recording.
 
     Raises:
@@ -237,11 +235,11 @@ def identify(
     if any(_slowed(scheme, rate) != scheme for scheme in chosen):
         text = f"at {rate:.4g} Hz the filters would pass everything: their cutoff is lowered to {rate:.4g} rad/s"
         doubts, chosen = (*doubts, Doubt(text)), tuple(_slowed(scheme, rate) for scheme in chosen)
-    results = _by_schemes(chosen, segments, terms, points, names)
+    results = _by_schemes(chosen, segments, terms, names)
     first = next(iter(results.values())).model
     if calibrated.constant is not None:
         moved = [[remember(m, terms) for m in measured(recording)] for recording in further(recordings)]
-        there = _by_schemes(chosen, moved, terms, points, names)
+        there = _by_schemes(chosen, moved, terms, names)
         results = {id: own.calibrated(calibrated.constant, there[id].model) for id, own in results.items()}
     else:
         results = {id: own.per(calibrated.unit) for id, own in results.items()}
@@ -286,7 +284,6 @@ def _by_schemes(
     schemes: Sequence[Regressor],
     segments: Sequence[Sequence[Measurements]],
     terms: Sequence[Term],
-    points: int,
     names: str,
 ) -> dict[str, Identified]:
     """What each scheme finds in the segments of recordings, by its id."""
@@ -301,7 +298,7 @@ def _by_schemes(
         if scheme.borrows is not None and scheme.borrows not in results:
             raise ValueError(f"{scheme.id} borrows the inertia of {scheme.borrows}: put {scheme.borrows} before it")
         lender = results[scheme.borrows].model if scheme.borrows is not None else None
-        results[scheme.id] = _fit(scheme, data, terms, lender, points)
+        results[scheme.id] = _fit(scheme, data, terms, lender)
     return results
 
 
@@ -328,7 +325,7 @@ def _lacking(results: Sequence[Identified], fits: Sequence[Own]) -> list[str]:
     """
     times = max((fit.times for fit in fits), default=0.0)
     apart, name = max(_gaps(results), default=(0.0, ""))
-    found = [f"what these terms leave is {times:.2g} times what noise gives"] if times > MISFITS else []
+    found = [f"what these terms leave is {times:.2g} times what noise gives"] if times > AGREEMENT.misfits else []
     found += [f"the schemes differ by up to {apart:.2g} of their standard errors ({name})"] if apart > APART else []
     return [f"{listing(found)}: something is missing, run diagnose"] if found else []
 
@@ -391,7 +388,7 @@ def _stack(scheme: Regressor, segments: Sequence[Sequence[Measurements]], terms:
     return _Stack(equations, usable, weights, np.concatenate(clusters), np.concatenate(times), starts)
 
 
-def _fit(scheme: Regressor, data: _Stack, terms: Sequence[Term], lender: Model | None, points: int) -> Identified:
+def _fit(scheme: Regressor, data: _Stack, terms: Sequence[Term], lender: Model | None) -> Identified:
     """Batch estimate with honest standard errors, and the recursion on its way there."""
     columns = [column for term in terms for column in term.columns]
     loans = {
@@ -429,7 +426,7 @@ def _fit(scheme: Regressor, data: _Stack, terms: Sequence[Term], lender: Model |
             [columns[j].name for j in free], fit.covariance[:count, :count]
         ),
         convergence=converge(
-            equations, data.weights, use, data.time, fit, free, theta, std, evenly(len(data.time), points)
+            equations, data.weights, use, data.time, fit, free, theta, std, evenly(len(data.time), POINTS)
         ),
         residual_rms=fit.rms,
         unit=scheme.unit,

@@ -4,6 +4,7 @@ Every check takes whole columns in SI units and raises RecordingError, or return
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,22 +14,30 @@ from pendulum_env.reading import LARGE
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import ColumnError, Recording, RecordingError
 
-SHORTEST = 1.0  # [s]; about one swing of an arm of 0.3 m
-FEWEST = 100  # samples
-SLOWEST = 10.0  # [Hz]; an arm swings at about 1 Hz
-FASTEST = 500.0  # [rad/s], of a bare motor; direct-drive arms reach some 40
-WINDOW = 0.02  # [s] over which speeds are taken: longer than encoder steps, shorter than a swing
-SMOOTHING = 0.05  # [s] window of the second derivative
-ABSURD = 1e20  # of any quantity: time in nanoseconds since 1970 is below, and so are most glitches, which are mended
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a pendulum's recording can be."""
+
+    shortest: float = 1.0  # [s]; about one swing of an arm of 0.3 m
+    fewest: int = 100  # samples
+    slowest: float = 10.0  # [Hz]; an arm swings at about 1 Hz
+    fastest: float = 500.0  # [rad/s], of a bare motor; direct-drive arms reach some 40
+    window: float = 0.02  # [s] over which speeds are taken: longer than encoder steps, shorter than a swing
+    smoothing: float = 0.05  # [s] window of the second derivative
+    absurd: float = 1e20  # of any quantity: above time in nanoseconds since 1970, and most glitches, which are mended
+    wound: float = 10 * np.pi  # [rad] that a spring at a joint may be wound up and down, at the most
+
+
+BOUNDS = Bounds()
 DEGREE = np.pi / 180  # [rad]
-WOUND = 10 * np.pi  # [rad] that a spring at a joint may be wound up and down, at the most
 UNWRAP = "read it with --unwrap (unwrap=True)"  # what mends a wrapped angle, on the command line and in Python
 
 
 def refuse_absurd(values: Mapping[str, Array]) -> None:
     """Refuse numbers that nothing measures: their squares would be beyond all numbers, or drown all others."""
     for quantity, column in values.items():
-        most = LARGE if quantity == "torque" else ABSURD
+        most = LARGE if quantity == "torque" else BOUNDS.absurd
         beyond = np.flatnonzero((np.abs(column) > most) & np.isfinite(column))
         if len(beyond):
             raise ColumnError(
@@ -39,20 +48,24 @@ def refuse_absurd(values: Mapping[str, Array]) -> None:
 
 def refuse_too_few(time: Array) -> None:
     """Refuse fewer samples than any estimate could be made from."""
-    if len(time) < FEWEST:
-        raise RecordingError(f"it holds {len(time)} samples, of which at least {FEWEST} are needed: record longer")
+    if len(time) < BOUNDS.fewest:
+        raise RecordingError(
+            f"it holds {len(time)} samples, of which at least {BOUNDS.fewest} are needed: record longer"
+        )
 
 
 def refuse_too_short(recording: Recording, origin: Origin) -> None:
     """Refuse sampling too slow for a pendulum (time in milliseconds, perhaps) and recordings shorter than a swing."""
     rate, duration = recording.rate, recording.duration
-    if rate < SLOWEST:
+    if rate < BOUNDS.slowest:
         raise ColumnError(
-            f"{1 / rate:.3g} s pass between samples, too long for a pendulum ({SLOWEST:g} Hz is the least): "
+            f"{1 / rate:.3g} s pass between samples, too long for a pendulum ({BOUNDS.slowest:g} Hz is the least): "
             f"read it with {origin.in_unit('time', 'ms')} if it is in milliseconds, or sample faster"
         )
-    if duration + 1 / rate < 0.99 * SHORTEST:
-        raise RecordingError(f"it lasts {duration:.3g} s, of which at least {SHORTEST:g} s are needed: record longer")
+    if duration + 1 / rate < 0.99 * BOUNDS.shortest:
+        raise RecordingError(
+            f"it lasts {duration:.3g} s, of which at least {BOUNDS.shortest:g} s are needed: record longer"
+        )
 
 
 def refuse_still(position: Array) -> None:
@@ -85,12 +98,12 @@ def refuse_jumps(position: Array, rows: Index, starts: Sequence[int], origin: Or
 
 def refuse_too_fast(recording: Recording, origin: Origin) -> None:
     """Refuse speeds that no joint reaches."""
-    rate, span = recording.rate, max(1, round(WINDOW * recording.rate))
+    rate, span = recording.rate, max(1, round(BOUNDS.window * recording.rate))
     for part in recording.segments:
         if len(part) <= span:
             continue
         speed = np.abs(part.position[span:] - part.position[:-span]) * (rate / span)  # [rad/s]
-        if (top := float(speed.max())) > FASTEST:
+        if (top := float(speed.max())) > BOUNDS.fastest:
             raise ColumnError(
                 f"position moves at {top:.0f} rad/s near {part.time[int(np.argmax(speed))]:.6g} s, faster "
                 f"than any arm: {_told(origin)}"
@@ -117,7 +130,7 @@ def suspect_degrees(recording: Recording, origin: Origin) -> tuple[str, ...]:
     torque = part.torque / max(np.abs(part.torque).max(), np.finfo(float).tiny)  # only its shape matters
     q, tau = (x[: count * stride].reshape(count, stride).mean(axis=1) for x in (part.position, torque))
     step = stride / part.rate
-    window = (min(max(5, round(SMOOTHING / step)), count) - 1) | 1  # odd
+    window = (min(max(5, round(BOUNDS.smoothing / step)), count) - 1) | 1  # odd
     v, a = (savitzky_golay(q, window, 3, order, step) for order in (1, 2))
     q, tau = savitzky_golay(q, window, 3), savitzky_golay(tau, window, 3)
     plain = np.column_stack([tau, v, np.sign(v), np.ones_like(v)])  # (N, 4)
@@ -140,7 +153,7 @@ def suspect_degrees(recording: Recording, origin: Origin) -> tuple[str, ...]:
     if degrees + spare >= 0.96 * (min(other, none) + spare):
         return ()
     reach = f"position runs from {part.position.min():.4g} to {part.position.max():.4g}"
-    if np.ptp(part.position) <= WOUND:
+    if np.ptp(part.position) <= BOUNDS.wound:
         return (
             f"{reach} and is taken as radians, on which a spring acts; if it is degrees, read it with "
             f"{origin.in_unit('position', 'deg')}",
@@ -196,8 +209,8 @@ def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
 
 
 def _moved(rate: float, position: Array, velocity: Array) -> tuple[Array, Array]:
-    """How far a joint moved in each WINDOW, and how far its velocity says, (M,) each [rad]."""
-    span = max(1, round(WINDOW * rate))
+    """How far a joint moved in each `BOUNDS.window`, and how far its velocity says, (M,) each [rad]."""
+    span = max(1, round(BOUNDS.window * rate))
     count = (len(position) - 1) // span
     mean = (velocity[:-1] + velocity[1:]) / 2
     expected = mean[: count * span].reshape(count, span).sum(axis=1) / rate

@@ -10,12 +10,21 @@ from pendulum_env.words import listing
 
 OPTIONAL = QUANTITIES[3:]  # that a recording can do without
 HELD = ("torque", "enabled")  # quantities that stay until they are told anew
-NAMED = 5  # places, as many as a note names
-FAR = 10.0  # times what the neighbours and the rest of the recording show, from which a sample is a glitch
-PAUSE = 1.0  # [s] between runs whose clocks all begin anew
-MOVING = 3.0  # times the usual deviation from steady motion that a step has, if the joint is sure to move
-SAME = 1e-6  # of the usual step of time, up to which it stands still
-ALIKE = 0.25  # of a step, up to which others are the same motion
+
+
+@dataclass(frozen=True)
+class CleaningSettings:
+    """What is a glitch, a stale value or a repeated time."""
+
+    named: int = 5  # places, as many as a note names
+    far: float = 10.0  # times what the neighbours and the rest of the recording show, from which a sample is a glitch
+    pause: float = 1.0  # [s] between runs whose clocks all begin anew
+    moving: float = 3.0  # times the usual deviation from steady motion that a step has, if the joint is sure to move
+    same: float = 1e-6  # of the usual step of time, up to which it stands still
+    alike: float = 0.25  # of a step, up to which others are the same motion
+
+
+CLEANING = CleaningSettings()
 
 
 @dataclass
@@ -113,7 +122,8 @@ def follow_on(log: Log) -> None:
         time = log.values["time"]
         steps = np.diff(time)
         back = (np.diff(log.values["segment"]) != 0) & (steps <= 0)
-        log.values = {**log.values, "time": time + np.append(0.0, np.cumsum(np.where(back, PAUSE - steps, 0.0)))}
+        later = np.append(0.0, np.cumsum(np.where(back, CLEANING.pause - steps, 0.0)))
+        log.values = {**log.values, "time": time + later}
 
 
 def ordered(log: Log) -> None:
@@ -130,7 +140,7 @@ def ordered(log: Log) -> None:
             f"time falls from {time[first]:.9g} to {time[first + 1]:.9g} s at data row {log.rows[first + 1]} "
             "(header not counted): sort the rows, or name a column segment that counts the runs"
         )
-    new = np.append(True, steps > SAME * np.median(steps))
+    new = np.append(True, steps > CLEANING.same * np.median(steps))
     if np.count_nonzero(new) < 2:
         raise RecordingError(f"time is {time[0]:.9g} s in every row: write it with more decimals")
     if not new.all():
@@ -160,8 +170,9 @@ def rows_of(rows: Index) -> str:
     """`data row 12`, or `3 data rows (12, 14 and 20)`."""
     if len(rows) == 1:
         return f"data row {rows[0]}"
-    named = [str(row) for row in rows[:NAMED]]
-    return f"{len(rows)} data rows ({listing([*named, f'{len(rows) - NAMED} more'] if len(rows) > NAMED else named)})"
+    more = len(rows) - CLEANING.named
+    named = [*map(str, rows[: CLEANING.named]), *([f"{more} more"] if more > 0 else [])]
+    return f"{len(rows)} data rows ({listing(named)})"
 
 
 def usual_bend(position: Array) -> float:
@@ -181,9 +192,9 @@ def _glitches(q: Array, usual: float) -> Index:
     if len(q) < 5:
         return np.empty(0, dtype=np.intp)
     off = np.abs(q[2:-2] - 0.5 * (q[1:-3] + q[3:-1]))
-    far = np.flatnonzero(off > FAR * usual)
+    far = np.flatnonzero(off > CLEANING.far * usual)
     around = np.abs(np.diff(np.stack([q[far], q[far + 1], q[far + 3], q[far + 4]]), axis=0)).max(axis=0)  # without it
-    return far[off[far] > FAR * around] + 2
+    return far[off[far] > CLEANING.far * around] + 2
 
 
 def _stale(q: Array, usual: float) -> Index:
@@ -196,7 +207,8 @@ def _stale(q: Array, usual: float) -> Index:
     first, end = first[inner], end[inner]
     before, jump, after = steps[first - 1], steps[end], steps[end + 1]
     steady = 0.5 * (before + after)
-    stale = (np.abs(steady) >= MOVING * usual) & (np.abs(before - after) <= 2 * ALIKE * np.abs(steady))
-    stale &= np.abs(jump / (end - first + 1) - steady) <= ALIKE * np.abs(steady)
+    near = CLEANING.alike * np.abs(steady)
+    stale = (np.abs(steady) >= CLEANING.moving * usual) & (np.abs(before - after) <= 2 * near)
+    stale &= np.abs(jump / (end - first + 1) - steady) <= near
     runs = [np.arange(a + 1, b + 1) for a, b in zip(first[stale], end[stale], strict=True)]
     return np.concatenate([np.empty(0, dtype=np.intp), *runs])

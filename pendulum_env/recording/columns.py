@@ -7,9 +7,8 @@ than a guess. Users name columns as they stand in the file, with what is to be d
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 
 from pendulum_env.reading import shown
 from pendulum_env.recording.expression import (
@@ -27,6 +26,7 @@ from pendulum_env.recording.vocabulary import (
     HEADER,
     LINEAR,
     NAMES,
+    OPTIONAL,
     RAW,
     RAW_NAMES,
     SI,
@@ -37,7 +37,6 @@ from pendulum_env.recording.vocabulary import (
 from pendulum_env.words import along
 
 QUOTED = 40  # characters of a header, of which a sentence may name a dozen
-OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature", "link_position")
 UNUSED = "unused"  # what the user says of one of them to do without, whatever the names of columns tell
 LINKS = "identify and diagnose take an arm's links with --robot ARM.urdf (read_arm_recording), or "
 CHOOSE = "say which with --columns QUANTITY=NAME (columns=...)"  # what mends it, on the command line and in Python
@@ -155,16 +154,12 @@ def find_columns(
                 f"no column for the goal (goal, reference) among {_listed(headers)}: say which with --columns "
                 "reference=NAME (columns=...)"
             )
-        hints = [hint for quantity in missing for hint in islice(_raw(quantity, headers), 1)]
+        hints = [hint for quantity in missing for hint in _raw(quantity, headers)]
+        plain = f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or {CHOOSE}"
         if len(joints := _joints(headers)) > 1:
             hints = [f"there are some for {_listed(joints)}: {LINKS}for one joint {CHOOSE}"]
         raise ColumnError(
-            f"no column for {', '.join(missing)} among {_listed(headers)}: "
-            + (
-                "; ".join(hints)
-                if hints
-                else f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or {CHOOSE}"
-            )
+            f"no column for {', '.join(missing)} among {_listed(headers)}: " + ("; ".join(hints) or plain)
         )
     if "reference" in columns and columns["reference"].unit is None and columns["position"].unit in UNITS["position"]:
         columns["reference"] = replace(columns["reference"], unit=columns["position"].unit)  # one file, one unit
@@ -190,15 +185,24 @@ def is_told(quantity: str, headers: Sequence[str]) -> bool:
 
 def _fitting(quantity: str, headers: Sequence[str], taken: set[int]) -> list[Column]:
     """Columns that could be a quantity: by their whole names, else by the last or last but one part of a path."""
-    for part in (lambda header: header, _without_index, _leaf, _branch):
-        fitting = []
-        for index, header in enumerate(headers):
-            match = NAMES.get(letters(part(header)))
-            if index not in taken and match is not None and match[0] == quantity:
-                fitting.append(Column(quantity, header.strip(), index, *match[1:]))
+    spelt = [_spelt(header) for header in headers]
+    for part in range(4):
+        matches = [(k, NAMES.get(letters(own[part]))) for k, own in enumerate(spelt) if k not in taken]
+        fitting = [Column(quantity, headers[k].strip(), k, *m[1:]) for k, m in matches if m and m[0] == quantity]
         if fitting:
             return fitting
     return []
+
+
+def _spelt(header: str) -> tuple[str, str, str, str]:
+    """A name as it is, without its index, and the last and last but one part of its path, empty if there is none.
+
+    `/joint_states/position[0]` ends in `position`, `/joint_states/position/elbow` has it before its end.
+    """
+    bare = re.sub(r"[\[(]\d+[\])]\s*$", "", header.strip())
+    parts = [part for part in re.split(r"[/.]", bare) if part.strip()]
+    leaf = parts[-1] if len(parts) > 1 or (parts and ("[" in header or "(" in header)) else ""
+    return header, bare, leaf, parts[-2] if len(parts) > 2 else ""
 
 
 def _joints(headers: Sequence[str]) -> list[str]:
@@ -208,38 +212,16 @@ def _joints(headers: Sequence[str]) -> list[str]:
     return [joint for joint in joints if f"torque_{joint}" in plain]
 
 
-def _without_index(header: str) -> str:
-    return re.sub(r"[\[(]\d+[\])]\s*$", "", header.strip())
-
-
-def _parts(header: str) -> list[str]:
-    return [part for part in re.split(r"[/.]", _without_index(header)) if part.strip()]
-
-
-def _leaf(header: str) -> str:
-    """`/joint_states/position[0]` and `signals.position` end in `position`."""
-    parts = _parts(header)
-    return parts[-1] if len(parts) > 1 or "[" in header or "(" in header else ""
-
-
-def _branch(header: str) -> str:
-    """`/joint_states/position/elbow` has `position` before its end."""
-    parts = _parts(header)
-    return parts[-2] if len(parts) > 2 else ""
-
-
-def _raw(quantity: str, headers: Sequence[str]) -> Iterator[str]:
-    """What to write if one of the columns holds the quantity but for a gain."""
-    for header in headers:
-        if _is_raw(quantity, header):
-            example = GAINS[quantity].format(header.strip(), header.strip())
-            yield f"{shown(header.strip(), QUOTED)} needs a gain, as in --columns {example}"
+def _raw(quantity: str, headers: Sequence[str]) -> list[str]:
+    """What to write if a column holds the quantity but for a gain, at most one."""
+    raw = [header.strip() for header in headers if _is_raw(quantity, header)][:1]
+    return [f"{shown(own, QUOTED)} needs a gain, as in --columns {GAINS[quantity].format(own, own)}" for own in raw]
 
 
 def _is_raw(quantity: str, header: str) -> bool:
     """Whether a name tells of a motor's current or voltage, or of an encoder's counts."""
     names = RAW_NAMES.get(quantity, ())
-    spelt = {letters(header), letters(_leaf(header))} | {letters(re.split(r"[\[(]", header)[0])}
+    spelt = {letters(header), letters(_spelt(header)[2])} | {letters(re.split(r"[\[(]", header)[0])}
     return not spelt.isdisjoint(names) or _unit_at_the_end(RAW.get(quantity, {}), header) is not None
 
 

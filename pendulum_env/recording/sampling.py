@@ -5,6 +5,7 @@ itself; beyond, nobody knows what happened: the segment ends there and another b
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -13,20 +14,28 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.record import RecordingError, is_uniform, unevenness
 
-LONG = 1.5  # steps of the median from which a sample seems to be lost
-WHOLE = 0.25  # of a step: long steps as close to several are lost samples, others those of a slow clock
-IN_A_ROW = 3  # lost samples that may be bridged: nobody knows what the torque was meanwhile
-ABOVE_NOISE = 2.0  # times the error that noise alone makes, up to which a hole is bridged
-FINE = 1e-4  # of the range of position: an error as small is none, however quiet the sensor
-INTACT = 50_000  # samples on which bridging is tried out
-SHORTEST = 0.2  # [s]; a shorter segment holds no window of an estimator
-FEWEST = 10  # samples of a segment
-NAMED = 5  # places, as many as a note names
-NEGLIGIBLE = 1e-4  # of a step: at 1 kHz and 10 rad/s this moves position by 1e-6 rad
-FINER = 10  # times the samples that there are, at most, on uniform time
-SMALL = 1_000_000  # samples that are always made
-BLOCK = 1 << 18  # samples interpolated at a time
-MARGIN = 32  # samples on either side of a block; a cubic spline forgets by 0.27 per sample
+
+@dataclass(frozen=True)
+class SamplingSettings:
+    """Which holes are bridged, which steps are even, and which segments are kept."""
+
+    long: float = 1.5  # steps of the median from which a sample seems to be lost
+    whole: float = 0.25  # of a step: long steps as close to several are lost samples, others those of a slow clock
+    in_a_row: int = 3  # lost samples that may be bridged: nobody knows what the torque was meanwhile
+    above_noise: float = 2.0  # times the error that noise alone makes, up to which a hole is bridged
+    fine: float = 1e-4  # of the range of position: an error as small is none, however quiet the sensor
+    intact: int = 50_000  # samples on which bridging is tried out
+    shortest: float = 0.2  # [s]; a shorter segment holds no window of an estimator
+    fewest: int = 10  # samples of a segment
+    named: int = 5  # places, as many as a note names
+    negligible: float = 1e-4  # of a step: at 1 kHz and 10 rad/s this moves position by 1e-6 rad
+    finer: int = 10  # times the samples that there are, at most, on uniform time
+    small: int = 1_000_000  # samples that are always made
+    block: int = 1 << 18  # samples interpolated at a time
+    margin: int = 32  # samples on either side of a block; a cubic spline forgets by 0.27 per sample
+
+
+SAMPLING = SamplingSettings()
 
 
 def cut(log: Log, position: Array) -> None:
@@ -43,8 +52,8 @@ def cut(log: Log, position: Array) -> None:
     steps = np.diff(time)
     usual = float(np.median(steps))
     gaps = np.empty(0, dtype=np.intp)
-    if steps.max() > LONG * usual and not is_rounded(time, position):
-        gaps = np.flatnonzero(steps > (bridgeable(time, position) + LONG) * usual) + 1
+    if steps.max() > SAMPLING.long * usual and not is_rounded(time, position):
+        gaps = np.flatnonzero(steps > (bridgeable(time, position) + SAMPLING.long) * usual) + 1
     new = [int(gap) for gap in gaps if gap not in known]
     if new:
         sizes = steps[np.array(new) - 1]
@@ -62,15 +71,16 @@ def long_enough(log: Log) -> None:
     """
     time = log.values["time"]
     parts = list(pairwise((*log.starts, len(time))))
-    fits = [b - a >= FEWEST and time[b - 1] - time[a] >= SHORTEST for a, b in parts]
+    fits = [b - a >= SAMPLING.fewest and time[b - 1] - time[a] >= SAMPLING.shortest for a, b in parts]
     if not any(fits):
         raise RecordingError(
-            f"none of its {len(fits)} segments between gaps lasts {SHORTEST:g} s: record without losing samples"
+            f"none of its {len(fits)} segments between gaps lasts {SAMPLING.shortest:g} s: record without losing "
+            "samples"
         )
     short = [b - a for (a, b), fit in zip(parts, fits, strict=True) if not fit]
     if short:
         many = f"{len(short)} segments" if len(short) > 1 else "a segment"
-        log.notes.append(f"{sum(short)} samples in {many} shorter than {SHORTEST:g} s are left out")
+        log.notes.append(f"{sum(short)} samples in {many} shorter than {SAMPLING.shortest:g} s are left out")
         lengths = [b - a for a, b in parts]
         log.keep(np.repeat(fits, lengths))
         log.starts = _starts([length for length, fit in zip(lengths, fits, strict=True) if fit])
@@ -85,7 +95,7 @@ def is_rounded(time: Array, position: Array) -> bool:
     """Whether long steps of time (N,) [s] come from rounding of a slower clock: regular, and unknown to the joint."""
     steps = np.diff(time)
     usual = float(np.median(steps))
-    places = np.flatnonzero(steps > LONG * usual)
+    places = np.flatnonzero(steps > SAMPLING.long * usual)
     regular = len(places) > 2 and np.ptp(np.diff(places)) <= 1
     return bool(regular and printed_resolution(time) > usual / 2 and not skips(time, position))
 
@@ -96,9 +106,9 @@ def skips(time: Array, position: Array) -> bool:
     A clock whose period is no multiple of the printed digits has long steps, too, but the joint does not know of them.
     """
     steps, moves = np.diff(time), np.diff(position)
-    long = np.flatnonzero(steps[1:-1] > LONG * float(np.median(steps))) + 1
+    long = np.flatnonzero(steps[1:-1] > SAMPLING.long * float(np.median(steps))) + 1
     beside = 0.5 * (moves[long - 1] + moves[long + 1])
-    return bool(moves[long] @ beside > LONG * (beside @ beside))
+    return bool(moves[long] @ beside > SAMPLING.long * (beside @ beside))
 
 
 def bridgeable(time: Array, position: Array) -> int:
@@ -108,30 +118,30 @@ def bridgeable(time: Array, position: Array) -> int:
     in the middle is interpolated by the cubic through two samples on either side.
     """
     steps = np.diff(time)
-    q = position[_longest_run(steps <= LONG * float(np.median(steps)))]
+    q = position[_longest_run(steps <= SAMPLING.long * float(np.median(steps)))]
     if len(q) < 20:
         return 0
     noise = float(np.std(np.diff(q, 6))) / np.sqrt(924.0)  # of white noise, the sum of squares of 1, -6, 15, ...
-    for lost in range(1, IN_A_ROW + 1):
+    for lost in range(1, SAMPLING.in_a_row + 1):
         nodes, middle = np.array([-1, 0, lost + 1, lost + 2]), (lost + 1) // 2
         weights = np.array([np.prod([(middle - b) / (a - b) for b in nodes if b != a]) for a in nodes])  # Lagrange
         span = len(q) - (lost + 3)
         guess = sum(w * q[1 + k : 1 + k + span] for w, k in zip(weights, nodes, strict=True))
         error = float(np.std(q[1 + middle : 1 + middle + span] - guess))
-        allowed = ABOVE_NOISE * noise * np.sqrt(1 + weights @ weights)
-        if error > max(allowed, FINE * float(np.ptp(q))):
+        allowed = SAMPLING.above_noise * noise * np.sqrt(1 + weights @ weights)
+        if error > max(allowed, SAMPLING.fine * float(np.ptp(q))):
             return lost - 1
-    return IN_A_ROW
+    return SAMPLING.in_a_row
 
 
 def _longest_run(good: Mask) -> slice:
-    """Samples between the longest run of good steps (N - 1,), INTACT at most."""
+    """Samples between the longest run of good steps (N - 1,), `SAMPLING.intact` at most."""
     edges = np.flatnonzero(np.diff(good, prepend=False, append=False))
     first, end = edges[::2], edges[1::2]
     if not len(first):
         return slice(0, 0)
     longest = int(np.argmax(end - first))
-    return slice(int(first[longest]), int(min(end[longest] + 1, first[longest] + INTACT)))
+    return slice(int(first[longest]), int(min(end[longest] + 1, first[longest] + SAMPLING.intact)))
 
 
 def uniform(log: Log) -> None:
@@ -157,11 +167,11 @@ def uniform(log: Log) -> None:
     if is_uniform(time, log.starts):
         return
     steps = np.concatenate([np.diff(part["time"]) for part in parts])
-    slow = steps > LONG * usual
+    slow = steps > SAMPLING.long * usual
     period = float(np.mean(steps))
     off = max(unevenness(part["time"], period) for part in parts)
     loses = len(parts) == 1 and skips(time, log.values["position"])
-    if off <= max(1.001 * printed_resolution(time), NEGLIGIBLE * period) and not loses:
+    if off <= max(1.001 * printed_resolution(time), SAMPLING.negligible * period) and not loses:
         grids = [_grid(part["time"][0], period, len(part["time"])) for part in parts]
         log.values = {**log.values, "time": np.concatenate(grids)}
         log.notes.append(
@@ -172,7 +182,7 @@ def uniform(log: Log) -> None:
         period = float(np.mean(steps[~slow]))
     _refuse_finer(sum(float(part["time"][-1] - part["time"][0]) for part in parts) / period, len(time), period)
     _join(log, [_resampled(part, period) for part in parts])
-    rarely = f", {np.count_nonzero(slow)} of them over {LONG:g} times the usual" if slow.any() else ""
+    rarely = f", {np.count_nonzero(slow)} of them over {SAMPLING.long:g} times the usual" if slow.any() else ""
     log.notes.append(
         f"resampled to {1 / period:.6g} Hz: steps were {1e3 * steps.min():.4g} to {1e3 * steps.max():.4g} ms "
         f"(standard deviation {1e3 * steps.std():.2g} ms){rarely}"
@@ -181,7 +191,7 @@ def uniform(log: Log) -> None:
 
 def _refuse_finer(count: float, known: int, period: float) -> None:
     """Refuse what would fill the memory with samples that nobody measured."""
-    if count > max(FINER * known, SMALL):
+    if count > max(SAMPLING.finer * known, SAMPLING.small):
         raise RecordingError(
             f"time has steps of {period:.3g} s, but others so long that {known} samples would become {count:.3g} "
             "on uniform time: check the column of time and its unit, or cut the recording there"
@@ -216,7 +226,7 @@ def _lost(time: Array, usual: float) -> Index:
     """How many samples are lost between each and the next of time (N,) [s], (N - 1,)."""
     ratio = np.diff(time) / usual
     counts = np.round(ratio).astype(np.intp)
-    return np.where((ratio > LONG) & (np.abs(ratio - counts) <= WHOLE), counts - 1, 0)
+    return np.where((ratio > SAMPLING.long) & (np.abs(ratio - counts) <= SAMPLING.whole), counts - 1, 0)
 
 
 def _with_lost(part: dict[str, Array], missing: Index) -> dict[str, Array]:
@@ -276,15 +286,15 @@ def _interpolated(grid: Array, time: Array, values: Array) -> Array:
     from scipy.interpolate import CubicSpline  # here, as it takes half a second
 
     result = np.empty_like(grid)
-    for start in range(0, len(grid), BLOCK):
-        block = grid[start : start + BLOCK]
+    for start in range(0, len(grid), SAMPLING.block):
+        block = grid[start : start + SAMPLING.block]
         first, last = np.searchsorted(time, block[[0, -1]])
-        near = slice(max(first - MARGIN, 0), last + MARGIN)
-        result[start : start + BLOCK] = CubicSpline(time[near], values[near])(block)
+        near = slice(max(first - SAMPLING.margin, 0), last + SAMPLING.margin)
+        result[start : start + SAMPLING.block] = CubicSpline(time[near], values[near])(block)
     return result
 
 
 def _times(times: Array) -> str:
     """`1.2 s`, or `1.2, 3.4 s and 5 more times`."""
-    told = ", ".join(f"{time:.6g}" for time in times[:NAMED]) + " s"
-    return f"{told} and {len(times) - NAMED} more times" if len(times) > NAMED else told
+    told = ", ".join(f"{time:.6g}" for time in times[: SAMPLING.named]) + " s"
+    return f"{told} and {len(times) - SAMPLING.named} more times" if len(times) > SAMPLING.named else told

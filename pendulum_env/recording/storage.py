@@ -99,14 +99,9 @@ def read_recording(
     """
     path = Path(path)
     try:
-        name = path.name if is_bag(path) else path.name[: -len(_suffix(path))]
-        return _recording(
-            name,
-            read_table(path, partial(find_columns, named=columns, has_drive=drive is not None), largest),
-            unwrap,
-            drive,
-            columns or {},
-        )
+        name = path.name if is_bag(path) else path.name[: -len(_format(path))]
+        table = read_table(path, partial(find_columns, named=columns, has_drive=drive is not None), largest)
+        return _recording(name, table, unwrap, drive, columns or {})
     except RecordingError as error:
         raise type(error)(f"{path}: {error}") from error.__cause__
 
@@ -127,7 +122,7 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
         columns["segment"] = np.asarray(numbers - 1.0)
     path = Path(path)
     try:
-        write = WRITERS[_suffix(path, WRITERS)]
+        write = WRITERS[_format(path, WRITERS)]
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from None
     try:
@@ -137,7 +132,10 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
         raise RecordingError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
 
 
-def _suffix(path: Path, known: Collection[str] = READERS) -> str:
+def _format(path: Path, known: Collection[str] = READERS) -> str:
+    """The ending that tells a file's format; a folder that is a bag is read like a file of one."""
+    if known is READERS and is_bag(path):
+        return ".db3"
     name = path.name.lower()
     for suffix in known:
         if name.endswith(suffix) and len(name) > len(suffix):
@@ -172,12 +170,12 @@ def parsed(work: Callable[..., Answer], path: Path, *arguments: object, largest:
     Raises:
         RecordingError: as `work` does, if it is no regular file, or a folder that is no bag of such, or too large.
     """
-    suffix = _format(path)
+    ending = _format(path)
     if not path.exists():
         raise RecordingError("there is no such file: check the path")
     try:
         size = sum(regular_size(file, largest, REMEDY) for file in (path.iterdir() if is_bag(path) else [path]))
-        if suffix in (".csv", ".tsv", ".txt") and size < HERE:
+        if ending in (".csv", ".tsv", ".txt") and size < HERE:
             return work(path, *arguments)
         return isolated(work, path, *arguments, size=largest)
     except Unreadable as error:
@@ -186,9 +184,9 @@ def parsed(work: Callable[..., Answer], path: Path, *arguments: object, largest:
 
 def read_here(path: Path, find: Find) -> Table:
     """Columns as they stand in the file; whatever the libraries below raise becomes a RecordingError."""
-    suffix = _format(path)
+    ending = _format(path)
     try:
-        return READERS[suffix](path, find)
+        return READERS[ending](path, find)
     except RecordingError:
         raise
     except MemoryError:
@@ -197,13 +195,8 @@ def read_here(path: Path, find: Find) -> Table:
         raise RecordingError("its name is no UTF-8, which libraries need: rename it") from None
     except Exception as error:  # a damaged file may fail anywhere in zlib, zipfile, numpy or arrow
         raise RecordingError(
-            f"it cannot be read as {suffix} ({one_line(error)}): it may be damaged, export it again"
+            f"it cannot be read as {ending} ({one_line(error)}): it may be damaged, export it again"
         ) from error
-
-
-def _format(path: Path) -> str:
-    """The ending whose reader takes a file, or the folder that is a bag."""
-    return ".db3" if is_bag(path) else _suffix(path)
 
 
 def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named: Mapping[str, str]) -> Recording:
@@ -227,8 +220,8 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
         return np.unwrap(log.values["position"]) if unwrap else log.values["position"]
 
     log = Log(values, [*(note for column in table.columns.values() for note in column.notes), *table.notes])
-    cleaning.aligned(log, checks.FEWEST)
-    cleaning.finite(log, checks.FEWEST)
+    cleaning.aligned(log, checks.BOUNDS.fewest)
+    cleaning.finite(log, checks.BOUNDS.fewest)
     cleaning.follow_on(log)
     cleaning.ordered(log)
     cleaning.sound(log, turns())

@@ -96,14 +96,8 @@ TOLD = {  # of UNITS, what people are told of
     "temperature": "degC",
     "link_position": "rad, mrad, deg, rev, counts",
 }
-SPARE = (
-    "reference",
-    "segment",
-    "supply",
-    "enabled",
-    "temperature",
-    "link_position",
-)  # quantities of which the first column will do
+OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature", "link_position")
+SPARE = OPTIONAL[1:]  # of which the first column will do
 
 
 def _names() -> Iterator[tuple[str, tuple[str, str | None, bool]]]:

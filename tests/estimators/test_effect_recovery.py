@@ -93,6 +93,6 @@ def test_every_effect_has_a_case():
 def test_known_effect_is_recovered_by_all_schemes(effect, recordings):
     case = CASES[effect]
     truth = [PLANT.inertia, PLANT.gravity, PLANT.viscous, PLANT.coulomb, *case.theta]
-    found = identify([recordings[effect]], (*BASE, effects()[effect](**case.shape)), points=2)
+    found = identify([recordings[effect]], (*BASE, effects()[effect](**case.shape)))
     for scheme in SCHEMES:
         np.testing.assert_allclose(found[scheme.id].model.theta, truth, rtol=case.tolerance, err_msg=scheme.id)

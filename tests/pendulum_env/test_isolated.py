@@ -119,7 +119,7 @@ def test_memory_is_bounded():
 
 @posix
 def test_processor_time_is_bounded_for_each_file(monkeypatch):
-    monkeypatch.setattr(module, "SECONDS", 1)
+    monkeypatch.setattr(module, "BOUNDS", module.Bounds(seconds=1))
     for _ in range(2):
         with pytest.raises(Unreadable, match=r"^it takes more than 1 s to read: write less$"):
             run("sum(iter(int, 1))", remedy="write less")
@@ -127,7 +127,7 @@ def test_processor_time_is_bounded_for_each_file(monkeypatch):
 
 
 def test_what_waits_for_ever_is_ended_by_the_clock(monkeypatch):
-    monkeypatch.setattr(module, "PATIENCE", 0.05)
+    monkeypatch.setattr(module, "BOUNDS", module.Bounds(patience=0.05))
     with pytest.raises(Unreadable, match="it takes more than 20 s to read"):
         run("time.sleep(1000)")
 

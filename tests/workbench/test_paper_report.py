@@ -34,28 +34,18 @@ def curve(figure: dict, name: str) -> np.ndarray:
     return next(np.array([t["x"], t["y"]], dtype=float) for t in figure["data"] if t["name"] == name)
 
 
-def test_page_loads_nothing_from_elsewhere(page: str) -> None:
+def test_page_is_whole_and_loads_nothing_from_elsewhere(page: str, figures: dict[str, dict]) -> None:
     found = Page(page)
-    assert values(found, "src") == []
-    assert all(href.startswith("#") for href in values(found, "href"))
+    links, ids = values(found, "href"), values(found, "id")
+    assert values(found, "src") == [] and all(link.startswith("#") for link in links)
     assert not any(tag in ("link", "iframe", "img", "object", "embed") for tag, _ in found.tags)
     assert len(page.encode()) < 4_000_000
-
-
-def test_page_has_every_section_and_a_link_to_each(page: str) -> None:
-    found = Page(page)
     sections = [attrs["id"] for tag, attrs in found.tags if tag == "section"]
-    assert len(sections) == len(SECTIONS)
-    assert set(sections) <= {href[1:] for href in values(found, "href")}
-    ids = values(found, "id")
+    assert sections == list(SECTIONS) and {f"#{id}" for id in sections} <= set(links)
     assert len(ids) == len(set(ids))
-
-
-def test_page_has_figures_2_to_9(page: str, figures: dict[str, dict]) -> None:
     expected = {f"figure-{k}" for k in range(2, 8)}
     assert set(figures) == expected | {"figure-8a", "figure-8b", "figure-9-printed", "figure-9-ours"}
-    text = Page(page).text
-    assert all(f"Figure {k}" in text for k in range(2, 10))
+    assert all(f"Figure {k}" in found.text for k in range(2, 10))
     style = re.search(r"<style>(.*?)</style>", page, re.DOTALL)[1]
     for color in set(re.findall(r'"(--[a-z0-9-]+)"', json.dumps(figures))):
         assert style.count(f"{color}:") == 2, f"{color} in light and dark"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from itertools import product
 
 from estimators.paper import PARAMETERS, TABLE_2, WAYS, Experiment, paper_experiment
 from estimators.paper.experiment import RUNS, SECONDS
@@ -42,22 +43,26 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 def tell(experiment: Experiment, terminal: Terminal) -> None:
     """Print the tables of the page."""
-    units = [f"{name} [{paper_plant().estimates[name].unit}]" for name in PARAMETERS]
-    truth = ("truth of the simulation", *(f"{value:.4f}" for value in experiment.truth))
+    header = ("scheme", *(f"{name} [{paper_plant().estimates[name].unit}]" for name in PARAMETERS))
     terminal.heading("Table 2 of the paper, measured on its rig")
-    terminal.table(("scheme", *units), [(scheme, *map(_value, row)) for scheme, row in TABLE_2.items()])
-    for title, way in (
-        ("The same by this project", "ours"),
-        ("The same by the paper's equations as printed", "printed"),
-    ):
-        terminal.heading(f"{title}: median of {experiment.runs} simulated runs")
-        rows = [(scheme, *map(_value, found(experiment, way, scheme))) for scheme in TABLE_2]
-        terminal.table(("scheme", *units), [*rows, truth])
+    terminal.table(header, [(scheme, *map(_value, row)) for scheme, row in TABLE_2.items()])
+    truth = ("truth of the simulation", *map(_value, experiment.truth.tolist()))
+    for title, way in (("this project", "ours"), ("the paper's equations as printed", "printed")):
+        terminal.heading(f"The same by {title}: median of {experiment.runs} simulated runs")
+        found = {scheme: experiment.score(way, scheme).theta.tolist() for scheme in TABLE_2}
+        if way == "printed":  # some are given their inertia, as in the paper
+            found = {
+                id: [None if TABLE_2[id][k] is None else v for k, v in enumerate(row)] for id, row in found.items()
+            }
+        terminal.table(header, [*((scheme, *map(_value, row)) for scheme, row in found.items()), truth])
 
     terminal.heading("Median error (worst of all runs) in %")
-    rows = [
-        (f"{scheme}, {way}", *_errors(experiment, way, scheme)) for scheme in TABLE_2 for way in ("ours", "printed")
-    ]
+    rows = []
+    for scheme, way in product(TABLE_2, ("ours", "printed")):
+        _, median, worst = experiment.score(way, scheme)
+        rows.append(
+            (f"{scheme}, {way}", *(f"{100 * m:.2g} ({100 * w:.2g})" for m, w in zip(median, worst, strict=True)))
+        )
     terminal.table(("scheme", *PARAMETERS), rows)
     for scheme in ("hamiltonian", "filtered_hamiltonian"):
         lender = scheme.replace("hamiltonian", "dynamic")
@@ -73,17 +78,5 @@ def tell(experiment: Experiment, terminal: Terminal) -> None:
     terminal.table(("way", *TABLE_2), rows)
 
 
-def found(experiment: Experiment, way: str, scheme: str) -> list[float | None]:
-    """Median estimates; None where the scheme was given its inertia, as in the paper."""
-    estimates = experiment.score(way, scheme).theta.tolist()
-    given = [way == "printed" and value is None for value in TABLE_2[scheme]]
-    return [None if known else estimate for known, estimate in zip(given, estimates, strict=True)]
-
-
 def _value(value: float | None) -> str:
     return "given" if value is None else f"{value:.4f}"
-
-
-def _errors(experiment: Experiment, way: str, scheme: str) -> list[str]:
-    score = experiment.score(way, scheme)
-    return [f"{100 * median:.2g} ({100 * worst:.2g})" for median, worst in zip(score.median, score.worst, strict=True)]

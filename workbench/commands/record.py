@@ -22,7 +22,7 @@ from pendulum_env.physics import Model
 from pendulum_env.policy import rollout
 from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording, write_recording
-from pendulum_env.recording.checks import FEWEST, SHORTEST, SLOWEST
+from pendulum_env.recording.checks import BOUNDS
 from pendulum_env.recording.storage import WRITERS
 from pendulum_env.registration import PENDULUM
 from workbench.inputs import (
@@ -60,7 +60,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare plant, excitation, measurement and output."""
     parser.add_argument(
         "--seconds",
-        type=number(SHORTEST, MOST / SLOWEST),
+        type=number(BOUNDS.shortest, MOST / BOUNDS.slowest),
         help=f"length (default {SECONDS:g}, what the diagnosis suggests, or {EPISODE:g} with {LEARNT})",
     )
     parser.add_argument(
@@ -113,7 +113,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", metavar="FILE", help="rig.toml of the rig, for --backend dm1015b")
     take_plant(parser, arm=True)
     take_robot(parser)
-    parser.add_argument("--rate", type=number(SLOWEST, 1e5), default=1000.0, help="samples per second (default 1000)")
+    parser.add_argument(
+        "--rate", type=number(BOUNDS.slowest, 1e5), default=1000.0, help="samples per second (default 1000)"
+    )
     parser.add_argument(
         "--counts", type=whole(0, 2**32), default=COUNTS, help=f"of the encoder per turn (default {COUNTS})"
     )
@@ -168,8 +170,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def _samples(seconds: float, rate: float) -> int:
     """How many a recording has."""
     samples = seconds * rate
-    if not FEWEST <= samples <= MOST:
-        raise InputError(f"{samples:.0f} samples are asked for, between {FEWEST} and {MOST} are possible")
+    if not BOUNDS.fewest <= samples <= MOST:
+        raise InputError(f"{samples:.0f} samples are asked for, between {BOUNDS.fewest} and {MOST} are possible")
     return round(samples)
 
 

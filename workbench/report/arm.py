@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators.arms.diagnosis import ArmDiagnosis, gather_arm
 from estimators.arms.identification import ArmStep, JointError
-from estimators.checks.residual import STANDS_OUT, profiles, stand_out
+from estimators.checks.residual import REGIONS, profiles, stand_out
 from estimators.selection.data import Evidence, inertias
 from estimators.weak_form.dataset import NEGLIGIBLE
 from pendulum_env.arms.recording import ArmRecording
@@ -106,7 +106,7 @@ def strips(models: Sequence[Drawn], evidence: Evidence) -> Section:
         ]
         found.append({"joint": joint, "figures": figures, "regions": told})
     entries = key(curves, standing[0], len(standing) > 1 and standing[-1])
-    content = {"strips": found, "key": entries, "threshold": STANDS_OUT, "negligible": percent(NEGLIGIBLE)}
+    content = {"strips": found, "key": entries, "threshold": REGIONS.stands_out, "negligible": percent(NEGLIGIBLE)}
     return Section("strips", "Where it fails", "Where each joint's torque is not the model's", content)
 
 

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, random_case, simulate
 from estimators.checks.alignment import align, align_each
-from estimators.checks.channel_fits import BY_CHANCE, Law
+from estimators.checks.channel_fits import SEARCH, Law
 from estimators.selection.data import Evidence, fit_terms
 from estimators.signals.channel import Channel
 from pendulum_env.physics import BASE
@@ -212,4 +212,4 @@ def test_a_delay_has_to_show_all_along_and_not_at_one_event(gained, is_borne_out
         Law(Channel(delay), (0.0, 0.0), (0.0, 0.0), np.tile(density, (2, 1)))
         for delay, density in ((0.0, np.zeros(len(gained))), (0.04, gained))
     )
-    assert law.excels(none, BY_CHANCE) == is_borne_out
+    assert law.excels(none, SEARCH.by_chance) == is_borne_out

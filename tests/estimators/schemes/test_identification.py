@@ -53,7 +53,7 @@ def test_standard_errors_are_honest():
         for _ in range(6):  # only the noise differs
             noisy = clean.torque + 0.05 * rng.standard_normal(len(clean))
             for among in (SCHEMES, schemes[len(SCHEMES) :]):  # ids are unique within each
-                result = identify([Recording("noisy", clean.time, clean.position, noisy)], schemes=among, points=2)
+                result = identify([Recording("noisy", clean.time, clean.position, noisy)], schemes=among)
                 for scheme in among:
                     error = result[scheme.id].model.theta - truth
                     z.setdefault(scheme, []).append(error / std(result[scheme.id].model))
@@ -63,10 +63,10 @@ def test_standard_errors_are_honest():
 
 
 def test_convergence_ends_at_the_model(paper_run):
-    found = identify([paper_run.recording], points=50)
+    found = identify([paper_run.recording])
     for scheme in SCHEMES:
         result = found[scheme.id]
-        assert result.convergence.theta.shape == (50, 4)
+        assert result.convergence.theta.shape == (200, 4)
         np.testing.assert_allclose(result.convergence.theta[-1], result.model.theta, rtol=1e-6)
         np.testing.assert_allclose(result.convergence.std[-1], std(result.model), rtol=1e-6)
         assert result.convergence.time[-1] == pytest.approx(paper_run.recording.duration, abs=0.1)
@@ -85,7 +85,7 @@ def test_the_papers_hamiltonian_pair_borrows_inertia(paper_run):
 
 @pytest.mark.slow
 def test_the_fit_over_windows_is_the_one_that_a_diagnosis_begins_with(paper_run):
-    found = identify([paper_run.recording], schemes="energy", fixed={"gravity": 2.0}, points=2)
+    found = identify([paper_run.recording], schemes="energy", fixed={"gravity": 2.0})
     data = prepare([paper_run.recording])
     model, _ = fit_terms(Evidence(data, ()), found["energy"].model.terms)
     np.testing.assert_array_equal(found.windows.theta, model.theta)

@@ -66,11 +66,9 @@ def test_split_needs_samples_in_both_parts(swing: Recording, fraction: float) ->
     ("change", "match"),
     [
         ({"torque": np.zeros(4)}, r"torque of shape \(4,\) with time of shape \(5,\)"),
-        ({"position": np.zeros((5, 1))}, r"position of shape \(5, 1\)"),
         ({"velocity": np.array([0, 1, np.nan, 3, 4])}, "velocity that is not finite"),
         ({"position": np.array(["a"] * 5)}, "position that is not numbers"),
         ({"time": np.array([0, 1, 2, 3, 5.0])}, "not uniform and increasing"),
-        ({"time": np.zeros(5)}, "not uniform and increasing"),
         ({"time": np.arange(5.0)[::-1]}, "not uniform and increasing"),
         (dict.fromkeys(("time", "position", "torque"), np.zeros(1)), "holds 1 samples and needs at least 2"),
     ],
@@ -134,9 +132,7 @@ def test_no_name_has_two_meanings() -> None:
     ("headers", "match"),
     [
         ("time,q,position,torque", "'q' and 'position' could both be position"),
-        ("time,time_ms,position,torque", "'time' and 'time_ms' could both be time"),
         ("time,x,torque", "no column for position among 'time', 'x', 'torque': name the columns time,position,torque"),
-        ("time", "no column for position, torque among 'time'"),
         (
             "time,position_a,position_b,torque_a,torque_b",
             "there are some for 'a', 'b': identify and diagnose take an arm's links with --robot",
@@ -367,7 +363,6 @@ def test_a_name_that_is_no_utf_8_is_told(tmp_path: Path, ending: str) -> None:
 @pytest.mark.parametrize(
     ("change", "match"),
     [
-        ({"position": np.array(["a"] * 2000)}, "has type <U1"),
         ({"position": np.array([None] * 2000)}, "has type object"),
         ({"position": np.zeros((2000, 1, 2))}, r"shape \(2000, 1, 2\)"),
         ({"position": np.zeros(1999)}, "arrays differ in length"),

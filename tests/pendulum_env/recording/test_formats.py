@@ -211,7 +211,7 @@ ENDLESS = "WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELEC
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of Unix")
 def test_a_bag_that_computes_what_it_holds_ends(tmp_path, monkeypatch):
-    monkeypatch.setattr(isolated, "SECONDS", 1)
+    monkeypatch.setattr(isolated, "BOUNDS", isolated.Bounds(seconds=1))
     write_bag(tmp_path / "bag", "sqlite3")
     with closing(sqlite3.connect(tmp_path / "bag" / "bag.db3")) as database:
         database.execute("DROP TABLE schema")

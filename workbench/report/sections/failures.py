@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from estimators.checks.residual import STANDS_OUT, WITHIN, Profile, Region, profiles, stand_out, wrapped
+from estimators.checks.residual import REGIONS, WITHIN, Profile, Region, profiles, stand_out, wrapped
 from pendulum_env._typing import JSON, Array
 from workbench.report.case import Case
 from workbench.report.figure import Figure, Section, axis, band, line, numbers
@@ -44,7 +44,7 @@ def failures(case: Case) -> Section:
             "unexplained": case.diagnosis.unexplained,
             "found": bool(case.diagnosis.selected),
             "key": key(curves, bool(regions), bool(case.diagnosis.selected and case.diagnosis.unexplained)),
-            "threshold": STANDS_OUT,
+            "threshold": REGIONS.stands_out,
             "figures": [
                 profile_figure(curves, [m[k] for m in maps], regions, still, reach) for k in range(len(maps[0]))
             ],
@@ -59,7 +59,7 @@ def failures(case: Case) -> Section:
 def key(curves: Sequence[Curve], regions: bool, still: bool) -> list[tuple[str, str, str]]:
     """Kind, colour and meaning of what the profiles show: curves, and stripes under the first and the last of them."""
     entries = [("stroke", color, label) for label, color in curves]
-    entries.append(("patch", "--noise", f"noise (±{STANDS_OUT:g}σ)"))
+    entries.append(("patch", "--noise", f"noise (±{REGIONS.stands_out:g}σ)"))
     if regions:
         entries.append(("patch", "--region", f"stands out under the {curves[0][0]}"))
     if still:
@@ -90,7 +90,7 @@ def profile_figure(
     first = drawn[0]
     middle = 0.5 * (first.edges[1:] + first.edges[:-1])
     oscillates = first.axis == "frequency"
-    data = [band(middle, STANDS_OUT * first.error, f"noise (±{STANDS_OUT:g}σ)")]
+    data = [band(middle, REGIONS.stands_out * first.error, f"noise (±{REGIONS.stands_out:g}σ)")]
     for (label, color), profile in zip(curves, drawn, strict=True):
         data.append(
             line(middle, profile.mean, label, color, said("N m"), mode="lines" if oscillates else "lines+markers")
