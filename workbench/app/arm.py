@@ -55,7 +55,7 @@ class Fitted:
 def fit_arm(
     body: Body, train: tuple[ArmRecording, ...], holdout: tuple[ArmRecording, ...], terms: tuple[Term, ...]
 ) -> Fitted:
-    """The base model of an arm, with friction at each joint or with terms that are told.
+    """The base model of an arm, with friction at each joint or with given terms.
 
     Raises:
         IdentificationError: if there is too little motion.
@@ -81,7 +81,7 @@ class ArmState(State):
 
     @property
     def joints(self) -> tuple[str, ...] | None:
-        """Those that move, if that is told."""
+        """Those that move, if that is known."""
         return self.robot.joints
 
     @property

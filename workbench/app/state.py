@@ -30,7 +30,6 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.library import addition
 from pendulum_env.recording import Recording, Source
-from pendulum_env.recording.record import by_torque
 from pendulum_env.recording.study import named_twice
 from pendulum_env.words import name
 from workbench.app.uploads import UNPACKED, safe_name
@@ -47,7 +46,7 @@ NO_RECORDING = "load a recording first"
 
 def read_one(source: Source) -> Recording:
     """A recording of a pendulum; raises RecordingError, in the words of the command line."""
-    return by_torque(replace(source, largest=UNPACKED).read())
+    return replace(replace(source, largest=UNPACKED).read(), drive=None)  # pages draw it by its torque
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,10 +32,10 @@ def arm_data(session: Session, state: ArmState) -> list[Component]:
     parts: list[Component] = [card.show(one) for one in session.cards[:1]]
     parts.append(html.Div([data.upload(state), _robot(state)], className="columns"))
     if state.loaded:
-        said = [partial(state.body.said, joint) for joint in state.body.joints]
+        units = [partial(state.body.worded, joint) for joint in state.body.joints]
         recordings: list[Any] = state.recordings[: data.DRAWN]
         plots = [
-            graph(data.course(own, f"course-{k}-{n}", f"{joint}, {one.name}", said[n], 260))
+            graph(data.course(own, f"course-{k}-{n}", f"{joint}, {one.name}", units[n], 260))
             for k, one in enumerate(recordings)
             for n, (joint, own) in enumerate(zip(state.body.joints, one.joints, strict=True))
         ]
@@ -45,7 +45,7 @@ def arm_data(session: Session, state: ArmState) -> list[Component]:
 
 def _robot(state: ArmState) -> Component:
     body = state.body
-    said = [
+    texts = [
         f"{body.name}: {len(body.joints)} joints that move, {len(body.base)} base parameters",
         *(text for text in (held_text(body), *state.questions, state.trouble) if text),
         "columns are position_JOINT and torque_JOINT, or numbered; a study among the files says which joints move "
@@ -53,7 +53,7 @@ def _robot(state: ArmState) -> Component:
     ]
     gravity = button("Its torques are with gravity" if state.robot.weightless else WEIGHTLESS, "turn-gravity")
     leave = button("Leave the robot", "leave-robot")
-    return panel("The robot", *(html.P(f"{opening(text)}.") for text in said), leave, " ", gravity)
+    return panel("The robot", *(html.P(f"{opening(text)}.") for text in texts), leave, " ", gravity)
 
 
 def arm_model(session: Session, state: ArmState) -> list[Component]:
@@ -94,12 +94,12 @@ def views(state: ArmState, id: str) -> list[Component]:
     section = strips(ends(state.rungs), gather_arm([recording], state.model.terms))  # type: ignore[list-item]
     parts = []
     for strip in section.content["strips"]:
-        told: list[Component] = []
+        texts: list[Component] = []
         for own in strip["regions"]:
-            told.append(html.P(f"Under the {own['label']}{':' if own['regions'] else ' nothing stands out.'}"))
-            told.append(html.Ul([html.Li(opening(text)) for text in own["regions"]], className="regions-list"))
+            texts.append(html.P(f"Under the {own['label']}{':' if own['regions'] else ' nothing stands out.'}"))
+            texts.append(html.Ul([html.Li(opening(text)) for text in own["regions"]], className="regions-list"))
         plots = [graph(figure) for figure in strip["figures"]]
-        parts.append(panel(strip["joint"], html.Div(plots, className="grid strip"), *told))
+        parts.append(panel(strip["joint"], html.Div(plots, className="grid strip"), *texts))
     return parts
 
 
