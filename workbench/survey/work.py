@@ -9,7 +9,7 @@ import os
 import re
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
@@ -24,7 +24,6 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Term, load_plugin
 from pendulum_env.reading import REMEDY, regular_size
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import by_torque
 from workbench.mistakes import MISTAKES, InputError, printable, sentence
 from workbench.survey.cases import Case
 from workbench.survey.dataset import VERDICTS
@@ -87,7 +86,7 @@ def look(case: Case, settings: Settings) -> JSON:
     """
     for path in settings.plugins:
         load_plugin(path)
-    recording = by_torque(case.source.read())
+    recording = replace(case.source.read(), drive=None)  # by its torque
     found = diagnose([recording], **settings.asked)
     row = _row(recording, found)
     if settings.folder is not None and row["verdict"] in PAGES[settings.reports]:
