@@ -30,7 +30,7 @@ from pendulum_env.reading import Unreadable, read_own
 
 CHECKPOINT = "training.pkl"  # in the folder of a training, beside policies `steps-N.npz` and `tensorboard`
 TUNING = 2**21  # added to seeds, for plants that neither training nor evaluation draws
-STRETCHES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)
+SCALES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)
 
 
 class CheckpointError(Mistake):
@@ -59,7 +59,7 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
         callback, left = _Watch(config, tell, folder), config.steps - model.num_timesteps
         model.learn(left, callback, reset_num_timesteps=model.num_timesteps == 0, tb_log_name="training")
     network = export(model, config)
-    return network if CONSTRAINTS[config.constraint].rms is None else stretched(network, config)
+    return network if CONSTRAINTS[config.constraint].rms is None else rescaled(network, config)
 
 
 def _begin(config: Config, folder: Path | None, resume: bool) -> PPO:
@@ -106,21 +106,22 @@ def export(model: PPO, config: Config) -> Network:
     return Network(weights, biases, np.array(config.levels), config.constraint)
 
 
-def stretched(network: Network, config: Config) -> Network:
-    """Policy with its levels as far apart as it learns most with: without chance, it may not spend the whole budget."""
-    stretches = [replace(network, levels=network.levels * factor) for factor in STRETCHES]
-    return max(stretches, key=lambda candidate: learnt(candidate, config))
+def rescaled(network: Network, config: Config, plants: int = 64) -> Network:
+    """Policy with its levels as far apart as it learns most with: without chance, it may not spend the whole budget.
 
+    What counts is what an episode adds to log det on plants of no training and no evaluation.
+    """
+    env = ExcitationDesignVector(plants, constraint=network.constraint)
 
-def learnt(network: Network, config: Config, count: int = 64) -> float:
-    """Mean of what an episode adds to what counts, on plants of no training and no evaluation [nat]."""
-    env = ExcitationDesignVector(count, constraint=network.constraint)
-    observation, _ = env.reset(seed=TUNING + config.seed)
-    total = 0.0
-    for _ in range(env.observer.ticks):
-        observation, reward, *_ = env.step(network.predict(observation)[0])
-        total += float(reward.mean())
-    return total
+    def learnt(candidate: Network) -> float:
+        observation, _ = env.reset(seed=TUNING + config.seed)
+        total = 0.0
+        for _ in range(env.observer.ticks):
+            observation, reward, *_ = env.step(candidate.predict(observation)[0])
+            total += float(reward.mean())
+        return total
+
+    return max((replace(network, levels=network.levels * factor) for factor in SCALES), key=learnt)
 
 
 def _keep(path: Path, model: PPO, config: Config) -> None:

@@ -76,10 +76,8 @@ class Renderer:
         surface = self._surface
         surface.fill(PAPER)
         positions, torques = np.atleast_1d(measurement["position"]), np.atleast_1d(measurement["torque"])
-        angles_text, torques_text = (
-            " ".join(f"{x:{form}}" for x in xs) for xs, form in ((positions, "+.3f"), (torques, "+.2f"))
-        )
-        first = f"t {measurement['time']:.2f} s   q {angles_text} rad   torque {torques_text} N m"
+        q_text, torque_text = " ".join(f"{q:+.3f}" for q in positions), " ".join(f"{u:+.2f}" for u in torques)
+        first = f"t {measurement['time']:.2f} s   q {q_text} rad   torque {torque_text} N m"
         shown = [first, *lines][:MOST]
         top = HEIGHT - LINE * len(shown) - LINE // 2  # of the text
         for k, line in enumerate(shown):
@@ -106,10 +104,8 @@ class Renderer:
 
     def _open(self) -> Any:
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-        try:
-            import pygame
-        except ImportError:
-            raise ModuleNotFoundError("drawing needs pygame: pip install pygame") from None
+        import pygame
+
         if self._surface is None:
             pygame.font.init()
             if self.mode == "human":
@@ -125,7 +121,5 @@ class Renderer:
     def close(self) -> None:
         """Close the window, if there is one."""
         if self._surface is not None and self.mode == "human":
-            import pygame
-
-            pygame.display.quit()
+            self._open().display.quit()
         self._forget()

@@ -132,7 +132,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         self._command = CommandLine(self.model.terms, 1.0 / self.rate, self.substeps)
         self._x = self._begun(position, velocity)
         self._before = self.sensor.position(position - velocity / self.rate)
-        observation, info = self._show(np.zeros(self.num_envs), clipped=self._nobody)
+        observation, info = self._show(np.zeros(self.num_envs), clipped=self._nobody.copy())
         return observation, {**info, "torque": np.zeros(self.num_envs)}
 
     def _begun(self, position: Array, velocity: Array) -> Samples:

@@ -157,7 +157,6 @@ class ArmEstimator:
         scheme: Scheme = ARM_SCHEMES[1],
         *,
         counts: int = 0,
-        prior: float = PRIOR,
     ) -> None:
         """Make the estimator.
 
@@ -167,7 +166,6 @@ class ArmEstimator:
             terms: at joints; viscous and Coulomb friction by default.
             scheme: that makes the rows, one that borrows nothing and does not sum from the start.
             counts: of the encoders per turn, 0 if they are exact.
-            prior: P(0) on the diagonal.
 
         Raises:
             ValueError: if the scheme cannot work so.
@@ -178,13 +176,12 @@ class ArmEstimator:
             )
         self.body, self.scheme = body, scheme
         self.terms = (Links(body), *(friction(body) if terms is None else terms))
-        self._prior = prior
         self._stream = ArmStream(self.terms, scheme, Smoothing.of_encoder(counts, rate), rate, round(CHUNK * rate))
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self.state: State = start(sum(len(term.columns) for term in self.terms), self._prior)
+        self.state: State = start(sum(len(term.columns) for term in self.terms), PRIOR)
         self._stream.reset()
 
     @property

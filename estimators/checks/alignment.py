@@ -29,8 +29,6 @@ from pendulum_env._typing import JSON
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 
-NEGLIGIBLE = 0.02  # of a sample: neither smoothing nor a clock is as exact as that
-
 
 @dataclass(frozen=True)
 class Alignment:
@@ -245,7 +243,7 @@ def _found(fits: ChannelFits) -> tuple[Alignment, Law]:
     fits = fits.sharpest()
     none, delay, late = fits.fit([np.zeros(2)]), fits.delayed, fits.delayed.channel.delay
     lag = fits.fit([np.array([0.0, share * late]) for share in (0.5, 1.0, 1.5)], (1,))
-    if not delay.stands(none) or abs(late) < NEGLIGIBLE * fits.period:  # a filtered torque is late, too
+    if not delay.stands(none) or abs(late) < SEARCH.negligible * fits.period:  # a filtered torque is late, too
         # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
         spread = max(delay.std[0], abs(late) / SEARCH.sure), max(lag.std[1], abs(lag.channel.lag) / SEARCH.sure)
         return Alignment(none.channel, *spread), none

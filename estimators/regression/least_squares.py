@@ -278,8 +278,7 @@ class Balance:
     def condensed(self, plain: Mask) -> Balance:
         """Fewer equations with the same solutions, those that are kept first.
 
-        Args:
-            plain: equations that no torque bends (R,): they are as good as the triangle of their QR decomposition.
+        Equations that no torque bends, `plain` (R,), are as good as the triangle of their QR decomposition.
         """
         rows = np.column_stack([self.phi, self.y])[plain] * (self.weights / self.passed)[plain, None]
         triangle = np.asarray(np.linalg.qr(rows, mode="r"))
@@ -293,13 +292,9 @@ class Balance:
         return replace(kept, **both)
 
     def beside(self, own: Columns, here: slice, least: Array, most: Array, pushes: Array) -> Balance:
-        """The equations with the columns of one more term.
+        """The equations with the columns of one more term on some of them, `here`.
 
-        Args:
-            own: columns on some of the equations.
-            here: these.
-            least, most: bounds of its parameters.
-            pushes: of the torque in each equation (R, J), where its law is bent.
+        Its parameters have the bounds `least` and `most`; `pushes` are of the torque (R, J), where its law is bent.
         """
         y, passed = self.y.copy(), np.broadcast_to(self.passed, self.y.shape).copy()
         y[here] -= own.fixed
@@ -438,14 +433,8 @@ def within_bounds(
 ) -> tuple[Array, Mask]:
     """Parameters (P,) that a solver finds, those that would leave their bounds held there; and which are free still.
 
-    Those that leave at once are held at once, and none is let go again: of several bounds that act together, the
-    solution is within all, if not always the very best.
-
-    Args:
-        solve: gives the parameters with the free ones (P,) found anew.
-        theta: to start from.
-        free: which may move.
-        least, most: bounds.
+    The solver gives the parameters with the free ones (P,) found anew. Those that leave at once are held at once, and
+    none is let go again: of several bounds that act together, the solution is within all, if not always the very best.
     """
     while True:
         theta = solve(theta, free)

@@ -156,11 +156,6 @@ def test_the_peak_and_the_budget_hold():
     assert read(seen["observation"][-1]).budget_left == pytest.approx(0.0, abs=1e-6)
 
 
-def test_hidden_effects_change_the_motion():
-    plain, hidden = (run(ExcitationDesignVector(1, effects=effects), 50) for effects in ((), ("spring=0.5",)))
-    assert (plain["positions"][-1] != hidden["positions"][-1]).all()
-
-
 def test_what_makes_no_sense_is_refused():
     with pytest.raises(ValueError, match="unknown constraint 'peek': did you mean peak"):
         ExcitationDesignVector(1, constraint="peek")

@@ -258,20 +258,19 @@ def test_bad_actions_and_options_are_refused():
 def test_who_trains_on_a_plant_is_warned_and_who_identifies_is_not(id, tmp_path, monkeypatch):
     monkeypatch.setattr(interface, "ENDLESS", 20)
 
-    def run(env, episodes=1):
-        for _ in range(episodes):
-            env.reset(seed=0)
-            for _ in range(30 // episodes):
-                env.step(np.zeros(env.action_space.shape, dtype=np.float32))
-        env.close()
+    def run(env, steps=30):
+        env.reset(seed=0)
+        for _ in range(steps):
+            env.step(np.zeros(env.action_space.shape, dtype=np.float32))
+        return env
 
     with pytest.warns(UserWarning, match=f"its reward is 0 .* To train, make '{DESIGN}'"):
         run(gym.make(id))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        run(RecordMeasurements(gym.make(id), tmp_path / "run.csv"))
+        run(RecordMeasurements(gym.make(id), tmp_path / "run.csv")).close()
         run((EstimateParameters if id == PENDULUM else EstimateArmParameters)(gym.make(id)))
-        run(gym.make(id), episodes=2)
+        run(run(gym.make(id), 15), 15)
         run(gym.make(id).unwrapped.__class__())
         if id == PENDULUM:
             rollout(gym.make(id), OpenLoop(excitation("paper", np.random.default_rng(0)), 1000.0), 30)

@@ -42,26 +42,19 @@ def test_spaces_and_infos_are_gymnasiums():
     assert gym.wrappers.vector.DictInfoToList(env).reset()[1][3]["position"] == 0.0
 
 
-def test_next_step_starts_an_ended_pendulum_anew():
-    env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=5)
+def test_next_step_starts_an_ended_pendulum_anew_and_same_step_keeps_its_last_observation():
+    action = np.full((2, 1), 5.0, dtype=np.float32)
+    env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=3)
     assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     env.reset(seed=0)
-    action = np.full((2, 1), 5.0, dtype=np.float32)
-    for _ in range(5):
-        *_, truncated, info = env.step(action)
-    assert truncated.all() and (info["position"] != 0).all()
-    *_, truncated, info = env.step(action)
-    assert not truncated.any() and (info["position"] == 0).all() and (info["time"] == 0).all()
-    assert (info["torque"] == 0).all()
-    assert (env.step(action)[-1]["time"] == 0.001).all()
-
-
-def test_same_step_keeps_the_last_observation():
+    runs = [env.step(action) for _ in range(5)]
+    assert runs[2][3].all() and (runs[2][-1]["position"] != 0).all()
+    *_, truncated, info = runs[3]
+    assert not truncated.any() and not any(info[name].any() for name in ("position", "time", "torque"))
+    assert (runs[4][-1]["time"] == 0.001).all()
     env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=3, autoreset_mode="SameStep")
     env.reset(seed=0)
-    action = np.full((2, 1), 5.0, dtype=np.float32)
-    for _ in range(3):
-        observation, _, _, truncated, info = env.step(action)
+    observation, _, _, truncated, info = [env.step(action) for _ in range(3)][-1]
     assert truncated.all()
     np.testing.assert_array_equal(observation, [[1, 0, 0]] * 2)
     assert (info["final_obs"][:, 2] > 0).all()

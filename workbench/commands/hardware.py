@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
 
 from pendulum_env.backends.hardware.check import CheckFailed, check
 from pendulum_env.backends.hardware.config import load
@@ -20,28 +19,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Go through the check with whoever sits at the terminal."""
-    try:
-        check(load(arguments.config), _Person(terminal))
-    except (CheckFailed, DriveError) as error:
-        raise InputError(str(error)) from None
 
-
-@dataclass(frozen=True)
-class _Person:
-    """Whoever sits at the terminal."""
-
-    terminal: Terminal
-
-    def say(self, text: str) -> None:
-        """Print."""
-        self.terminal.say(text)
-
-    def confirm(self, text: str) -> bool:
+    def confirm(text: str) -> bool:
         """Ask until they say yes or no: a key that is pressed once too often moves no motor."""
-        self.terminal.say(text)
+        terminal.say(text)
         try:
             while (answer := input("[y/n] ").strip().lower()) not in ("y", "yes", "n", "no"):
                 pass
             return answer.startswith("y")
         except EOFError:
             raise InputError("the check needs somebody at a terminal who answers") from None
+
+    try:
+        check(load(arguments.config), terminal.say, confirm)
+    except (CheckFailed, DriveError) as error:
+        raise InputError(str(error)) from None

@@ -9,7 +9,6 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from pendulum_env.backends.hardware.config import RigConfig, mark_checked
 from pendulum_env.backends.hardware.drive import DriveError
@@ -32,22 +31,15 @@ class Trial:
 TRIAL = Trial()
 
 
-class Person(Protocol):
-    """Whoever stands beside the rig."""
-
-    def say(self, text: str) -> None:
-        """Tell something."""
-
-    def confirm(self, text: str) -> bool:
-        """Ask for something to be done, or whether something is so."""
+Confirm = Callable[[str], bool]  # asks whoever stands beside the rig for something, or whether something is so
 
 
 class CheckFailed(RuntimeError):
     """A step came out wrong; the message says what to change."""
 
 
-def check(config: RigConfig, person: Person) -> None:
-    """Go through all steps; notes beside the configuration that they have passed.
+def check(config: RigConfig, say: Callable[[str], None], confirm: Confirm) -> None:
+    """Go through all steps with a person; notes beside the configuration that they have passed.
 
     Raises:
         CheckFailed: if a step came out wrong.
@@ -57,19 +49,19 @@ def check(config: RigConfig, person: Person) -> None:
     rig = Rig(replace(config, checked=False, plant=replace(config.plant, watch=False)))
     try:
         for number, (title, step) in enumerate(STEPS, start=1):
-            person.say(f"\n{number} of {len(STEPS)}: {title}")
-            person.say(step(rig, person))
+            say(f"\n{number} of {len(STEPS)}: {title}")
+            say(step(rig, confirm))
     except KeyboardInterrupt:
         raise CheckFailed("the check was interrupted: nothing is noted") from None
     finally:
         rig.close()
     note = mark_checked(config)
-    person.say(f"\npassed: up to {config.limits.torque:g} N m are allowed (noted in {note})")
+    say(f"\npassed: up to {config.limits.torque:g} N m are allowed (noted in {note})")
 
 
-def _wiring(rig: Rig, person: Person) -> str:
+def _wiring(rig: Rig, confirm: Confirm) -> str:
     _need(
-        person.confirm(
+        confirm(
             "The emergency stop cuts the motor's power and is within reach, nobody is within reach of the arm, and it "
             "can turn all the way round. Is that so?"
         ),
@@ -80,9 +72,9 @@ def _wiring(rig: Rig, person: Person) -> str:
     return f"the drive answers; counts {reading.counts}, {reading.fault or 'no fault'}"
 
 
-def _encoder(rig: Rig, person: Person) -> str:
+def _encoder(rig: Rig, confirm: Confirm) -> str:
     _, before = rig.guard.read()
-    _ask(person, "Without power: turn the arm a quarter turn counter-clockwise by hand and hold it. Done?")
+    _ask(confirm, "Without power: turn the arm a quarter turn counter-clockwise by hand and hold it. Done?")
     moved = rig.guard.read()[1] - before
     encoder, degrees = rig.config.encoder, f"{math.degrees(moved):.0f} degrees"
     _need(abs(moved) > 0.01, "the counts do not change: check the encoder's cable and supply")
@@ -95,8 +87,8 @@ def _encoder(rig: Rig, person: Person) -> str:
     return f"turned by {degrees}"
 
 
-def _zero(rig: Rig, person: Person) -> str:
-    _ask(person, "Let the arm hang down and rest, touching nothing. Done?")
+def _zero(rig: Rig, confirm: Confirm) -> str:
+    _ask(confirm, "Let the arm hang down and rest, touching nothing. Done?")
     off = math.degrees(math.remainder(rig.guard.read()[1], 2 * math.pi))
     counts = rig.guard.drive.read().counts
     _need(
@@ -109,9 +101,9 @@ def _zero(rig: Rig, person: Person) -> str:
     )
 
 
-def _torque(rig: Rig, person: Person) -> str:
+def _torque(rig: Rig, confirm: Confirm) -> str:
     most = rig.traits.max_torque
-    _ask(person, f"The motor will push, slowly, up to {most:g} N m, one way and then the other. Ready?")
+    _ask(confirm, f"The motor will push, slowly, up to {most:g} N m, one way and then the other. Ready?")
     _need(
         _moved_without_power(rig, most) < TRIAL.moved,
         "the arm moves although it must have no power: servo-enable does not get through to the drive, so nothing "
@@ -158,7 +150,7 @@ def _moved_without_power(rig: Rig, most: float) -> float:
     return moved
 
 
-def _clamp(rig: Rig, person: Person) -> str:
+def _clamp(rig: Rig, confirm: Confirm) -> str:
     rig.enable(Start())
     most = rig.traits.max_torque
     largest = max(abs(sample.torque) for sample in _run(rig, lambda t: 100.0 * (-1) ** int(t / 0.05), 0.2))
@@ -167,7 +159,7 @@ def _clamp(rig: Rig, person: Person) -> str:
     return f"100 N m were asked for, no more than {largest:.3g} N m came"
 
 
-def _watchdog(rig: Rig, person: Person) -> str:
+def _watchdog(rig: Rig, confirm: Confirm) -> str:
     patience = TRIAL.patience * rig.config.limits.watchdog
     rig.enable(Start())
     for _ in _run(rig, lambda t: 0.0, 0.2):
@@ -183,7 +175,7 @@ def _watchdog(rig: Rig, person: Person) -> str:
     return f"the drive let go by itself: {fault}"
 
 
-STEPS: tuple[tuple[str, Callable[[Rig, Person], str]], ...] = (
+STEPS: tuple[tuple[str, Callable[[Rig, Confirm], str]], ...] = (
     ("wiring", _wiring),
     ("sign and scale of the encoder", _encoder),
     ("zero", _zero),
@@ -209,5 +201,5 @@ def _need(right: bool, remedy: str) -> None:
         raise CheckFailed(remedy)
 
 
-def _ask(person: Person, text: str) -> None:
-    _need(person.confirm(text), "the check was left: nothing is noted")
+def _ask(confirm: Confirm, text: str) -> None:
+    _need(confirm(text), "the check was left: nothing is noted")

@@ -59,7 +59,7 @@ class NiDaq:
     def open(self) -> None:
         """Reserve the channels; zero volts, and no servo-enable."""
         self._patience.seconds = max(OPENING, self._reply)
-        with self._told(opening=True):
+        with self._driver_errors(opening=True):
             self._reserve()
         self._patience.seconds = self._reply
 
@@ -105,7 +105,7 @@ class NiDaq:
 
     def enable(self) -> None:
         """Zero volts, watchdog, servo-enable."""
-        with self._told():
+        with self._driver_errors():
             self._set(0.0)
             with suppress(nidaqmx.errors.DaqError):
                 self._watchdog.stop()
@@ -117,7 +117,7 @@ class NiDaq:
 
     def write(self, torque: float) -> Sent:
         """Set the torque [N m]."""
-        with self._told():
+        with self._driver_errors():
             before = time.monotonic()
             acts = self._set(torque)
             now = time.monotonic()
@@ -128,7 +128,7 @@ class NiDaq:
 
     def read(self) -> Reading:
         """Counts now."""
-        with self._told():
+        with self._driver_errors():
             took, when, counts = self._count()
             for _ in range(self.tries - 1):
                 if took <= 2 * self._usual:
@@ -152,7 +152,7 @@ class NiDaq:
 
     def disable(self) -> None:
         """Zero volts, no servo-enable."""
-        with self._told():
+        with self._driver_errors():
             try:
                 self._set(0.0)
             finally:  # the line also if the voltage cannot be set
@@ -180,7 +180,7 @@ class NiDaq:
         return scale * (volts - offset)
 
     @contextmanager
-    def _told(self, opening: bool = False) -> Iterator[None]:
+    def _driver_errors(self, opening: bool = False) -> Iterator[None]:
         """Say in words what goes wrong with the card, which has to be open unless that is what is done."""
         if not self._tasks and not opening:
             raise DriveError("the card is not open")

@@ -37,6 +37,12 @@ class Helper:
         time.sleep(1.2)
 
 
+def checked(rig):
+    helper = Helper(rig)
+    check(load(rig.config), helper.say, helper.confirm)
+    return helper
+
+
 def wired(emulated, kind, *, top="", **encoder):
     rig = emulated(kind, limits=PATIENT, encoder={"counts": 1_024_000, **encoder})
     rig.config.with_name("rig.toml.checked").unlink()
@@ -53,9 +59,8 @@ def told(failed, remedy):
 @pytest.mark.parametrize("kind", slow.but_first(["serial", "nidaq"]))
 def test_a_rig_that_is_wired_right_passes_and_may_use_its_torque(emulated, kind):
     rig = wired(emulated, kind)
-    helper = Helper(rig)
     assert load(rig.config).max_torque == 2.0
-    check(load(rig.config), helper)
+    helper = checked(rig)
     assert load(rig.config).max_torque == 6.0
     assert len(helper.said) == 2 * len(STEPS) + 1
     turned, hung = (float(re.search(r"(\d+)(?:\.\d)? degrees", helper.said[k])[1]) for k in (3, 5))
@@ -77,7 +82,7 @@ def test_a_rig_that_is_wired_right_passes_and_may_use_its_torque(emulated, kind)
 def test_a_rig_that_is_wired_wrong_is_told_what_to_change(emulated, wrong, remedy):
     rig = wired(emulated, "serial", **wrong)
     with pytest.raises(CheckFailed) as failed:
-        check(load(rig.config), Helper(rig))
+        checked(rig)
     told(failed, remedy)
     assert load(rig.config).max_torque == 2.0
     assert [0.0, *(value for _, event, value in rig.events() if event == "power")][-1] == 0
@@ -96,7 +101,7 @@ def test_a_servo_enable_that_does_nothing_is_found(emulated, monkeypatch):
 
     monkeypatch.setattr(NiDaq, "_reserve", always_on)
     with pytest.raises(CheckFailed) as failed:
-        check(load(rig.config), Helper(rig))
+        checked(rig)
     told(failed, "although it must have no power")
     commands = [value for _, event, value in rig.events() if event == "command"]
     assert max(commands) < 2.0 and commands[-1] == 0.0

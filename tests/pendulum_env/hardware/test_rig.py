@@ -109,7 +109,6 @@ def test_record_keeps_what_was_measured_up_to_a_fault_and_says_so_in_one_line(em
     ("options", "said"),
     [
         (["--backend", "dm1015b", "-o", "run.csv"], "belong together"),
-        (["--config", "rig.toml", "-o", "run.csv"], "belong together"),
         (["--backend", "dm1015b", "--config", "rig.toml", "-o", "run.npz"], "let the name end in .csv"),
         (["--backend", "dm1015b", "--config", "rig.toml", "--effect", "spring", "-o", "run.csv"], "do not go with"),
         (["--backend", "dm1015b", "--config", "nowhere.toml", "-o", "run.csv"], "nowhere.toml: cannot be read"),
