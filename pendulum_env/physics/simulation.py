@@ -153,10 +153,11 @@ def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
         new_q = np.where(stops, stop_q + 0.5 * leave * left**2, new_q)
         new_v = np.where(stops, leave * left, new_v)
     memory = balance.advance(middle, 0.5 * (middle_v + new_v), 0.5 * h)
-    return Samples(x.time + h, _bounded(new_q), _bounded(new_v), x.torque, memory, x.load)
+    return Samples(x.time + h, bounded(new_q), bounded(new_v), x.torque, memory, x.load)
 
 
-def _bounded(values: Array) -> Array:
+def bounded(values: Array) -> Array:
+    """Values held within +-`UNBOUNDED`; what is no number becomes one."""
     return np.fmin(np.fmax(values, -UNBOUNDED), UNBOUNDED)
 
 

@@ -123,9 +123,9 @@ class Friction:
             ways = [column.torque(Samples(still, still, v, still), 0.0) for v in (speed, -speed)]
             law = law + 0.5 * model.estimates[column.name].value * (ways[0] - ways[1])
         (viscous, dry), _ = nnls(np.column_stack([speed, np.ones_like(speed)]), law)
-        said = [f"{term.id} ({term.law})" for term in folded] or ["friction below zero"]
+        kinds = [f"{term.id} ({term.law})" for term in folded] or ["friction below zero"]
         close = f"viscous and dry friction come closest to the sum up to {FASTEST:g} rad/s"
-        return cls(float(viscous), float(dry), (*missing, *(f"{what}: {close}" for what in said)))
+        return cls(float(viscous), float(dry), (*missing, *(f"{what}: {close}" for what in kinds)))
 
 
 @dataclass(frozen=True)
