@@ -66,6 +66,12 @@ class Region:
         return asdict(self) | {name: limit if np.isfinite(limit) else None for name, limit in limits.items()}
 
 
+def everywhere(text: str, x: Samples | None = None, size: float = 0.0, floor: float = 1.0) -> Region:
+    """Region of all recorded speeds, or of any: what is left is at no one place."""
+    fast = np.inf if x is None else float(np.abs(x.velocity).max())
+    return Region("velocity", -fast, fast, size, size / floor, text)
+
+
 def turns(position: Array) -> bool:
     """Whether a joint turns and turns, so that its angle (R,) [rad] counts within a turn."""
     return bool(np.ptp(position) > REGIONS.turns * 2 * np.pi)

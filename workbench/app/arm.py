@@ -23,12 +23,11 @@ from pendulum_env.physics import Term
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import Recording, Source
 from pendulum_env.words import name, opening
-from workbench.app.asked import Asked
-from workbench.app.jobs import Task
-from workbench.app.state import NO_RECORDING, State
+from workbench.app.state import NO_RECORDING, Asked, State
 from workbench.app.uploads import UNPACKED
 from workbench.arms import SAVED
 from workbench.mistakes import InputError
+from workbench.processes import Task
 from workbench.report.arm import render_arm
 from workbench.robot import RobotFile, loaded_text, looked_for, meaning, straying
 
@@ -79,11 +78,6 @@ class ArmState(State):
     diagnosis: ArmDiagnosis | None = None  # type: ignore[assignment]
     started: tuple[ArmStep, ...] = ()
     robot: RobotFile = field(kw_only=True)
-
-    @property
-    def start(self) -> tuple[Term, ...]:
-        """Terms that a base model has by default."""
-        return ()
 
     @property
     def joints(self) -> tuple[str, ...] | None:

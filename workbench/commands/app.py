@@ -51,7 +51,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     survey = None if arguments.fleet is None else _survey(arguments.fleet)
     from workbench.app.server import Server  # dash takes a while to import
 
-    server = Server(arguments.port, (*asked.fitted, *asked.held_out), rig, survey, robot)
+    recordings = (*asked.fitted, *asked.held_out)
+    server = Server(arguments.port, recordings=recordings, rig=rig, survey=survey, robot=robot)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
     sys.stdout.flush()  # a pipe would keep it to itself
     if not arguments.no_browser:

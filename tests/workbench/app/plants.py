@@ -40,6 +40,27 @@ def url(content: bytes) -> str:
     return f"data:application/octet-stream;base64,{base64.b64encode(content).decode()}"
 
 
+def run_form(excitation: str = "paper", prefix: str = "", **fields: object) -> dict[str, object]:
+    """Controls of a run as the page has them."""
+    usual = {"excitation": excitation, "seconds": 10.0, "effect": "", "amplitude": None}
+    return {f"{prefix}{name}": value for name, value in (usual | fields).items()}
+
+
+def live_form(backend: str, replay: str | None = None, **fields) -> dict[str, object]:
+    """The same of the live view."""
+    return {"live-backend": backend, "live-replay": replay, **run_form(prefix="live-", **fields)}
+
+
+def press(does: str) -> str:
+    """Selector of a button by the action that it does."""
+    return f'[id*=\'"do":"{does}"\']'
+
+
+def filled(name: str) -> str:
+    """Selector of a field by its name."""
+    return f'[id=\'{{"field":"{name}"}}\']'
+
+
 def files_of(session) -> list[str]:
     """Names of the files in its folder."""
     return sorted(file.name for file in session.folder.rglob("*") if file.is_file())

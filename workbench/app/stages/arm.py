@@ -15,12 +15,12 @@ from estimators.arms.diagnosis import gather_arm
 from pendulum_env.words import listing, name, number, opening
 from workbench.app import card
 from workbench.app.arm import WEIGHTLESS, ArmState
-from workbench.app.asked import NOTHING
-from workbench.app.parts import button, dropdown, fragment, graph, labelled, panel, saves, table
+from workbench.app.parts import button, dropdown, fragment, graph, labelled, panel, table
 from workbench.app.recorder import DIAGNOSIS
 from workbench.app.saved import STUDY
 from workbench.app.session import Session
 from workbench.app.stages import add, data, diagnose, export, model
+from workbench.app.state import NOTHING
 from workbench.arms import SAVED, TRUST, schemes_table
 from workbench.report.arm import ends, joints, parameters, strips, worst
 from workbench.report.sections.candidates import ranked
@@ -140,15 +140,9 @@ def arm_add(session: Session, state: ArmState) -> list[Component]:
 def arm_export(session: Session, state: ArmState) -> list[Component]:
     """What can be saved, and the same in two languages."""
     del session
-    saved = [
-        (export.REPORT, "report", "one file to share: story, plots and tables; it needs no network and prints"),
-        (export.MODEL, "model", "terms and parameters of the ladder's last model, for the command line and Python"),
-    ]
-    saved += [(DIAGNOSIS, "diagnosis", "verdicts, for programs")] if state.diagnosis is not None else []
-    rows = [html.Li([saves(file, id, primary=id == "report"), html.Span(what)]) for file, id, what in saved]
     robot = html.P(f"{export.BESIDE} {state.robot.file.name} lies there, too.", className="note")
     return [
-        panel("Save", html.Ul(rows, className="downloads")),
+        export.downloads(state),
         panel("The same on the command line", robot, export.code(commands(state), "commands")),
         panel("The same in Python", robot, export.code(snippet(state), "snippet")),
     ]
