@@ -19,7 +19,8 @@ from estimators.online.clock import checked_rate
 from estimators.online.evidence import Bets, threshold_of
 from estimators.online.rivals import ONLINE, Bins, Family, Rivals, Running, refined, thinned
 from estimators.selection.criterion import Criterion
-from estimators.selection.score import STRETCH, Bootstrap
+from estimators.selection.score import BLOCK as STRETCH
+from estimators.selection.score import Bootstrap
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS

@@ -24,7 +24,6 @@ from pendulum_env.words import per, plus_minus
 
 SCHEMA = "pendulum-ident/model@1"
 ARM_SCHEMA = "pendulum-ident/arm-model@1"  # of several joints, which `pendulum_env.arms` reads
-PARAMETERS = 1000  # of a model in a file; a table has up to a hundred
 WORST = 1e100  # standard error in a file: any for what the data do not show, but its square is finite
 
 
@@ -386,10 +385,10 @@ def _term(id: Value, data: Value) -> Term:
 
 def _covariance(data: Value, known: Sequence[str]) -> tuple[list[str], Array]:
     """The known parameters, and their covariance, of which a model file may tell more."""
-    names = [name.text() for name in data["parameters"].items(PARAMETERS)]
+    names = [name.text() for name in data["parameters"].items()]
     if missing := [name for name in known if name not in names]:
         raise ModelError(f"'covariance' does not tell of {', '.join(missing)}: add it, or leave the whole key out")
-    rows = [[value.number() for value in row.items(PARAMETERS)] for row in data["matrix"].items(PARAMETERS)]
+    rows = [[value.number() for value in row.items()] for row in data["matrix"].items()]
     if [len(row) for row in rows] != [len(names)] * len(names):
         raise ModelError(f"'covariance' should have {len(names)} rows of as many numbers")
     matrix = np.array(rows)

@@ -44,7 +44,7 @@ class Balance:
         Known loads of the samples count only if the pendulums are `loaded`.
         """
         self.terms, self.theta, self.loaded = tuple(terms), theta, loaded
-        self._remembering = [term for term in terms if type(term).advance is not Term.advance]
+        self._remembering = [term for term in terms if term.remembers]
         weighted = list(zip([column for term in terms for column in term.columns], theta, strict=True))
         weighted += [(column, np.float64(1.0)) for term in terms for column in term.fixed]
         weighted += [(LOAD, np.float64(1.0))] if loaded else []

@@ -17,9 +17,8 @@ from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import Doubt, identifiability
 from estimators.checks.residual import stand_out
 from estimators.checks.torque_constant import Calibrated, told
-from estimators.diagnosis.added import Addition
 from estimators.diagnosis.addition import add, fit
-from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.diagnosis.run import diagnose, gather
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.in_loop.comparison import likelier
+from estimators.in_loop.fit import likelier
 from estimators.in_loop.rollouts import GRAIN
 from estimators.selection.data import Evidence
 from estimators.simulation.free_running import Segments, simulate_all, start_memory

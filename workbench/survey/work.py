@@ -109,18 +109,18 @@ def _write_page(path: Path, recording: Recording, found: Diagnosis) -> None:
 
 
 def _row(recording: Recording, found: Diagnosis) -> JSON:
-    told = found.json()
+    data = found.json()
     errors = found.steps[-1].errors["holdout"]
-    gains = [one["gain"] or {} for one in told["candidates"]]
+    gains = [one["gain"] or {} for one in data["candidates"]]
     return {
         "verdict": "missing" if found.selected else "unexplained" if found.unexplained else "nothing",
         "headline": found.headline,
         "score": max((one.score for one in found.candidates if one.verdict is Verdict.SELECTED), default=None),
-        "selected": told["selected"],
-        "ambiguous": told["ambiguous"],
+        "selected": data["selected"],
+        "ambiguous": data["ambiguous"],
         "candidates": [
             one | {"gain": gain.get("total"), "gain_error": gain.get("error"), "variants": gain.get("variants")}
-            for one, gain in zip(told["candidates"], gains, strict=True)
+            for one, gain in zip(data["candidates"], gains, strict=True)
         ],
         "parameters": [{"name": name, **one.json()} for name, one in found.model.estimates.items()],
         "torque_unit": found.torque_unit,
@@ -129,7 +129,7 @@ def _row(recording: Recording, found: Diagnosis) -> JSON:
         "position_rms": errors.position_rms,
         "samples": len(recording),
         "duration": recording.duration,
-        "diagnosis": json.dumps(told),
+        "diagnosis": json.dumps(data),
     }
 
 
