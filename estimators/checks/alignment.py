@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -122,15 +123,11 @@ class Alignment:
                 torque.append(acting[first : end - beyond - begin])
         if not kept:
             return recording
-        index = np.concatenate(kept)
-        velocity, reference = (None if x is None else x[index] for x in (recording.velocity, recording.reference))
+        own: dict[str, Any] = {name: values[np.concatenate(kept)] for name, values in recording.columns.items()}
+        own["torque"] = np.concatenate(torque)
         return replace(
             recording,
-            time=recording.time[index],
-            position=recording.position[index],
-            torque=np.concatenate(torque),
-            velocity=velocity,
-            reference=reference,
+            **own,
             starts=tuple(np.cumsum([0, *map(len, kept[:-1])]).tolist()),
             notes=(*recording.notes, f"aligned: {self.text}"),
         )

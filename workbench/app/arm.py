@@ -23,8 +23,8 @@ from pendulum_env.physics import Term
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import Recording, Source
 from pendulum_env.words import name, opening
+from workbench.app import uploads
 from workbench.app.state import NO_RECORDING, Asked, State
-from workbench.app.uploads import UNPACKED
 from workbench.arms import SAVED
 from workbench.mistakes import InputError
 from workbench.processes import Task
@@ -98,7 +98,7 @@ class ArmState(State):
         """A recording of the robot; raises RecordingError, and InputError if a study has other joints move."""
         if source.joints not in (None, self.robot.joints):
             raise InputError(f"{source.file.name}: its study has other joints move: drop it together with the robot")
-        return self.robot.read(replace(source, largest=UNPACKED))
+        return self.robot.read(replace(source, largest=uploads.LIMITS.unpacked))
 
     @cached_property
     def body(self) -> Body:

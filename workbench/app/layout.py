@@ -12,6 +12,7 @@ from dash.exceptions import PreventUpdate
 
 from pendulum_env.lookup import find
 from pendulum_env.words import listing, name, number, opening
+from workbench.app import uploads
 from workbench.app.arm import ArmState
 from workbench.app.card import COLUMN
 from workbench.app.parts import LINKED, PLOT, SPEC, aria, button, saves
@@ -20,7 +21,6 @@ from workbench.app.stage import Form, Stage
 from workbench.app.stages import STAGES, arm
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
-from workbench.app.uploads import UPLOAD
 from workbench.report.page import shared
 from workbench.report.sections.story import changes
 
@@ -60,7 +60,7 @@ def index() -> str:
 
 def page(fleet: str | None) -> Component:
     """What every visitor gets; the rest follows from the session. `fleet` is the address of a survey's page."""
-    most: dict[str, Any] = {"data-most": str(UPLOAD)}  # so that the page can say why it refuses a file
+    most: dict[str, Any] = {"data-most": str(uploads.LIMITS.upload)}  # so that the page can say why it refuses a file
     brand = html.Span(TITLE, className="brand")
     stages = html.Nav(navigation(STAGES[0], fleet, NO_RECORDING), id="nav", **aria(label="Stages"))
     switch = aria(label="Switch between light and dark")

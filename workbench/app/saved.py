@@ -64,9 +64,9 @@ def pack(state: State) -> bytes:
         for file in state.files:
             archive.write(file, file.name)
     whole = packed.getvalue()
-    if len(whole) > uploads.UPLOAD:
+    if len(whole) > uploads.LIMITS.upload:
         raise InputError(
-            f"a session is opened up to {amount(uploads.UPLOAD)}, and this one takes {amount(len(whole))}: "
+            f"a session is opened up to {amount(uploads.LIMITS.upload)}, and this one takes {amount(len(whole))}: "
             f"remove a recording first, or save {STUDY} and the model"
         )
     return whole

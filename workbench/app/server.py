@@ -18,9 +18,8 @@ from werkzeug.exceptions import HTTPException
 from werkzeug.serving import WSGIRequestHandler, make_server
 
 from pendulum_env.recording import Source
-from workbench.app import layout
+from workbench.app import layout, uploads
 from workbench.app.session import Sessions
-from workbench.app.uploads import UPLOAD
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.report import fleet
 from workbench.report.page import plotly
@@ -30,7 +29,7 @@ from workbench.survey import Dataset, Fleet
 log = logging.getLogger("workbench.app")
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")  # by which a browser may call it; another name is a trick of a foreign page
-LARGEST = 4 * UPLOAD // 3 + 1_000_000  # bytes of a request: an upload in base64, and what goes with it
+LARGEST = 4 * uploads.LIMITS.upload // 3 + 1_000_000  # bytes of a request: an upload in base64, and what goes with it
 SILENCE = 60.0  # [s] in the middle of a request, after which it is not waited for
 FLEET, HOME = "/fleet/", "/"
 APART = "sandbox allow-scripts allow-downloads"  # a case's page is a file, perhaps not ours: it may not ask for a thing

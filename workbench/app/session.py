@@ -21,7 +21,7 @@ from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.study import read_sources
 from pendulum_env.words import listing
-from workbench.app import saved
+from workbench.app import saved, uploads
 from workbench.app.arm import ArmState
 from workbench.app.card import Card
 from workbench.app.live import Run
@@ -32,13 +32,8 @@ from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.processes import Done, Failed, Job, Task, Workers
 from workbench.robot import FORMATS, RobotFile
 
-MOST_UNDONE = 20  # changes
-MOST_SAMPLES = 20_000_000  # of all recordings of a state, and of all past states
-SPACE = 300_000_000  # bytes of its files
 GRACE = 1.0  # [s] that an end waits for an answer that is being made
 ID = re.compile(r"[0-9a-f]{32}")  # of a session: random, drawn by the page; never part of a path
-MOST_SESSIONS = 16  # the one that was used least recently gives way
-IDLE = 12 * 3600.0  # [s] after which a session that nobody has asked for ends
 
 
 class Session:
@@ -79,7 +74,8 @@ class Session:
         """Become another state; `what` is done, in the words of the button that takes it back."""
         self._past.append((what, self.state))
         self.state = state
-        while len(self._past) > MOST_UNDONE or sum(past.samples for _, past in self._past) > MOST_SAMPLES:
+        most = uploads.LIMITS
+        while len(self._past) > most.undone or sum(past.samples for _, past in self._past) > most.samples:
             del self._past[0]
 
     @property
@@ -160,11 +156,11 @@ class Session:
             InputError: if there is no room for them in this session.
         """
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # somebody may have cleaned up
-        if self._held() + size > SPACE:
+        if self._held() + size > uploads.LIMITS.space:
             self._past.clear()
             self._sweep()
-        if self._held() + size > SPACE:
-            raise InputError(f"{amount(SPACE)} of files are enough: remove a recording first")
+        if self._held() + size > uploads.LIMITS.space:
+            raise InputError(f"{amount(uploads.LIMITS.space)} of files are enough: remove a recording first")
         return Path(tempfile.mkdtemp(dir=self.folder, prefix="tmp"))
 
     def _held(self) -> int:
@@ -258,8 +254,8 @@ class Session:
         if isinstance(self.state, ArmState) and not all(isinstance(one.recording, ArmRecording) for one in loaded):
             raise InputError("this session is of an arm: leave the robot first, in the stage Data")
         every = (*self.state.loaded, *loaded)
-        if sum(len(one.recording) for one in every) > MOST_SAMPLES:
-            raise InputError(f"{MOST_SAMPLES:,} samples are enough: remove a recording first")
+        if sum(len(one.recording) for one in every) > uploads.LIMITS.samples:
+            raise InputError(f"{uploads.LIMITS.samples:,} samples are enough: remove a recording first")
         self.change(f"load {listing([one.recording.name for one in loaded])}", self.state.anew(loaded=every))
 
     def remove(self, id: str) -> None:
@@ -334,7 +330,7 @@ class Session:
             InputError: if it is none, or too large.
         """
         packed = unpack(self.place(len(content) * 3 // 4), name, content)
-        contents = read_archive(packed, saved.HINT, SPACE)
+        contents = read_archive(packed, saved.HINT, uploads.LIMITS.space)
         place = self.place(sum(map(len, contents.values())))
         for member, text in contents.items():
             (place / safe_name(member)).write_bytes(text)
@@ -391,8 +387,8 @@ class Sessions:
         now = time.monotonic()
         with self._lock:
             session = self._all.pop(id, None) or Session(Path(self._root.name) / token_hex(8), self.workers, self._rig)
-            late = [k for k, other in self._all.items() if now - other.asked > IDLE and not other.busy()]
-            late += list(self._all)[: max(0, len(self._all) + 1 - MOST_SESSIONS)]
+            late = [k for k, other in self._all.items() if now - other.asked > uploads.LIMITS.idle and not other.busy()]
+            late += list(self._all)[: max(0, len(self._all) + 1 - uploads.LIMITS.sessions)]
             ended = [self._all.pop(k) for k in dict.fromkeys(late)]
             session.asked = now
             self._all[id] = session

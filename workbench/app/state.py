@@ -31,7 +31,8 @@ from pendulum_env.physics.library import addition
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import named_twice
 from pendulum_env.words import name
-from workbench.app.uploads import UNPACKED, safe_name
+from workbench.app import uploads
+from workbench.app.uploads import safe_name
 from workbench.inputs import ids as effects_of
 from workbench.inputs import known as values_of
 from workbench.inputs import ranges
@@ -45,7 +46,7 @@ NO_RECORDING = "load a recording first"
 
 def read_one(source: Source) -> Recording:
     """A recording of a pendulum; raises RecordingError, in the words of the command line."""
-    return replace(replace(source, largest=UNPACKED).read(), drive=None)  # pages draw it by its torque
+    return replace(replace(source, largest=uploads.LIMITS.unpacked).read(), drive=None)  # pages draw it by its torque
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 import base64
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,13 @@ def press(does: str) -> str:
 def filled(name: str) -> str:
     """Selector of a field by its name."""
     return f'[id=\'{{"field":"{name}"}}\']'
+
+
+def limited(monkeypatch, **limits: float) -> None:
+    """Let a page take less."""
+    from workbench.app import uploads
+
+    monkeypatch.setattr(uploads, "LIMITS", replace(uploads.LIMITS, **limits))
 
 
 def files_of(session) -> list[str]:

@@ -16,8 +16,8 @@ pytest.importorskip("dash")
 from plotly.utils import PlotlyJSONEncoder
 
 from tests.fuzzing import Page
-from tests.workbench.app.plants import files_of, upload
-from workbench.app import server
+from tests.workbench.app.plants import files_of, limited, upload
+from workbench.app import server, uploads
 from workbench.app import session as session_module
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import data
@@ -36,7 +36,7 @@ def content():
 
 
 def test_files_of_a_session_take_so_much_of_the_disk_and_no_more(session, monkeypatch):
-    monkeypatch.setattr(session_module, "SPACE", 2.5 * len(content()))
+    limited(monkeypatch, space=2.5 * len(content()))
     for name in ("a.csv", "b.csv", "c.csv"):
         upload(session, name, content())
     assert "of files are enough: remove a recording first" in session.notice
@@ -47,7 +47,7 @@ def test_files_of_a_session_take_so_much_of_the_disk_and_no_more(session, monkey
 
 
 def test_recordings_of_a_session_are_so_long_and_no_longer(session, monkeypatch):
-    monkeypatch.setattr(session_module, "MOST_SAMPLES", 700)
+    limited(monkeypatch, samples=700)
     for name in ("a.csv", "b.csv"):
         upload(session, name, content())
     assert session.notice == "700 samples are enough: remove a recording first"
@@ -59,13 +59,13 @@ def test_sessions_that_nobody_asks_for_end_and_so_do_too_many(monkeypatch):
     monkeypatch.setattr(session_module.time, "monotonic", lambda: now[0])
     sessions = Sessions()
     old, kept = sessions.of("0" * 32), sessions.of("1" * 32)
-    now[0] = 0.9 * session_module.IDLE
+    now[0] = 0.9 * uploads.LIMITS.idle
     assert sessions.of("1" * 32) is kept
     old.place(), kept.place()
-    now[0] = 1.1 * session_module.IDLE
+    now[0] = 1.1 * uploads.LIMITS.idle
     assert sessions.of("1" * 32) is kept and not old.folder.exists()
     assert sessions.of("0" * 32) is not old
-    many = [sessions.of(f"{k:032x}") for k in range(16, 16 + session_module.MOST_SESSIONS)]
+    many = [sessions.of(f"{k:032x}") for k in range(16, 16 + uploads.LIMITS.sessions)]
     assert not kept.folder.exists() and all(one is sessions.of(f"{k:032x}") for k, one in enumerate(many, 16))
     sessions.close()
 

@@ -16,7 +16,7 @@ from pendulum_env.words import name
 from tests import slow
 from tests.patience import PATIENCE, wait_until
 from tests.pendulum_env.rigs import Disturbed, EmulatedRig, Host
-from tests.workbench.app.plants import live_form, recorded, written
+from tests.workbench.app.plants import limited, live_form, recorded, written
 from workbench.app import live
 from workbench.app.live import Follower, Run
 from workbench.app.session import Session, Sessions
@@ -177,7 +177,7 @@ def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig, ses
 @pytest.mark.realtime
 @pytest.mark.slow
 def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(rig, sessions, monkeypatch):
-    monkeypatch.setattr("workbench.app.session.MOST_SESSIONS", 1)
+    limited(monkeypatch, sessions=1)
     first = sessions.of(ID)
     driving(first)
     second = sessions.of(OTHER)

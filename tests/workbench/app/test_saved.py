@@ -14,12 +14,10 @@ import pytest
 from estimators import add, diagnose
 from estimators.selection.score import Gain
 from pendulum_env.physics.potential import HardStop
-from tests.workbench.app.plants import files_of, recorded, upload, url, written
+from tests.workbench.app.plants import files_of, limited, recorded, upload, url, written
 
 pytest.importorskip("dash")
 
-from workbench.app import session as session_module
-from workbench.app import uploads
 from workbench.app.card import Choice
 from workbench.app.saved import CONTENTS, STUDY, _plain, _typed, pack, study
 from workbench.app.session import Session
@@ -142,9 +140,9 @@ def test_archives_that_are_damaged_or_hold_too_much_are_refused(worked, tmp_path
     for content in (b"PK", pack(worked.state)[:-40], b"time,position,torque\n"):
         assert "session.zip: is damaged, or no ZIP archive" in opened(tmp_path, content).notice
     bomb = changed(pack(worked.state), lambda files: files.update({"zeros": bytes(10_000_000)}))
-    monkeypatch.setattr(session_module, "SPACE", 5_000_000)
+    limited(monkeypatch, space=5_000_000)
     assert "of which at most 5 MB are read" in opened(tmp_path, bomb).notice
-    monkeypatch.setattr(uploads, "UPLOAD", 1000)
+    limited(monkeypatch, upload=1000)
     with pytest.raises(InputError, match="remove a recording first"):
         pack(worked.state)
 
@@ -205,7 +203,7 @@ def test_a_file_that_was_removed_goes_when_nothing_can_bring_it_back(tmp_path, m
         assert session.last_change == what
         session.act(session.undo)
     assert session.last_change == "" and files_of(session) == []
-    monkeypatch.setattr(session_module, "MOST_UNDONE", 1)
+    limited(monkeypatch, undone=1)
     upload(session, "swing.csv", content)
     session.act(lambda: session.remove("swing.csv"))
     upload(session, "check.csv", content)

@@ -26,6 +26,7 @@ from tests.patience import PATIENCE
 from tests.workbench.app.plants import (
     comes_to_the_same,
     files_of,
+    limited,
     live_form,
     loaded,
     recorded,
@@ -40,8 +41,6 @@ pytest.importorskip("dash")
 from dash import html
 from plotly.utils import PlotlyJSONEncoder
 
-from workbench.app import state as state_module
-from workbench.app import uploads
 from workbench.app.card import Choice, understood
 from workbench.app.recorder import options
 from workbench.app.saved import study
@@ -105,7 +104,7 @@ def test_a_broken_file_is_named_without_the_folder_and_does_not_stay(session, tm
 
 
 def test_uploads_that_are_too_large_or_damaged_are_refused(session, monkeypatch):
-    monkeypatch.setattr(uploads, "UPLOAD", 1000)
+    limited(monkeypatch, upload=1000)
     upload(session, "run.csv", b"x" * 1001)
     assert "larger than" in session.notice
     session.act(lambda: session.receive([("run.csv", "data:text/csv;base64,!!!!")], unwrap=False))
@@ -115,10 +114,10 @@ def test_uploads_that_are_too_large_or_damaged_are_refused(session, monkeypatch)
 def test_a_packed_file_that_holds_too_much_is_refused_unread(session, swing, tmp_path, monkeypatch):
     file = tmp_path / "run.parquet"
     write_recording(swing, file)
-    monkeypatch.setattr(state_module, "UNPACKED", 24 * len(swing) - 1)
+    limited(monkeypatch, unpacked=24 * len(swing) - 1)
     upload(session, file.name, file.read_bytes())
     assert "allow more by --max-size" in session.notice and session.state.loaded == ()
-    monkeypatch.setattr(state_module, "UNPACKED", 10_000_000)
+    limited(monkeypatch, unpacked=10_000_000)
     upload(session, file.name, file.read_bytes())
     assert session.notice == "" and len(session.state.loaded) == 1
 

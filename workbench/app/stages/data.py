@@ -12,7 +12,7 @@ from dash.development.base_component import Component
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing, name, number, opening, percent
-from workbench.app import card, recorder
+from workbench.app import card, recorder, uploads
 from workbench.app.arm import ArmState
 from workbench.app.parts import (
     UNWRAP,
@@ -32,7 +32,6 @@ from workbench.app.session import Session
 from workbench.app.stage import Action, Form, Stage
 from workbench.app.state import Loaded
 from workbench.app.state import State as Work
-from workbench.app.uploads import UPLOAD
 from workbench.inputs import FORMATS
 from workbench.report.figure import Figure, line, stacked, thin
 
@@ -62,7 +61,7 @@ def upload(state: Work) -> Component:
             f"{FORMATS} with time, position and torque; 0 hangs down. What columns mean is "
             f"asked where their names do not tell, or told by a {STUDY} among the files. Of an arm, its URDF or MJCF "
             "among the files tells the links. "
-            f"Up to {UPLOAD / 1e6:.0f} MB each; nothing leaves this computer.",
+            f"Up to {uploads.LIMITS.upload / 1e6:.0f} MB each; nothing leaves this computer.",
             className="note",
         ),
         dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], [], id=field("unwrap")),
