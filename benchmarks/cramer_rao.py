@@ -29,7 +29,7 @@ from benchmarks.scoring import positive, rate, take_workers
 from benchmarks.truth import Truth
 from estimators.selection.candidates import Screen
 from estimators.selection.data import Evidence, fit_terms
-from estimators.selection.motion import HOP
+from estimators.selection.motion import SEGMENT
 from estimators.simulation import output_error
 from estimators.simulation.free_running import choose_segments
 from pendulum_env.physics import BASE, Model, effect
@@ -195,8 +195,8 @@ def fit_windows(evidence: Evidence, hidden: Sequence[str]) -> Model:
 
 def fit_segments(evidence: Evidence, start: Model) -> Model:
     """The same terms, refined by the innovations of short segments."""
-    segments = [choose_segments(windows, HOP) for windows in evidence.data.windows]
-    return output_error.likeliest(segments, output_error.Point(start.terms, start.theta))
+    segments = [choose_segments(windows, SEGMENT) for windows in evidence.data.windows]
+    return output_error.maximum_likelihood(segments, output_error.Point(start.terms, start.theta))
 
 
 def estimate(seed: int, study: Study, run: SimulatedRecording) -> tuple[Model, Model]:

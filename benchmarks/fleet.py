@@ -53,7 +53,7 @@ class Judged:
         named = {
             *((one.joint.label, f"{one.parameter} drifts") for one in fleet.drifting),
             *((one.joint.label, f"{one.parameter} jumps") for one in fleet.jumping),
-            *((one.joint.label, f"{one.effect} is missing") for one in fleet.effects if one.sure),
+            *((one.joint.label, f"{one.effect} is missing") for one in fleet.effects if one.significant),
             *((one.joint.label, f"{one.effect} since {one.since:%Y-%m-%d}") for one in fleet.effects if one.since),
             *((one.joint.label, f"{one.parameter} is odd") for one in fleet.odd),
             *((one.group, f"{one.effect} is weak in each") for one in fleet.shared),

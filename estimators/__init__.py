@@ -2,9 +2,8 @@
 
 from estimators.checks.alignment import Aligned, Alignment, align
 from estimators.comparison import Comparison, compare
-from estimators.diagnosis.added import Addition
 from estimators.diagnosis.addition import add, fit
-from estimators.diagnosis.result import Diagnosis, Verdict
+from estimators.diagnosis.result import Addition, Diagnosis, Verdict
 from estimators.diagnosis.run import diagnose, gather
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification, identify

@@ -11,11 +11,11 @@ from estimators.arguments import Recordings, chosen_recordings, model_that_moves
 from estimators.checks.homogeneity import Disagreement, disagreements_with, misfits, own_fits
 from estimators.checks.residual import Profile, Region, profiles, stand_out
 from estimators.checks.torque_constant import Calibrated, unit_of
-from estimators.in_loop.comparison import in_loop
+from estimators.in_loop.fit import in_loop
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import Errors, Evidence, noise_floor
 from estimators.simulation.free_running import growth, select
-from estimators.simulation.link_segments import has_link
+from estimators.simulation.multiple_shooting import has_link
 from estimators.weak_form.dataset import dataset
 from pendulum_env._typing import JSON
 from pendulum_env.notebook import shown

@@ -38,7 +38,7 @@ class Course:
     excess: float  # scatter about line or step in units of the standard errors (Birge ratio), at least 1
     change: float = np.nan  # slope of the line, per unit of time, or height of the step
     change_error: float = np.nan  # its standard error, scatter included
-    chance: float = np.nan  # p-value of the change
+    p_value: float = np.nan  # p-value of the change
     first: int | None = None  # index of the first estimate after the step; None if it is a line
 
 
@@ -76,14 +76,14 @@ def course(time: Array, value: Array, error: Array) -> Course:
     best, freedom = int(np.argmax(gains)), count - 2
     left = max(0.0, square - float(gains[best]))
     excess = _excess(left, freedom)
-    chance = max(stats.chi2.sf(gains[best], 1), stats.f.sf(gains[best] * freedom / max(left, 1e-300), 1, freedom))
+    p_value = max(stats.chi2.sf(gains[best], 1), stats.f.sf(gains[best] * freedom / max(left, 1e-300), 1, freedom))
     return Course(
         level,
         steady / np.sqrt(total),
         excess,
         float(changes[best]),
         excess / float(np.sqrt(moments[best])),
-        min(1.0, len(gains) * float(chance)),
+        min(1.0, len(gains) * float(p_value)),
         int(order[steps[best - 1]]) if best else None,
     )
 
@@ -97,7 +97,7 @@ class Onset:
     """Where a finding sets in: index of the first case after it, in the order of time, and the p-value."""
 
     first: int
-    chance: float
+    p_value: float
 
 
 def onset(time: Array, found: Mask) -> Onset | None:
@@ -119,20 +119,20 @@ def onset(time: Array, found: Mask) -> Onset | None:
     if total in (0, count) or not len(places):
         return None
     after = total - np.cumsum(found[order])[places - 1]  # with the finding, from each place on
-    chances = stats.hypergeom.sf(after - 1, count, total, count - places)
-    best = int(np.argmin(chances))
-    return Onset(int(order[places[best]]), _reached(count, total, count - places, float(chances[best])))
+    p_values = stats.hypergeom.sf(after - 1, count, total, count - places)
+    best = int(np.argmin(p_values))
+    return Onset(int(order[places[best]]), _reached(count, total, count - places, float(p_values[best])))
 
 
-def _reached(count: int, total: int, tails: Index, chance: float) -> float:
-    """Probability that Fisher's test reaches `chance` in any of the tails of a random order.
+def _reached(count: int, total: int, tails: Index, p_value: float) -> float:
+    """Probability that Fisher's test reaches `p_value` in any of the tails of a random order.
 
     Of `count` cases `total` have the finding. Their number among the last j is a Markov chain, from which whatever
     reaches a tail's limit is taken out.
     """
     have = np.arange(total + 1)
     limits = {
-        int(tail): have[stats.hypergeom.sf(have - 1, count, total, tail) <= chance * (1 + 1e-9)] for tail in tails
+        int(tail): have[stats.hypergeom.sf(have - 1, count, total, tail) <= p_value * (1 + 1e-9)] for tail in tails
     }
     chain, reached = np.zeros(total + 1), 0.0
     chain[0] = 1.0
@@ -152,7 +152,7 @@ class Pooled:
 
     total: float  # log predictive density gained, less what choosing a form of the effect gains by chance [nat]
     error: float  # its standard error, of the scatter within cases and between them [nat]
-    chance: float  # probability that nothing is gained
+    p_value: float  # probability that nothing is gained
     cases: int
 
 
@@ -197,16 +197,16 @@ def weigh(gains: Array) -> Array:
     return bootstrap.probabilities(list(together.T))
 
 
-def surely(chances: Array, level: float = LEVEL) -> Mask:
+def significant(p_values: Array, level: float = LEVEL) -> Mask:
     """Which of several p-values (N,) are significant together; NaN counts as no test.
 
     The probability that any of those named is false is at most the level, however they depend on each other.
     Source: Holm, Scandinavian Journal of Statistics 6, 1979.
     """
-    order = np.argsort(chances, kind="stable")  # NaN last, which no comparison holds for
-    left = np.count_nonzero(np.isfinite(chances)) - np.arange(len(chances))  # tests, the smaller ones having held
-    named = np.zeros(len(chances), dtype=bool)
-    named[order] = np.logical_and.accumulate(chances[order] * left <= level)
+    order = np.argsort(p_values, kind="stable")  # NaN last, which no comparison holds for
+    left = np.count_nonzero(np.isfinite(p_values)) - np.arange(len(p_values))  # tests, the smaller ones having held
+    named = np.zeros(len(p_values), dtype=bool)
+    named[order] = np.logical_and.accumulate(p_values[order] * left <= level)
     return named
 
 
@@ -216,7 +216,7 @@ class Odd:
 
     expected: float  # mean of the others
     spread: float  # standard deviation of one more of their kind: true differences, error of the mean, own error
-    chance: float  # p-value of its distance
+    p_value: float  # p-value of its distance
 
 
 def odd_ones(value: Array, error: Array) -> list[Odd]:

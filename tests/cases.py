@@ -23,6 +23,12 @@ PLANT = Plant()  # inertia 0.09, gravity 2, viscous 0.35, coulomb 0.8
 THETA = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.8}
 
 
+def recorded(plant: Plant, *experiments: Experiment) -> list[Recording]:
+    """Recordings of a plant, one of each experiment."""
+    runs = simulate([(plant, experiment) for experiment in experiments])
+    return [Recording(f"run {k}", run.time, run.position, run.torque) for k, run in enumerate(runs, 1)]
+
+
 @dataclass(frozen=True)
 class Case:
     """A hidden effect in the plant's words, its parameters in the library's, and what else may be said of it."""

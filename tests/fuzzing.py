@@ -249,18 +249,18 @@ class Page:
 
         self._before = Session.work, live.Run.__init__
         Session.work = live.Run.__init__ = idle  # type: ignore[assignment, method-assign]
-        self.bench = make_app()
-        self.client = self.bench.app.server.test_client()
+        app, self.sessions = make_app()
+        self.client = app.server.test_client()
         self.client.get("/_dash-layout")
         self.callbacks = self.client.get("/_dash-dependencies").get_json()
-        self.session = self.bench.sessions.of(self.ID)
+        self.session = self.sessions.of(self.ID)
 
     def close(self) -> None:
         from workbench.app import live
         from workbench.app.session import Session
 
         Session.work, live.Run.__init__ = self._before  # type: ignore[method-assign]
-        self.bench.sessions.close()
+        self.sessions.close()
 
     def ask(self, callback: dict[str, Any], values: list[Any]) -> int:
         """Ask a callback with values for what it depends on; returns the status."""

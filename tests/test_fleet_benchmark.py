@@ -25,8 +25,8 @@ def joint(label):
     return Joint(robot, name, name)
 
 
-def missing(label, effect, since=None, sure=True):
-    return Missing(joint(label), effect, 6, 12, BEGAN, since, sure)
+def missing(label, effect, since=None, significant=True):
+    return Missing(joint(label), effect, 6, 12, BEGAN, since, significant)
 
 
 def drifting(label, parameter):
@@ -54,7 +54,7 @@ def test_another_date_parameter_joint_or_effect_is_a_false_alarm_and_what_may_be
     effects = (
         missing("arm1 / joint4", "stribeck", day(6) + timedelta(weeks=1)),
         missing("arm1 / joint3", "cogging"),
-        missing("arm1 / joint2", "spring", sure=False),
+        missing("arm1 / joint2", "spring", significant=False),
     )
     judged = Judged.of(fleet(series=(drifts,), effects=effects), PLAN)
     assert judged.told == {("arm1 / joint4", "stribeck is missing")}

@@ -19,7 +19,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import write_recording
 from tests.test_machines import DATA
-from tests.workbench.app.plants import recorded
+from tests.workbench.app.plants import filled, press, recorded
 from tools.gallery import gallery, machines
 from tools.prose import ROOT
 from workbench.report import write_report
@@ -63,16 +63,16 @@ def tour(tab: Page, folder: Path) -> None:
         tab.wait_for_function("() => document.querySelector('#selected').textContent.includes(' of ')")
         keep(tab, "app-compare", full_page=True)
         tab.click("#to-diagnose")
-        tab.click("#diagnose")
+        tab.click(press("diagnose"))
         tab.click(".ranking .action.primary")
         tab.wait_for_selector("p:has-text('All that the diagnosis calls for is in the model')")
         tab.click("#to-add")
         tab.wait_for_selector(".add .js-line")
         keep(tab, "app-add", full_page=True)
         tab.click("#to-live")
-        tab.click("#live-effect")
+        tab.click(filled("live-effect"))
         tab.click(".dash-dropdown-option:has-text('Cogging torque')")
-        tab.click("#live-start")
+        tab.click(press("live-start"))
         tab.wait_for_selector("#live-verdict:has-text('cogging')")
         tab.wait_for_timeout(4000)  # for evidence to grow
         keep(tab, "app-live", full_page=True)

@@ -41,14 +41,13 @@ from workbench.export.request import Request
 from workbench.inputs import check_outputs, given, read_all, sources_of, write_json, write_model, wrote
 from workbench.mistakes import InputError
 from workbench.robot import RobotFile, held_text, loaded_text, looked_for, meaning, straying
-from workbench.story import ALL, Story, parameters_line
+from workbench.story import ALL, Story, parameters_line, tell
 from workbench.terminal import Terminal
 
 SAVED = "filtered_dynamic"  # whose model is written, or the base model
 TIMES = "errors, times the least"  # a row that tells which schemes to trust
 TRUST = f"{TIMES}: how large a scheme's standard errors are beside the smallest, trust those near 1"
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
-BOTH = ("before", "after")
 
 
 def record(
@@ -122,15 +121,17 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
     for parameter in body.base:
         if len(parameter.parts) > 1:
             terminal.say(f"  {parameter.name} stands for {parameter.text}")
-    terminal.heading("Estimates ± standard errors")
-    terminal.table(*schemes_table(found))
-    if len(found.schemes) > 1:
-        terminal.say(TRUST)
-    for doubt in found.doubts:
-        terminal.say(f"warning: {doubt.text}", style="yellow")
     chosen = found.schemes.get(SAVED, next(iter(found.schemes.values())))
     nearest = nearest_body(chosen.model)
-    terminal.say(f"{chosen.scheme}: {nearest.text}")
+    warnings = [f"warning: {doubt.text}" for doubt in found.doubts]
+    trust = [TRUST] * (len(found.schemes) > 1)
+    content: list[Table | str | tuple[str, ...]] = [
+        schemes_table(found),
+        *trust,
+        *warnings,
+        f"{chosen.scheme}: {nearest.text}",
+    ]
+    tell([Part("Estimates ± standard errors", content)], terminal)
     write_json(arguments.json, found.json() | {"nearest_body": nearest.json()})
     write_model(chosen.model, arguments.output, asked.fitted, terminal)
     wrote(outputs, terminal)
@@ -158,11 +159,10 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
         with terminal.progress("writing the report"):
             write_whole(arguments.report, render_arm(recordings, [ArmStep(None, model, {"holdout": errors})]))
-    terminal.heading("Torque errors, clear of stick and reversals")
-    terminal.table(*errors_table([errors], ("torque error",)))
     content: JSON = {"schema": "pendulum-ident/arm-comparison@1", "joints": [error.json() for error in errors]}
+    tell([Part("Torque errors, clear of stick and reversals", [errors_table([errors], ("torque error",))])], terminal)
     if carried is not None and arguments.payload is not None:
-        _tell_payload(carried, asked.body, terminal)
+        tell(of_payload(carried, asked.body), terminal)
         content["payload"] = carried.json()
     elif carried is not None and carried.stands_out:
         mass = carried.estimates["m"].text
@@ -171,19 +171,21 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     wrote(outputs, terminal)
 
 
-def _tell_payload(found: Payload, body: Body, terminal: Terminal) -> None:
-    """Print what an arm carries, and what it explains."""
-    terminal.heading(f"Payload at the link behind {found.joint}, in that joint's frame")
+def of_payload(found: Payload, body: Body) -> list[Part]:
+    """What an arm carries, and what it explains."""
     rows = [(name, one.text, one.unit) for name, one in found.estimates.items()]
     rows += [(f"centre {axis}", one.text, one.unit) for axis, one in zip("xyz", found.center or (), strict=False)]
-    terminal.table(("parameter", "estimate", "unit"), rows, left=("unit",))
+    content: list[Table | str] = [Table(("parameter", "estimate", "unit"), rows, left=("unit",))]
     if found.hidden:
-        terminal.say(f"{listing(found.hidden)}: no motion of the joints shows them")
+        content.append(f"{listing(found.hidden)}: no motion of the joints shows them")
     if found.exists is False:
-        terminal.say("no body has these moments: something else changed as well, or the motion says too little")
-    terminal.heading("Torque left, friction fitted anew")
-    left = [(at, f"{old:.4g}", f"{new:.4g}", body.said(at, NEWTON_METRE)) for at, (old, new) in found.left.items()]
-    terminal.table(("joint", "without payload", "with it", "unit"), left, left=("unit",))
+        content.append("no body has these moments: something else changed as well, or the motion says too little")
+    left = [(at, f"{old:.4g}", f"{new:.4g}", body.worded(at, NEWTON_METRE)) for at, (old, new) in found.left.items()]
+    explained = Table(("joint", "without payload", "with it", "unit"), left, left=("unit",))
+    return [
+        Part(f"Payload at the link behind {found.joint}, in that joint's frame", content),
+        Part("Torque left, friction fitted anew", [explained]),
+    ]
 
 
 def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -220,13 +222,13 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
         added = add_arm(model, arguments.effect, asked.recordings, asked.held, progress)
     after = added.after.model
     write_model(after, arguments.output, asked.fitted, terminal)
-    for part, what in (("train", "fitted"), ("holdout", "held-out")):
-        terminal.heading(f"Torque errors on {what} data, the model refitted without and with the effect")
-        terminal.table(*errors_table([step.errors[part] for step in (added.before, added.after)], BOTH))
-    for text in filter(None, (added.text, added.looks_like)):
-        terminal.say(text)
-    terminal.heading("Parameters")
-    terminal.table(*parameters_table(after))
+    fitted, unseen = (
+        errors_table([step.errors[part] for step in (added.before, added.after)]) for part in ("train", "holdout")
+    )
+    where = "Torque errors on {} data, the model refitted without and with the effect".format
+    remarks = [text for text in (added.text, added.looks_like) if text is not None]
+    parts = [Part(where("fitted"), [fitted]), Part(where("held-out"), [unseen, *remarks])]
+    tell([*parts, Part("Parameters", [parameters_table(after)])], terminal)
     wrote(outputs, terminal)
 
 
@@ -236,8 +238,8 @@ def export(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if arguments.to not in FORMATS:
         raise InputError(f"an arm is exported to {listing(list(FORMATS))}, not to {arguments.to}")
     check_outputs([arguments.output], [arguments.model, arguments.robot])
-    told = Asked.of_model(arguments.model)
-    body = _robot(arguments, replace(told, joints=arguments.joints or told.joints)).body(told.held)
+    made = Asked.of_model(arguments.model)
+    body = _robot(arguments, replace(made, joints=arguments.joints or made.joints)).body(made.held)
     found = FORMATS[arguments.to](ArmModel.load(arguments.model, body), Request(arguments.approximate, arguments.step))
     if arguments.output is None:
         sys.stdout.write(found.content)
@@ -260,7 +262,7 @@ def schemes_table(found: ArmIdentification) -> Table:
     return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
 
 
-def errors_table(columns: Sequence[Sequence[JointError]], headers: Sequence[str] = BOTH) -> Table:
+def errors_table(columns: Sequence[Sequence[JointError]], headers: Sequence[str] = ("before", "after")) -> Table:
     """A row a joint: torque errors of one or more models, and the share of the torque that the last one leaves."""
     rows = [
         (
@@ -276,7 +278,7 @@ def errors_table(columns: Sequence[Sequence[JointError]], headers: Sequence[str]
 
 def story(found: ArmDiagnosis, every: bool = False) -> Story:
     """A diagnosis of an arm, with the candidates that matter or every one."""
-    errors, said = [step.errors["holdout"] for step in (found.before, found.after)], found.model.body.said
+    errors, in_units = [step.errors["holdout"] for step in (found.before, found.after)], found.model.body.worded
     falls = ", ".join(
         f"{before.joint} {f'{before.torque_rms:.4g} -> ' if found.selected else ''}{after.torque_rms:.4g} {after.unit}"
         for before, after in zip(*errors, strict=True)
@@ -284,8 +286,8 @@ def story(found: ArmDiagnosis, every: bool = False) -> Story:
     lines = [f"{own.id}: {own.law}" for own in found.model.terms if own.id in found.selected]
     lines += [f"error held out: {falls}", *parameters_line(found.parameters, bool(found.unexplained))]
     for joint, size in found.unexplained.items():
-        where = f"; {said(joint, found.regions[joint].text)}" if joint in found.regions else ""
-        lines.append(f"left: {size:.2g} {said(joint, NEWTON_METRE)} at {joint}{where}")
+        where = f"; {in_units(joint, found.regions[joint].text)}" if joint in found.regions else ""
+        lines.append(f"left: {size:.2g} {in_units(joint, NEWTON_METRE)} at {joint}{where}")
     parts = [
         Part("Torque errors on held-out data, clear of stick and reversals", [errors_table(errors)]),
         Part("Parameters", [parameters_table(found.model)]),
@@ -311,20 +313,20 @@ def _given(
     _refuse(arguments)
     asked = given(arguments)
     check_outputs(outputs, [*asked.files, arguments.robot])
-    told = Asked.of_model(model) if model else Asked()
-    asked = asked.read_as(told.log_format, model or "")
+    made = Asked.of_model(model) if model else Asked()
+    asked = asked.read_as(made.log_format, model or "")
     sources = (*asked.fitted, *asked.held_out)
     named = {arguments.joints, *(source.joints for source in sources)} - {None}
     if len(named) > 1:
         raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
-    robot = _robot(arguments, replace(told, joints=named.pop() if named else told.joints))
-    robot.body()  # what is wrong with it is told first
+    robot = _robot(arguments, replace(made, joints=named.pop() if named else made.joints))
+    robot.body()  # what is wrong with it comes first
     recordings = read_all(sources, terminal, robot.read)
-    body = robot.body(told.held) if told.held else robot.holding(recordings)
+    body = robot.body(made.held) if made.held else robot.holding(recordings)
     _tell_held(body, recordings, terminal)
     torques = in_torque(recordings, body)
     for joint, gain in torques.gains.items():
-        size = f"{plus_minus(gain.value, gain.std)} {body.said(joint, gain.unit)}"
+        size = f"{plus_minus(gain.value, gain.std)} {body.worded(joint, gain.unit)}"
         terminal.say(f"torque gain of {joint}: {size}, as known loads tell it")
     for text in meaning(torques.recordings, body):
         terminal.say(f"warning: {text}", style="yellow")
@@ -336,17 +338,17 @@ def _given(
 
 
 def _with_gains(source: Source, gains: Mapping[str, TorqueConstant]) -> Source:
-    """A source read with the gains of currents that known weights told, as the next log of the arm has to be."""
+    """A source read with the gains of currents that known weights gave, as the next log of the arm has to be."""
     found = {f"torque_{joint}": f"{gain.value:.6g}" for joint, gain in gains.items()}
     columns = {name: text.replace("?", found.get(name, "?")) for name, text in source.columns.items()}
     return replace(source, columns=columns)
 
 
-def _robot(arguments: argparse.Namespace, told: Asked) -> RobotFile:
+def _robot(arguments: argparse.Namespace, made: Asked) -> RobotFile:
     """The robot as the arguments, or else a model or a study, ask for it."""
-    rotors = True if arguments.rotors else told.rotors
-    light = arguments.no_gravity or told.weightless
-    return RobotFile(Path(arguments.robot), told.joints, arguments.base is not None, rotors, light)
+    rotors = True if arguments.rotors else made.rotors
+    light = arguments.no_gravity or made.weightless
+    return RobotFile(Path(arguments.robot), made.joints, arguments.base is not None, rotors, light)
 
 
 def _tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal) -> None:

@@ -39,7 +39,7 @@ Number = TypeVar("Number", int, float)
 Logged = TypeVar("Logged", bound=Recording)
 COUPLING = "coupling"  # of two joints: no effect of a pendulum
 FORMATS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag"
-KINDS = f"{FORMATS}, or a study.toml that names several, and known loads"  # of recordings
+KINDS = f"{FORMATS}, or a study.toml (several recordings, known loads)"
 
 
 def argument(convert: Callable[[str], T]) -> Callable[[str], T]:
@@ -100,7 +100,7 @@ def take_plant(parser: argparse.ArgumentParser, *, arm: bool = False) -> None:
         type=argument(_effect),
         default=[],
         metavar="ID[=VALUE,...]",
-        help="hide an effect: ID alone, ID=VALUE,... in the order that `effects` lists, or ID:name=value,... "
+        help="hide an effect: ID alone, ID=VALUE,... in the order of `effects`, or ID:name=value,... "
         f"(may be repeated){'; of an arm ID@JOINT and so on' if arm else ''}",
     )
     take(parser, "--theta")
@@ -144,7 +144,9 @@ def take_recordings(parser: argparse.ArgumentParser, *, what: str = "fitted join
     if holdout:
         take(parser, "--holdout")
     take(parser, *READING)
-    take_drive(parser, "the controller that followed the reference", "diagnose, add and compare then simulate it along")
+    take_drive(
+        parser, "the controller that followed the reference", "diagnose, add and compare then simulate the closed loop"
+    )
 
 
 def take_drive(parser: argparse.ArgumentParser, what: str, meaning: str) -> None:
@@ -303,13 +305,13 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "metavar": "RECORDING",
         "action": "append",
         "default": [],
-        "help": "confirm on this one (may be repeated); without it, the last 30 %% of each recording are held out",
+        "help": "recording to confirm the result on (may be repeated; default: the last 30 %% of each recording)",
     },
     "--columns": {
         "type": argument(_columns),
         "metavar": "QUANTITY=NAME[:UNIT][*GAIN]...,...",
-        "help": "which columns are time, position, torque, velocity and reference where their names do not tell, and "
-        "what to do with them, e.g. time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=unused; "
+        "help": "columns of time, position, torque, velocity and reference whose names are not known, with unit and "
+        "conversion, e.g. time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=unused; "
         f"units: {'; '.join(TOLD[quantity] for quantity in ('time', 'position', 'velocity', 'torque'))} (default: SI)",
     },
     "--unwrap": {"action": "store_true", "help": "undo jumps of 2 pi in position"},
@@ -317,23 +319,22 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "type": number(1.0, 1e6),
         "default": LARGEST / 1e6,
         "metavar": "MB",
-        "help": "of a recording, unpacked: a larger one is refused before it fills the memory "
-        f"(default {LARGEST / 1e6:g} MB)",
+        "help": f"largest recording that is read, unpacked (default {LARGEST / 1e6:g} MB)",
     },
     "--rotors": {
         "action": "store_true",
-        "help": "with --robot: motors have inertia of their own (default: if MJCF has any)",
+        "help": "with --robot: identify the motors' own inertia (default: if the MJCF has any)",
     },
     "--joints": {
         "type": argument(_names),
         "metavar": "A,B,...",
-        "help": "with --robot: joints that move; all others, as those of a gripper, are held where the recording has "
-        "them, or at zero (default: all move)",
+        "help": "with --robot: joints that move (default: all); others, such as a gripper's, are held where the "
+        "recording has them, or at zero",
     },
-    "--base": {"choices": ("fixed",), "help": "with --robot: a base that floats in the file is bolted down"},
+    "--base": {"choices": ("fixed",), "help": "with --robot: fix the floating base of the file"},
     "--no-gravity": {
         "action": "store_true",
-        "help": "with --robot: the driver takes the torque that gravity asks for off what is logged",
+        "help": "with --robot: the logged torque is without gravity compensation, which the driver subtracts",
     },
     "--fix": {
         "dest": "fixed",
@@ -341,7 +342,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "action": Gather,
         "default": {},
         "metavar": "NAME=VALUE,...",
-        "help": "parameters whose values are known, as gravity=2.01 (may be repeated)",
+        "help": "known values of parameters, as gravity=2.01 (may be repeated)",
     },
     "--bound": {
         "dest": "bounds",
@@ -349,7 +350,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "action": Gather,
         "default": {},
         "metavar": "NAME=LOW:HIGH,...",
-        "help": "parameters that lie within bounds, as viscous=0:0.5 or cogging.order=10:14 (may be repeated)",
+        "help": "bounds of parameters, as viscous=0:0.5 or cogging.order=10:14 (may be repeated)",
     },
     "--align": {
         "action": "store_true",
@@ -357,8 +358,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
     },
     "--instruments": {
         "choices": ("reference",),
-        "help": "fit the base model over windows with instruments, made of the reference that a controller followed: "
-        "what torque owes to the controller biases nothing then",
+        "help": "fit the base model with instrumental variables made of the controller's reference: removes the bias "
+        "from feedback",
     },
     "--verbose": {
         "action": "store_true",

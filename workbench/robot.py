@@ -22,7 +22,7 @@ from pendulum_env.recording import Source
 from pendulum_env.recording.study import read_sources
 from pendulum_env.words import listing
 
-AWAY = 0.01  # [rad] or [m], from where a joint is held: beyond, it is said
+AWAY = 0.01  # [rad] or [m], from where a joint is held: beyond, there is a warning
 FORMATS = (".urdf", ".xml", ".mjcf")
 
 
@@ -45,7 +45,7 @@ class RobotFile:
     weightless: bool = False
 
     def body(self, held: Mapping[str, float] | None = None) -> Body:
-        """Its links, other joints held where they are told to be, or at zero; raises BodyError as `read_body`."""
+        """Its links, other joints held at the given places, or at zero; raises BodyError as `read_body`."""
         pinocchio()
         status = self.file.stat() if self.file.exists() else None
         changed = (status.st_mtime_ns, status.st_size) if status else None
@@ -113,7 +113,7 @@ def meaning(recordings: Sequence[ArmRecording], body: Body, off: str = "say --no
 
 def held_text(body: Body) -> str:
     """Which joints are held where; empty if all move."""
-    units = {joint: body.said(joint, "rad") for joint in body.held}
+    units = {joint: body.worded(joint, "rad") for joint in body.held}
     places = [f"{joint} at {f'{q:.4g} {units[joint]}' if q else 'zero'}" for joint, q in body.held.items()]
     return f"held: {', '.join(places)}" if places else ""
 
@@ -123,7 +123,7 @@ def straying(body: Body, recordings: Sequence[ArmRecording]) -> list[str]:
     found = []
     for recording, (joint, q) in product(recordings, body.held.items()):
         if (off := np.max(np.abs(recording.still.get(joint, q) - q))) > AWAY:
-            away = f"{joint} gets {off:.2g} {body.said(joint, 'rad')} away from there in {recording.name}"
+            away = f"{joint} gets {off:.2g} {body.worded(joint, 'rad')} away from there in {recording.name}"
             found.append(f"{away}: name it in --joints if it moves")
     return found
 

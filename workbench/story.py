@@ -1,4 +1,4 @@
-"""A diagnosis told on the terminal: what counts in a few lines, the rest where it is asked for."""
+"""A diagnosis as printed on the terminal: what counts in a few lines, the rest where it is asked for."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Story:
         headline: what is missing.
         lines: what everybody wants to know of it.
         next_step: what to do now.
-        parts: what is told where it is asked for.
+        parts: further parts, printed on request.
         remarks: what else is worth knowing, the most telling first.
     """
 
@@ -37,9 +37,9 @@ class Story:
 
     def tell(self, terminal: Terminal, verbose: bool = False, more: bool = True) -> None:
         """Print it; `more` says how to see what is not printed."""
-        told = self.remarks[: None if verbose else REMARKS]
+        remarks = self.remarks[: None if verbose else REMARKS]
         terminal.heading(self.headline)
-        for line in (*self.lines, *(f"note: {remark}" for remark in told), f"next: {self.next_step}"):
+        for line in (*self.lines, *(f"note: {remark}" for remark in remarks), f"next: {self.next_step}"):
             terminal.say(line)
         if more and not verbose:
             terminal.say(MORE)
@@ -87,5 +87,7 @@ def errors_line(steps: Sequence[Step], floor: float) -> str:
 
 def parameters_line(estimates: Mapping[str, Estimate], is_biased: bool) -> list[str]:
     """Parameters with standard errors on one line, if there are any."""
-    told = ", ".join(f"{name} {own.text}{'' if own.unit == '1' else f' {own.unit}'}" for name, own in estimates.items())
-    return [f"parameters{' (biased by what is left)' if is_biased else ''}: {told}"] if told else []
+    values = ", ".join(
+        f"{name} {own.text}{'' if own.unit == '1' else f' {own.unit}'}" for name, own in estimates.items()
+    )
+    return [f"parameters{' (biased by what is left)' if is_biased else ''}: {values}"] if values else []

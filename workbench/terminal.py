@@ -11,7 +11,7 @@ from rich import box
 from rich.console import Console, JustifyMethod
 from rich.measure import Measurement
 from rich.padding import Padding
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from pendulum_env.words import per
@@ -74,23 +74,21 @@ class Terminal:
                     self._out.print(Padding(f"{header:{widest}}  {cell}", (0, 0, 0, 2)))
 
     @contextmanager
-    def progress(self, title: str) -> Iterator[Callable[[str, float], None]]:
-        """Bar on stderr, gone when the work is done: call what is yielded with what is being done and its share."""
-        columns = (TextColumn("{task.fields[title]}"), BarColumn(), TextColumn("{task.description}", style="dim"))
+    def progress(self, title: str, timed: bool = False) -> Iterator[Callable[[str, float], None]]:
+        """Bar on stderr, gone when the work is done: call what is yielded with what is being done and its share.
+
+        `timed` adds the time that is left.
+        """
+        left = [TimeRemainingColumn(compact=True)] if timed else []
+        columns = (
+            TextColumn("{task.fields[title]}"),
+            BarColumn(),
+            *left,
+            TextColumn("{task.description}", style="dim"),
+        )
         with Progress(*columns, console=self._err, transient=True, disable=not self._err.is_terminal) as bars:
             task = bars.add_task("", title=title, total=1.0)
             yield lambda what, share: bars.update(task, description=what, completed=share)
-
-    @contextmanager
-    def counting(self, title: str) -> Iterator[Callable[[int, int, str], None]]:
-        """Bar with the time left, on stderr: call what is yielded with how many are done, of how many, and a remark."""
-        columns = (
-            TextColumn("{task.fields[title]}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(compact=True),
-            TextColumn("left  {task.description}", style="dim"),
-        )  # fmt: skip
-        with Progress(*columns, console=self._err, transient=True, disable=not self._err.is_terminal) as bars:
-            task = bars.add_task("", title=title, total=None)
-            yield lambda done, total, what: bars.update(task, description=what, completed=done, total=total)
 
 
 class _Patient(Console):

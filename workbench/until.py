@@ -62,7 +62,7 @@ class Apart:
             OSError: if it does not come up.
         """
         self._worker = Worker("diagnosis")
-        self._worker.begin(partial(_judge, rate, smoothing))
+        self._worker.send(partial(_judge, rate, smoothing))
         if not self._worker.connection.poll(self.ready) or isinstance(self._worker.hear(), Failed):
             self._worker.end()
             raise OSError("the process that diagnoses did not start: try again on a machine that does less")

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from estimators.arms.diagnosis import models_of_arm, of_arm, parted
 from estimators.arms.identification import ArmStep
 from estimators.checks.physical import objection
-from estimators.diagnosis.added import CHANCE, looks
+from estimators.diagnosis.result import CHANCE, looks
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
-from estimators.selection.criterion import Criterion
 from estimators.selection.moves import best
 from pendulum_env.arms.joints import kind_at
 from pendulum_env.arms.model import ArmModel
@@ -60,9 +57,6 @@ def add_arm(
     recordings: ArmRecording | Sequence[ArmRecording],
     holdout: Sequence[ArmRecording] = (),
     progress: Progress = no_progress,
-    *,
-    criterion: Criterion | None = None,
-    rng: np.random.Generator | None = None,
 ) -> ArmAddition:
     """Refit the body and the terms of a model, then with one more effect; shape parameters of its terms stay.
 
@@ -72,28 +66,25 @@ def add_arm(
         recordings: to fit, jointly.
         holdout: to confirm on; without any, the last 30 % of each recording.
         progress: told what is being done.
-        criterion: what the effect has to achieve.
-        rng: of the bootstrap.
 
     Raises:
         ValueError: if there is no such effect or joint, it cannot be there, or a table there holds all that it is.
         ModelError: if the model has the effect already.
         IdentificationError: if a joint hardly moves, or its motion does not show the effect at all.
     """
-    criterion, base = criterion or Criterion(), model.terms
-    kind = kind_at(effect, model.body)
+    kind, base = kind_at(effect, model.body), model.terms
     if any(own.id == effect for own in base):
         raise ModelError(f"the model has {effect} already")
     refuse_held(base, kind())
     train, held = parted(recordings, holdout)
-    models = models_of_arm(train, held, base, {kind.id: kind}, criterion, rng, progress)
+    models = models_of_arm(train, held, base, {kind.id: kind}, progress)
     trial = best(models, base, kind)
     if trial is None:
         names = ", ".join(recording.name for recording in train)
         raise IdentificationError(f"{names}: the motion does not show {effect} at all: record another one")
     without, with_it = models.report(None, base), models.report(effect, trial.terms)
     against = objection(with_it, without, models.train.motions)
-    if against is None and models.gain(trial.terms, base).chance > criterion.chance:
+    if against is None and models.gain(trial.terms, base).chance > models.criterion.chance:
         against = CHANCE
     before, after = (
         ArmStep.of(step.added, of_arm(step.model), train=train, holdout=held) for step in (without, with_it)

@@ -15,7 +15,6 @@ from estimators.diagnosis.result import KEPT, SETTLED, UNNAMED, Candidate
 from estimators.diagnosis.setting import HELD_OUT
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
-from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence, inertias
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
@@ -102,7 +101,8 @@ class ArmDiagnosis:
             reveal = kind_at(group[-1], self.model.body).reveal
             return f"{listing(group)} look the same in these data; to tell them apart: {reveal}"
         if self.tables:
-            return f"{KEPT.format(table=self.tables[0])}{also(self.tables[1:])}"
+            first, *others = self.tables
+            return KEPT.format(table=first) + (f" (so would {listing(others)})" if others else "")
         return UNNAMED if self.unexplained else SETTLED
 
     @property
@@ -127,11 +127,6 @@ class ArmDiagnosis:
             "heavier": dict(self.heavier),
             "model": self.model.json(),
         }
-
-
-def also(ids: Sequence[str]) -> str:
-    """What else is to be done so."""
-    return f" (so would {listing(list(ids))})" if ids else ""
 
 
 def where_it_stands_out(models: Models, terms: Terms, joints: Sequence[str]) -> dict[str, Region]:
@@ -182,8 +177,6 @@ def models_of_arm(
     held: Sequence[ArmRecording],
     base: tuple[Term, ...],
     library: Mapping[str, type[Term]],
-    criterion: Criterion | None,
-    rng: np.random.Generator | None,
     progress: Progress,
     tables: Sequence[type[Term]] = (),
 ) -> Models:
@@ -194,8 +187,7 @@ def models_of_arm(
     """
     kinds: tuple[type[Term] | Term, ...] = (*base, *library.values())
     fitted, checked = gather_arm(train, kinds), gather_arm(held, kinds)
-    criterion, rng = criterion or Criterion(), rng or np.random.default_rng(0)
-    return Models(fitted, checked, progress, library, criterion, rng, base=base, tables=tables)
+    return Models(fitted, checked, progress, library, base=base, tables=tables)
 
 
 def heavier_when_slow(models: Models, train: Sequence[ArmRecording], joints: Collection[str]) -> dict[str, float]:
@@ -221,8 +213,6 @@ def diagnose_arm(
     *,
     terms: Sequence[Term] | None = None,
     library: Mapping[str, type[Term]] | None = None,
-    criterion: Criterion | None = None,
-    rng: np.random.Generator | None = None,
 ) -> ArmDiagnosis:
     """Find the effects at joints that a model of an arm lacks.
 
@@ -234,8 +224,6 @@ def diagnose_arm(
         terms: of the model at joints, beside the links; viscous and Coulomb friction at each by default.
         library: effects that may be named, by id; at the joint where it is placed or at all;
             by default all that can sit at a joint.
-        criterion: what they have to achieve.
-        rng: of the bootstrap.
 
     Raises:
         IdentificationError: if a joint hardly moves.
@@ -245,7 +233,7 @@ def diagnose_arm(
     placed = at_joints((joint_effects() if library is None else library).values(), body)
     placed = [kind for kind in placed if kind.id not in {term.id for term in base}]
     tables = at_joints(TABLES.values(), body)
-    models = models_of_arm(train, held, base, {kind.id: kind for kind in placed}, criterion, rng, progress, tables)
+    models = models_of_arm(train, held, base, {kind.id: kind for kind in placed}, progress, tables)
     found = select(models)
     candidates, groups = judge(found, found.terms)
     left, _ = models.left.structures(found.terms)

@@ -19,14 +19,26 @@ from pendulum_env.arms.body import Body
 from pendulum_env.excitation import USUAL_SPEED
 
 PERIOD = 10.0  # [s]
-POINTS = 120  # instants at which a series is judged
-USUAL_RANGE, USUAL_STROKE = np.pi, 0.2  # [rad] and [m] to either side, where the file has no limits
-USUAL_SLIDE = 0.5  # [m/s]
-NARROWEST = 1e-3  # [rad] or [m] between limits, below which a motion tells nothing
-MARGIN = 0.9  # of the limits that is used
-SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the motion that is tried until the torque suffices
-ANEW = 0.1  # share of the tries that are drawn anew
-STEP, GROWS, SHRINKS = 0.3, 1.5, 0.9  # of a change, the first and after one that was better or not: even at one in five
+
+
+@dataclass(frozen=True)
+class DesignSettings:
+    """Numbers of the design and of its evolution strategy."""
+
+    points: int = 120  # instants at which a series is judged
+    angle: float = np.pi  # [rad] to either side, where the file has no limits
+    stroke: float = 0.2  # [m] to either side, likewise
+    slide: float = 0.5  # [m/s], largest speed of a joint that slides
+    narrowest: float = 1e-3  # [rad] or [m] between limits, below which a motion is of no use
+    margin: float = 0.9  # of the limits that is used
+    shares: tuple[float, ...] = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the motion that are tried until the torque suffices
+    anew: float = 0.1  # share of the tries that are drawn anew
+    step: float = 0.3  # of a change, the first
+    grows: float = 1.5  # step after a change that was better,
+    shrinks: float = 0.9  # and after one that was not: the two cancel at one success in five
+
+
+DESIGN = DesignSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +78,7 @@ class Excited:
     @property
     def condition(self) -> float:
         """Condition number of the torque regressor in base parameters and friction, columns scaled to equal length."""
-        rows = self.rows(np.linspace(0, self.period, POINTS, endpoint=False))
+        rows = self.rows(np.linspace(0, self.period, DESIGN.points, endpoint=False))
         phi = rows.reshape(-1, rows.shape[-1])
         return float(np.linalg.cond(phi / np.linalg.norm(phi, axis=0)))
 
@@ -99,7 +111,7 @@ def design_excitation(
     """
     rng = rng or np.random.default_rng(0)
     slides, joints = np.array(body.slides), np.array(body.joints)
-    (low, high), usual = body.position_limits, np.where(slides, USUAL_STROKE, USUAL_RANGE)
+    (low, high), usual = body.position_limits, np.where(slides, DESIGN.stroke, DESIGN.angle)
     low, high = np.where(np.isfinite(low), low, -usual), np.where(np.isfinite(high), high, usual)
     if max_angle is not None:
         reach = np.where(slides, np.inf, max_angle)
@@ -108,17 +120,17 @@ def design_excitation(
             raise IdentificationError(
                 f"{body.name}: joint '{joint}' is never within {max_angle:g} rad of zero: allow a larger angle"
             )
-    for joint in joints[high - low < NARROWEST]:
+    for joint in joints[high - low < DESIGN.narrowest]:
         raise IdentificationError(f"{body.name}: the limits of joint '{joint}' leave it no room to move: widen them")
-    speed = np.where(slides, USUAL_SLIDE, USUAL_SPEED if max_speed is None else max_speed)
+    speed = np.where(slides, DESIGN.slide, USUAL_SPEED if max_speed is None else max_speed)
     speed = np.minimum(body.velocity_limits, speed)
     most = np.minimum(body.torque_limits, np.where(slides, np.inf, np.inf if max_torque is None else max_torque))
-    time = np.linspace(0, period, POINTS, endpoint=False)
+    time = np.linspace(0, period, DESIGN.points, endpoint=False)
     alike = 1.0 / np.sqrt(np.arange(1, harmonics + 1))[:, None]  # size of the harmonics
     best: Excited | None = None
-    parent, most_known, step = (np.zeros((2, harmonics, len(low))), np.full(len(low), 0.5)), -np.inf, STEP
+    parent, most_known, step = (np.zeros((2, harmonics, len(low))), np.full(len(low), 0.5)), -np.inf, DESIGN.step
     for k in range(tries):
-        anew = best is None or k < ANEW * tries
+        anew = best is None or k < DESIGN.anew * tries
         waves = step * rng.normal(size=parent[0].shape) * alike + parent[0]
         at = np.clip(step * rng.uniform(-0.1, 0.1, len(low)) + parent[1], 0.4, 0.6)  # of the way from low to high
         if anew:
@@ -126,19 +138,19 @@ def design_excitation(
         middle = low + (high - low) * at
         q, v, _ = Excited(body, np.zeros(len(low)), waves[0], waves[1], period)(time)
         room = np.minimum(high - middle, middle - low)
-        scale = MARGIN * np.minimum(room / np.abs(q).max(axis=0), speed / np.abs(v).max(axis=0))
+        scale = DESIGN.margin * np.minimum(room / np.abs(q).max(axis=0), speed / np.abs(v).max(axis=0))
         known = -np.inf
-        for share in SHARES:
+        for share in DESIGN.shares:
             tried = Excited(body, middle, waves[0] * scale * share, waves[1] * scale * share, period)
             rows = tried.rows(time)
-            if np.all(np.abs(rows[..., : len(body.values)] @ body.values) <= MARGIN * most):
+            if np.all(np.abs(rows[..., : len(body.values)] @ body.values) <= DESIGN.margin * most):
                 phi = rows.reshape(-1, rows.shape[-1])
                 known = float(np.linalg.slogdet(phi.T @ phi).logabsdet)
                 break
         if known > most_known:
             best, parent, most_known = tried, (waves, at), known
         if not anew:
-            step *= GROWS if known == most_known else SHRINKS
+            step *= DESIGN.grows if known == most_known else DESIGN.shrinks
     if best is None:
         raise IdentificationError(
             f"{body.name}: every motion of {tries} needs more torque than the joints have: allow less speed or "

@@ -31,16 +31,14 @@ class Follow:
     Attributes:
         motion: the reference.
         limits: of the torques (n,) [N m].
-        bandwidth: w [rad/s].
     """
 
     motion: Excited
     limits: Array
-    bandwidth: float = BANDWIDTH
 
     def torque(self, info: Mapping[str, Any]) -> Array:
         """Torques (n,) [N m] for the period that begins with a measurement of time, position and velocity."""
-        body, w = self.motion.body, self.bandwidth
+        body, w = self.motion.body, BANDWIDTH
         time, q, v = info["time"], info["position"], info["velocity"]
         (q_r,), (v_r,), (a_r,) = self.motion(np.array([time]))
         a = a_r + 2 * w * (v_r - v) + w**2 * (q_r - q)

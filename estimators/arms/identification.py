@@ -84,8 +84,6 @@ def identify_arm(
     body: Body,
     terms: Sequence[Term] | None = None,
     schemes: Sequence[Scheme] = ARM_SCHEMES,
-    *,
-    points: int = POINTS,
 ) -> ArmIdentification:
     """Fit base parameters and the terms' linear parameters to recordings of an arm, by each scheme.
 
@@ -97,7 +95,6 @@ def identify_arm(
         terms: at joints, with their shape parameters set; viscous and Coulomb friction at each joint by default.
         schemes: which to use. One that borrows takes the parameters that make the momentum from the scheme of that
             name, as the paper does, and fits the others.
-        points: moments at which the convergence is recorded.
 
     Raises:
         IdentificationError: if there is too little motion.
@@ -131,7 +128,7 @@ def identify_arm(
         if scheme.borrows is not None and scheme.borrows not in results:
             raise ValueError(f"{scheme.id} borrows from {scheme.borrows}: put {scheme.borrows} before it")
         lender = results[scheme.borrows].model if scheme.borrows is not None else None
-        results[scheme.id] = _fit(scheme, data, terms, lender, points)
+        results[scheme.id] = _fit(scheme, data, terms, lender)
         if scheme is schemes[0]:  # the same of all
             phi, columns = data.equations.phi, results[scheme.id].model.columns
             doubts = inseparable(phi[data.usable], [column.name for column in columns], np.any(phi, axis=0))
@@ -140,8 +137,8 @@ def identify_arm(
     alike = {name for doubt in doubts for name in doubt.withheld}
     unknown = {id: untold(one.model, *seen) for id, one in results.items()}
     if alone := sorted(frozenset.intersection(*unknown.values()) - alike):  # by no scheme; others show no number for it
-        told = f"{listing(alone)} cannot be told: these data hardly depend on {'it' if len(alone) == 1 else 'them'}"
-        doubts.append(Doubt(f"{told}, move all joints faster, wider and together", tuple(alone)))
+        text = f"{listing(alone)} cannot be told: these data hardly depend on {'it' if len(alone) == 1 else 'them'}"
+        doubts.append(Doubt(f"{text}, move all joints faster, wider and together", tuple(alone)))
     results = {id: replace(one, model=one.model.withholding(unknown[id] | alike)) for id, one in results.items()}
     return ArmIdentification(results, tuple(doubts), names)
 
@@ -183,7 +180,7 @@ def through(scheme: Scheme, equations: Equations, m: Joints, joint: int) -> Regr
     return scheme.through(equations, scheme.gate(clear), m[0].period)
 
 
-def _fit(scheme: Scheme, data: Stack, terms: tuple[Term, ...], lender: ArmModel | None, points: int) -> ArmIdentified:
+def _fit(scheme: Scheme, data: Stack, terms: tuple[Term, ...], lender: ArmModel | None) -> ArmIdentified:
     body = ArmModel(terms).body
     use, count = data.usable, data.equations.phi.shape[1]
     given = np.flatnonzero(_of_momentum(body)) if lender is not None else np.empty(0, dtype=np.intp)
@@ -197,7 +194,7 @@ def _fit(scheme: Scheme, data: Stack, terms: tuple[Term, ...], lender: ArmModel 
         std[given] = [lender.estimates[name].std for name in np.array(body.names)[given]]
     model = ArmModel.build(terms, theta, std)
     # the recursion takes rows of one instant one after the other
-    last = evenly(len(data.time) // len(weights), points) * len(weights) + len(weights) - 1
+    last = evenly(len(data.time) // len(weights), POINTS) * len(weights) + len(weights) - 1
     return ArmIdentified(
         scheme=scheme.id,
         model=model,
@@ -205,7 +202,9 @@ def _fit(scheme: Scheme, data: Stack, terms: tuple[Term, ...], lender: ArmModel 
         residual_rms=fit.rms,
         unit=scheme.unit,
         residuals=tuple((1.0 / weights).tolist()),
-        units=(scheme.unit,) if VIEWS[scheme.view].adds_up else tuple(body.said(at, scheme.unit) for at in body.joints),
+        units=(scheme.unit,)
+        if VIEWS[scheme.view].adds_up
+        else tuple(body.worded(at, scheme.unit) for at in body.joints),
         condition=fit.condition,
         used=(int(use.sum()), len(use)),
     )
@@ -273,7 +272,7 @@ def compare_arm(model: ArmModel, recordings: ArmRecording | Sequence[ArmRecordin
                 f"{recordings[0].name}: joint '{joint}' is never clear of stick and reversals: its error cannot be told"
             )
         rms, size = (float(np.sqrt(np.mean(values[own] ** 2))) for values in (left, torque))
-        found.append(JointError(joint, rms, rms / size if size else None, model.body.said(joint, NEWTON_METRE)))
+        found.append(JointError(joint, rms, rms / size if size else None, model.body.worded(joint, NEWTON_METRE)))
     return tuple(found)
 
 

@@ -40,24 +40,20 @@ class ArmStream:
 
     Attributes:
         every: samples that are taken in together.
+        joints: names of the joints.
     """
 
     def __init__(self, terms: Sequence[Term], scheme: Scheme, smoothing: Smoothing, rate: float, every: int) -> None:
         """Take the terms, the links first, the scheme, the smoothing, and the samples per second [Hz]."""
         self._terms, self._scheme, self._smoothing, self.every = tuple(terms), scheme, smoothing, every
+        assert isinstance(terms[0], Links)
+        self.joints = terms[0].body.joints
         self._clock = Clock(rate)
         # after a sample, what decides whether it is clear; before it, what its row depends on
         self._after = smoothing.reach + max(smoothing.reach + 1, round(GUARD * rate)) + 2
         self._memory = round(MEMORY * rate)
         self._kept = every + 2 * self._after + self._memory
         self.reset()
-
-    @property
-    def body(self) -> Body:
-        """The links."""
-        links = self._terms[0]
-        assert isinstance(links, Links)
-        return links.body
 
     def reset(self) -> None:
         """What follows does not continue what came."""
@@ -76,7 +72,7 @@ class ArmStream:
                 not come at the rate.
         """
         position, torque = np.array(position, dtype=float), np.array(torque, dtype=float)
-        if position.shape != (count := len(self.body.joints),) or torque.shape != (count,):
+        if position.shape != (count := len(self.joints),) or torque.shape != (count,):
             raise ValueError(
                 f"a sample of {count} joints has as many positions and torques, not those of shapes {position.shape} "
                 f"and {torque.shape}"
@@ -92,7 +88,7 @@ class ArmStream:
         if len(self._samples) < self._kept or self._waiting < self.every:
             return None
         times, positions, torques = (np.array(values) for values in zip(*self._samples, strict=True))
-        recording = ArmRecording.of("online", self.body.joints, times, positions, torques)
+        recording = ArmRecording.of("online", self.joints, times, positions, torques)
         m = tuple(measure(joint, self._smoothing) for joint in recording.joints)
         # of N measurements, the last `after - reach` still wait for what decides whether they are clear
         end = len(m[0]) - (self._after - self._smoothing.reach)
@@ -110,7 +106,7 @@ class ArmBinner(BinSource):
         self.every, self._slowest, self._rate = max(1, round(BIN * rate)), smoothing.slowest, rate
         chunk = self.every * max(1, round(CHUNK / BIN))
         self._stream = ArmStream(terms, scheme("hamiltonian"), smoothing, rate, chunk)
-        self.joints = self._stream.body.joints
+        self.joints = self._stream.joints
         self.reset(np.ones(1, dtype=bool))
 
     def reset(self, which: Mask) -> None:
@@ -157,7 +153,6 @@ class ArmEstimator:
         scheme: Scheme = ARM_SCHEMES[1],
         *,
         counts: int = 0,
-        prior: float = PRIOR,
     ) -> None:
         """Make the estimator.
 
@@ -167,7 +162,6 @@ class ArmEstimator:
             terms: at joints; viscous and Coulomb friction by default.
             scheme: that makes the rows, one that borrows nothing and does not sum from the start.
             counts: of the encoders per turn, 0 if they are exact.
-            prior: P(0) on the diagonal.
 
         Raises:
             ValueError: if the scheme cannot work so.
@@ -178,13 +172,12 @@ class ArmEstimator:
             )
         self.body, self.scheme = body, scheme
         self.terms = (Links(body), *(friction(body) if terms is None else terms))
-        self._prior = prior
         self._stream = ArmStream(self.terms, scheme, Smoothing.of_encoder(counts, rate), rate, round(CHUNK * rate))
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self.state: State = start(sum(len(term.columns) for term in self.terms), self._prior)
+        self.state: State = start(sum(len(term.columns) for term in self.terms), PRIOR)
         self._stream.reset()
 
     @property

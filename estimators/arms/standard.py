@@ -20,11 +20,19 @@ from pendulum_env.arms.body import Body
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Estimate
 
-OPEN = 1.0  # factors of e, and shares of a link's size, by which a body may usually differ from the file
-SMALLEST = 1e-9  # of a pseudo-inertia's trace, added so that a file's thin rod has a Cholesky factor too
-TURNS = 150  # of the search at most, which creeps where no body has the base parameters
-NEAR = 3.0  # standard errors, to which noise, or the file, may well take one of the parameters of a body
-LEAST = 1e-6  # share of a base parameter that its standard error is at least: no file is more exact
+
+@dataclass(frozen=True)
+class NearestSettings:
+    """Numbers of the search for the nearest body."""
+
+    open: float = 1.0  # factors of e, and shares of a link's size, by which a body usually differs from the file
+    smallest: float = 1e-9  # of a pseudo-inertia's trace, added so that a file's thin rod has a Cholesky factor too
+    turns: int = 150  # evaluations at most: the search is slow where no body has the base parameters
+    near: float = 3.0  # standard errors, to which noise, or the file, takes one of the parameters of a body
+    least: float = 1e-6  # share of a base parameter that its standard error is at least: no file is more exact
+
+
+NEAREST = NearestSettings()
 
 
 @dataclass(frozen=True)
@@ -44,7 +52,7 @@ class Nearest:
     @property
     def exists(self) -> bool:
         """Whether some body has these parameters."""
-        return self.distance <= NEAR
+        return self.distance <= NEAREST.near
 
     @property
     def text(self) -> str:
@@ -66,14 +74,14 @@ def nearest_body(model: ArmModel) -> Nearest:
     body = model.body
     count = len(body.base)
     theta, std = model.theta[:count], np.array([model.estimates[name].std for name in body.names])
-    std = np.maximum(std, LEAST * np.maximum(np.abs(theta), 1e-3 * np.abs(theta).max()))
+    std = np.maximum(std, NEAREST.least * np.maximum(np.abs(theta), 1e-3 * np.abs(theta).max()))
     first, scale = _factors(body)
 
     def misfit(x: Array) -> Array:
         base = body.combine @ _standard(first + scale * x, len(body.links))
-        return np.concatenate([(base - theta) / std, x / OPEN])
+        return np.concatenate([(base - theta) / std, x / NEAREST.open])
 
-    found = least_squares(misfit, np.zeros(len(first)), x_scale="jac", max_nfev=TURNS)
+    found = least_squares(misfit, np.zeros(len(first)), x_scale="jac", max_nfev=NEAREST.turns)
     values = _standard(first + scale * found.x, len(body.links))
     parameters = {
         name: Estimate(own, 0.0, body.unit_of(name)) for name, own in zip(body.standard, values.tolist(), strict=True)
@@ -102,7 +110,7 @@ def _factors(body: Body) -> tuple[Array, Array]:
     values, scales = [], []
     for own in body.standard_values[: 10 * links].reshape(links, 10):
         matrix = pseudo_inertia(own)
-        factor = np.linalg.cholesky(matrix + SMALLEST * np.trace(matrix) * np.eye(4))
+        factor = np.linalg.cholesky(matrix + NEAREST.smallest * np.trace(matrix) * np.eye(4))
         size = np.sqrt(np.diag(matrix))[below[0]]
         values += [np.log(np.diag(factor)), factor[below]]
         scales += [np.ones(4), np.maximum(size, 1e-3 * size.max())]

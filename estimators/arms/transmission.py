@@ -5,7 +5,7 @@ The motor's side has nothing of the links but what comes through the transmissio
     I q'' + b q' + fc sgn q' + k s + d s' = tau,    s = q - q_link beyond a play to either side of its middle
 
 so that k, d and the play follow joint by joint, whatever the links are. Where both encoders disagree by a function of
-the angle, scale or eccentricity, that looks like a spring that carries the links' weight: so the stretch has to explain
+the angle (scale, eccentricity), that looks like a spring that carries the links' weight: a deflection has to explain
 more than a torque of the angle does, q and two harmonics of a turn.
 Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
 """
@@ -28,13 +28,22 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Estimate
 from pendulum_env.words import along
 
-LENGTH = 0.5  # [s] of a cluster, longer than residuals stay correlated
-SURE = 5.0  # standard errors of a play,
-WORSE = 1.1  # and times the residual that is left without it, from which there is one
-SEEN = 3.0  # times the noise of both encoders, which a stretch has to be to be seen
-FEWEST = 100  # samples
-PLAYS, TURNS = np.linspace(0.05, 0.95, 13), 60  # quantiles of the stretch from which a play is searched, and steps
-STEP = 1e-3  # of the stretch, for slopes by middle and play
+
+@dataclass(frozen=True)
+class TransmissionSettings:
+    """Numbers of the search for a transmission."""
+
+    length: float = 0.5  # [s] of a cluster, longer than residuals stay correlated
+    errors: float = 5.0  # standard errors of a play or a stiffness that make it significant
+    worse: float = 1.1  # times the residual that is left without a play, from which there is one
+    seen: float = 3.0  # times the noise of both encoders, from which a deflection is seen
+    fewest: int = 100  # samples
+    starts: tuple[float, ...] = tuple(np.linspace(0.05, 0.95, 13).tolist())  # quantiles of the deflection, as plays
+    turns: int = 60  # of the search
+    step: float = 1e-3  # of the deflection, for slopes by middle and play
+
+
+ELASTIC = TransmissionSettings()
 
 
 @dataclass(frozen=True)
@@ -70,8 +79,8 @@ class Transmission:
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         parts = {"stiffness": self.stiffness, "damping": self.damping, "play": self.play}
-        told = {name: None if own is None else own.json() for name, own in parts.items()}
-        return {"joint": self.joint, **told, "torque_rms": self.left}
+        known = {name: None if own is None else own.json() for name, own in parts.items()}
+        return {"joint": self.joint, **known, "torque_rms": self.left}
 
 
 def find_transmissions(recordings: Sequence[ArmRecording], sliding: Collection[str] = ()) -> tuple[Transmission, ...]:
@@ -90,11 +99,11 @@ def find_transmissions(recordings: Sequence[ArmRecording], sliding: Collection[s
 
 @dataclass(frozen=True)
 class _Rows:
-    """What was measured of both sides, clear of stick (R,) each, and the noise of the stretch [rad]."""
+    """What was measured of both sides, clear of stick (R,) each, and the noise of the deflection [rad]."""
 
     motor: Array  # acceleration, velocity and its sign (R, 3)
     angle: Array  # functions of it (R, 5)
-    stretch: Array
+    deflection: Array
     rate: Array
     torque: Array
     clusters: Index
@@ -112,11 +121,11 @@ class _Rows:
             smoothing = max(choose_smoothing(motor), choose_smoothing(link), key=lambda own: own.half_width)
             m, beyond = measure(motor, smoothing), measure(link, smoothing)
             use = m.clear(GUARD)
-            stretch, rate = m.position - beyond.position, m.velocity - beyond.velocity
-            motion = (m.acceleration, m.velocity, np.sign(m.velocity), stretch, rate, m.torque)
+            deflection, rate = m.position - beyond.position, m.velocity - beyond.velocity
+            motion = (m.acceleration, m.velocity, np.sign(m.velocity), deflection, rate, m.torque)
             harmonics = (function(order * m.position) for order in (1, 2) for function in (np.sin, np.cos))
             parts.append(np.column_stack([*motion, m.position, *harmonics])[use])
-            names, own = np.unique(m.time[use] // LENGTH, return_inverse=True)
+            names, own = np.unique(m.time[use] // ELASTIC.length, return_inverse=True)
             clusters.append(first + own)
             first += len(names)
             noise.append(np.hypot(white_noise(motor.position), white_noise(link.position)))
@@ -126,15 +135,15 @@ class _Rows:
 
     def columns(self, middle: float, play: float) -> Array:
         """Regressor (R, 5) with the transmission's two columns last."""
-        off = self.stretch - middle
+        off = self.deflection - middle
         beyond = off - np.clip(off, -play, play)
         return np.column_stack([self.motor, beyond, self.rate * (beyond != 0)])
 
     def is_elastic(self, middle: float, play: float) -> bool:
-        """Whether the stretch surely explains more of the torque than the angle does."""
+        """Whether the deflection surely explains more of the torque than the angle does."""
         phi = np.column_stack([self.columns(middle, play), self.angle])
         fit = solve(Equations(phi, self.torque), np.ones(len(phi)), self.clusters)
-        return bool(fit.theta[3] > SURE * fit.std[3])
+        return bool(fit.theta[3] > ELASTIC.errors * fit.std[3])
 
     def residual(self, shape: Array) -> Array:
         """Torque (R,) that is left with a middle and a play."""
@@ -143,7 +152,7 @@ class _Rows:
 
     def fit(self, middle: float, play: float) -> tuple[Fit, Array]:
         """The fit with a middle and a play, and the standard errors of all parameters, of these two last (7,)."""
-        phi, moved = self.columns(middle, play), STEP * float(np.std(self.stretch))
+        phi, moved = self.columns(middle, play), ELASTIC.step * float(np.std(self.deflection))
         theta = least_squares(phi, self.torque)
         slopes = [
             (self.columns(middle + a, play + b) - self.columns(middle - a, play - b)) @ theta / (2 * moved)
@@ -157,27 +166,32 @@ class _Rows:
 def _between(recordings: Sequence[ArmRecording], k: int, slides: bool) -> Transmission:
     """The transmission of a joint: elastic, or loose as well where a play surely leaves less."""
     joint, rows = recordings[0].names[k], _Rows.of(recordings, k)
-    if len(rows.torque) < FEWEST:
+    if len(rows.torque) < ELASTIC.fewest:
         hindrance = f"{joint} is hardly ever clear of stick and reversals: its transmission needs wider motion"
         return Transmission(joint, None, None, None, float("nan"), hindrance)
-    size, said = float(np.std(rows.stretch)), along if slides else str
-    if size < SEEN * rows.noise or size == 0:
+    size, unit_of = float(np.std(rows.deflection)), along if slides else str
+    if size < ELASTIC.seen * rows.noise or size == 0:
         left = rows.torque - rows.motor @ least_squares(rows.motor, rows.torque)
         return Transmission(joint, None, None, None, float(np.sqrt(np.mean(left**2))))
     rigid = np.column_stack([rows.columns(0.0, 0.0), np.ones(len(rows.torque))])
     theta = least_squares(rigid, rows.torque)
     middle = -float(theta[-1] / theta[3]) if theta[3] else 0.0
-    off = np.abs(rows.stretch - np.median(rows.stretch))
-    starts = [(float(np.median(rows.stretch)), play) for play in np.quantile(off, PLAYS).tolist()]
+    off = np.abs(rows.deflection - np.median(rows.deflection))
+    plays = np.quantile(off, ELASTIC.starts).tolist()
+    starts = [(float(np.median(rows.deflection)), play) for play in plays]
     best = min(starts, key=lambda shape: float(np.sum(rows.residual(np.array(shape)) ** 2)))
-    found = search(rows.residual, best, x_scale=size, diff_step=1e-3, max_nfev=TURNS).x
+    found = search(rows.residual, best, x_scale=size, diff_step=1e-3, max_nfev=ELASTIC.turns).x
     (elastic, std), (loose, wide) = rows.fit(middle, 0.0), rows.fit(float(found[0]), float(abs(found[1])))
-    play = Estimate(float(abs(found[1])), float(wide[-1]), said("rad"))
-    is_loose = play.value > SURE * play.std and elastic.rms > WORSE * loose.rms and loose.theta[3] > SURE * wide[3]
+    play = Estimate(float(abs(found[1])), float(wide[-1]), unit_of("rad"))
+    is_loose = (
+        play.value > ELASTIC.errors * play.std
+        and elastic.rms > ELASTIC.worse * loose.rms
+        and loose.theta[3] > ELASTIC.errors * wide[3]
+    )
     fit, errors = (loose, wide) if is_loose else (elastic, std)
     if not rows.is_elastic(*((float(found[0]), play.value) if is_loose else (middle, 0.0))):
         return Transmission(joint, None, None, None, fit.rms)
     stiffness, damping = (
-        Estimate(float(fit.theta[n]), float(errors[n]), said(unit)) for n, unit in ((3, "N m/rad"), (4, "N m s/rad"))
+        Estimate(float(fit.theta[n]), float(errors[n]), unit_of(unit)) for n, unit in ((3, "N m/rad"), (4, "N m s/rad"))
     )
     return Transmission(joint, stiffness, damping, play if is_loose else None, fit.rms)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -28,8 +29,6 @@ from estimators.signals.channel import Channel
 from pendulum_env._typing import JSON
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
-
-NEGLIGIBLE = 0.02  # of a sample: neither smoothing nor a clock is as exact as that
 
 
 @dataclass(frozen=True)
@@ -124,15 +123,11 @@ class Alignment:
                 torque.append(acting[first : end - beyond - begin])
         if not kept:
             return recording
-        index = np.concatenate(kept)
-        velocity, reference = (None if x is None else x[index] for x in (recording.velocity, recording.reference))
+        own: dict[str, Any] = {name: values[np.concatenate(kept)] for name, values in recording.columns.items()}
+        own["torque"] = np.concatenate(torque)
         return replace(
             recording,
-            time=recording.time[index],
-            position=recording.position[index],
-            torque=np.concatenate(torque),
-            velocity=velocity,
-            reference=reference,
+            **own,
             starts=tuple(np.cumsum([0, *map(len, kept[:-1])]).tolist()),
             notes=(*recording.notes, f"aligned: {self.text}"),
         )
@@ -245,7 +240,7 @@ def _found(fits: ChannelFits) -> tuple[Alignment, Law]:
     fits = fits.sharpest()
     none, delay, late = fits.fit([np.zeros(2)]), fits.delayed, fits.delayed.channel.delay
     lag = fits.fit([np.array([0.0, share * late]) for share in (0.5, 1.0, 1.5)], (1,))
-    if not delay.stands(none) or abs(late) < NEGLIGIBLE * fits.period:  # a filtered torque is late, too
+    if not delay.stands(none) or abs(late) < SEARCH.negligible * fits.period:  # a filtered torque is late, too
         # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
         spread = max(delay.std[0], abs(late) / SEARCH.sure), max(lag.std[1], abs(lag.channel.lag) / SEARCH.sure)
         return Alignment(none.channel, *spread), none

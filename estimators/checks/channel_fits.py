@@ -27,7 +27,7 @@ from scipy.special import ndtri
 from estimators.regression.least_squares import Balance
 from estimators.selection.candidates import depends_on_torque
 from estimators.selection.criterion import Criterion
-from estimators.selection.score import STRETCH, Stretches, cross_validated
+from estimators.selection.score import BLOCK, Blocks, cross_validated
 from estimators.signals.channel import Channel
 from estimators.weak_form.dataset import Dataset, prepare, smooth_laws
 from estimators.weak_form.windows import Windows
@@ -52,6 +52,7 @@ class ChannelSettings:
     friction: tuple[float, ...] = (0.02, 0.1, 0.5)  # of the highest velocity: where friction, too, may bend
     bends: int = 3  # times that the torque of the model is refitted with columns that depend on it
     nearby: float = 1e-4  # [s], difference for derivatives
+    negligible: float = 0.02  # of a sample: neither smoothing nor a clock is as exact as that
     between: int = 4  # recordings from which on their scatter, too, tells a standard error
     fewest_stretches: int = 3  # below which their scatter tells nothing
 
@@ -123,7 +124,7 @@ class ChannelFits:
     rows: Index
     phi: Array
     by_torque: Array
-    where: Stretches
+    where: Blocks
     is_sampled: bool = False
     torques: dict[Channel, Array] = field(default_factory=dict)
 
@@ -147,9 +148,9 @@ class ChannelFits:
         phi = np.column_stack([*first, *(data.columns([law])[0][0] for law in laws)])
         if len(rows) < SEARCH.fewest_equations * phi.shape[1]:
             return None
-        stretch, recording = (numbers[rows] for numbers in data.stretches(STRETCH)[:2])
+        stretch, recording = (numbers[rows] for numbers in data.blocks(BLOCK)[:2])
         _, begin, stretch = np.unique(stretch, return_index=True, return_inverse=True)
-        where = Stretches(stretch, recording, recording[begin], stretch)
+        where = Blocks(stretch, recording, recording[begin], stretch)
         return cls(data, rows, phi[rows] * data.weights[rows, None], np.zeros((len(rows), phi.shape[1])), where)
 
     def beside(self, columns: Array, by_torque: Array | None = None) -> Self:
@@ -274,7 +275,7 @@ class ChannelFits:
             lag_std *= channel.lag**2 / (x[1] * (x[1] + self.period))
         gain = float(fits[0].theta[0]), float(errors[0])
         density = cross_validated(balance, self.where)
-        raised = np.log(self.raised(channel)) * np.bincount(self.where.stretch)
+        raised = np.log(self.raised(channel)) * np.bincount(self.where.block)
         return Law(channel, (delay_std, lag_std), gain, np.stack([density, density + raised]))
 
     def raised(self, channel: Channel) -> float:

@@ -129,7 +129,8 @@ class Own:
         columns: whose parameters are compared.
         known: what the recording has them to be.
         load: RMS of each regressor column (P,): what torque a unit of the parameter makes.
-        carried: inertia that is known to hang on the joint besides [kg m^2].
+        is_turned: whether inertia, with what is known to hang there, is surely negative: torque or position is turned
+            round.
         floor: torque that noise alone would leave [N m].
         sure: standard errors from which a difference is no chance.
     """
@@ -139,7 +140,7 @@ class Own:
     columns: tuple[Column, ...]
     known: Known
     load: Array
-    carried: float
+    is_turned: bool
     floor: float
     sure: float
 
@@ -152,15 +153,6 @@ class Own:
     def is_explained(self) -> bool:
         """Whether the model lacks nothing that shows in this recording."""
         return self.times <= AGREEMENT.fits
-
-    @property
-    def is_turned(self) -> bool:
-        """Whether inertia, with what is known to hang there, is surely negative: torque or position is turned round."""
-        place = next((k for k, column in enumerate(self.columns) if column.name == "inertia"), None)
-        if place is None:
-            return False
-        inertia, std = self.known.theta[place] + self.carried, float(np.sqrt(self.known.covariance[place, place]))
-        return bool(inertia < -self.sure * std)
 
     def differences(self, other: Known) -> tuple[Difference, ...]:
         """How the recording differs by more than chance, and than is left of either, the surest first."""
@@ -271,7 +263,9 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
             fit = solve(Equations(phi[rows], y[rows]), np.ones(len(clusters)), clusters)
             if fit.condition > AGREEMENT.condition:
                 continue
-            inertia = abs(float(fit.theta[names.index("inertia")])) if "inertia" in names else 0.0
+            estimates = dict(zip(names, zip(fit.theta.tolist(), fit.std.tolist(), strict=True), strict=True))
+            inertia, error = estimates.get("inertia", (0.0, np.inf))
+            sure = float(stdtrit(freedom, level))
             fits.append(
                 Own(
                     number,
@@ -279,9 +273,9 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
                     columns,
                     Known(fit.theta[compared], fit.covariance[np.ix_(compared, compared)], fit.rms),
                     np.sqrt(np.mean(phi[rows][:, compared] ** 2, axis=0)),
-                    float(np.max(w.samples.load.inertia)),
-                    float(np.sqrt(np.mean(near.scale[rows] ** 2))) * w.noise(inertia),
-                    float(stdtrit(freedom, level)),
+                    bool(inertia + np.max(w.samples.load.inertia) < -sure * error),
+                    float(np.sqrt(np.mean(near.scale[rows] ** 2))) * w.noise(abs(inertia)),
+                    sure,
                 )
             )
     return fits

@@ -6,14 +6,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from estimators.checks.identifiability import TELLING
 from estimators.checks.physical import surely_negative
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import WARNING
 from pendulum_env.words import listing
-
-SURE = 3.0  # standard errors, from which a zero is off
 
 
 def remedies(model: Model, recordings: Sequence[Recording], ambiguous: Sequence[Sequence[str]] = ()) -> list[str]:
@@ -42,7 +41,7 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
     if gravity is None or gravity.std == 0:  # where a user has fixed it, nothing is found
         return []
     down = gravity.value + max(carried, key=abs)
-    if tilt is not None and abs(tilt.value) > SURE * tilt.std > 0 and len(carried) == 1:
+    if tilt is not None and abs(tilt.value) > TELLING.sure * tilt.std > 0 and len(carried) == 1:
         # g sin(q - d) = g cos d sin q - g sin d cos q
         angle = float(np.arctan2(tilt.value, down))
         error = float(np.hypot(tilt.std * down, gravity.std * tilt.value)) / (down**2 + tilt.value**2)

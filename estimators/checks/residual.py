@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -62,15 +62,14 @@ class Region:
 
     def json(self) -> JSON:
         """Plain dictionary for JSON; null stands for no limit."""
-        low, high = (limit if np.isfinite(limit) else None for limit in (self.low, self.high))
-        return {
-            "axis": self.axis,
-            "low": low,
-            "high": high,
-            "residual": self.residual,
-            "significance": self.significance,
-            "text": self.text,
-        }
+        limits = {"low": self.low, "high": self.high}
+        return asdict(self) | {name: limit if np.isfinite(limit) else None for name, limit in limits.items()}
+
+
+def everywhere(text: str, x: Samples | None = None, size: float = 0.0, floor: float = 1.0) -> Region:
+    """Region of all recorded speeds, or of any: what is left is at no one place."""
+    fast = np.inf if x is None else float(np.abs(x.velocity).max())
+    return Region("velocity", -fast, fast, size, size / floor, text)
 
 
 def turns(position: Array) -> bool:

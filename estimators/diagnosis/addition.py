@@ -10,10 +10,10 @@ import numpy as np
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves, within_limits
 from estimators.checks.physical import objection
 from estimators.checks.torque_constant import Calibrated, told
-from estimators.diagnosis.added import CHANCE, Addition
+from estimators.diagnosis.result import CHANCE, Addition
 from estimators.diagnosis.run import gather
 from estimators.diagnosis.setting import Setting
-from estimators.in_loop.diagnosis import add_in_loop
+from estimators.in_loop.diagnosis import Looped
 from estimators.in_loop.rollouts import are_driven
 from estimators.progress import Progress, no_progress
 from estimators.selection.data import Evidence, Step, noise_floor, with_impacts
@@ -66,28 +66,36 @@ def add(
     model.add(kind())  # raises if it is there already
     terms, library = within_limits(model.terms, {id: kind}, fixed, bounds)
     model, kind = replace(model, terms=terms), library[id]
+    setting = Setting(model.terms, library, progress=progress)
     if are_driven([*recordings, *holdout]):
-        return add_in_loop(kind, recordings, holdout, Setting(model.terms, library, progress=progress))
+        servos = Looped.of(recordings, holdout, setting)
+        before, longer, against = _searched(servos.models, kind)
+        shown, after = servos.sharpened(before), servos.sharpened(longer)
+        against = objection(after, shown, servos.models.train.motions) or against
+        return Addition(shown, after, servos.floor(after), against, servos.calibrated.doubt)
     progress("reading the motion", 0.0)
     calibrated = Calibrated.of(recordings, holdout)
-    recordings, holdout = calibrated.recordings, calibrated.holdout
-    evidence = with_impacts(gather(recordings, holdout), model.terms)
-    models = Models(*evidence, progress, {kind.id: kind}, base=tuple(model.terms))
-    progress("fitting without it", 0.1)
-    before = models.report(None, settle(models, models.base))
-    (shown,) = refit(Selection(models, [before]), model).steps
-    progress(f"searching {id}", 0.3)
-    trial = best(models, before.model.terms, kind)
-    progress(f"fitting with {id}", 0.8)
-    terms = settle(models, loosened(models, trial.terms)) if trial else (*before.model.terms, kind())
+    models = setting.models(with_impacts(gather(calibrated.recordings, calibrated.holdout), model.terms))
+    before, longer, against = _searched(models, kind)
     progress("refitting", 0.9)
-    longer = Model.build(
-        (*shown.model.terms, terms[-1]), np.append(shown.model.theta, np.zeros(len(terms[-1].columns)))
-    )
-    *_, after = refit(Selection(models, [before, models.report(id, terms)]), longer).steps
-    against = objection(after, shown, models.train.motions)
-    if against is None and trial is not None and not is_hidden(terms[-1]):  # motion tells of these
-        against = None if models.is_sure(terms, before.model.terms) else CHANCE
+    (shown,) = refit(Selection(models, [before]), model).steps
+    more = longer.model.terms[-1]
+    start = Model.build((*shown.model.terms, more), np.append(shown.model.theta, np.zeros(len(more.columns))))
+    *_, after = refit(Selection(models, [before, longer]), start).steps
+    against = objection(after, shown, models.train.motions) or (None if is_hidden(more) else against)  # motion tells it
     shown, after = (replace(step, model=told(step.model, models.train.data)) for step in (shown, after))
     floor = noise_floor(models.left.floor, after.errors.values())
     return Addition(shown, after, floor, against, calibrated.doubt)
+
+
+def _searched(models: Models, kind: type[Term]) -> tuple[Step, Step, str | None]:
+    """The base model, the same with the best variant of an effect, and what its gain says against it."""
+    models.progress("fitting without it", 0.1)
+    before = models.report(None, settle(models, models.base))
+    models.progress(f"searching {kind.id}", 0.3)
+    trial = best(models, before.model.terms, kind)
+    models.progress(f"fitting with {kind.id}", 0.8)
+    if trial is None:
+        return before, models.report(kind.id, (*before.model.terms, kind())), None
+    terms = settle(models, loosened(models, trial.terms))
+    return before, models.report(kind.id, terms), None if models.is_significant(terms, before.model.terms) else CHANCE

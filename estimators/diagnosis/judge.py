@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TypedDict
 
 import numpy as np
 
@@ -20,11 +19,6 @@ from estimators.selection.score import Gain
 from estimators.selection.search import Selection
 
 SEEN = 1e-3  # share of an effect's torque that the other terms cannot imitate, below which the data do not show it
-
-
-class _Gained(TypedDict, total=False):
-    gain: Gain
-    variants: int
 
 
 def judge(found: Selection, final: Terms) -> tuple[list[Candidate], list[tuple[str, ...]]]:
@@ -94,18 +88,12 @@ def _judge_selected(found: Selection, final: Terms, before: Step, after: Step) -
     else:  # no simulation follows: windows tell it of the final model, as they tell the score
         less, more = (_held_out_rms(models, terms, term.at) for terms in (final, others))
         ratio, reason = less / more, f"lowers the held-out torque error of {term.at} to {less / more:.1%}"
-    windowed: _Gained = {} if is_hidden(term) else _gained(models, final, others)
+    windowed = (None, 1) if is_hidden(term) else _gained(models, final, others)
+    imitates = f"predicts as well as {term.id}, or nearly"
     return [
-        Candidate(term.id, share * total, Verdict.SELECTED, ratio, reason, **windowed),
+        Candidate(term.id, share * total, Verdict.SELECTED, ratio, reason, *windowed),
         *(
-            Candidate(
-                id,
-                share * odds[id],
-                Verdict.AMBIGUOUS,
-                ratio,
-                f"predicts as well as {term.id}, or nearly",
-                **_gained(models, others_of[id], others),
-            )
+            Candidate(id, share * odds[id], Verdict.AMBIGUOUS, ratio, imitates, *_gained(models, others_of[id], others))
             for id in sorted(alike, key=lambda id: -odds[id])
         ),
     ]
@@ -114,24 +102,23 @@ def _judge_selected(found: Selection, final: Terms, before: Step, after: Step) -
 def _judge_left_out(found: Selection, longer: Terms) -> Candidate:
     """An effect that the final model does without, from its best variant beside it."""
     models, (*others, term) = found.models, longer
-    gained = _gained(models, longer, tuple(others))
-    gain = gained["gain"]
+    gain, variants = _gained(models, longer, tuple(others))
     ratio = _held_out_rms(models, longer, term.at) / _held_out_rms(models, tuple(others), term.at)
-    score = 0.5 * (1 - gain.chance)
-    left_open = type(term)().beyond(*models.train.reach_of(term.at))
-    if left_open and not models.is_sure(longer, tuple(others)):
-        return Candidate(term.id, score, Verdict.NOT_EXCITED, ratio, f"{left_open}; it needs {term.reveal}", **gained)
-    if not is_excited(models, longer):
+    left_open, verdict = type(term)().beyond(*models.train.reach_of(term.at)), Verdict.NOT_EXCITED
+    if left_open and not models.is_significant(longer, tuple(others)):
+        reason = f"{left_open}; it needs {term.reveal}"
+    elif not is_excited(models, longer):
         reason = f"these data hardly depend on it; it needs {term.reveal}"
-        return Candidate(term.id, score, Verdict.NOT_EXCITED, ratio, reason, **gained)
-    side = "better" if gain.total > 0 else "worse"
-    told = f"predicts {side} by {abs(gain.total):.3g} ± {gain.error:.2g} nats"
-    return Candidate(term.id, score, Verdict.REJECTED, ratio, f"{told}: {_why_rejected(found, longer)}", **gained)
+    else:
+        verdict, side = Verdict.REJECTED, "better" if gain.total > 0 else "worse"
+        told = f"predicts {side} by {abs(gain.total):.3g} ± {gain.error:.2g} nats"
+        reason = f"{told}: {_why_rejected(found, longer)}"
+    return Candidate(term.id, 0.5 * (1 - gain.chance), verdict, ratio, reason, gain, variants)
 
 
-def _gained(models: Models, after: Terms, before: Terms) -> _Gained:
+def _gained(models: Models, after: Terms, before: Terms) -> tuple[Gain, int]:
     """What a candidate predicts better than its absence, and the number of variants that it is the best of."""
-    return {"gain": models.gain(after, before), "variants": models.variants(after, before)}
+    return models.gain(after, before), models.variants(after, before)
 
 
 def _held_out_rms(models: Models, terms: Terms, at: str) -> float:
@@ -170,7 +157,7 @@ def _why_rejected(found: Selection, longer: Terms) -> str:
     where = "once the selected effects are in" if len(steps) > 1 else "beside the base model"
     if found.table is not None and longer[-1].kind == found.table.kind:
         return f"only imitates {found.table.told}, which the library does not have"
-    if not models.is_sure(longer, others):
+    if not models.is_significant(longer, others):
         return f"no more than chance may give {where}"
     if not models.left.explains(longer, others):
         share = max(0.0, models.left.explained(longer, others))

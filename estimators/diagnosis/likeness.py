@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
@@ -20,11 +21,10 @@ WIDE = (0.02, 1.0)  # shares of the table, from which to which a bump or a step 
 POWERS = (0.1, 9.0)  # of the speed
 ORDERS = range(1, 25)  # of waves over a turn
 
-Formula = Callable[..., Array]  # of the argument (N,) and shape parameters; columns (N, K)
+Formula = Callable[..., Sequence[Array]]  # of the argument (N,) and shape parameters; columns (N,), but for a constant
 
 
-@dataclass(frozen=True)
-class Family:
+class Family(NamedTuple):
     """Formulas of one kind, `f = a + b |q'|^p`: `words` takes the shape parameters.
 
     These are searched for between their ends, from the starts.
@@ -32,7 +32,7 @@ class Family:
 
     words: str
     formula: Formula
-    starts: Iterable[tuple[float, ...]]
+    starts: Sequence[tuple[float, ...]] = ((),)
     ends: Sequence[tuple[float, float]] = ()
 
 
@@ -59,20 +59,22 @@ def likenesses(table: Table, curve: Curve) -> list[Likeness]:
     base = np.column_stack([np.empty((len(curve.x), 0)), *(law(curve.x) for law in type(table).laws())])
     usual = max(float(np.median(curve.std)), 1e-3 * float(np.ptp(curve.value)), 1e-300)
     weights = 1.0 / np.maximum(curve.std, usual)  # no point counts for more than half of them do
-    whole = _left(curve, base, weights)
+    whole, constant = _left(curve, base, weights), [np.ones_like(curve.x)] * (table.axis == "position")
     found = []
     for family in _families(table):
 
         def left(shape: Array, formula: Formula = family.formula) -> float:
             with np.errstate(all="ignore"):
-                columns = np.nan_to_num(formula(curve.x, *shape), nan=0.0, posinf=0.0, neginf=0.0)
-            return _left(curve, np.column_stack([base, columns]), weights)
+                columns = np.column_stack([*constant, *formula(curve.x, *shape)])
+            return _left(
+                curve, np.column_stack([base, np.nan_to_num(columns, nan=0.0, posinf=0.0, neginf=0.0)]), weights
+            )
 
         start = min(family.starts, key=lambda values: left(np.array(values)))
         shape = np.array(start)
         if start:
             shape = minimize(left, start, method="Nelder-Mead", bounds=family.ends, options={"maxiter": 200}).x
-        count = family.formula(curve.x[:1], *shape).shape[1] + len(shape)
+        count = len(constant) + len(family.formula(curve.x[:1], *shape)) + len(shape)
         words = family.words.format(*(f"{value:.3g}" for value in shape))
         found.append(Likeness(words, 1.0 - left(shape) / whole, count))
     found.sort(key=lambda one: -one.share)
@@ -93,54 +95,35 @@ def _left(curve: Curve, columns: Array, weights: Array) -> float:
 
 def _families(table: Table) -> list[Family]:
     low, high = table.extent[:2]
-    widths = (high - low) * np.array([0.03, 0.08, 0.2, 0.5])
-    places = np.linspace(low, high, 25)[1:-1]
     if table.axis == "position":
-        one = np.ones_like
-        waves = [
-            Family(
-                f"a wave of {order} a turn" if order > 1 else "a wave of one a turn",
-                lambda q, n=order: np.column_stack([one(q), np.sin(n * q), np.cos(n * q)]),
-                [()],
-            )
-            for order in (() if table.slides else ORDERS)
-        ]
-        around = list(product(places.tolist(), widths.tolist()))
+        places = np.linspace(low, high, 25)[1:-1].tolist()
+        around = list(product(places, ((high - low) * np.array([0.03, 0.08, 0.2, 0.5])).tolist()))
         at, wide = (low, high), ((high - low) * WIDE[0], (high - low) * WIDE[1])
+        waves = [
+            Family(f"a wave of {n if n > 1 else 'one'} a turn", lambda q, n=n: (np.sin(n * q), np.cos(n * q)))
+            for n in (() if table.slides else ORDERS)
+        ]
         return [
             *waves,
-            Family("a straight line", lambda q: np.column_stack([one(q), q]), [()]),
-            Family("a parabola", lambda q: np.column_stack([one(q), q, q**2]), [()]),
+            Family("a straight line", lambda q: (q,)),
+            Family("a parabola", lambda q: (q, q**2)),
             Family(
-                "a bump at {0} rad, {1} rad wide",
-                lambda q, at, wide: np.column_stack([one(q), np.exp(-(((q - at) / wide) ** 2))]),
-                around,
-                (at, wide),
+                "a bump at {0} rad, {1} rad wide", lambda q, a, w: (np.exp(-(((q - a) / w) ** 2)),), around, (at, wide)
             ),
-            Family(
-                "a step at {0} rad, {1} rad wide",
-                lambda q, at, wide: np.column_stack([one(q), np.tanh((q - at) / wide)]),
-                around,
-                (at, wide),
-            ),
+            Family("a step at {0} rad, {1} rad wide", lambda q, a, w: (np.tanh((q - a) / w),), around, (at, wide)),
             Family(
                 "a bend at {0} rad",
-                lambda q, at: np.column_stack([one(q), np.maximum(q - at, 0.0), np.minimum(q - at, 0.0)]),
-                [(place,) for place in places.tolist()],
+                lambda q, a: (np.maximum(q - a, 0.0), np.minimum(q - a, 0.0)),
+                [(place,) for place in places],
                 (at,),
             ),
         ]
     scales, ends = [(share * high,) for share in (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)], ((0.01 * high, 2.0 * high),)
-    fall = "exp(-|q'| / {0} rad/s)"
+    gain = float(table.is_gain)
     return [
-        Family("|q'|^{0}", lambda v, p: v[:, None] ** p, [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (POWERS,)),
-        Family(fall, lambda v, s: np.exp(-v / s)[:, None] - table.is_gain, scales, ends),
-        Family(
-            "exp(-(q' / {0} rad/s)^2)",
-            lambda v, s: np.exp(-((v / s) ** 2))[:, None] - table.is_gain,
-            scales,
-            ends,
-        ),
-        Family("tanh(|q'| / {0} rad/s)", lambda v, s: np.tanh(v / s)[:, None], scales, ends),
-        Family("a bend at {0} rad/s", lambda v, s: np.maximum(v - s, 0.0)[:, None], scales, ends),
+        Family("|q'|^{0}", lambda v, p: (v**p,), [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (POWERS,)),
+        Family("exp(-|q'| / {0} rad/s)", lambda v, s: (np.exp(-v / s) - gain,), scales, ends),
+        Family("exp(-(q' / {0} rad/s)^2)", lambda v, s: (np.exp(-((v / s) ** 2)) - gain,), scales, ends),
+        Family("tanh(|q'| / {0} rad/s)", lambda v, s: (np.tanh(v / s),), scales, ends),
+        Family("a bend at {0} rad/s", lambda v, s: (np.maximum(v - s, 0.0),), scales, ends),
     ]

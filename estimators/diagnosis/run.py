@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from estimators.checks.homogeneity import disagreements, own_fits
 from estimators.checks.identifiability import identifiability, untold
 from estimators.checks.physical import impossible
 from estimators.checks.remedies import remedies, turned_round
-from estimators.checks.residual import Region, stand_out
+from estimators.checks.residual import Region, everywhere, stand_out
 from estimators.checks.torque_constant import Calibrated, of_the_drive, told
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.judge import doubted, judge
@@ -79,19 +80,15 @@ def _gather(recordings: Sequence[Recording], holdout: Sequence[Recording], short
     widths = [shorter * choose_half_width(recording) for recording in recordings]
     if holdout:
         return Evidence.of(recordings, widths), Evidence.of(holdout, [shorter * choose_half_width(r) for r in holdout])
+
+    def split(share: float) -> tuple[Evidence, Evidence]:
+        return Evidence.of(recordings, widths, (0.0, share)), Evidence.of(recordings, widths, (share, 1.0))
+
     motion = np.concatenate([w.centers / len(w.recording) for w in prepare(recordings, widths).windows])
-    time, moved = 1 - HELD_OUT, float(np.quantile(motion, 1 - HELD_OUT))
-    if np.mean(motion < time) < MOTION:  # the joint hardly moves before: then the motion is split, not the time
-        return _split(recordings, widths, moved)
-    try:
-        return _split(recordings, widths, time)
-    except IdentificationError:  # perhaps the end is at rest
-        return _split(recordings, widths, moved)
-
-
-def _split(recordings: Sequence[Recording], widths: Sequence[float], share: float) -> tuple[Evidence, Evidence]:
-    """Evidence of recordings up to a share of each, and from there on."""
-    return Evidence.of(recordings, widths, (0.0, share)), Evidence.of(recordings, widths, (share, 1.0))
+    if np.mean(motion < 1 - HELD_OUT) >= MOTION:
+        with suppress(IdentificationError):  # the end may be at rest
+            return split(1 - HELD_OUT)
+    return split(float(np.quantile(motion, 1 - HELD_OUT)))  # of the motion, not of the time
 
 
 def diagnose(
@@ -175,13 +172,11 @@ def diagnose(
 
 @dataclass(frozen=True)
 class Prepared:
-    """Recordings whose torque is calibrated and timed, and the evidence that they hold, fitted and held out."""
+    """Recordings whose torque is calibrated and timed, and the data prepared of them, fitted and held out."""
 
-    recordings: list[Recording]
-    holdout: list[Recording]
-    evidence: tuple[Evidence, Evidence]
     calibrated: Calibrated
     aligned: Aligned
+    evidence: tuple[Evidence, Evidence]
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], holdout: Sequence[Recording], progress: Progress) -> Prepared:
@@ -195,20 +190,19 @@ class Prepared:
     def timed(cls, calibrated: Calibrated, beside: Sequence[Term] = ()) -> Prepared:
         """Time the torque, beside effects that the joint has."""
         aligned = Aligned.of(calibrated.recordings, calibrated.holdout, beside)
-        evidence = gather(aligned.recordings, aligned.holdout)
-        return cls(list(aligned.recordings), list(aligned.holdout), evidence, calibrated, aligned)
+        return cls(calibrated, aligned, gather(aligned.recordings, aligned.holdout))
 
     @property
     def usual_torque(self) -> float:
         """Torque that an experiment may ask of the motor where no bound is given, in the unit of the recordings."""
-        largest = max(float(np.abs(recording.torque).max()) for recording in self.recordings)
+        largest = max(float(np.abs(recording.torque).max()) for recording in self.aligned.recordings)
         trusted = min(USUAL, BOLDER * largest) if self.calibrated.unit == NEWTON_METRE else 0.0
         return max(trusted, largest)
 
     def told(self, found: Diagnosis) -> Diagnosis:
         """A diagnosis with what was found of the torque channel."""
-        constant = self.calibrated.constant
-        wrong = remedies(found.model, self.recordings, found.ambiguous)
+        constant, recordings = self.calibrated.constant, self.aligned.recordings
+        wrong = remedies(found.model, recordings, found.ambiguous)
         return replace(
             found,
             torque_unit=self.calibrated.unit,
@@ -219,7 +213,7 @@ class Prepared:
                 *filter(None, [self.calibrated.doubt]),
                 *(of_the_drive(found.model, constant, self.evidence[0].data) if constant is not None else ()),
                 *_of_timing(self, found),
-                *(loop.text for loop in feedback(self.recordings)),
+                *(loop.text for loop in feedback(recordings)),
                 *(text for text in found.advice if text not in wrong),
             ),
         )
@@ -227,7 +221,7 @@ class Prepared:
 
 def _of_one_plant(given: Prepared, setting: Setting) -> Diagnosis:
     """Find the effects that the recordings of one plant call for, and which recordings are another plant's."""
-    recordings, holdout, everything = given.recordings, given.holdout, given.evidence
+    recordings, holdout, everything = given.aligned.recordings, given.aligned.holdout, given.evidence
     datasets = [part.data for part in (everything if holdout else everything[:1])]
     odd = {one.recording: one for one in disagreements(own_fits(datasets, setting.base), only_if_all_fit=True)}
     while True:
@@ -261,7 +255,7 @@ def _of_timing(given: Prepared, found: Diagnosis) -> list[str]:
     if not (found.unexplained and given.aligned.texts(False)):
         return corrected
     beside = [term for term in found.model.terms if term.id in found.selected]
-    return [*corrected, *Aligned.of(given.recordings, given.holdout, beside).texts(False)]
+    return [*corrected, *Aligned.of(given.aligned.recordings, given.aligned.holdout, beside).texts(False)]
 
 
 def agreeing(recordings: Sequence[Recording], odd: Container[int]) -> list[Recording]:
@@ -281,7 +275,7 @@ def _examine(
     wrong = turned_round(fit_terms(evidence[0], setting.base)[0], recordings)
     if wrong is not None:
         return _mislogged(models, setting.base, wrong)
-    rough, window_share, beside = _looked_closer(models, recordings, holdout, evidence, setting)
+    rough, window_share, beside = _looked_closer(models, recordings, holdout, setting)
     setting.progress("refitting", 0.93)
     found = reselect_transmission(refit(rough))
     models, steps = found.models, found.steps
@@ -335,11 +329,7 @@ def _examine(
 
 
 def _looked_closer(
-    models: Models,
-    recordings: Sequence[Recording],
-    holdout: Sequence[Recording],
-    evidence: tuple[Evidence, Evidence],
-    setting: Setting,
+    models: Models, recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting
 ) -> tuple[Selection, float, tuple[Term, ...] | None]:
     """What was found, the share of the windows' length, and the terms beside which impacts were looked at.
 
@@ -348,37 +338,30 @@ def _looked_closer(
     """
     rough, window_share, beside = refine(select(models)), 1.0, None
     if rough.models.left.are_noise(rough.terms)[0] and is_misfit(rough.models, rough.steps[-1]):
-        nearer = gather(recordings, holdout, CLOSER)
-        found = refine(select(setting.models(nearer)))
+        found = refine(select(setting.models(gather(recordings, holdout, CLOSER))))
         if len(found.steps) > 1 and held_out_cost(found.steps[-1]) < held_out_cost(rough.steps[-1]):
-            rough, window_share, evidence = found, CLOSER, nearer
-    terms = rough.terms
-    impacts = with_impacts(evidence, terms)
-    if impacts is not evidence:
+            rough, window_share = found, CLOSER
+    impacts = with_impacts(rough.models.parts, rough.terms)
+    if impacts is not rough.models.parts:
         found = refine(select(setting.models(impacts)))
         before = found.models.with_errors(None, rough.steps[-1].model)
         if len(found.steps) > 1 and found.models.is_confirmed(found.steps[-1], before):
-            rough, beside = found, terms
+            rough, beside = found, rough.terms
     return rough, window_share, beside
 
 
 def _of_little(fitted: Evidence) -> list[str]:
     """A caveat where little of the motion tells anything."""
     count = len(fitted.data.weights)
-    if count >= PLENTY:
-        return []
-    return [
-        f"only {count} stretches of motion are clear of stick and reversals: much may be missing that does not show, "
-        "record longer, faster or wider motion"
-    ]
+    text = "stretches of motion are clear of stick and reversals: much may be missing that does not show"
+    return [f"only {count} {text}, record longer, faster or wider motion"] if count < PLENTY else []
 
 
 def _of_held_out(models: Models, final: Sequence[Term]) -> str | None:
     """What is said where held-out data alone show more."""
     if models.left.are_noise(tuple(final)) != (True, False):
         return None
-    names = listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
-    return f"what was fitted is explained, and what was held out ({names}) is not: fit that, too"
+    return f"what was fitted is explained, and what was held out ({_held_out(models)}) is not: fit that, too"
 
 
 def _mislogged(models: Models, base: Sequence[Term], text: str) -> Diagnosis:
@@ -397,7 +380,7 @@ def unexplained(found: Selection) -> list[Region]:
             f"the best fit has {listing(wrong)}, which no body has: check the signs of torque and position, "
             "or record a motion of more than one frequency"
         )
-        return [Region("velocity", -np.inf, np.inf, 0.0, 0.0, text)]
+        return [everywhere(text)]
     left = models.train.watching(last.model).residual(last.model.terms, last.model.theta)
     is_noise = found.table is None and models.left.is_noise(models.train, left)
     regions = [] if is_noise else stand_out(models.train.samples, left, models.left.floor)
@@ -405,15 +388,16 @@ def unexplained(found: Selection) -> list[Region]:
         place = next((own for own in regions if own.axis == found.table.axis), None)
         text = f"{found.table.told} would explain most of it, and no effect of the library is such a law"
         if place is None:
-            fast = float(np.abs(models.train.samples.velocity).max())
-            return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]
+            return [everywhere(text, models.train.samples), *regions]
         return [replace(place, text=f"{text}; {place.text}"), *(own for own in regions if own is not place)]
     if not is_noise:
         return regions or _nowhere(models, models.train, left)
     unseen = models.left.unseen(last.model.terms)
     if not models.left.is_noise(models.holdout, unseen):
         beyond = stand_out(models.holdout.samples, unseen, models.left.noise_of(models.holdout))
-        return _held_out(models, beyond or _nowhere(models, models.holdout, unseen))
+        unlike = f"in what was held out ({_held_out(models)})"
+        beyond = beyond or _nowhere(models, models.holdout, unseen)
+        return [replace(region, text=f"{unlike} {region.text}") for region in beyond]
     if not is_misfit(models, last):
         return []
     error = last.errors["train"].position_rms
@@ -424,10 +408,9 @@ def unexplained(found: Selection) -> list[Region]:
     return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, text)]
 
 
-def _held_out(models: Models, regions: Sequence[Region]) -> list[Region]:
-    """Regions of held-out data, told as such."""
-    names = listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
-    return [replace(region, text=f"in what was held out ({names}) {region.text}") for region in regions]
+def _held_out(models: Models) -> str:
+    """Names of the held-out recordings."""
+    return listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
 
 
 def _nowhere(models: Models, part: Evidence, left: Array) -> list[Region]:
@@ -435,9 +418,8 @@ def _nowhere(models: Models, part: Evidence, left: Array) -> list[Region]:
     size, floor = float(np.sqrt(np.mean(left**2))), models.left.noise_of(part)
     if size <= models.criterion.misfit * floor:
         return []
-    fast = float(np.abs(part.samples.velocity).max())
     text = (
         f"{size:.2g} N m of torque are left, {size / floor:.2g} times what the sensors' noise gives, at no one speed, "
         "angle or time: something faster than can be resolved here, or now and then"
     )
-    return [Region("velocity", -fast, fast, size, size / floor, text)]
+    return [everywhere(text, part.samples, size, floor)]

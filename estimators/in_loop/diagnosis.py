@@ -12,19 +12,17 @@ from typing import cast
 
 import numpy as np
 
-from estimators.checks.physical import objection
 from estimators.checks.remedies import remedies
-from estimators.checks.residual import Region
+from estimators.checks.residual import Region, everywhere
 from estimators.checks.torque_constant import Calibrated, widened
-from estimators.diagnosis.added import CHANCE, Addition
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import UNNAMED, Diagnosis
 from estimators.diagnosis.setting import HELD_OUT, Setting
-from estimators.in_loop.evidence import InLoop
 from estimators.in_loop.rollouts import FINE, Rollouts, with_gain
+from estimators.in_loop.screen import InLoop
 from estimators.selection.data import Evidence, Step, fit_terms
 from estimators.selection.models import Models
-from estimators.selection.moves import best, ids, loosened, settle
+from estimators.selection.moves import ids
 from estimators.selection.search import Selection, select
 from estimators.simulation.output_error import Point
 from estimators.weak_form.windows import WHOLE
@@ -86,7 +84,7 @@ class Looped:
     def sharpened(self, step: Step) -> Step:
         """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
         fine, unseen = (replace(part, data=replace(part.data, steps=FINE)) for part in (self.train, self.check))
-        fine.screen.begin_at(Point(step.model.terms, np.asarray(step.model.theta)))
+        fine.screen.begin_at(Point.of(step.model))
         model = self._in_unit(_timed(fit_terms(cast(Evidence, fine), step.model.terms)[0], fine))
         return Step(step.added, model, {"train": fine.errors(model), "holdout": unseen.errors(model)})
 
@@ -138,7 +136,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
 
 def _timed(model: Model, servos: InLoop) -> Model:
     """A fitted model whose standard errors count that a log's clock is off by a share of a sample."""
-    point = Point(model.terms, np.asarray(model.theta))
+    point = Point.of(model)
     near, weights = servos.screen.near(model.terms), servos.screen.weights(model.terms)[:, None]
     by_shapes, shapes = servos.screen.shape_jacobian(model.terms, point.theta)
     slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_shapes])
@@ -152,28 +150,6 @@ def _timed(model: Model, servos: InLoop) -> Model:
         for name, std in zip(names, np.sqrt(np.diag(covariance)), strict=True)
     }
     return replace(model, estimates={**model.estimates, **wider}).correlated(names, covariance)
-
-
-def add_in_loop(
-    kind: type[Term], recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting
-) -> Addition:
-    """Fit the base of a setting in the loop, then with an effect; see `estimators.add`.
-
-    Raises:
-        IdentificationError: if the recordings hold too little motion to begin with.
-    """
-    servos = Looped.of(recordings, holdout, setting)
-    models, progress = servos.models, setting.progress
-    before = models.report(None, settle(models, models.base))
-    progress(f"searching {kind.id}", 0.3)
-    trial = best(models, before.model.terms, kind)
-    progress(f"fitting with {kind.id}", 0.8)
-    terms = settle(models, loosened(models, trial.terms)) if trial else (*before.model.terms, kind())
-    shown, after = servos.sharpened(before), servos.sharpened(models.report(kind.id, terms))
-    against = objection(after, shown, models.train.motions)
-    if against is None and trial is not None and not models.is_sure(terms, before.model.terms):
-        against = CHANCE
-    return Addition(shown, after, servos.floor(after), against, servos.calibrated.doubt)
 
 
 def _calibrated(recordings: Sequence[Recording], holdout: Sequence[Recording]) -> Calibrated:
@@ -221,9 +197,9 @@ def unexplained(found: Selection, train: InLoop) -> list[Region]:
     if models.left.is_noise(models.train, left):
         return []
     sizes = np.array([np.mean(np.abs(left[data.recording_of == k])) for k in range(len(data.recordings))])
-    worst, fast = int(np.argmax(sizes)), float(np.abs(models.train.samples.velocity).max())
+    worst = int(np.argmax(sizes))
     error, floor = float(np.mean(np.abs(left))), models.left.floor
     most = f", most of it in {data.recordings[worst].name} ({sizes[worst]:.2g} rad)" if len(sizes) > 1 else ""
     times = f"{error / floor:.2g} times the encoder's noise"
     text = f"simulated from its goal, the servo is off by {error:.2g} rad, {times}{most}"
-    return [Region("velocity", -fast, fast, error, error / floor, text)]
+    return [everywhere(text, models.train.samples, error, floor)]

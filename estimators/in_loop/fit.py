@@ -13,12 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.in_loop.rollouts import Rollouts
+from estimators.in_loop.rollouts import FINE, Rollouts, are_driven, with_gain
 from estimators.selection.candidates import bounds
+from estimators.selection.data import Errors
 from estimators.selection.score import NU
 from estimators.simulation.output_error import Point
 from estimators.weak_form.shapes import continuous
 from pendulum_env._typing import Array
+from pendulum_env.physics import Model
+from pendulum_env.recording import Recording
 
 TURNS = 30
 DAMPINGS = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of normalised slopes' squares
@@ -167,3 +170,25 @@ def _around(near: Linear, typical: Array) -> list[Array]:
     directions /= np.abs(directions).max(axis=1, keepdims=True)
     perturbations = [sign * share * own for own in directions for share in POLL for sign in (1, -1)]
     return [values + np.pad(perturbation * size[:count], (0, len(values) - count)) for perturbation in perturbations]
+
+
+def likelier(model: Model, recordings: Sequence[Recording]) -> tuple[Rollouts, Array]:
+    """Rollouts whose goals are held, or run on, as the model has it likelier; and what it misses them by (R,) [rad]."""
+    point = Point.of(model)
+    known = tuple(with_gain(recording) for recording in recordings)
+    ways = [(one, one.misses([point])) for one in (Rollouts(known, FINE, held) for held in (True, False))]
+    rollouts, missed = max(ways, key=lambda way: float(likelihood(*way)[0]))
+    return rollouts, missed[:, 0]
+
+
+def followed(model: Model, recording: Recording) -> tuple[Array, Array, Array]:
+    """Times (R,) [s], simulated and measured positions (R,) [rad] of a recording with a drive."""
+    rollouts, missed = likelier(model, [recording])
+    return rollouts.time, rollouts.position + missed, rollouts.position
+
+
+def in_loop(model: Model, recordings: Sequence[Recording], errors: Errors) -> Errors:
+    """Errors of a model with those in the loop, if the recordings have drives."""
+    if not are_driven(recordings):
+        return errors
+    return errors.with_loop(likelier(model, recordings)[1])

@@ -186,13 +186,13 @@ class Rollouts:
     @cached_property
     def clusters(self) -> Index:
         """Stretch that each equation lies in (R,), for standard errors."""
-        return self.stretches(CLUSTER)[0]
+        return self.blocks(CLUSTER)[0]
 
-    def stretches(self, length: float) -> tuple[Index, Index, Index]:
-        """Stretch of about `length` seconds and recording of each equation (R,); recording of each stretch (S,)."""
+    def blocks(self, length: float) -> tuple[Index, Index, Index]:
+        """Stretch of about `length` seconds and recording of each equation (R,); recording of each block (S,)."""
         pairs = np.column_stack([self.recording_of, (self.time / length).astype(np.intp)])
-        known, stretch = np.unique(pairs, axis=0, return_inverse=True)
-        return stretch.ravel(), self.recording_of, known[:, 0]
+        known, block = np.unique(pairs, axis=0, return_inverse=True)
+        return block.ravel(), self.recording_of, known[:, 0]
 
     def structure(self, residual: Array, inertia: float) -> Structure:
         """What is left of a motion [rad]: errors of a rollout last, so that neighbours that share them tell nothing."""

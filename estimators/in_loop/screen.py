@@ -15,12 +15,14 @@ from estimators.in_loop.fit import ROUGHLY, Linear, fit, likeliest, likelihood, 
 from estimators.in_loop.rollouts import Rollouts
 from estimators.kept import kept
 from estimators.regression.least_squares import Balance, Columns
-from estimators.selection.candidates import Screen, Trial, best_of_forms, bounds, by_class
-from estimators.selection.score import FOLDS, STRETCH
+from estimators.selection.candidates import Trial, best_of_forms, bounds, by_class
+from estimators.selection.data import Errors, Evidence
+from estimators.selection.score import BLOCK, FOLDS
 from estimators.simulation.output_error import Point
 from estimators.weak_form.shapes import continuous
 from pendulum_env._typing import Array
-from pendulum_env.physics import Term
+from pendulum_env.physics import Model, Samples, Term
+from pendulum_env.recording import Recording
 
 Terms = tuple[Term, ...]
 TYPICAL = 0.05  # of the torque, a size at which a parameter matters
@@ -28,26 +30,65 @@ HOPELESS = 15.0  # [nat], as far as linear equations foresee it
 MOST = 24  # variants of a grid, from the best of which continuous shape parameters are fitted
 
 
-@dataclass
-class LoopScreen:
-    """Trials of term sets on rollouts; what was fitted once is kept.
+@dataclass(eq=False)
+class InLoop:
+    """Recordings of servos, to be followed in the loop, with trials of term sets; what was fitted once is kept.
 
     Attributes:
-        data: the rollouts.
+        data: their rollouts.
         windows: the same recordings as windowed equations, which tell typical sizes and where to begin.
-        guide: fits that these rollouts have to be predicted by; None where they are fitted themselves.
+        guide: the fitted recordings, by whose fit these have to be predicted; None of these themselves.
     """
 
     data: Rollouts
-    windows: Screen
-    guide: LoopScreen | None = None
-    _linear: dict[Terms, Linear] = field(default_factory=dict)
-    _ranked: dict[tuple[Terms, str], list[Trial]] = field(default_factory=dict)
-    _foretold: dict[Terms, Point] = field(default_factory=dict)  # where a linear fit has the parameters
-    _settled: set[Terms] = field(default_factory=set)
+    windows: Evidence
+    guide: InLoop | None = None
+    _linear: dict[Terms, Linear] = field(default_factory=dict, init=False)
+    _ranked: dict[tuple[Terms, str], list[Trial]] = field(default_factory=dict, init=False)
+    _foretold: dict[Terms, Point] = field(default_factory=dict, init=False)  # where a linear fit has the parameters
+    _settled: set[Terms] = field(default_factory=set, init=False)
 
-    def at(self, joint: str) -> LoopScreen:
-        """The screen of a joint: a servo has one."""
+    segments = ()
+    in_loop = True
+
+    @property
+    def screen(self) -> InLoop:
+        """Fits of models to the data."""
+        return self
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """The recordings that it is of."""
+        return self.data.recordings
+
+    @property
+    def samples(self) -> Samples:
+        """Samples of the motion."""
+        return self.windows.samples
+
+    @property
+    def motions(self) -> dict[str, Samples]:
+        """Those of each joint, by its name."""
+        return self.windows.motions
+
+    def reach_of(self, joint: str) -> tuple[float, float]:
+        """Least and largest position that was recorded [rad]."""
+        return self.windows.reach_of(joint)
+
+    def watching(self, model: Model) -> InLoop:
+        """The same: a link moves along in a simulation."""
+        return self
+
+    def misses(self, terms: Sequence[Term], theta: Array) -> Array:
+        """Measured minus simulated positions (R,) [rad]."""
+        return -self.data.misses([Point(tuple(terms), theta)])[:, 0]
+
+    def errors(self, model: Model) -> Errors:
+        """Errors of a model in the loop."""
+        return Errors(np.nan, np.nan).with_loop(self.misses(model.terms, np.asarray(model.theta)))
+
+    def at(self, joint: str) -> InLoop:
+        """The trials at a joint: a servo has one."""
         return self
 
     def near(self, terms: Sequence[Term]) -> Linear:
@@ -110,12 +151,12 @@ class LoopScreen:
             return self._foretold.get(terms) or likeliest(self.data, [*self._first(terms)])[0]
         parent = self._linear[parents[0]].point
         values = dict(zip((c.name for term in parent.terms for c in term.columns), parent.theta, strict=True))
-        typical = self.typical(terms)
         names = [column.name for term in terms for column in term.columns]
-        starts = []
-        for share in (0.0, 1.0, 3.0):
-            theta = np.array([values.get(name, share * size) for name, size in zip(names, typical, strict=True)])
-            starts.append(Point(terms, theta).at(Point(terms, theta).values))
+        sizes = list(zip(names, self.typical(terms), strict=True))
+        starts = [
+            Point.within(terms, np.array([values.get(name, share * size) for name, size in sizes]))
+            for share in (0.0, 1.0, 3.0)
+        ]
         if all(name in values for name in names):
             return starts[0]
         foretold = [self._foretold[terms]] if terms in self._foretold else []
@@ -123,10 +164,10 @@ class LoopScreen:
 
     def _first(self, terms: Terms) -> Iterator[Point]:
         """Where the first fit may begin: where torque has the parameters, or with what a joint has at least."""
-        theta, typical = self.windows.solve(terms), self.typical(terms)
+        theta, typical = self.windows.screen.solve(terms), self.typical(terms)
         for share in (0.0, 1.0, 5.0):
             values = np.maximum(np.abs(theta), share * typical) if share else theta
-            yield Point(terms, values).at(Point(terms, values).values)
+            yield Point.within(terms, values)
 
     def likelihood(self, terms: Sequence[Term]) -> float:
         """Log density of the errors of the likeliest fit of some terms, but for a constant [nat]."""
@@ -150,8 +191,8 @@ class LoopScreen:
         return self.near(terms).point.theta
 
     def solve_without(self, terms: Sequence[Term]) -> Array:
-        """Linear parameters of the terms without each fold of stretches (FOLDS, P)."""
-        return self.balance(terms).solve_without(self.data.stretches(STRETCH)[0] % FOLDS, FOLDS)
+        """Linear parameters of the terms without each fold of blocks (FOLDS, P)."""
+        return self.balance(terms).solve_without(self.data.blocks(BLOCK)[0] % FOLDS, FOLDS)
 
     def residual(self, terms: Sequence[Term]) -> Array:
         """Measured minus simulated positions of the fit (R,) [rad]."""
@@ -170,13 +211,13 @@ class LoopScreen:
 
     def grid(self, terms: Sequence[Term], effect: type[Term]) -> list[Term]:
         """Variants of an effect beside the terms, from which a search starts."""
-        variants = self.windows.grid(tuple(terms), effect)
+        variants = self.windows.screen.grid(tuple(terms), effect)
         coarse = any(not shape.integer for shape in effect.shapes) and len(variants) > MOST
         return variants[:: -(-len(variants) // MOST)] if coarse else variants
 
     def looked_at(self, terms: Sequence[Term], effect: type[Term]) -> int:
         """Number of variants among which `grid` chose."""
-        return self.windows.looked_at(tuple(terms), effect)
+        return self.windows.screen.looked_at(tuple(terms), effect)
 
     def ranked(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         """The terms with each variant of the grid of an effect, the smallest error as foreseen first."""
@@ -205,8 +246,8 @@ class LoopScreen:
                 near.weights,
             )
             step = balance.solve()
-            point = Point((*near.point.terms, variant), np.r_[near.point.theta + step[:free], step[free:]])
-            self._foretold[*terms, variant] = point.at(point.values)
+            theta = np.r_[near.point.theta + step[:free], step[free:]]
+            self._foretold[*terms, variant] = Point.within((*near.point.terms, variant), theta)
             found.append((variant, left + phi @ step))
         return found
 

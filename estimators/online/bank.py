@@ -33,17 +33,9 @@ def equations(
 ) -> tuple[Any, Any]:
     """Equations of S schemes after one more row, from rest, as their `regression` has them for whole recordings.
 
-    Args:
-        schemes: which to run.
-        views: the row in each view (3, P + 1).
-        clear: for each guard, whether it is clear of stick (G,).
-        oldest: for each scheme that sums, its sums as they were a window before (K, P + 1).
-        index: of the row in its run.
-        period: between rows [s].
-        course: what is remembered.
-
-    Returns:
-        Phi and, in the last place, y (S, P + 1), and whether they may be used (S,).
+    Takes the row in each view (3, P + 1), whether it is clear of stick for each guard (G,), sums a window ago of each
+    scheme that sums (K, P + 1), the index of the row in its run and the time between rows [s]. Returns phi and, in the
+    last place, y (S, P + 1), and whether they may be used (S,).
     """
     guards, windows, width = guards_of(schemes), windows_of(schemes, period), views.shape[1]
     before, after = course.before, course.after

@@ -19,7 +19,8 @@ from estimators.online.clock import checked_rate
 from estimators.online.evidence import Bets, threshold_of
 from estimators.online.rivals import ONLINE, Bins, Family, Rivals, Running, refined, thinned
 from estimators.selection.criterion import Criterion
-from estimators.selection.score import STRETCH, Bootstrap
+from estimators.selection.score import BLOCK as STRETCH
+from estimators.selection.score import Bootstrap
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
@@ -324,7 +325,8 @@ class EffectMonitor:
     def _tell(self) -> None:
         assert self._rivals is not None
         base, *families = self._rivals.families
-        self.said = replace(
+        blocks = np.array(self._blocks)
+        told = replace(
             self._blank,
             terms=self.terms,
             theta=self._theta(base, ()),
@@ -333,32 +335,32 @@ class EffectMonitor:
             added=self._added,
             not_run={**self._blank.not_run, **self._untried},
         )
-        blocks = np.array(self._blocks)
-        if len(blocks) < 2:
-            return
+        self.said = told if len(blocks) < 2 else self._ranked(told, families, blocks)
+
+    def _ranked(self, told: OnlineDiagnosis, families: Sequence[Family], blocks: Array) -> OnlineDiagnosis:
+        """A diagnosis with the ranking of effects, by log predictive densities of blocks (N, F)."""
         if len(blocks) >= ONLINE.fewest * self._often:
             blocks = blocks[len(blocks) % self._often :].reshape(-1, self._often, blocks.shape[1]).sum(axis=1)
-        told = blocks.T  # (families, stretches)
-        bootstrap = Bootstrap(np.zeros(told.shape[1], dtype=np.intp), np.random.default_rng(0))
-        odds = bootstrap.probabilities(list(told))
+        bootstrap = Bootstrap(np.zeros(len(blocks), dtype=np.intp), np.random.default_rng(0))
+        none, *odds = bootstrap.probabilities(list(blocks.T)).tolist()
         penalty = float(np.log(max(1, len(families))))
         ranking = []
-        evidence = self._bets.each.tolist()
-        for family, densities, probability, sure in zip(families, told[1:], odds[1:], evidence, strict=True):
-            gain, term = bootstrap.gain(densities, told[0], penalty), family.variants[family.best]
-            numbers = float(probability), gain.total, gain.error, gain.chance, sure
+        for family, densities, probability, sure in zip(families, blocks.T[1:], odds, self._bets.each, strict=True):
+            gain, term = bootstrap.gain(densities, blocks[:, 0], penalty), family.variants[family.best]
+            numbers = probability, gain.total, gain.error, gain.chance, float(sure)
             ranking.append(Standing(term.id, *numbers, term, self._theta(family, (term,))))
         ranking.sort(key=lambda one: (-round(one.probability, 3), -one.gain))
-        joint = self._bets.joint if ranking else -np.inf
-        missing = joint >= self.said.threshold and ranking[0].gain > 0
-        alike = [one.effect for one in ranking if one.probability > Criterion.rival]
-        self.said = replace(
-            self.said,
+        evidence = self._bets.joint if ranking else -np.inf
+        missing = evidence >= told.threshold and ranking[0].gain > 0
+        group = [ranking[0].effect] if missing else []
+        group += [one.effect for one in ranking if missing and one.probability > Criterion.rival]
+        return replace(
+            told,
             kind="missing" if missing else "nothing",
             ranking=tuple(ranking),
-            group=tuple(dict.fromkeys([ranking[0].effect, *alike])) if missing else (),
-            none=float(odds[0]),
-            evidence=joint,
+            group=tuple(dict.fromkeys(group)),
+            none=none,
+            evidence=evidence,
         )
 
     def _theta(self, family: Family, more: tuple[Term, ...]) -> dict[str, float]:

@@ -84,17 +84,7 @@ class JointFilters:
         forgetting: float,
         walk: float,
     ) -> None:
-        """Make the filters.
-
-        Args:
-            torque_noise: as of `JointState`.
-            terms: of the model.
-            period: between samples [s].
-            batch: number of pendulums B.
-            position_noise: standard deviation of the measured position [rad].
-            forgetting: factor for every sample.
-            walk: by which parameters may wander, as a share [1/sqrt(s)].
-        """
+        """Take the time between samples [s], the noise of positions [rad], and the rest as `OnlineEstimator` does."""
         noise = max(position_noise, FILTER.finest)
         self._begin = functools.partial(_Filter, torque_noise, tuple(terms), period, noise, forgetting, walk)
         self._period, self._batch = period, batch

@@ -77,17 +77,9 @@ def rows(
 ) -> tuple[Any, dict[str, Symbol]]:
     """The three views at the instant before one, phi and, in the last place, y (3, P + 1).
 
-    Args:
-        terms: of the model.
-        index: of the instant in its run.
-        instant: its values (6,).
-        supplied: torque at the instant before and over the sample before that (2,).
-        memory: state variables of the terms at the instant, by id.
-        period: between instants [s].
-        course: what is remembered.
-
-    Returns:
-        The views, and what is to be given in the place of laws that are no formulas.
+    Takes the index of the instant in its run, its values (6,), the torque at the instant before and over the sample
+    before that (2,), state variables of the terms by id, and the time between instants [s]. Also returns what is to be
+    given in the place of laws that are no formulas.
     """
     _, q, v, a, _, _ = instant
     x: Any = Samples(instant[TIME], q, v, instant[TORQUE])
@@ -128,13 +120,8 @@ def rows(
 def clear_of_stick(guarded: Guarded, index: Any, velocity: Any, halts: Any, course: Course) -> Any:
     """For each guard, whether the sample `behind` the newest is clear of stick (G,).
 
-    Args:
-        guarded: how far it has to be.
-        index: of the newest sample in its run.
-        velocity: of the newest.
-        halts: index of the last halt, as it was when the newest sample was as far ahead as each guard looks (G,); of no
-            use for the longest guard, which looks at the newest, and for none.
-        course: what is remembered.
+    Takes index and velocity of the newest sample, and the index of the last halt as it was when the newest sample was
+    as far ahead as each guard looks (G,); the longest guard looks at the newest.
     """
     halt, (_, last) = names("halt"), course.of("newest", velocity, 1)
     turned = (np.sign(velocity) != np.sign(last)) & (index > 0)

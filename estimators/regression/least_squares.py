@@ -15,14 +15,24 @@ from estimators.regression.equations import Equations
 from pendulum_env._typing import Array, Index, Mask
 
 RIDGE = 1e-11  # relative; keeps a solve with two equal columns finite
-SHARES = (1.0, 0.5, 0.25, 0.1)  # of its step that are tried
-DISTINCT = 1e-6  # least eigenvalue of scaled normal equations, from which they keep ten digits
-UNLIKELIER = 0.1  # [nat], by which a fit without a fold may be less likely than the best
-UNBENT = 1e-9  # by which a response to torque may differ from the torque itself
-TINY = 1e-9  # slope of an equation by the torque that says nothing of it
 LEAST_SLOPE = 0.05  # of an equation by the torque, so that an error stays finite
-TURNS, ENOUGH = 30, 1e-9  # of Gauss-Newton, and relative fall of the squared error at which it ends
-CONVERGED = 0.01  # standard errors that a Gauss-Newton step may still take
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """Numbers of least squares."""
+
+    shares: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1)  # of its step that are tried
+    distinct: float = 1e-6  # least eigenvalue of scaled normal equations, from which they keep ten digits
+    unlikelier: float = 0.1  # [nat], by which a fit without a fold may be less likely than the best
+    unbent: float = 1e-9  # by which a response to torque may differ from the torque itself
+    tiny: float = 1e-9  # slope of an equation by the torque that says nothing of it
+    turns: int = 30  # of Gauss-Newton, at most
+    enough: float = 1e-9  # relative fall of the squared error, at which Gauss-Newton ends
+    converged: float = 0.01  # standard errors that a Gauss-Newton step may still take
+
+
+SOLVER = SolverSettings()
 
 
 @dataclass(frozen=True)
@@ -78,7 +88,7 @@ def worst_direction(phi: Array) -> tuple[float, Array]:
     scale = np.linalg.norm(phi, axis=0)
     scale[scale == 0] = 1.0
     values, vectors = np.linalg.eigh((gram := phi.T @ phi) / np.outer(scale, scale))
-    if len(gram) and values[0] > DISTINCT:
+    if len(gram) and values[0] > SOLVER.distinct:
         return float(np.sqrt(values[-1] / values[0])), vectors[:, 0]
     singular, directions = np.linalg.svd(np.linalg.qr(phi / scale, mode="r"))[1:]
     return float(singular[0] / max(singular[-1], 1e-300)) if len(singular) else 1.0, directions[-1]
@@ -92,7 +102,7 @@ def is_converged(residual: Array, change: Array) -> bool:
 
     Source: Bates and Watts, Technometrics 23(2), 1981 (the relative offset).
     """
-    return bool(np.linalg.norm(change) * np.sqrt(len(residual)) <= CONVERGED * np.linalg.norm(residual))
+    return bool(np.linalg.norm(change) * np.sqrt(len(residual)) <= SOLVER.converged * np.linalg.norm(residual))
 
 
 def robust_covariance(phi: Array, residual: Array, clusters: Index) -> Array:
@@ -218,7 +228,7 @@ class Balance:
             bends = self._bends[1]
             middle = bends.shape[1] // 2
             slope = slope - 1.0 + 0.5 * (bends[:, middle - 1] + bends[:, middle])
-        return self.y - theta @ self.phi.T, np.maximum(slope * self.passed, TINY)
+        return self.y - theta @ self.phi.T, np.maximum(slope * self.passed, SOLVER.tiny)
 
     @property
     def reach(self) -> Array:
@@ -272,14 +282,13 @@ class Balance:
         """Equations that torque does not bend (R,), as of other joints than the one where it does."""
         plain = ~self.by_torque.any(axis=1)
         if self.pushes is not None:
-            plain &= np.abs(self._bends[1] - 1.0).max(axis=1) < UNBENT
+            plain &= np.abs(self._bends[1] - 1.0).max(axis=1) < SOLVER.unbent
         return np.asarray(plain)
 
     def condensed(self, plain: Mask) -> Balance:
         """Fewer equations with the same solutions, those that are kept first.
 
-        Args:
-            plain: equations that no torque bends (R,): they are as good as the triangle of their QR decomposition.
+        Equations that no torque bends, `plain` (R,), are as good as the triangle of their QR decomposition.
         """
         rows = np.column_stack([self.phi, self.y])[plain] * (self.weights / self.passed)[plain, None]
         triangle = np.asarray(np.linalg.qr(rows, mode="r"))
@@ -293,13 +302,9 @@ class Balance:
         return replace(kept, **both)
 
     def beside(self, own: Columns, here: slice, least: Array, most: Array, pushes: Array) -> Balance:
-        """The equations with the columns of one more term.
+        """The equations with the columns of one more term on some of them, `here`.
 
-        Args:
-            own: columns on some of the equations.
-            here: these.
-            least, most: bounds of its parameters.
-            pushes: of the torque in each equation (R, J), where its law is bent.
+        Its parameters have the bounds `least` and `most`; `pushes` are of the torque (R, J), where its law is bent.
         """
         y, passed = self.y.copy(), np.broadcast_to(self.passed, self.y.shape).copy()
         y[here] -= own.fixed
@@ -355,7 +360,7 @@ class Balance:
         By so much less likely they are than those of the fit, or less.
         """
         left = float(np.sum((self.weights * self.error(theta))[rows] ** 2))
-        return bool(np.count_nonzero(rows) * (left - square) < 2 * UNLIKELIER * max(square, 1e-300))
+        return bool(np.count_nonzero(rows) * (left - square) < 2 * SOLVER.unlikelier * max(square, 1e-300))
 
     def fit(self, clusters: Index, jacobian: Array | None = None) -> Fit:
         """The solution with its covariance, see `solve`, linear in the errors of the predicted torque around it.
@@ -400,11 +405,11 @@ class Balance:
         if self.is_linear or not free.any():
             return theta
         error = w * self.error(theta)
-        for _ in range(TURNS):
+        for _ in range(SOLVER.turns):
             slopes = w[:, None] * self.slopes(theta)
             step = np.zeros(len(theta))
             step[free] = least_squares(slopes[:, free], error)
-            for share in SHARES:
+            for share in SOLVER.shares:
                 tried = w * self.error(theta + share * step)
                 if tried @ tried < error @ error:
                     break
@@ -412,7 +417,7 @@ class Balance:
                 break
             fell = 1.0 - float(tried @ tried) / float(error @ error)
             theta, error = theta + share * step, tried
-            if fell < ENOUGH:
+            if fell < SOLVER.enough:
                 break
         return theta
 
@@ -438,14 +443,8 @@ def within_bounds(
 ) -> tuple[Array, Mask]:
     """Parameters (P,) that a solver finds, those that would leave their bounds held there; and which are free still.
 
-    Those that leave at once are held at once, and none is let go again: of several bounds that act together, the
-    solution is within all, if not always the very best.
-
-    Args:
-        solve: gives the parameters with the free ones (P,) found anew.
-        theta: to start from.
-        free: which may move.
-        least, most: bounds.
+    The solver gives the parameters with the free ones (P,) found anew. Those that leave at once are held at once, and
+    none is let go again: of several bounds that act together, the solution is within all, if not always the very best.
     """
     while True:
         theta = solve(theta, free)
@@ -515,4 +514,4 @@ def _factor(gram: Array) -> Array | None:
     """
     factor, fault = dpotrf(gram)
     size = float(np.abs(gram).sum(axis=0).max())
-    return None if fault or size * dpocon(factor, size)[0] <= DISTINCT else factor
+    return None if fault or size * dpocon(factor, size)[0] <= SOLVER.distinct else factor

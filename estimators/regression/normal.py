@@ -55,14 +55,9 @@ class Normal:
         return cls(np.array(grams), groups.counts, least, most)
 
     def beside(self, rows: Array, own: Array, here: slice, groups: Groups, least: Array, most: Array) -> Normal:
-        """With further columns, which some equations have.
+        """With further columns `own` (R_j, Q), which the equations `here` of whole recordings have, and bounds (Q,).
 
-        Args:
-            rows: [y, phi] of all equations (R, P + 1).
-            own: further columns on the equations in question (R_j, Q).
-            here: these; whole recordings.
-            groups: as before.
-            least, most: bounds of the further parameters (Q,).
+        `rows` are [y, phi] of all equations (R, P + 1).
         """
         first, more = rows.shape[1], own.shape[1]
         grams = np.zeros((*self.grams.shape[:2], first + more, first + more))
@@ -98,12 +93,9 @@ class Normal:
 
 
 def quietest_most(squares: Array, counts: Index, least: float) -> Array:
-    """Weight of each recording (E,) by what is left of its equations: the quietest counts most.
+    """Weight of each recording (E,) by the sum of its squared residuals (E,): the quietest counts most.
 
-    Args:
-        squares: sum of what is left, squared (E,).
-        counts: equations; some recordings may have none (E,).
-        least: level below which all are as quiet.
+    Some may have no equations, by their counts (E,); below the level `least`, all are as quiet.
     """
     levels = np.maximum(np.sqrt(squares / np.maximum(counts, 1)), least) + 1e-300
     return np.where(counts > 0, levels[counts > 0].min() / levels, 0.0)

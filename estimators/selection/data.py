@@ -12,7 +12,7 @@ import numpy as np
 from estimators.regression.least_squares import Fit
 from estimators.selection.candidates import Screen
 from estimators.simulation.free_running import Segments, choose_segments, deviation, position_rms
-from estimators.simulation.link_segments import has_link, hidden_state, link_of, watch
+from estimators.simulation.multiple_shooting import has_link, hidden_state, link_of, watch
 from estimators.weak_form.dataset import Dataset, prepare
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import JSON, Array

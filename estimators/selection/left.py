@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,21 +20,16 @@ from pendulum_env.physics.table import ByTime
 Terms = tuple[Term, ...]
 
 
-@dataclass(frozen=True)
-class Power:
-    """Power of a model's residual at a joint.
+class Power(NamedTuple):
+    """Power of a model's residual at a joint [N^2 m^2]: torque noise absorbed by the model is part of it.
 
     Attributes:
-        all: mean square, torque noise absorbed by the model included [N^2 m^2].
-        shared: mean square of the part that neighbouring windows share [N^2 m^2].
+        all: mean square.
+        shared: mean square of the part that neighbouring windows share.
     """
 
     all: float
     shared: float
-
-    def share_of(self, gone: float, count: int) -> float:
-        """Share of removed power in all explainable power, whose rest is estimated from a number of windows."""
-        return gone / (gone + self.shared + self.all / count**0.5)
 
 
 @dataclass
@@ -59,23 +55,21 @@ class Left:
         self._floors = [{at: part.data.part(at).noise(self.inertia[at]) for at in self.joints} for part in self.parts]
 
     @kept
-    def power(self, terms: Terms) -> tuple[dict[str, Power], dict[str, Power]]:
+    def power(self, terms: Terms) -> list[dict[str, Power]]:
         """Power of a fitted model's residual at each joint, on the training and on the held-out data."""
-        if any(isinstance(term, ByTime) for term in terms):
-            residuals = [part.screen.residual(drifting_in(part, terms)) for part in self.parts]
-        else:
-            theta = self.screen.solve(terms)
-            residuals = [part.screen.equations(terms).error(theta) for part in self.parts]
-        first, second = (self._power_of(*pair, terms) for pair in zip(self.parts, residuals, strict=True))
-        return first, second
-
-    def _power_of(self, part: Evidence, residual: Array, terms: Terms) -> dict[str, Power]:
-        known, left = self._structures_of(part, residual), {}
-        for at in self.joints:
-            hidden = part.screen.hidden_noise([term for term in terms if term.at == at])
-            power = part.data.part(at).power(residual[part.data.where(at)]) + sum(variance for _, variance in hidden)
-            left[at] = Power(power, known[at].shared ** 2)
-        return left
+        found = []
+        for part in self.parts:
+            if any(isinstance(term, ByTime) for term in terms):
+                residual = part.screen.residual(drifting_in(part, terms))
+            else:
+                residual = part.screen.equations(terms).error(self.screen.solve(terms))
+            known, powers = self._structures_of(part, residual), {}
+            for at in self.joints:
+                hidden = part.screen.hidden_noise([term for term in terms if term.at == at])
+                own = part.data.part(at).power(residual[part.data.where(at)])
+                powers[at] = Power(own + sum(variance for _, variance in hidden), known[at].shared ** 2)
+            found.append(powers)
+        return found
 
     @kept
     def structures(self, terms: Terms) -> tuple[dict[str, Structure], dict[str, Structure]]:
@@ -96,7 +90,7 @@ class Left:
 
     def is_noise_at(self, at: str, terms: Terms) -> bool:
         """Whether the terms leave only noise on the training data of a joint."""
-        return self.criterion.is_noise(self.structures(terms)[0][at], self.noise_of(self.train, at))
+        return self._are_noise(self.train, {at: self.structures(terms)[0][at]})
 
     @property
     def floor(self) -> float:
@@ -109,9 +103,8 @@ class Left:
 
     def shows(self, terms: Terms) -> bool:
         """Whether the terms leave more than white noise on the training data of any joint."""
-        return any(
-            self.criterion.shows(own, self.noise_of(self.train, at)) for at, own in self.structures(terms)[0].items()
-        )
+        left = self.structures(terms)[0]
+        return any(self.criterion.shows(own, self.noise_of(self.train, at)) for at, own in left.items())
 
     def are_noise(self, terms: Terms) -> tuple[bool, bool]:
         """Whether the terms leave only noise, on training and on held-out data."""
@@ -141,19 +134,17 @@ class Left:
         return np.asarray(error - slopes @ least_squares(told + asked, asked @ step))
 
     def explained(self, after: Terms, before: Terms) -> float:
-        """Largest share, over the joints, of one model's explainable residual power that another model explains.
+        """Share of one model's explainable residual power that another explains, the largest over the joints.
 
-        Parameters of the links may imitate an effect at its own joint, at the cost of other joints.
+        It is the smaller share of training and held-out data, without data in which the smaller model leaves white
+        noise. Explainable power is the power that the larger model removes, impacts included, plus the power of the
+        rest that neighbouring windows share, with a floor set by the number of windows. Where that correlation is
+        insignificant, it is all power above the noise floor. The largest, as parameters of the links may imitate an
+        effect at its own joint, at the cost of other joints.
         """
-        return max(self.explained_at(at, after, before) for at in self.joints)
+        return max(self._explained_at(at, after, before) for at in self.joints)
 
-    def explained_at(self, at: str, after: Terms, before: Terms) -> float:
-        """The same at one joint, the smaller share of training and held-out data.
-
-        Data in which the smaller model leaves white noise are left out. Explainable power is the power that the larger
-        model removes, impacts included, plus the power of the rest that neighbouring windows share, with a floor set by
-        the number of windows. Where that correlation is insignificant, it is all power above the noise floor.
-        """
+    def _explained_at(self, at: str, after: Terms, before: Terms) -> float:
         least = self.train.data.part(at).precision() ** 2
         shares = []
         both = zip(self.parts, self.power(before), self.power(after), self.structures(before), strict=True)
@@ -165,7 +156,7 @@ class Left:
             if gone <= least:
                 shares.append(0.0)
             elif structure.sure >= self.criterion.sure:
-                shares.append(new.share_of(gone, len(part.data.part(at).weights)))
+                shares.append(gone / (gone + new.shared + new.all / len(part.data.part(at).weights) ** 0.5))
             else:
                 shares.append(gone / max(old.all - floor**2, gone))
         return min(shares, default=0.0)

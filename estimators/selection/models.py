@@ -16,9 +16,9 @@ from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence, Step, fit_terms
 from estimators.selection.left import Left, Terms, drifting_in
-from estimators.selection.score import STRETCH, Bootstrap, Gain, Stretches, cross_validated, predicted
+from estimators.selection.score import BLOCK, Blocks, Bootstrap, Gain, cross_validated, predicted
 from estimators.simulation import output_error
-from estimators.simulation.link_segments import has_link
+from estimators.simulation.multiple_shooting import has_link
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term, effects
 from pendulum_env.physics.table import COMPETING, ByTime
@@ -41,7 +41,7 @@ class Models:
         base: terms that the search starts from.
         tables: nonparametric functions that compete with the effects, without those of the base model.
         linked: the model by which the state of a link is estimated, if there is one.
-        drawn: random weights of stretches, if there are some already.
+        drawn: random weights of blocks, if there are some already.
     """
 
     train: Evidence
@@ -60,13 +60,13 @@ class Models:
         known = {term.id for term in self.base}
         self.tables = [table for table in self.tables if table.id not in known]
         self.left = Left(self.train, self.holdout, self.criterion, self.base)
-        self._where = [_stretches(part, STRETCH) for part in self.parts]
-        self._finer = [_stretches(part, MOMENT) for part in self.parts]
+        self._where = [_blocks(part, BLOCK) for part in self.parts]
+        self._finer = [_blocks(part, MOMENT) for part in self.parts]
         self._in_motion: dict[Terms, Step] = {}
-        first, second = (where.of_stretch for where in self._where)
+        first, second = (where.of_block for where in self._where)
         same = self.train.recordings == self.holdout.recordings  # parts of the same recordings
-        of_stretch = np.concatenate([first, second if same else second + first.max() + 1])
-        self.bootstrap = self.drawn or Bootstrap(of_stretch, self.rng)
+        of_block = np.concatenate([first, second if same else second + first.max() + 1])
+        self.bootstrap = self.drawn or Bootstrap(of_block, self.rng)
 
     def watching(self, linked: Step) -> Models:
         """The same with the link's state estimated by a model from the motion around each instant.
@@ -78,7 +78,7 @@ class Models:
 
     @kept
     def density(self, terms: Terms) -> Array:
-        """Log predictive density of every stretch, those of the training data first, (S,) [nat]."""
+        """Log predictive density of every block, those of the training data first, (S,) [nat]."""
         if any(isinstance(term, ByTime) for term in terms):
             return self.fitted_anew(terms)
         fitted, unseen = (part.screen.equations(terms) for part in self.parts)
@@ -124,7 +124,7 @@ class Models:
         more = [shape for term in after if term.id in known for shape in term.free if shape not in known[term.id].free]
         return max(1, sum(tried) + sum(int(shape.high - shape.low) for shape in more if shape.integer))
 
-    def is_sure(self, after: Terms, before: Terms) -> bool:
+    def is_significant(self, after: Terms, before: Terms) -> bool:
         """Whether one model predicts significantly better than another."""
         return self.gain(after, before).chance <= self.criterion.chance
 
@@ -191,7 +191,7 @@ class Models:
         their ratio; noise is added to both, since errors below it carry no information.
         """
         parts = (self.train.segments, self.holdout.segments)
-        points = [output_error.Point(model.terms, model.theta) for model in (after, before)]
+        points = [output_error.Point.of(model) for model in (after, before)]
         new, old = (np.concatenate([output_error.sizes(part, one) ** 2 for part in parts]) for one in points)
         counts = [sum(len(segment.first) for segment in part) for part in parts]
         owner = np.repeat(np.arange(2), counts)
@@ -201,9 +201,9 @@ class Models:
         return gain, (had - left) / had if had > 0 else 0.0
 
 
-def _stretches(part: Evidence, length: float) -> Stretches:
+def _blocks(part: Evidence, length: float) -> Blocks:
     """Stretches of some data, with folds of pieces of a length [s]."""
-    return Stretches(*part.data.stretches(STRETCH), part.data.stretches(length)[0])
+    return Blocks(*part.data.blocks(BLOCK), part.data.blocks(length)[0])
 
 
 def held_out_cost(step: Step) -> float:

@@ -10,17 +10,17 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.selection.candidates import complexity
-from estimators.selection.data import Evidence, Step
+from estimators.selection.data import Step
 from estimators.selection.models import Models, has_transmission, held_out_cost
 from estimators.selection.moves import best, has_bristles
 from estimators.selection.search import Selection
 from estimators.simulation import multiple_shooting, output_error
-from estimators.simulation.free_running import Segments, choose_segments, position_noise
-from estimators.simulation.link_segments import has_link
+from estimators.simulation.free_running import choose_segments, position_noise
+from estimators.simulation.multiple_shooting import has_link
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model, Term
 
-HOP = 0.5  # [s], segment length, short enough for errors to grow as linearised
+SEGMENT = 0.5  # [s], segment length, short enough for errors to grow as linearised
 FEWEST = 2  # segments per parameter
 SIMULATED = 6  # most promising starts, from which effects are fitted to the segments
 FINEST = 1e-3  # share of the motion, the accuracy of initial states and integration
@@ -29,9 +29,9 @@ FINEST = 1e-3  # share of the motion, the accuracy of initial states and integra
 def refine(found: Selection) -> Selection:
     """The steps with the last model refined by the motion, and effects that windows do not show."""
     models, steps = found.models, found.steps
-    if is_misfit(models, steps[-1]) or any(has_bristles(term) for term in steps[-1].model.terms):
+    *others, last = steps
+    if is_misfit(models, last) or any(has_bristles(term) for term in last.model.terms):
         models.progress("fitting the segments", 0.9)
-        *others, last = steps
         flown = better(last, models.in_motion(last))
         steps = [*others, flown if not others or models.is_confirmed(flown, others[-1]) else last]
     if found.table is None and models.left.fits(steps[-1].model.terms):
@@ -53,13 +53,13 @@ def is_misfit(models: Models, step: Step) -> bool:
         return False  # its impacts are too sharp to simulate as closely, and other effects would only imitate them
     if not models.train.segments:
         return False
-    segments, point = models.train.segments, _point(step.model)
+    segments, point = models.train.segments, Point.of(step.model)
     motion = np.concatenate([segment.position.ravel() for segment in segments])
     least, misfit = FINEST * float(np.std(motion)), models.criterion.misfit
     if step.errors["train"].position_rms <= misfit * max(least, position_noise(segments, point.terms, point.theta)):
         return False
     noise = max(least, output_error.noise(segments, point))
-    return output_error.rms(segments, point, output_error.evenly(segments)) > misfit * noise
+    return output_error.rms(segments, point) > misfit * noise
 
 
 def refit(selection: Selection, start: Model | None = None) -> Selection:
@@ -77,7 +77,7 @@ def refit(selection: Selection, start: Model | None = None) -> Selection:
     elif has_link(last.model.terms):
         found = _with_link(models, last, start or last.model)
     elif models.left.fits(last.model.terms):
-        found = _likeliest(models, last)
+        found = _by_likelihood(models, last)
     else:
         return selection
     if others and not models.is_confirmed(found, others[-1]):
@@ -85,20 +85,16 @@ def refit(selection: Selection, start: Model | None = None) -> Selection:
     return replace(selection, steps=[*others, found])
 
 
-def _likeliest(models: Models, last: Step) -> Step:
+def _by_likelihood(models: Models, last: Step) -> Step:
     """The maximum-likelihood model, if its standard errors and held-out innovations are no larger."""
-    start = _point(last.model)
-    segments, checks = (_hops(part) for part in (models.train, models.holdout))
+    start = Point.of(last.model)
+    segments, checks = ([choose_segments(w, SEGMENT) for w in part.data.windows] for part in models.parts)
     if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
         return last
-    found = models.with_errors(last.added, output_error.likeliest(segments, start))
-    filters, evenly = output_error.innovations(checks, start), output_error.evenly(checks)
-    old, new = (output_error.rms(checks, point, evenly, filters) for point in (start, _point(found.model)))
+    found = models.with_errors(last.added, output_error.maximum_likelihood(segments, start))
+    filters = output_error.innovations(checks, start)
+    old, new = (output_error.rms(checks, point, filters=filters) for point in (start, Point.of(found.model)))
     return found if new <= old and _is_surer(found, last) else last
-
-
-def _hops(part: Evidence) -> list[Segments]:
-    return [choose_segments(w, HOP) for w in part.data.windows]
 
 
 def _is_surer(one: Step, other: Step) -> bool:
@@ -153,8 +149,8 @@ def _best_simulated(models: Models, last: Step) -> Step | None:
     """The step to the effect with the smallest segment errors; it has to beat the model refitted in the same way."""
     segments = models.train.segments
     before = models.in_motion(last)
-    start = _point(before.model)
-    weights = output_error.weigh(segments, start)
+    start = Point.of(before.model)
+    weights = output_error.trust(output_error.sizes(segments, start))
     ranked = []
     for point in _starts(models, last, start):
         ranked.append((output_error.promise(segments, point, weights), complexity(point.terms[-1]), point))
@@ -190,7 +186,3 @@ def _starts(models: Models, last: Step, start: Point) -> list[Point]:
             variants += list(kind.grid(models.train.samples, models.screen.residual(terms)))[::2]
         points += [Point((*start.terms, v), np.append(start.theta, np.zeros(len(v.columns)))) for v in variants]
     return points
-
-
-def _point(model: Model) -> Point:
-    return Point(model.terms, np.asarray(model.theta, dtype=float))

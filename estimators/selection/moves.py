@@ -60,7 +60,7 @@ def best(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
         return None
     simplest, *others = trials
     for trial in others:
-        if models.is_sure(trial.terms, simplest.terms):
+        if models.is_significant(trial.terms, simplest.terms):
             simplest = trial
     return simplest
 
@@ -88,7 +88,7 @@ def refined(models: Models, terms: Terms, id: str) -> Terms:
 def loosened(models: Models, terms: Terms) -> Terms:
     """The terms with shape parameters released from their usual values, while that is significant."""
     for looser in sorted(freer(models, terms), key=models.promise):
-        if models.is_sure(looser, terms) and models.is_possible(looser):
+        if models.is_significant(looser, terms) and models.is_possible(looser):
             return loosened(models, looser)
     return terms
 
@@ -144,7 +144,7 @@ def contains(models: Models, larger: Term, term: Term) -> bool:
 
 def is_needed(models: Models, terms: Terms, without: Terms) -> bool:
     """Whether an effect gains significantly and explains more than is left; else it may belong to that rest."""
-    return models.is_sure(terms, without) and models.left.explained(terms, without) > models.criterion.needed
+    return models.is_significant(terms, without) and models.left.explained(terms, without) > models.criterion.needed
 
 
 def explaining(models: Models, terms: Terms, laws: Iterable[type[Term]]) -> str | None:
@@ -173,12 +173,12 @@ def challenged(models: Models, terms: Terms, base: Terms) -> Terms | None:
         for new in bound(old)
     ]
     for without in sorted(withouts + tighter, key=models.promise):
-        if not (models.is_sure(terms, without) and models.left.explains(terms, without)):
+        if not (models.is_significant(terms, without) and models.left.explains(terms, without)):
             return without
         if len(base) < len(without) < len(terms):
             term = next(term for term in terms if term not in without)
             for rival in rivals(models, terms, term)[:1]:
-                if models.is_sure(rival, terms):
+                if models.is_significant(rival, terms):
                     return rival
     return None
 

@@ -28,7 +28,7 @@ from pendulum_env._typing import JSON, Array, Index, Mask
 NU = 4.0  # degrees of freedom of Student's t,
 PEAK = float(np.exp(gammaln((NU + 1) / 2) - gammaln(NU / 2)) / np.sqrt(NU * np.pi))  # and its density at zero
 FOLDS = 10  # of cross-validation
-STRETCH = 1.0  # [s]
+BLOCK = 1.0  # [s]
 DRAWS = 4000  # of the Bayesian bootstrap
 TURNS, SETTLED = 20, 1e-5  # largest number of iterations for a scale, and relative change at convergence
 DIVERGED = 1e60  # [N m], limit of a prediction error, against overflow
@@ -38,16 +38,16 @@ Hidden = Sequence[tuple[slice, float]]  # rows, and variance of the torque noise
 
 
 @dataclass(frozen=True)
-class Stretches:
+class Blocks:
     """Block and recording of every equation (R,), and recording of every block (S,).
 
     Folds of cross-validation are whole blocks, or pieces of them where the torque of one moment predicts the next:
     `piece` numbers these (R,).
     """
 
-    stretch: Index
+    block: Index
     recording: Index
-    of_stretch: Index
+    of_block: Index
     piece: Index
 
     @property
@@ -56,7 +56,7 @@ class Stretches:
         return np.asarray(self.piece % FOLDS)
 
 
-def cross_validated(balance: Balance, where: Stretches, hidden: Hidden = (), theta: Array | None = None) -> Array:
+def cross_validated(balance: Balance, where: Blocks, hidden: Hidden = (), theta: Array | None = None) -> Array:
     """Log density of each block (S,), predicted by the fit to the others [nat].
 
     Args:
@@ -68,12 +68,12 @@ def cross_validated(balance: Balance, where: Stretches, hidden: Hidden = (), the
     return _density(balance, balance.solve_without(where.fold, FOLDS) if theta is None else theta, where, hidden)
 
 
-def predicted(theta: Array, balance: Balance, where: Stretches, hidden: Hidden = ()) -> Array:
+def predicted(theta: Array, balance: Balance, where: Blocks, hidden: Hidden = ()) -> Array:
     """Log density of each held-out block (S,) under parameters (P,) fitted to other data [nat]."""
     return _density(balance, theta[None], where, hidden)
 
 
-def _density(balance: Balance, theta: Array, where: Stretches, hidden: Hidden) -> Array:
+def _density(balance: Balance, theta: Array, where: Blocks, hidden: Hidden) -> Array:
     """Log density of the torque recorded in each block, from fits without each fold (FOLDS, P), or from one (1, P).
 
     It is the density of the residual times the derivative of the residual by the recorded torque, so that a law with a
@@ -86,14 +86,14 @@ def _density(balance: Balance, theta: Array, where: Stretches, hidden: Hidden) -
     for rows, variance in hidden:
         left[:, rows] *= np.sqrt(1 + variance / max(float(np.mean(left[:, rows] ** 2)), 1e-300))
     fold, reach = where.fold, balance.reach
-    total = np.zeros(len(where.of_stretch))
+    total = np.zeros(len(where.of_block))
     for k in np.unique(fold):
         test, own = fold == k, min(k, len(left) - 1)
         square = _scales(left[own], where.recording, test)[where.recording[test]]
         density = np.log(PEAK / np.sqrt(square)) - (NU + 1) / 2 * np.log1p(left[own, test] ** 2 / (NU * square))
         known = np.minimum(np.sqrt(square) / (PEAK * reach[test]), 1.0)  # at least the density without any fit
         density += np.log(np.maximum(slopes[own, test], known))
-        total += np.bincount(where.stretch[test], density, len(total))
+        total += np.bincount(where.block[test], density, len(total))
     return total
 
 
@@ -145,10 +145,10 @@ class Gain:
 class Bootstrap:
     """Random weights of blocks (DRAWS, S), of mean one: a factor for each recording times one for each block."""
 
-    def __init__(self, of_stretch: Index, rng: np.random.Generator) -> None:
-        self.of_stretch = of_stretch
-        recordings, own = np.unique(of_stretch, return_inverse=True)
-        weights = rng.exponential(size=(DRAWS, len(of_stretch)))
+    def __init__(self, of_block: Index, rng: np.random.Generator) -> None:
+        self.of_block = of_block
+        recordings, own = np.unique(of_block, return_inverse=True)
+        weights = rng.exponential(size=(DRAWS, len(of_block)))
         for k in range(len(recordings)):
             weights[:, own == k] /= weights[:, own == k].mean(axis=1, keepdims=True)
         if len(recordings) > 1:

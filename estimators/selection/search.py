@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
-from typing import NamedTuple
 
 from estimators.selection.data import Step
 from estimators.selection.left import Terms
@@ -29,7 +28,7 @@ from estimators.selection.moves import (
     table_of,
 )
 from estimators.simulation import multiple_shooting
-from estimators.simulation.link_segments import has_link
+from estimators.simulation.multiple_shooting import has_link
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import ByTime, Table
 from pendulum_env.physics.term import loads
@@ -58,13 +57,6 @@ class Selection:
         return self.steps[-1].model.terms
 
 
-class State(NamedTuple):
-    """State of a search: prepared data, and the terms of the model."""
-
-    models: Models
-    terms: Terms
-
-
 def select(models: Models) -> Selection:
     """The effects that the base model lacks.
 
@@ -75,7 +67,7 @@ def select(models: Models) -> Selection:
     if not models.left.fits(terms):
         begun, firsts = {term.id for term in terms}, candidates(models, start)
         for first in firsts[: models.criterion.beam]:
-            if first[-1].id not in begun and models.is_sure(first, start) and models.is_level(first, firsts[0]):
+            if first[-1].id not in begun and models.is_significant(first, start) and models.is_level(first, firsts[0]):
                 tried, other = grow(models, settle(models, first), start)
                 gain = models.bootstrap.gain(tried.density(other), models.density(terms), models.penalty(other, terms))
                 if gain.chance <= models.criterion.chance and are_confirmed(tried, ladder(tried, start, other)):
@@ -85,9 +77,10 @@ def select(models: Models) -> Selection:
 
 
 def pruned(models: Models, base: Terms, terms: Terms) -> Terms:
-    """The terms without effects that explain less than is left unexplained: they may belong to that residual."""
-    while not models.left.fits(terms):
-        withouts = [tuple(t for t in terms if t is not term) for term in terms[len(base) :]]
+    """The terms without effects that explain less than is left unexplained, or that their table makes unnecessary."""
+    while named(models, terms) != terms or not models.left.fits(terms):
+        effects = named(models, terms)[len(base) :]
+        withouts = [settle(models, tuple(t for t in terms if t is not term)) for term in effects]
         idle = [without for without in withouts if not is_needed(models, terms, without)]
         if not idle:
             break
@@ -103,7 +96,7 @@ def confirmed(models: Models, base: Terms, terms: Terms) -> list[Step]:
     return steps
 
 
-def grow(models: Models, terms: Terms, base: Terms) -> State:
+def grow(models: Models, terms: Terms, base: Terms) -> tuple[Models, Terms]:
     """Add effects while they gain; after each, swap and drop."""
     seen = {forms(terms)}
     while len(terms) - len(base) < models.criterion.most:
@@ -119,10 +112,10 @@ def grow(models: Models, terms: Terms, base: Terms) -> State:
         if forms(terms) in seen:
             break
         seen.add(forms(terms))
-    return State(models, terms)
+    return models, terms
 
 
-def add(models: Models, terms: Terms) -> State | None:
+def add(models: Models, terms: Terms) -> tuple[Models, Terms] | None:
     """The terms with one more effect: the simplest of those that are confirmed and predict alike."""
     if not models.left.shows(terms):
         return None  # white noise holds no information
@@ -130,7 +123,7 @@ def add(models: Models, terms: Terms) -> State | None:
     for longer in sorted(candidates(models, terms) + freer(models, terms), key=models.promise)[:TRIED]:
         if confirmed and not models.is_level(longer, confirmed[0]):
             break
-        if not (models.is_sure(longer, terms) and models.left.explains(longer, terms)):
+        if not (models.is_significant(longer, terms) and models.left.explains(longer, terms)):
             continue
         longer = settle(models, longer)
         models.progress(f"confirming {', '.join(sorted(one[0] for one in forms(longer) - forms(terms)))}", 0.9)
@@ -140,7 +133,7 @@ def add(models: Models, terms: Terms) -> State | None:
                 return watched
         elif models.lowers_errors(longer, terms) or refines(models, longer, terms):
             confirmed.append(longer)
-    return State(models, min(confirmed, key=parameters)) if confirmed else None  # the simplest of several
+    return (models, min(confirmed, key=parameters)) if confirmed else None  # the simplest of several
 
 
 def refines(models: Models, longer: Terms, terms: Terms) -> bool:
@@ -155,7 +148,7 @@ def refines(models: Models, longer: Terms, terms: Terms) -> bool:
     return after < before and models.lowers_errors(longer, tuple(term for term in longer if term.id not in changed))
 
 
-def watch(models: Models, longer: Terms, terms: Terms) -> State | None:
+def watch(models: Models, longer: Terms, terms: Terms) -> tuple[Models, Terms] | None:
     """A model with a link, fitted together with the link's states; None if it is not confirmed."""
     step, before = models.step(longer[-1].id, longer), models.step(None, terms)
     models.progress(f"watching the link of {step.added}", 0.9)
@@ -164,7 +157,7 @@ def watch(models: Models, longer: Terms, terms: Terms) -> State | None:
     if not found or not models.is_confirmed(found[0], models.in_motion(before)):
         return None
     linked = min(found, key=held_out_cost)
-    return State(models.watching(linked), linked.model.terms)
+    return models.watching(linked), linked.model.terms
 
 
 def owned(models: Models, base: Terms, terms: Terms) -> tuple[Terms, Table | None]:
@@ -212,7 +205,7 @@ def grown_beside(models: Models, base: Terms, terms: Terms) -> Terms:
         if longer is None:
             break
         others = [best(models, terms, table) for table in models.tables if table.id not in ids(terms)]
-        if any(trial is not None and models.is_sure(trial.terms, longer) for trial in others):
+        if any(trial is not None and models.is_significant(trial.terms, longer) for trial in others):
             break
         if any(models.is_level(finer, longer) for finer in in_other_forms(models, terms)):
             break
@@ -237,18 +230,7 @@ def with_tables(models: Models, base: Terms, terms: Terms) -> Iterator[Terms]:
         for others in dict.fromkeys((base, terms)):
             trial = best(models, others, table)
             if trial is not None:
-                yield beside(models, base, trial.terms)
-
-
-def beside(models: Models, base: Terms, terms: Terms) -> Terms:
-    """The terms without effects that their table makes unnecessary."""
-    while True:
-        effects = named(models, terms)[len(base) :]
-        withouts = [settle(models, tuple(t for t in terms if t is not term)) for term in effects]
-        idle = [without for without in withouts if not is_needed(models, terms, without)]
-        if not idle:
-            return terms
-        terms = min(idle, key=models.promise)
+                yield pruned(models, base, trial.terms)
 
 
 def are_confirmed(models: Models, steps: Sequence[Step]) -> bool:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.comparison import Comparison
-from estimators.diagnosis.added import Addition
-from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.schemes.identification import Identification, Identified
 from estimators.show.story import (
     Part,
@@ -143,21 +142,22 @@ def show_diagnosis(found: Diagnosis) -> str:
 @shown.register
 def show_addition(found: Addition) -> str:
     """Errors before and after, what follows from them, and the parameters."""
-    noise = note(f"{opening(noise_text(found.noise_floor))}.")
-    return per(card(found.text, noise, *_parts(of_addition(found))), found.after.model.torque_unit)
+    noise = note(noise_text(found.noise_floor))
+    title = f"The model with {found.after.added}"
+    return per(card(title, noise, *_parts(of_addition(found))), found.after.model.torque_unit)
 
 
 def show_estimates(found: Mapping[str, SchemeEstimate]) -> str:
     """Estimates of several schemes as they are now; of a batch, those of its first pendulum."""
-    units = {name: of for told in found.values() for name, of in told.units.items()}
+    units = {name: of for own in found.values() for name, of in own.units.items()}
     rows = []
-    for id, told in found.items():
-        theta = np.atleast_2d(told["theta"])[0]
-        variance = np.diagonal(told["covariance"], axis1=-2, axis2=-1).reshape(-1, len(theta))[0]
+    for id, own in found.items():
+        theta = np.atleast_2d(own["theta"])[0]
+        variance = np.diagonal(own["covariance"], axis1=-2, axis2=-1).reshape(-1, len(theta))[0]
         std = np.sqrt(np.maximum(variance, 0.0))
-        known = {name: plus_minus(*pair) for name, *pair in zip(told.units, theta, std, strict=True)}
+        known = {name: plus_minus(*pair) for name, *pair in zip(own.units, theta, std, strict=True)}
         rows.append((id, *(known.get(name, "") for name in units)))
-    batch = [len(told["theta"]) for told in found.values() if np.ndim(told["theta"]) > 1]
+    batch = [len(own["theta"]) for own in found.values() if np.ndim(own["theta"]) > 1]
     return card(
         "Online estimates",
         table(Table(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows)),
@@ -176,7 +176,7 @@ def _parts(parts: Sequence[Part]) -> Iterator[Html]:
         content = [
             table(item)
             if isinstance(item, Table)
-            else note(f"{opening(item)}.")
+            else note(item)
             if isinstance(item, str)
             else bullets(map(opening, item))
             for item in part.content

@@ -11,8 +11,7 @@ import numpy as np
 from estimators.checks.homogeneity import Disagreement
 from estimators.checks.residual import SYMBOLS, Profile
 from estimators.comparison import Comparison
-from estimators.diagnosis.added import Addition
-from estimators.diagnosis.result import Candidate, Detectable, Diagnosis, Verdict
+from estimators.diagnosis.result import Addition, Candidate, Detectable, Diagnosis, Verdict
 from estimators.schemes.identification import Identification
 from estimators.selection.data import Step
 from pendulum_env.physics import Model
@@ -33,7 +32,7 @@ Content = Sequence[Table | str | tuple[str, ...]]  # a tuple is a list of points
 
 
 class Part(NamedTuple):
-    """What is told under one title; of a part that is not brief a notebook shows the title alone until it is opened."""
+    """Content under a title; a notebook folds a part that is not brief."""
 
     title: str
     content: Content
@@ -68,16 +67,17 @@ def disagreeing(found: Sequence[Disagreement]) -> list[Part]:
 
 def of_addition(found: Addition) -> list[Part]:
     """Errors before and after, what follows from them, and the parameters."""
-    told = [found.text, *([found.looks_like] if found.looks_like is not None else [])]
+    sentences = [found.text, *([found.looks_like] if found.looks_like is not None else [])]
     if found.left > FAR_ABOVE:
-        told.append(
+        sentences.append(
             f"what is left is {found.left:.1f} times the noise floor: something else is missing, `diagnose` ranks what"
         )
     if found.doubt is not None:
-        told.append(f"warning: {found.doubt}")
+        sentences.append(f"warning: {found.doubt}")
     return [
         Part(
-            "Errors, the model refitted without and with the effect", [errors_table((found.before, found.after)), *told]
+            "Errors, the model refitted without and with the effect",
+            [errors_table((found.before, found.after)), *sentences],
         ),
         Part("Parameters", [parameters_table(found.after.model)]),
     ]

@@ -63,7 +63,7 @@ def choose_segments(windows: Windows, seconds: float = SECONDS) -> Segments:
     clear = np.minimum(clear, len(windows.kernel))
     reach = round(0.2 * seconds * recording.rate)
     first = []
-    for earliest, stop in stretches(windows):
+    for earliest, stop in spans(windows):
         latest = stop - length - 1
         for nominal in range(earliest, latest + 1, length):
             low, high = max(earliest, nominal - reach // 2), min(latest, nominal + reach)
@@ -71,7 +71,7 @@ def choose_segments(windows: Windows, seconds: float = SECONDS) -> Segments:
     return cut_segments(windows, np.array(first), length)
 
 
-def stretches(windows: Windows) -> list[tuple[int, int]]:
+def spans(windows: Windows) -> list[tuple[int, int]]:
     """First sample and end of every segment, as far as it lies in the part of the recording that windows cover."""
     bounds = pairwise((*windows.recording.starts, len(windows.recording)))
     cut_off = ((max(begin, windows.first), min(end, windows.stop)) for begin, end in bounds)
@@ -80,7 +80,7 @@ def stretches(windows: Windows) -> list[tuple[int, int]]:
 
 def periods(windows: Windows, seconds: float) -> int:
     """Periods in a segment of some length [s], or in the usual segment if that is shorter."""
-    usual = int(np.median([end - begin for begin, end in stretches(windows)])) - 1
+    usual = int(np.median([end - begin for begin, end in spans(windows)])) - 1
     return min(max(1, round(seconds * windows.recording.rate)), usual)
 
 
@@ -118,30 +118,20 @@ def simulate_all(
         perturbations: added to the initial position [rad] and velocity [rad/s], for each model (V, 2).
     """
     perturbations = np.zeros((len(models), 2)) if perturbations is None else perturbations
-    results: dict[int, Array] = {}
-    for together in _in_step(segments):
-        paths = _simulate([segments[k] for k in together], models, perturbations)
-        results.update(zip(together, paths, strict=True))
-    return [results[k] for k in range(len(segments))]
-
-
-def _in_step(segments: Sequence[Segments]) -> list[list[int]]:
-    """Numbers of the recordings whose segments can be simulated together."""
-    groups: dict[tuple[int, int], list[int]] = {}
+    alike: dict[tuple[int, int], list[int]] = {}
     for k, segment in enumerate(segments):
-        key = len(segment.torque), substeps(1.0 / segment.windows.recording.rate)
-        groups.setdefault(key, []).append(k)
-    return list(groups.values())
-
-
-def _simulate(segments: Sequence[Segments], models: Sequence[Parametrised], perturbations: Array) -> list[Array]:
-    """Simulated positions of V models in segments of as many periods, as `simulate_all` gives them."""
-    counts = [len(segment.first) for segment in segments]
-    perturbed = np.repeat(perturbations.T, sum(counts), axis=1)  # (2, V B)
-    position = np.tile(np.concatenate([segment.position[0] for segment in segments]), len(models)) + perturbed[0]
-    velocity = np.tile(np.concatenate([segment.velocity for segment in segments]), len(models)) + perturbed[1]
-    path = simulated(segments, models, position, velocity).position
-    return np.split(path.reshape(len(path), len(models), -1), np.cumsum(counts)[:-1], axis=2)
+        alike.setdefault((len(segment.torque), substeps(1.0 / segment.windows.recording.rate)), []).append(k)
+    results: dict[int, Array] = {}
+    for numbers in alike.values():
+        together = [segments[k] for k in numbers]
+        counts = [len(segment.first) for segment in together]
+        perturbed = np.repeat(perturbations.T, sum(counts), axis=1)  # (2, V B)
+        position = np.tile(np.concatenate([own.position[0] for own in together]), len(models)) + perturbed[0]
+        velocity = np.tile(np.concatenate([own.velocity for own in together]), len(models)) + perturbed[1]
+        path = simulated(together, models, position, velocity).position
+        parts = np.split(path.reshape(len(path), len(models), -1), np.cumsum(counts)[:-1], axis=2)
+        results.update(zip(numbers, parts, strict=True))
+    return [results[k] for k in range(len(segments))]
 
 
 def simulated(

@@ -20,7 +20,7 @@ from estimators.regression.least_squares import is_converged, robust_covariance
 from estimators.simulation.free_running import Segments, simulate_all
 from estimators.simulation.innovations import Innovations
 from estimators.weak_form.shapes import continuous, moved
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model, Term
 
 TURNS = 12
@@ -43,6 +43,17 @@ class Point:
         """All free parameters: the linear ones, then the continuous shape parameters."""
         shapes = [term.shape[shape.name] for term in self.terms for shape in continuous(term)]
         return np.concatenate([self.theta, shapes])
+
+    @classmethod
+    def of(cls, model: Model) -> Point:
+        """Where a model is."""
+        return cls(model.terms, np.asarray(model.theta, dtype=float))
+
+    @classmethod
+    def within(cls, terms: Sequence[Term], theta: Array) -> Point:
+        """The point, within the bounds of its parameters."""
+        point = cls(tuple(terms), np.asarray(theta, dtype=float))
+        return point.at(point.values)
 
     def at(self, values: Array) -> Point:
         """The point with other values (P + S,)."""
@@ -67,8 +78,8 @@ PERTURBATION = np.array([1e-4, 1e-3])  # of the initial position [rad] and veloc
 Filters = Sequence[Innovations]  # of each recording's segments; none for unfiltered errors
 
 
-def residuals(segments: Sequence[Segments], points: Sequence[Point], filters: Filters = ()) -> list[Array]:
-    """Position errors of V points, for each recording (B, N, V), without the part due to the initial state.
+def errors(segments: Sequence[Segments], points: Sequence[Point], filters: Filters = ()) -> tuple[Array, Index]:
+    """Position errors of V points (M, V) without the part due to the initial state, and the segment of each row (M,).
 
     The part of each segment's error in the span of its two initial-state sensitivities is projected out. Filters turn
     the errors [rad] into innovations, in standard deviations.
@@ -78,7 +89,9 @@ def residuals(segments: Sequence[Segments], points: Sequence[Point], filters: Fi
     perturbations[-2:] = np.diag(PERTURBATION)
     paths = simulate_all(segments, everyone, perturbations)
     each: Sequence[Innovations | None] = filters or [None] * len(paths)
-    return [_errors(*parts) for parts in zip(segments, paths, each, strict=True)]
+    parts = [_errors(*parts) for parts in zip(segments, paths, each, strict=True)]  # (B, N, V) each
+    counts = np.concatenate([np.full(len(part), part.shape[1]) for part in parts])
+    return np.concatenate([part.reshape(-1, len(points)) for part in parts]), np.repeat(np.arange(len(counts)), counts)
 
 
 def _errors(segments: Segments, path: Array, filter: Innovations | None) -> Array:
@@ -103,41 +116,27 @@ def innovations(segments: Sequence[Segments], point: Point) -> list[Innovations]
     return [Innovations.of(segment, point.terms, point.theta, grain_of(segment)) for segment in segments]
 
 
-def weigh(segments: Sequence[Segments], point: Point) -> list[Array]:
-    """Weight of each segment, (B, 1, 1) a recording, from its error at a point."""
-    return _weights(residuals(segments, [point]))
+def sizes(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Array:
+    """Root mean square error of each segment, of all recordings in a row [rad]."""
+    error, which = errors(segments, [point], filters)
+    return np.asarray(np.sqrt(np.bincount(which, error[:, 0] ** 2) / np.bincount(which)) + 1e-12)
 
 
-def _weights(base: Sequence[Array]) -> list[Array]:
-    """Weight of each segment, (B, 1, 1) a recording: segments that diverge at the top of the swing count less."""
-    return [own[:, None, None] for own in trust([np.sqrt(np.mean(part[:, :, :1] ** 2, axis=(1, 2))) for part in base])]
-
-
-def trust(sizes: Sequence[Array]) -> list[Array]:
-    """Weight of each segment, (B,) a recording, from its root mean square error: far beyond the usual one, little."""
-    usual = 3 * float(np.median(np.concatenate(sizes))) + 1e-12
-    return [1 / (1 + (size / usual) ** 2) for size in sizes]
-
-
-def _stacked(
-    segments: Sequence[Segments], points: Sequence[Point], weights: Sequence[Array], filters: Filters = ()
-) -> tuple[Array, Array]:
-    """Weighted errors (M, V) of V points, and the segment that each row belongs to (M,)."""
-    parts = residuals(segments, points, filters)
-    flat = [(np.sqrt(w) * part).reshape(-1, len(points)) for part, w in zip(parts, weights, strict=True)]
-    counts = np.concatenate([np.full(len(part), part.shape[1]) for part in parts])
-    return np.concatenate(flat), np.repeat(np.arange(len(counts)), counts)
+def trust(sizes: Array) -> Array:
+    """Weight of each segment (B,) from its error: little far beyond the usual, as where it diverges at the top."""
+    return np.asarray(1 / (1 + (sizes / (3 * float(np.median(sizes)))) ** 2))
 
 
 def _slopes(
-    segments: Sequence[Segments], point: Point, weights: Sequence[Array], filters: Filters = ()
-) -> tuple[Array, Array, Array]:
+    segments: Sequence[Segments], point: Point, weights: Array, filters: Filters = ()
+) -> tuple[Array, Array, Index]:
     """Weighted errors (M,), their derivatives by relative changes of the parameters (M, P + S), and segments (M,)."""
     values = point.values
     size = np.maximum(np.abs(values), SMALLEST)
     nearby = [point.at(values + DIFFERENCE * size * direction) for direction in np.eye(len(values))]
-    errors, which = _stacked(segments, [point, *nearby], weights, filters)
-    return errors[:, 0], (errors[:, 1:] - errors[:, :1]) / DIFFERENCE, which
+    error, which = errors(segments, [point, *nearby], filters)
+    error *= np.sqrt(weights)[which, None]
+    return error[:, 0], (error[:, 1:] - error[:, :1]) / DIFFERENCE, which
 
 
 def fit(
@@ -145,10 +144,10 @@ def fit(
 ) -> Point:
     """Move the linear parameters theta (P,) and the continuous shape parameters until the segments fit best."""
     point = Point(tuple(terms), np.asarray(theta, dtype=float))
-    weights = _weights(residuals(segments, [point], filters))
+    weights = trust(sizes(segments, point, filters))
     for _ in range(turns):
         values = point.values
-        error, slopes, _ = _slopes(segments, point, weights, filters)
+        error, slopes, which = _slopes(segments, point, weights, filters)
         damping = np.diag(1e-3 * np.linalg.norm(slopes, axis=0) + 1e-12)
         target = np.concatenate([-error, np.zeros(len(values))])
         size = np.maximum(np.abs(values), SMALLEST)
@@ -157,7 +156,7 @@ def fit(
         if is_converged(error, slopes @ step):
             break
         tried = [point.at(values + share * step * size) for share in SHARES]
-        costs = np.sum(_stacked(segments, tried, weights, filters)[0] ** 2, axis=0)
+        costs = weights[which] @ errors(segments, tried, filters)[0] ** 2
         best = int(np.argmin(costs))
         if not costs[best] < float(error @ error):
             break
@@ -165,7 +164,7 @@ def fit(
     return point
 
 
-def likeliest(segments: Sequence[Segments], start: Point) -> Model:
+def maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
     """The maximum-likelihood model near a point, if its residual is noise.
 
     Segments should be about half a second long: the errors of longer ones grow nonlinearly.
@@ -174,20 +173,18 @@ def likeliest(segments: Sequence[Segments], start: Point) -> Model:
     return model(segments, fit(segments, start.terms, start.theta, filters=filters), filters)
 
 
-def rms(
-    segments: Sequence[Segments], point: Point, weights: Sequence[Array] | None = None, filters: Filters = ()
-) -> float:
-    """Weighted root mean square error of the segments, the state at their start being free [rad], or innovation."""
-    parts = residuals(segments, [point], filters)
-    weights = _weights(parts) if weights is None else weights
-    total = sum(float((weight * part**2).sum()) for part, weight in zip(parts, weights, strict=True))
-    return float(np.sqrt(total / _count(segments, weights)))
+def rms(segments: Sequence[Segments], point: Point, weights: Array | None = None, filters: Filters = ()) -> float:
+    """Root mean square error of the segments, the state at their start being free [rad], or innovation.
 
-
-def _count(segments: Sequence[Segments], weights: Sequence[Array]) -> float:
-    """Effective number of weighted errors."""
-    compared = (len(segment.position[grain_of(segment) :: grain_of(segment)]) for segment in segments)
-    return sum(count * float(weight.sum()) for count, weight in zip(compared, weights, strict=True))
+    Args:
+        segments: of each recording.
+        point: terms and parameters.
+        weights: of the segments (B,); all alike if not given.
+        filters: of their errors.
+    """
+    error, which = errors(segments, [point], filters)
+    each = None if weights is None else weights[which]
+    return float(np.sqrt(np.average(error[:, 0] ** 2, weights=each)))
 
 
 def noise(segments: Sequence[Segments], point: Point) -> float:
@@ -205,33 +202,21 @@ def noise(segments: Sequence[Segments], point: Point) -> float:
         )
         for segment, path in zip(segments, paths, strict=True)
     ]
-    return rms(perturbed, point, evenly(segments))
+    return rms(perturbed, point)
 
 
-def evenly(segments: Sequence[Segments]) -> list[Array]:
-    """Weights by which every segment counts the same, as `weigh` has them."""
-    return [np.ones((len(segment.first), 1, 1)) for segment in segments]
-
-
-def sizes(segments: Sequence[Segments], point: Point) -> Array:
-    """Root mean square error of each segment, of all recordings in a row [rad]."""
-    parts = residuals(segments, [point])
-    return np.concatenate([np.sqrt(np.mean(part**2, axis=(1, 2))) for part in parts]) + 1e-12
-
-
-def promise(segments: Sequence[Segments], point: Point, weights: Sequence[Array]) -> float:
+def promise(segments: Sequence[Segments], point: Point, weights: Array) -> float:
     """Weighted root mean square error that a linear fit of all parameters around a point would leave [rad]."""
-    error, slopes, _ = _slopes(segments, point, weights)
+    error, slopes, which = _slopes(segments, point, weights)
     size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
     step = np.linalg.lstsq(slopes / size, -error, rcond=1e-6)[0]
-    return float(np.linalg.norm(error + slopes / size @ step) / np.sqrt(_count(segments, weights)))
+    return float(np.linalg.norm(error + slopes / size @ step) / np.sqrt(weights[which].sum()))
 
 
 def model(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Model:
     """Model at a point, with standard errors from the spread of the segments (jackknife's sandwich)."""
-    weights = _weights(residuals(segments, [point], filters))
-    error, slopes, which = _slopes(segments, point, weights, filters)
-    return named(point, robust_covariance(slopes, error, which.astype(int)))
+    error, slopes, which = _slopes(segments, point, trust(sizes(segments, point, filters)), filters)
+    return named(point, robust_covariance(slopes, error, which))
 
 
 def named(point: Point, relative: Array) -> Model:

@@ -84,7 +84,7 @@ class Dataset:
     @cached_property
     def _parts(self) -> dict[str, tuple[slice, Dataset]]:
         found, first = {}, 0
-        for joint in self.joints:
+        for joint in self.joints if len(self.joints) > 1 else ():
             own = tuple(w for w in self.windows if w.at == joint)
             here = slice(first, first := first + sum(len(w.centers) for w in own))
             clusters = np.unique(self.clusters[here], return_inverse=True)[1]
@@ -93,11 +93,11 @@ class Dataset:
 
     def where(self, at: str) -> slice:
         """Rows of a joint; all rows for terms at no single joint."""
-        return self._parts[at][0] if at in self._parts and len(self.joints) > 1 else slice(None)
+        return self._parts[at][0] if at in self._parts else slice(None)
 
     def part(self, at: str) -> Dataset:
         """The data of a joint; all data for terms at no single joint."""
-        return self._parts[at][1] if at in self._parts and len(self.joints) > 1 else self
+        return self._parts[at][1] if at in self._parts else self
 
     @cached_property
     def samples(self) -> Samples:
@@ -141,6 +141,7 @@ class Dataset:
         columns = [own._rates.column(column, x) for column in term.columns]
         return np.column_stack(columns) if columns else np.empty((len(own.weights), 0))
 
+    @cached_property
     def load_rates(self) -> Array:
         """Time derivative of the torque of known loads (R,) [N m/s]."""
         return self._rates.column(LOAD, self.rows.samples)
@@ -150,15 +151,15 @@ class Dataset:
         """Recording of each equation (R,)."""
         return np.repeat(np.arange(len(self.windows)), [len(w.centers) for w in self.windows])
 
-    def stretches(self, length: float) -> tuple[Index, Index, Index]:
+    def blocks(self, length: float) -> tuple[Index, Index, Index]:
         """Block of about `length` seconds and entry of each equation (R,); recording of each block (S,).
 
         The joints of an arm share their blocks.
         """
-        stretch, entry = _numbers(self.windows, length), self.recording_of_window
-        of_stretch = np.zeros(int(stretch.max()) + 1, dtype=np.intp)
-        of_stretch[stretch] = np.array(_runs(self.windows))[entry]
-        return stretch, entry, of_stretch
+        block, entry = _numbers(self.windows, length), self.recording_of_window
+        of_block = np.zeros(int(block.max()) + 1, dtype=np.intp)
+        of_block[block] = np.array(_runs(self.windows))[entry]
+        return block, entry, of_block
 
     def structure(self, residual: Array, inertia: float) -> Structure:
         """Structure of a residual (R,) [N m]: its covariance between adjacent windows.
@@ -167,7 +168,7 @@ class Dataset:
         the correlation, in standard errors of white noise; it is normalised block by block of one second, so that
         blocks of large and of small residuals weigh alike.
         """
-        stretch, first = _numbers(self.windows, 1.0), 0
+        block, first = _numbers(self.windows, 1.0), 0
         shared, powers, owners = [], [], []
         for w in self.windows:
             count, m = len(w.centers), len(w.kernel) // 2
@@ -175,7 +176,7 @@ class Dataset:
             beside = np.flatnonzero(np.diff(w.centers) == m)
             shared.append(own[beside] * own[beside + 1] - w.shared_noise(inertia))
             powers.append(0.5 * (own[beside] ** 2 + own[beside + 1] ** 2))
-            owners.append(stretch[first + beside])
+            owners.append(block[first + beside])
             first += count
         product, power, owner = np.concatenate(shared), np.concatenate(powers), np.concatenate(owners)
         everything = float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0

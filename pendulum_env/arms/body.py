@@ -97,7 +97,7 @@ class Body:
         """The same links where nothing has weight, or where something else holds it."""
         return replace(self, model=self._weightless)
 
-    def said(self, joint: str, text: str) -> str:
+    def worded(self, joint: str, text: str) -> str:
         """A text about a joint that turns, such as the unit `N m`, as it is for this one."""
         return along(text) if joint in self.sliding else text
 
@@ -148,7 +148,7 @@ class Body:
     def unit_of(self, name: str) -> str:
         """Unit of a standard parameter."""
         quantity, _, joint = name.partition("@")
-        return self.said(joint, "kg m^2") if quantity == "rotor" else UNITS.get(quantity, "kg m^2")
+        return self.worded(joint, "kg m^2") if quantity == "rotor" else UNITS.get(quantity, "kg m^2")
 
     @cached_property
     def _reduction(self) -> tuple[Index, Array]:
@@ -285,7 +285,7 @@ def read_body(
     Args:
         path: of the file.
         joints: that move, by default all that are no base and mimic none; the others are held.
-        held: where they are [rad] or [m]; at zero unless told.
+        held: where they are [rad] or [m]; by default at zero.
         bolted: whether a base that floats is held as well.
         rotors: whether joints have a rotor's inertia (MuJoCo's armature) beside their links'; by default, if the file
             gives any.

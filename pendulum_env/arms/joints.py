@@ -53,20 +53,20 @@ def at_joint(effect: type[Term], joint: str, slides: bool = False) -> type[Term]
 
 
 @cache  # so that the same effect at the same joint is the same class
-def _at_joint(effect: type[Term], joint: str, said: Callable[[str], str]) -> type[Term]:
+def _at_joint(effect: type[Term], joint: str, unit_of: Callable[[str], str]) -> type[Term]:
     def named(columns: Sequence[Column]) -> tuple[Column, ...]:
         own = (column for column in columns if column.name not in OF_THE_ARM)
-        return tuple(replace(column, name=f"{column.name}@{joint}", unit=said(column.unit)) for column in own)
+        return tuple(replace(column, name=f"{column.name}@{joint}", unit=unit_of(column.unit)) for column in own)
 
     content: dict[str, Any] = {
         "__module__": effect.__module__,
         "__doc__": effect.__doc__,
-        "__reduce__": lambda term: (placed, (effect(**term.shape), joint, said is along)),
+        "__reduce__": lambda term: (placed, (effect(**term.shape), joint, unit_of is along)),
         "id": f"{effect.id}@{joint}",
         "at": joint,
-        "slides": said is along,
-        "shapes": tuple(replace(shape, unit=said(shape.unit)) for shape in effect.shapes if not shape.follows),
-        "beyond": lambda term, low, high: said(effect.beyond(term, low, high)),
+        "slides": unit_of is along,
+        "shapes": tuple(replace(shape, unit=unit_of(shape.unit)) for shape in effect.shapes if not shape.follows),
+        "beyond": lambda term, low, high: unit_of(effect.beyond(term, low, high)),
         "columns": cached_property(lambda term: named(super(made, term).columns)),
         "fixed": cached_property(lambda term: named(super(made, term).fixed)),
     }

@@ -77,9 +77,9 @@ class ArmModel(Model):
         if base != {parameter.name: parameter.text for parameter in body.base}:
             raise ModelError("is of an arm with other links, or with rotors where this has none, or without")
         theta = data["theta"]
-        told = theta.content if isinstance(theta.content, dict) else {}
+        known = theta.content if isinstance(theta.content, dict) else {}
         terms = [
-            _term(item, body, f"coupling.inertia@{item['joint'].text()}" in told) for item in data["terms"].items(1000)
+            _term(item, body, f"coupling.inertia@{item['joint'].text()}" in known) for item in data["terms"].items(1000)
         ]
         model = cls.build((Links(body), *terms), 0.0)
         log_format = data.get("log_format")
@@ -106,8 +106,8 @@ class Asked:
         try:
             data = Value("the model", "", read_json(path, HINT))
             still, rotors, light, read = (data.get(name) for name in ("held", "rotors", "weightless", "log_format"))
-            told = still.content if still is not None and isinstance(still.content, dict) else {}
-            held = {name: Value("the model", f"held.{name}", position).number() for name, position in told.items()}
+            places = still.content if still is not None and isinstance(still.content, dict) else {}
+            held = {name: Value("the model", f"held.{name}", position).number() for name, position in places.items()}
             joints = tuple(joint.text() for joint in data["joints"].items(1000)) if held else None
             log_format = {} if read is None else read.table()
         except Unreadable:

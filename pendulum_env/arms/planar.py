@@ -215,7 +215,7 @@ class PlanarBodies:
         return np.diff([body.angular_velocity for body in self._bodies], prepend=0.0)
 
 
-def urdf(links: Sequence[Link], names: Sequence[str], name: str = "planar-arm") -> str:
+def urdf(links: Sequence[Link], names: Sequence[str]) -> str:
     """The arm as URDF, with its joints' names and friction; angles are counted as in the simulation."""
     bodies, joints = ['<link name="base"/>'], []
     parent, place = "base", "0 0 0"
@@ -232,7 +232,7 @@ def urdf(links: Sequence[Link], names: Sequence[str], name: str = "planar-arm") 
             f'<dynamics damping="{link.viscous}" friction="{link.coulomb}"/></joint>'
         )
         parent, place = f"link{k + 1}", _in_space(link, link.length, 0.0)
-    return "\n".join([f'<robot name="{name}">', *bodies, *joints, "</robot>", ""])
+    return "\n".join(['<robot name="planar-arm">', *bodies, *joints, "</robot>", ""])
 
 
 def _in_space(link: Link, along: float, aside: float) -> str:

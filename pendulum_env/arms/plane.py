@@ -18,8 +18,8 @@ def friction_of(body: Body, shares: Array | None = None) -> list[tuple[float, fl
     """Viscous [N m s/rad] and dry [N m] friction of each joint by the file, or shares of the paper's if it has none."""
     model, places = body.model, [body.links.index(joint) for joint in body.joints]
     usual = np.outer(np.ones(len(places)) if shares is None else shares, [PAPER["viscous"], PAPER["coulomb"]])
-    told = [(float(model.damping[k]), float(model.upperDryFrictionLimit[k])) for k in places]
-    return [both if any(both) else (b, fc) for both, (b, fc) in zip(told, usual.tolist(), strict=True)]
+    given = [(float(model.damping[k]), float(model.upperDryFrictionLimit[k])) for k in places]
+    return [both if any(both) else (b, fc) for both, (b, fc) in zip(given, usual.tolist(), strict=True)]
 
 
 def planar_links(body: Body) -> tuple[Link, ...]:
@@ -73,12 +73,8 @@ def planar_links(body: Body) -> tuple[Link, ...]:
                 inertia=inertia,
                 viscous=viscous,
                 coulomb=coulomb,
-                aside=float(_cross(along, to_center)),
+                aside=float(along[0] * to_center[1] - along[1] * to_center[0]),
                 angle=float(np.arctan2(along[0], -along[1])),
             )
         )
     return tuple(links)
-
-
-def _cross(one: Array, other: Array) -> float:
-    return float(one[0] * other[1] - one[1] * other[0])

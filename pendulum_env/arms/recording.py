@@ -52,7 +52,7 @@ class ArmRecording(Recording):
         """Refuse what is no torque yet.
 
         Raises:
-            RecordingError: if a joint's torque is a current whose gain nobody told.
+            RecordingError: if a joint's torque is a current of unknown gain.
         """
         for joint, unit in self.currents.items():
             raise RecordingError(
@@ -123,11 +123,11 @@ def read_arm_recording(
         RecordingError: as `read_recording`, and if columns of joints are missing, or are of other joints.
     """
     look = preview(path, largest)
-    told = _told(path, look.headers, joints, held, dict(columns or {}))
+    named = _named(path, look.headers, joints, held, dict(columns or {}))
     single = []
     for joint in joints:
-        own = {quantity: told.get(f"{quantity}_{joint}", UNUSED) for quantity in OF_JOINTS}
-        own |= {"time": told["time"]} if "time" in told else {}
+        own = {quantity: named.get(f"{quantity}_{joint}", UNUSED) for quantity in OF_JOINTS}
+        own |= {"time": named["time"]} if "time" in named else {}
         unused = {"velocity": UNUSED, "reference": UNUSED}
         try:
             read = read_recording(path, unwrap=unwrap, columns=own | unused, largest=largest)
@@ -149,7 +149,7 @@ def read_arm_recording(
     if links and len(links) < len(joints):
         without = [joint for joint, own in zip(joints, single, strict=True) if own.link_position is None]
         notes.append(f"positions of links are not used, as there are none of {listing(without)}")
-    columns_of = {joint: told.get(f"position_{joint}", UNUSED) for joint in held}
+    columns_of = {joint: named.get(f"position_{joint}", UNUSED) for joint in held}
     return ArmRecording(
         first.name,
         first.time,
@@ -180,7 +180,7 @@ def _still(path: str | os.PathLike[str], look: Preview, text: str) -> Array:
 
 
 def _of_joint(joint: str, text: str) -> str:
-    """What is said of columns of one joint, ready to paste."""
+    """A text about columns of one joint, ready to paste."""
     text = re.sub(",(velocity|reference)=unused", "", text)
     return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})=", lambda found: f"{found[1]}_{joint}=", text)
 
@@ -203,7 +203,7 @@ def _of_arm(source: Source, joints: Sequence[str], held: Collection[str]) -> Arm
     )
 
 
-def _told(
+def _named(
     path: str | os.PathLike[str],
     headers: Sequence[str],
     joints: Sequence[str],

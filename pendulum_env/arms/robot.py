@@ -41,15 +41,15 @@ def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str
     try:
         regular_size(path, DOCUMENT)
         asked = None if joints is None else tuple(joints)
-        told, (ratios, offsets) = isolated(_told, Path(path), asked, dict(held), bolted, remedy=SPARSE)
+        fields, (ratios, offsets) = isolated(_fields, Path(path), asked, dict(held), bolted, remedy=SPARSE)
     except Mistake as error:
         raise BodyError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-    model.loadFromString(told["model"])
-    many = {"joints": tuple(told["joints"]), "links": tuple(told["links"]), "sliding": frozenset(told["sliding"])}
-    return {**told, **many, "model": model, "ratios": ratios, "offsets": offsets}
+    model.loadFromString(fields["model"])
+    many = {"joints": tuple(fields["joints"]), "links": tuple(fields["links"]), "sliding": frozenset(fields["sliding"])}
+    return {**fields, **many, "model": model, "ratios": ratios, "offsets": offsets}
 
 
-def _told(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> Answer:
+def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> Answer:
     """Names, joints and links of a robot in a file, Pinocchio's model as text, and what follows what."""
     pin = pinocchio()
     try:
@@ -103,12 +103,12 @@ def _told(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], b
         raise BodyError(f"holds a number beyond {LARGE:g}: give lengths in m and masses in kg")
     if not np.allclose(axes, 1.0):
         raise BodyError("has a joint without an axis: give it one, of length 1")
-    told = {"name": name, "joints": moves, "held": still, "links": links, "sliding": sliding}
-    return told | {"model": model.saveToString()}, (ratios, offsets)
+    fields = {"name": name, "joints": moves, "held": still, "links": links, "sliding": sliding}
+    return fields | {"model": model.saveToString()}, (ratios, offsets)
 
 
 def _bound(tree: ElementTree.Element) -> None:
-    """Have joints of URDF that turn without end turn within bounds beyond all numbers, by an angle as others do."""
+    """Make continuous joints of URDF revolute ones without end: Pinocchio has a cosine and a sine of the former."""
     for joint in tree.iterfind("joint[@type='continuous']"):
         joint.set("type", "revolute")
         limit = joint.find("limit")
@@ -227,8 +227,8 @@ def _refuse_others(model: Any) -> None:
                 "held by naming those that move, --joints A,B,C (joints=)"
             )
         link = f"the link behind joint '{name}'"
-        told = np.concatenate([[inertia.mass], inertia.lever, np.ravel(inertia.inertia)])
-        if not (np.abs(told) <= LARGE).all():  # nor NaN
+        numbers = np.concatenate([[inertia.mass], inertia.lever, np.ravel(inertia.inertia)])
+        if not (np.abs(numbers) <= LARGE).all():  # nor NaN
             raise BodyError(f"{link} holds a number beyond {LARGE:g}: give lengths in m and masses in kg")
         if not inertia.mass > LIGHTEST:
             raise BodyError(f"{link} has no inertia: give it mass and <inertial>")

@@ -86,7 +86,7 @@ class Step:
     Attributes:
         given: names of what is given at each step.
         before: names of states that are remembered from the step before.
-        after: values of these states after the step, and of others that are only told.
+        after: values of these states after the step, and of others that are results only.
     """
 
     given: Mapping[str, Any]
@@ -95,11 +95,11 @@ class Step:
 
     def compiled(self, quickly: bool) -> Recurrence:
         """The program, see `recurrence`."""
-        told = {
+        states = {
             label: self.before.get(label, names(label, *np.shape(boxed(value)))) for label, value in self.after.items()
         }
-        inputs, states = ([symbol.label for symbol in _flat(each)] for each in (self.given, told))
-        return recurrence(inputs, [], states, _flat(self.after), quickly)
+        inputs, names_after = ([symbol.label for symbol in _flat(each)] for each in (self.given, states))
+        return recurrence(inputs, [], names_after, _flat(self.after), quickly)
 
 
 class Machine:

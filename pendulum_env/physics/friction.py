@@ -259,7 +259,7 @@ class Presliding(Term):
                 "N m",
                 force=lambda x: x.memory[self.id][0],
                 dry=lambda x: -np.ones_like(x.velocity),
-                least=0.0,  # bristles do not push
+                least=0.0,  # friction does not push
             ),
         )
 

@@ -24,8 +24,7 @@ from pendulum_env.words import per, plus_minus
 
 SCHEMA = "pendulum-ident/model@1"
 ARM_SCHEMA = "pendulum-ident/arm-model@1"  # of several joints, which `pendulum_env.arms` reads
-PARAMETERS = 1000  # of a model in a file; a table has up to a hundred
-WORST = 1e100  # standard error in a file: what the data do not show may have any, but its square is finite
+WORST = 1e100  # standard error in a file: any for what the data do not show, but its square is finite
 
 
 class ModelError(Mistake):
@@ -67,8 +66,8 @@ class Estimate:
 
     def json(self) -> JSON:
         """Plain dictionary for JSON; what is biased or unknown says so."""
-        told: JSON = {"value": self.value, "std": self.std, "unit": self.unit}
-        return told | {key: True for key, so in (("biased", self.is_biased), ("unknown", self.is_unknown)) if so}
+        data: JSON = {"value": self.value, "std": self.std, "unit": self.unit}
+        return data | {key: True for key, so in (("biased", self.is_biased), ("unknown", self.is_unknown)) if so}
 
 
 @dataclass(frozen=True)
@@ -81,9 +80,9 @@ class Model:
         torque_unit: `N m`, or that of a current in whose stead every parameter is per unit of it.
         torque_constant: by which a current became the torque that the model was fitted to, if one did; the errors of
             the estimates include its own.
-        correlation: of the errors of the estimates, rows and columns in their order; empty if nobody has told.
+        correlation: of the errors of the estimates, rows and columns in their order; empty if unknown.
         log_format: how the recordings that it was fitted to were read, in the words of a study, so that the next one
-            can be read alike: `columns`, `unwrap`, `load`, `drive`, as far as anything was said.
+            can be read alike: `columns`, `unwrap`, `load`, `drive`, as far as given.
     """
 
     terms: tuple[Term, ...] = BASE
@@ -160,7 +159,7 @@ class Model:
 
     @property
     def covariance(self) -> Array | None:
-        """Covariance (P + S, P + S) of the estimates in their order; None if nobody has told their correlation."""
+        """Covariance (P + S, P + S) of the estimates in their order; None if their correlation is unknown."""
         if not self.correlation:
             return None
         std = np.array([estimate.std for estimate in self.estimates.values()])
@@ -168,7 +167,7 @@ class Model:
 
     @property
     def assumed_covariance(self) -> Array:
-        """The same, with independent estimates where nobody has told their correlation."""
+        """The same, the estimates taken as independent where their correlation is unknown."""
         std = np.array([estimate.std for estimate in self.estimates.values()])
         return np.diag(std**2) if self.covariance is None else self.covariance
 
@@ -187,7 +186,7 @@ class Model:
         """What people also call some parameters, as `backlash.k`, with standard errors to first order."""
         names, values = list(self.estimates), np.array([estimate.value for estimate in self.estimates.values()])
         covariance = self.assumed_covariance
-        told, first = {}, 0
+        found, first = {}, 0
         for term in self.terms:
             place = [*range(first, first + len(term.columns)), *(names.index(term.full(s.name)) for s in term.free)]
             first += len(term.columns)
@@ -198,7 +197,7 @@ class Model:
                 slope = np.array([other[name][0] - value for other in moved]) / perturbations.diagonal()
                 std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope)))
                 is_biased = any(self.estimates[names[k]].is_biased for k in place)
-                told[term.full(name)] = Estimate(
+                found[term.full(name)] = Estimate(
                     float(value), float(std), per(unit, self.torque_unit), is_biased=is_biased
                 )
             for part in term.shares:
@@ -209,8 +208,8 @@ class Model:
                     slope = np.array([100.0, -share]) / base.value
                     std = float(np.sqrt(slope @ covariance[np.ix_(both, both)] @ slope))
                     unit = f"%{entry.unit.removeprefix(base.unit)}"
-                    told[term.full(f"{part}_share")] = Estimate(share, std, unit, is_biased=entry.is_biased)
-        return told
+                    found[term.full(f"{part}_share")] = Estimate(share, std, unit, is_biased=entry.is_biased)
+        return found
 
     def add(self, term: Term, theta: ArrayLike = 0.0) -> Model:
         """Model with one more term, its linear parameters at `theta`; fit it to recordings to get real values.
@@ -242,7 +241,7 @@ class Model:
         return replace(self, estimates={**self.estimates, **new}, correlation=())
 
     def per(self, torque_unit: str) -> Model:
-        """The same numbers, said of a torque that is in another unit, such as `A`."""
+        """The same numbers with the units that they have if torque is in another unit, such as `A`."""
         named = {name: replace(e, unit=per(e.unit, torque_unit)) for name, e in self.estimates.items()}
         return replace(self, estimates=named, torque_unit=torque_unit)
 
@@ -258,8 +257,8 @@ class Model:
 
     def withholding(self, names: Container[str]) -> Self:
         """The same model, some of its parameters, by name, unknown: the data hardly depend on them."""
-        told = {name: replace(e, is_unknown=True) if name in names else e for name, e in self.estimates.items()}
-        return replace(self, estimates=told)
+        estimates = {name: replace(e, is_unknown=True) if name in names else e for name, e in self.estimates.items()}
+        return replace(self, estimates=estimates)
 
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
         """Torque that the model needs for a motion [N m]; samples in stick have no answer, mask them."""
@@ -322,10 +321,10 @@ class Model:
             raise ModelError("the model names a term twice: each may appear once")
         estimates = {}
         for name, default in cls.build(terms, 0.0).estimates.items():
-            told = read_estimate(theta[name], default.unit)
-            if name == "inertia" and told.value <= 0:
+            read = read_estimate(theta[name], default.unit)
+            if name == "inertia" and read.value <= 0:
                 raise theta[name]["value"].fault("a number above zero")
-            estimates[name] = told
+            estimates[name] = read
         keys = ("torque_unit", "torque_constant", "covariance", "log_format")
         unit, constant, covariance, log_format = (data.get(key) for key in keys)
         model = replace(
@@ -347,11 +346,9 @@ class Model:
             ModelError: if the file is missing, is no JSON or is no model; the message names the file.
         """
         try:
-            data = read_json(path, "a model file is what `identify -o` or `diagnose -o` writes")
+            return cls.from_json(read_json(path, "a model file is what `identify -o` or `diagnose -o` writes"))
         except Unreadable as error:
             raise ModelError(str(error)) from None
-        try:
-            return cls.from_json(data)
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from None
 
@@ -388,10 +385,10 @@ def _term(id: Value, data: Value) -> Term:
 
 def _covariance(data: Value, known: Sequence[str]) -> tuple[list[str], Array]:
     """The known parameters, and their covariance, of which a model file may tell more."""
-    names = [name.text() for name in data["parameters"].items(PARAMETERS)]
+    names = [name.text() for name in data["parameters"].items()]
     if missing := [name for name in known if name not in names]:
         raise ModelError(f"'covariance' does not tell of {', '.join(missing)}: add it, or leave the whole key out")
-    rows = [[value.number() for value in row.items(PARAMETERS)] for row in data["matrix"].items(PARAMETERS)]
+    rows = [[value.number() for value in row.items()] for row in data["matrix"].items()]
     if [len(row) for row in rows] != [len(names)] * len(names):
         raise ModelError(f"'covariance' should have {len(names)} rows of as many numbers")
     matrix = np.array(rows)
@@ -401,11 +398,11 @@ def _covariance(data: Value, known: Sequence[str]) -> tuple[list[str], Array]:
     return list(known), matrix[np.ix_(place, place)]
 
 
-def _unit(told: Value) -> str:
-    """A unit that a file tells; it is written into reports and programs, and may hold no words of theirs."""
-    text = told.text(20)
+def _unit(data: Value) -> str:
+    """A unit in a file; it is written into reports and programs, and may hold no words of theirs."""
+    text = data.text(20)
     if re.fullmatch(r"[\w /^().%°µ·²-]*", text) is None:
-        raise told.fault("a unit, such as N m or A")
+        raise data.fault("a unit, such as N m or A")
     return text
 
 

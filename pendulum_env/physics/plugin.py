@@ -84,7 +84,7 @@ def _try(kind: type[Term]) -> None:
 
 @contextmanager
 def _telling(file: Path, path: str | Path) -> Iterator[None]:
-    """Whatever a user's file does wrong is told in a sentence, sys.exit as well."""
+    """Turn whatever a user's file does wrong, sys.exit included, into one sentence."""
     try:
         yield
     except (KeyboardInterrupt, PluginError):

@@ -44,7 +44,7 @@ class Balance:
         Known loads of the samples count only if the pendulums are `loaded`.
         """
         self.terms, self.theta, self.loaded = tuple(terms), theta, loaded
-        self._remembering = [term for term in terms if type(term).advance is not Term.advance]
+        self._remembering = [term for term in terms if term.remembers]
         weighted = list(zip([column for term in terms for column in term.columns], theta, strict=True))
         weighted += [(column, np.float64(1.0)) for term in terms for column in term.fixed]
         weighted += [(LOAD, np.float64(1.0))] if loaded else []
@@ -153,10 +153,11 @@ def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
         new_q = np.where(stops, stop_q + 0.5 * leave * left**2, new_q)
         new_v = np.where(stops, leave * left, new_v)
     memory = balance.advance(middle, 0.5 * (middle_v + new_v), 0.5 * h)
-    return Samples(x.time + h, _bounded(new_q), _bounded(new_v), x.torque, memory, x.load)
+    return Samples(x.time + h, bounded(new_q), bounded(new_v), x.torque, memory, x.load)
 
 
-def _bounded(values: Array) -> Array:
+def bounded(values: Array) -> Array:
+    """Values held within +-`UNBOUNDED`; what is no number becomes one."""
     return np.fmin(np.fmax(values, -UNBOUNDED), UNBOUNDED)
 
 

@@ -36,7 +36,7 @@ OF_ANGLE: dict[str, Callable[[Array], Array]] = {
 
 
 class Extent(NamedTuple):
-    """Where a table is told, in rad, rad/s or s, and in how many pieces; angles from -pi to pi go on round the turn.
+    """Range of a table, in rad, rad/s or s, and in how many pieces; angles from -pi to pi go on round the turn.
 
     A torque by angle leaves the functions named `beside` to terms that have them already.
     """
@@ -53,13 +53,13 @@ class Extent(NamedTuple):
 
 
 def read_table(kind: type[Table], data: Value) -> Table:
-    """A table over the extent that a model file tells.
+    """A table over the extent in a model file.
 
     Raises:
         Unreadable: if it makes no sense.
     """
     low, high, pieces = (data[name] for name in ("low", "high", "pieces"))
-    beside = () if (told := data.get("beside")) is None else tuple(name.text() for name in told.items(len(OF_ANGLE)))
+    beside = () if (names := data.get("beside")) is None else tuple(name.text() for name in names.items(len(OF_ANGLE)))
     least = 0.0 if kind.axis == "velocity" else -FARTHEST
     extent = Extent(low.number(least, FARTHEST), high.number(least, FARTHEST), int(pieces.number(3, 100)), beside)
     is_wide = extent.high - extent.low > NARROWEST * max(1.0, abs(extent.low))
@@ -264,7 +264,7 @@ class TorqueByAngle(ByAngle):
 
 @dataclass(frozen=True)
 class FrictionByAngle(ByAngle):
-    """Dry friction that varies with the angle, as of a seal that rubs or a worn stretch of a gear."""
+    """Dry friction that varies with the angle, as of a seal that rubs or a worn part of a gear."""
 
     id = "friction_by_angle"
     title = "dry friction that varies with the angle"
@@ -409,14 +409,14 @@ TABLES: dict[str, type[Term]] = {
 
 @dataclass(frozen=True)
 class SureTorqueByAngle(TorqueByAngle):
-    """The same where it is told best: a curve that few samples tell predicts badly what is recorded next."""
+    """The same without the ends that few samples determine: these predict badly what is recorded next."""
 
     outside = 0.5
 
 
 @dataclass(frozen=True)
 class SureFrictionByAngle(FrictionByAngle):
-    """The same where it is told best."""
+    """The same without the ends that few samples determine."""
 
     outside = 0.5
 

@@ -187,7 +187,7 @@ class Term:
     omitted: ClassVar[str] = "it is left out"  # what that means where a simulator does not know it
     multimodal: ClassVar[str] = ""  # shape parameter over which the error has many local minima, searched one by one
     link: ClassVar[bool] = False  # whether its memory is position and velocity of a link behind the motor
-    shares: ClassVar[tuple[str, ...]] = ()  # parts that are also told in per cent of the term of that name
+    shares: ClassVar[tuple[str, ...]] = ()  # parts that are also given in per cent of the term of that name
     forgets: ClassVar[float] = np.inf  # time after which a term with memory no longer knows where it started [s]
 
     def __init_subclass__(cls) -> None:
@@ -296,7 +296,7 @@ class Term:
 
     @property
     def free(self) -> tuple[Shape, ...]:
-        """Shape parameters that are to be told: those that are not at their usual value."""
+        """Shape parameters that are to be found: those that are not at their usual value."""
         return tuple(shape for shape in self.shapes if np.any(getattr(self, shape.name) != shape.usual))
 
 
@@ -342,7 +342,7 @@ def traces(
 ) -> list[list[Memory]]:
     """State variables of V variants of one effect, driven along the recorded motion of several recordings.
 
-    All variants and all recordings advance together: shape parameters are stacked into arrays (V, 1), and stretches of
+    All variants and all recordings advance together: shape parameters are stacked into arrays (V, 1), and blocks of
     the recordings run side by side, each led in from a little before, long enough to forget how it began.
 
     Args:
@@ -361,10 +361,10 @@ def traces(
     lead = longest if np.isinf(stacked.forgets) else int(np.ceil(stacked.forgets / min(periods)))
     length = max(lead, int(np.ceil(longest / 64))) if lead < longest else longest
     begins = [np.arange(0, count, length) for count in counts]
-    stretches = [len(own) for own in begins]
-    steps = length if max(stretches) == 1 else length + lead
+    blocks = [len(own) for own in begins]
+    steps = length if max(blocks) == 1 else length + lead
     offsets = np.arange(-(steps - length), length)[:, None]
-    # (steps, stretches) each: index into all recordings in a row
+    # (steps, blocks) each: index into all recordings in a row
     at = np.concatenate(
         [
             np.clip(own + offsets, 0, count - 1) + first
@@ -376,10 +376,10 @@ def traces(
         np.concatenate([np.asarray(getattr(x, name)) for x in runs])[at] for name in ("time", "position", "velocity")
     )
     held = np.concatenate(commands)[at]
-    period = np.repeat(periods, stretches)
+    period = np.repeat(periods, blocks)
     half = 0.5 * (velocity[1:] + velocity[:-1])  # carries each sample to the next
     resting = np.diff(at, axis=0) == 0  # led in from before the first sample: nothing moves
-    shape = (len(variants), sum(stretches))
+    shape = (len(variants), sum(blocks))
     first_samples = Samples(time[0], position[0] + np.zeros(shape), velocity[0] + np.zeros(shape), held[0])
     memory = stacked.start(first_samples)
     states = np.array([np.broadcast_to(row, shape) for row in memory])
@@ -389,9 +389,9 @@ def traces(
         history = program(inputs, np.array([np.broadcast_to(row, shape) for row in constants]), states)
     else:
         history = repeated(lambda given, rows: _moved(stacked, given, rows, period), inputs, states)
-    kept = np.moveaxis(history[steps - length :], 0, -1)  # (states, V, stretches, length)
+    kept = np.moveaxis(history[steps - length :], 0, -1)  # (states, V, blocks, length)
     results = []
-    for own, count in zip(np.split(kept, np.cumsum(stretches)[:-1], axis=2), counts, strict=True):
+    for own, count in zip(np.split(kept, np.cumsum(blocks)[:-1], axis=2), counts, strict=True):
         series = own.reshape(len(memory), len(variants), -1)[:, :, :count]
         results.append([tuple(series[:, v]) for v in range(len(variants))])
     return results

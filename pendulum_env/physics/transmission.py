@@ -10,7 +10,7 @@ damping c = d / J and g = mgl / J,
 
     ql'' = a(q - ql, q' - ql') - g sin ql,     a = w^2 s + c s'
 
-where s is the stretch of the transmission. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
+where s is the extension of the transmission. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
 """
 
 from __future__ import annotations
@@ -23,14 +23,13 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.simulation import substeps
+from pendulum_env.physics.simulation import bounded, substeps
 from pendulum_env.physics.symbols import name
 from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term
 
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
-UNBOUNDED = 1e6  # [rad], [rad/s]; a link beyond has broken loose from any real motion
 SUBSTEP = 1e-3  # [s], longest step of the link's motion
 
 
@@ -60,8 +59,8 @@ class Transmission(Term):
 
     def _pull(self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -> ArrayLike:
         """Acceleration that the transmission gives the link [rad/s^2]."""
-        stretch = twist - np.minimum(np.maximum(twist, -self.play), self.play)
-        return stiffness * stretch + damping * speed * (stretch != 0)
+        extension = twist - np.minimum(np.maximum(twist, -self.play), self.play)
+        return stiffness * extension + damping * speed * (extension != 0)
 
     def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
         return {
@@ -74,7 +73,7 @@ class Transmission(Term):
         return self._hang(x, self.resonance**2)
 
     def _hang(self, x: Samples, stiffness: ArrayLike) -> Memory:
-        """Link at the stretch that carries its weight, moving with the motor."""
+        """Link at the extension that carries its weight, moving with the motor."""
         weight = self.gravity * np.sin(x.position)
         return x.position - weight / stiffness - self.play * np.sign(weight), x.velocity + 0.0 * weight
 
@@ -93,8 +92,8 @@ class Transmission(Term):
         for k in range(steps):
             middle_q = position + 0.5 * h * velocity
             middle_v = velocity + 0.5 * h * acceleration(k * h, position, velocity)
-            velocity = _bounded(velocity + h * acceleration((k + 0.5) * h, middle_q, middle_v))
-            position = _bounded(position + h * middle_v)
+            velocity = bounded(velocity + h * acceleration((k + 0.5) * h, middle_q, middle_v))
+            position = bounded(position + h * middle_v)
         return position, velocity
 
 
@@ -191,7 +190,3 @@ def _central_differences() -> Recurrence:
     drive, w2, c, g, h, q, before = (name(text) for text in ("drive", *given, "position", "before"))
     known = drive - g * np.sin(q) - w2 * q + 2 * q / h**2 - (1 / h**2 - 0.5 * c / h) * before
     return recurrence(["drive"], given, ["position", "before"], [known / (1 / h**2 + 0.5 * c / h), q])
-
-
-def _bounded(values: Array) -> Array:
-    return np.minimum(np.maximum(values, -UNBOUNDED), UNBOUNDED)

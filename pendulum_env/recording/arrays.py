@@ -74,15 +74,18 @@ def read_hdf5(path: Path, find: Find) -> Table:
     need("h5py")
     import h5py
 
-    found: dict[str, h5py.Dataset] = {}
-
-    def note(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.shape is not None and not (item.external or item.is_virtual):
-            found[name] = item
+    def below(group: Any, path: str) -> Iterator[tuple[str, Any]]:
+        for name in group:
+            if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                continue  # a reference of MATLAB, or a link
+            item = group[name]
+            if isinstance(item, h5py.Group):
+                yield from below(item, f"{path}{name}/")
+            elif isinstance(item, h5py.Dataset) and item.shape is not None and not (item.external or item.is_virtual):
+                yield path + name, item
 
     with h5py.File(path, "r") as file:
-        file.visititems(note)  # which follows no links
-        return _table({name: item for name, item in found.items() if name[0] != "#"}, find)  # references of MATLAB
+        return _table(dict(below(file, "")), find)
 
 
 def _table(stored: Mapping[str, Any], find: Find) -> Table:

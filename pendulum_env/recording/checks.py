@@ -11,7 +11,7 @@ import numpy as np
 from pendulum_env._typing import Array, Index
 from pendulum_env.filters import savitzky_golay
 from pendulum_env.reading import LARGE
-from pendulum_env.recording.origin import Origin
+from pendulum_env.recording.origin import DEGREE, Origin
 from pendulum_env.recording.record import ColumnError, Recording, RecordingError
 
 
@@ -30,7 +30,6 @@ class Bounds:
 
 
 BOUNDS = Bounds()
-DEGREE = np.pi / 180  # [rad]
 UNWRAP = "read it with --unwrap (unwrap=True)"  # what mends a wrapped angle, on the command line and in Python
 
 

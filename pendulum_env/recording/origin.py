@@ -11,7 +11,7 @@ from pendulum_env.recording.columns import UNUSED, Column
 from pendulum_env.recording.expression import Expression
 from pendulum_env.recording.vocabulary import LINEAR, RAW, UNITS
 
-DEGREE = math.pi / 180  # [rad]
+DEGREE = UNITS["position"]["deg"]  # [rad]
 
 
 @dataclass(frozen=True)

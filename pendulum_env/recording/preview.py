@@ -14,8 +14,7 @@ from pendulum_env.reading import LARGEST
 from pendulum_env.recording.columns import Column, guess_columns, named_column
 from pendulum_env.recording.record import RecordingError
 from pendulum_env.recording.storage import parsed, read_here
-
-MOST = 64  # columns that are looked at; a person is not shown more
+from pendulum_env.recording.table import WIDEST
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +67,9 @@ def _look(path: Path) -> Answer:
     headers: list[str] = []
 
     def some(places: slice, names: Sequence[str]) -> dict[str, Column]:
-        headers[:] = [name.strip() for name in names[:MOST]]
+        headers[:] = [name.strip() for name in names[:WIDEST]]
         # readers take dates in place of time, and messages at the times of those with the position
-        quantities = ("time", "position", *map(str, range(MOST)))
+        quantities = ("time", "position", *map(str, range(WIDEST)))
         chosen = list(enumerate(headers))[places]
         return {q: Column(q, name, k, None) for q, (k, name) in zip(quantities, chosen, strict=False)}
 

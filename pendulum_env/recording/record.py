@@ -267,8 +267,3 @@ def unevenness(time: Array, step: float | None = None) -> float:
 
 def _covered(time: Array, starts: tuple[int, ...]) -> float:
     return float(sum(time[b - 1] - time[a] for a, b in pairwise((*starts, len(time)))))
-
-
-def by_torque(recording: Recording) -> Recording:
-    """A recording as tables of torque and pages that draw it take it: nobody asks for its controller there."""
-    return recording if recording.drive is None else replace(recording, drive=None)

@@ -230,26 +230,29 @@ def _lost(time: Array, usual: float) -> Index:
 
 
 def _with_lost(part: dict[str, Array], missing: Index) -> dict[str, Array]:
-    time = part["time"]
     known = np.append(0, np.cumsum(missing + 1))  # (N,), places of the samples that there are
     every = np.arange(known[-1] + 1)
     full = {name: np.interp(every, known, part[name]) for name in ("time", "torque")}
-    if "enabled" in part:
-        full["enabled"] = _held(full["time"], time, part["enabled"])
-    for name in part.keys() - full.keys():
-        full[name] = _interpolated(full["time"], time, part[name])
-        full[name][known] = part[name]
-    return full
+    others = _at(full["time"], part)
+    for name, values in others.items():
+        values[known] = part[name]
+    return full | others
 
 
 def _resampled(part: dict[str, Array], period: float) -> dict[str, Array]:
     """One segment on a grid of `period` [s] that begins where it does."""
     time = part["time"]
     grid = _grid(time[0], period, int((time[-1] - time[0]) / period + 1 + 1e-6))
-    made = {name: _interpolated(grid, time, part[name]) for name in part if name not in ("time", "torque", "enabled")}
-    if "enabled" in part:
-        made["enabled"] = _held(grid, time, part["enabled"])
-    return made | {"time": grid, "torque": _mean_held(grid, period, time, part["torque"])}
+    return _at(grid, part) | {"time": grid, "torque": _mean_held(grid, period, time, part["torque"])}
+
+
+def _at(grid: Array, part: dict[str, Array]) -> dict[str, Array]:
+    """Signals of a segment but torque at other times (M,): `enabled` as it was last, others by cubic splines."""
+    made = {}
+    for name in part.keys() - {"time", "torque"}:
+        taken = _held if name == "enabled" else _interpolated
+        made[name] = taken(grid, part["time"], part[name])
+    return made
 
 
 def _grid(start: float, period: float, count: int) -> Array:

@@ -12,7 +12,7 @@ from pendulum_env._typing import Array
 from pendulum_env.recording.columns import Column
 from pendulum_env.recording.record import RecordingError
 
-WIDEST = 64  # elements of a vector that become columns of their own
+WIDEST = 64  # elements of a vector that become columns of their own, and columns that a person is shown
 Find = Callable[[Sequence[str]], dict[str, Column]]  # which of the columns with these names are read, by quantity
 
 

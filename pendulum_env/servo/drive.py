@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
@@ -29,7 +29,7 @@ UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # of what
 
 
 class DriveError(Mistake):
-    """A drive cannot be as it is said to be; the message is one sentence with what is wrong and what to do."""
+    """A drive that makes no sense; the message says what is wrong and what to do."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ class Drive:
     def __post_init__(self) -> None:
         for name, known in (("control", Control), ("output", Output)):
             if getattr(self, name) not in get_args(known):
-                told = " or ".join(get_args(known))
-                raise DriveError(f"{name} is {shown(getattr(self, name))}: it should be {told}")
+                choices = " or ".join(get_args(known))
+                raise DriveError(f"{name} is {shown(getattr(self, name))}: it should be {choices}")
         for name in ("kp", "ki", "kd", "delay"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise DriveError(f"{name} is {getattr(self, name):g}: it should be 0 or a positive number")
@@ -106,21 +106,21 @@ class Drive:
         return self.control == "velocity"
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> Self:
+    def of(cls, given: Mapping[str, Any]) -> Self:
         """A drive as a study says it: a preset, in whose units gains are, or plain numbers.
 
         Raises:
             DriveError: if the preset is unknown, or numbers are out of their range.
         """
-        known = find("preset", str(told["preset"]), PRESETS) if "preset" in told else PLAIN
+        known = find("preset", str(given["preset"]), PRESETS) if "preset" in given else Preset({})
         values: dict[str, Any] = dict(known.base)
-        for name, value in told.items():
+        for name, value in given.items():
             if name in ("control", "output"):
                 values[name] = value
             elif find("key of a drive", name, KEYS) and name != "preset":
                 if isinstance(value, bool) or not isinstance(value, int | float):
                     raise DriveError(f"{name} is {shown(value)}: it should be a number")
-                values[name] = float(value) * known.units.get(name, 1.0)
+                values[name] = float(value) * (known.kp if name == "kp" else 1.0)
         if not values.keys() & {"kp", "ki"}:
             raise DriveError("nobody says the controller's gain: give kp (or ki)")
         return cls(**values)
@@ -132,43 +132,24 @@ class Drive:
         return {name: value if isinstance(value, str) else float(value) for name, value in values.items()}
 
 
-@dataclass(frozen=True)
-class Preset:
-    """A family of servos: what is the same of all, and what one unit of its registers is."""
+class Preset(NamedTuple):
+    """A family of servos: what is not as usual of all of them, and what one unit of kp in their registers is."""
 
     base: Mapping[str, Any]
-    units: Mapping[str, float]
-    source: str
+    kp: float = 1.0
 
 
-PLAIN = Preset({}, {}, "plain numbers in SI")
-BAM = "as github.com/Rhoban/bam measured it"  # duty cycle by the error of the angle and the gain in its register
-PRESETS = {
-    "xl330": Preset(
-        {"control": "position", "output": "duty", "supply": 7.3},
-        {"kp": 4096 / math.tau / (256 * 885)},
-        f"Dynamixel XL330 {BAM}: duty = kp (goal - position) [counts] / (256 x 885)",
-    ),
-    "xl320": Preset(
-        {"control": "position", "output": "duty", "supply": 7.5},
-        {"kp": 0.0505},
-        f"Dynamixel XL-320 {BAM}: duty = 0.0505 kp (goal - position) [rad]",
-    ),
-    "mx": Preset(
-        {"control": "position", "output": "duty", "supply": 15.0, "limit": 0.9625},
-        {"kp": 0.158},
-        f"Dynamixel MX-64 and MX-106 {BAM}: duty = 0.158 kp (goal - position) [rad], 0.9625 at most",
-    ),
-    "sts3215": Preset(
-        {"control": "position", "output": "duty", "supply": 7.4, "limit": 0.97},
-        {"kp": 0.166},
-        f"Feetech STS3215 {BAM}: duty = 0.166 kp (goal - position) [rad], 0.97 at most, below its largest speed",
-    ),
-    "mit": Preset(
-        {"control": "position", "output": "torque"},
-        {},
-        "MIT mode of quasi-direct drives (Mini Cheetah, Damiao, CubeMars): torque = kp (goal - position) - kd velocity "
-        "at the output, with neither a goal of the speed nor a torque fed forward",
-    ),
+PRESETS = {  # those of duty as github.com/Rhoban/bam measured them
+    # Dynamixel XL330: duty = kp (goal - position) [counts] / (256 x 885)
+    "xl330": Preset({"supply": 7.3}, 4096 / math.tau / (256 * 885)),
+    # Dynamixel XL-320: duty = 0.0505 kp (goal - position) [rad]
+    "xl320": Preset({"supply": 7.5}, 0.0505),
+    # Dynamixel MX-64 and MX-106: duty = 0.158 kp (goal - position) [rad], 0.9625 at most
+    "mx": Preset({"supply": 15.0, "limit": 0.9625}, 0.158),
+    # Feetech STS3215: duty = 0.166 kp (goal - position) [rad], 0.97 at most, below its largest speed
+    "sts3215": Preset({"supply": 7.4, "limit": 0.97}, 0.166),
+    # MIT mode of quasi-direct drives (Mini Cheetah, Damiao, CubeMars): torque = kp (goal - position) - kd velocity at
+    # the output, with neither a goal of the speed nor a torque fed forward
+    "mit": Preset({"output": "torque"}),
 }
 KEYS = dict.fromkeys(("preset", *vars(Drive())), True)

@@ -26,7 +26,7 @@ GAINS = ("kp", "ki", "kd", "most", "seen", "turn")  # of each servo
 
 @dataclass(frozen=True)
 class Servos:
-    """B servos that are told where to go, over N steps of the integrator.
+    """B servos that follow goals, over N steps of the integrator.
 
     Attributes:
         drives: of each.

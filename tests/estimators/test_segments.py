@@ -5,25 +5,24 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import Diagnosis, compare, identify
+from benchmarks.independent_plant import Experiment, Plant
+from estimators import Diagnosis
 from estimators.selection.data import Evidence, fit_terms
 from estimators.simulation.free_running import choose_segments
-from estimators.simulation.link_segments import consecutive
+from estimators.simulation.multiple_shooting import consecutive
 from estimators.weak_form.windows import cut
 from pendulum_env.physics import BASE
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.friction import Presliding
 from pendulum_env.recording import Recording, read_recording
-from tests.cases import diagnosed
+from tests.cases import diagnosed, recorded
 
 
 @pytest.fixture(scope="module")
 def whole() -> Recording:
     """Ten seconds with Stribeck friction, from an independent simulator."""
     plant = Plant(effects={"stribeck": {"strib_d": 0.4, "strib_v": 0.5}})
-    run = simulate([(plant, Experiment(rate=500.0, seconds=10.0, seed=3))], workers=1)[0]
-    return Recording("whole", run.time, run.position, run.torque)
+    return recorded(plant, Experiment(rate=500.0, seconds=10.0, seed=3))[0]
 
 
 def with_gaps(recording: Recording, gaps: list[tuple[int, int]]) -> Recording:
@@ -86,24 +85,6 @@ def test_memory_starts_anew_in_each_segment(gapped, term):
             alone = cut(gapped.slice(begin, end), 0.012)
             (own,) = alone.trace([term])[0].memory[term.id]
             assert state[begin:end] == pytest.approx(own, abs=0.05 * np.abs(own).max())
-
-
-@pytest.mark.slow
-def test_parameters_are_found_across_gaps_within_their_intervals(whole, gapped):
-    for id, found in identify([gapped]).schemes.items():
-        full = identify([whole], BASE, [id] if "hamiltonian" not in id else [id.replace("hamiltonian", "dynamic"), id])
-        for name, estimate in found.model.estimates.items():
-            other = full[id].model.estimates[name]
-            assert abs(estimate.value - other.value) < 4 * max(estimate.std, other.std)
-
-
-@pytest.mark.slow
-def test_the_verdict_is_that_of_the_recording_without_gaps(whole, gapped, verdict):
-    found = diagnosed([gapped])
-    assert found.selected == ("stribeck",)
-    assert found.model.estimates["stribeck"].value == pytest.approx(0.4, rel=0.1)
-    errors = compare(found.model, [whole]).joint.errors
-    assert errors.torque_rms < 1.3 * verdict.steps[-1].errors["train"].torque_rms
 
 
 def test_lost_rows_gaps_and_a_jittering_clock_change_no_verdict_and_no_parameter(whole, verdict, tmp_path):

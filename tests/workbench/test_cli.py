@@ -516,7 +516,7 @@ def test_app_refuses_what_it_cannot_serve(refused, tmp_path, runs, monkeypatch):
     pytest.importorskip("dash")
     assert "there is no such file" in refused("app", tmp_path / "nowhere.csv", "--no-browser")
     assert "should be a whole number" in refused("app", "--port", "-1")
-    assert "'99999' should be a port" in refused("app", "--port", "99999", "--no-browser")
+    assert "'99999' should be a whole number from 0 to 65535" in refused("app", "--port", "99999", "--no-browser")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
         assert f"port {port} is taken" in refused("app", "--port", port, "--no-browser")

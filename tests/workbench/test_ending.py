@@ -24,7 +24,7 @@ def work(connection):
     time.sleep(1000)
 if __name__ == "__main__":
     worker = Worker("one")
-    worker.begin(work)
+    worker.send(work)
     worker.hear()
     with connected(None, 1) as client:
         client.wait_for_workers(1)

@@ -23,12 +23,11 @@ from pendulum_env.physics import Term
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import Recording, Source
 from pendulum_env.words import name, opening
-from workbench.app.asked import Asked
-from workbench.app.jobs import Task
-from workbench.app.state import NO_RECORDING, State
-from workbench.app.uploads import UNPACKED
+from workbench.app import uploads
+from workbench.app.state import NO_RECORDING, Asked, State
 from workbench.arms import SAVED
 from workbench.mistakes import InputError
+from workbench.processes import Task
 from workbench.report.arm import render_arm
 from workbench.robot import RobotFile, loaded_text, looked_for, meaning, straying
 
@@ -56,7 +55,7 @@ class Fitted:
 def fit_arm(
     body: Body, train: tuple[ArmRecording, ...], holdout: tuple[ArmRecording, ...], terms: tuple[Term, ...]
 ) -> Fitted:
-    """The base model of an arm, with friction at each joint or with terms that are told.
+    """The base model of an arm, with friction at each joint or with given terms.
 
     Raises:
         IdentificationError: if there is too little motion.
@@ -81,13 +80,8 @@ class ArmState(State):
     robot: RobotFile = field(kw_only=True)
 
     @property
-    def start(self) -> tuple[Term, ...]:
-        """Terms that a base model has unless told."""
-        return ()
-
-    @property
     def joints(self) -> tuple[str, ...] | None:
-        """Those that move, if that is told."""
+        """Those that move, if that is known."""
         return self.robot.joints
 
     @property
@@ -104,7 +98,7 @@ class ArmState(State):
         """A recording of the robot; raises RecordingError, and InputError if a study has other joints move."""
         if source.joints not in (None, self.robot.joints):
             raise InputError(f"{source.file.name}: its study has other joints move: drop it together with the robot")
-        return self.robot.read(replace(source, largest=UNPACKED))
+        return self.robot.read(replace(source, largest=uploads.LIMITS.unpacked))
 
     @cached_property
     def body(self) -> Body:

@@ -1,26 +1,36 @@
-"""The card that asks what the columns of a file mean, beside what is in them."""
+"""The card that asks what the columns of a file mean: roles, units and gains, as expressions of the command line."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import dash
 import numpy as np
-from dash import ALL, Input, Output, State, dcc, html
+from dash import ALL, Dash, Input, Output, dcc, html
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from pendulum_env._typing import Array
-from workbench.app.mapping import Card, Choice, quantity, understood, units
+from pendulum_env.arms.recording import without_units
+from pendulum_env.recording import RecordingError, Source
+from pendulum_env.recording.columns import UNUSED, is_told, named_column
+from pendulum_env.recording.expression import NUMBER, Expression, letters, parse
+from pendulum_env.recording.preview import Preview, preview
+from pendulum_env.recording.record import ColumnError
+from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS
+from pendulum_env.words import listing
 from workbench.app.parts import UNWRAP, aria, button, graph, labelled, panel, table
-from workbench.app.session import Session
-from workbench.app.stage import Bench
 from workbench.report.figure import Figure, axis, line, thin
 
 COLUMN = "column"  # kind of a plot that a range is brushed in
-NEEDED = "Time, position and torque are needed; velocity and reference are of use."
-NEEDED_OF_ARM = (
+NEEDED = 3  # columns with numbers: time, position and torque
+PLAIN = re.compile(rf"[+-]?(?:{NUMBER.pattern})|\?")  # what is written alone is a gain
+ASKED = "Time, position and torque are needed; velocity and reference are of use."
+ASKED_OF_ARM = (
     "Time, and position and torque of each joint are needed: on the side of the joint, with the torque that holds the "
     "links up. What was logged of a motor before its gear has the ratio in the last column, a current its gain."
 )
@@ -34,12 +44,170 @@ HINTS = {  # of what is done with a column
     "reference": "/6 or *-1 or +90",
 }
 CALLED = {"A": "A: current", "V": "V: voltage", "duty": "duty: share of the supply"}
+Ends = tuple[float | None, float | None]  # of a range [s] from the first row; None where it goes to the first or last
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is said of one column: its role, unit and what is done with it; empty where nothing is."""
+
+    role: str = ""
+    unit: str = ""
+    then: str = ""  # `*0.091`, `/6+90`; a number alone is a gain
+
+    def expression(self, header: str) -> str:
+        """The same in one line, as on the command line."""
+        unit, then = self.unit.strip(), self.then.strip()
+        gain = "*" if PLAIN.fullmatch(then) else ""
+        return f"{header}{f':{unit}' if unit else ''}{gain}{then}"
+
+    @classmethod
+    def of(cls, role: str, told: Expression) -> Choice:
+        """What an expression says of its column."""
+        gain = "".join([*(["*-1"] if told.negative else []), *told.factors])
+        offset = (told.offset or "") + ("" if told.offset_unit is None else f":{told.offset_unit}")
+        return cls(role, told.unit or "", gain + offset)
+
+
+def quantity(role: str) -> str:
+    """What a role measures: `position` of `position_elbow`."""
+    return role.partition("_")[0]
+
+
+def units(role: str) -> list[str]:
+    """Units that a column of a role may be in."""
+    what = quantity(role)
+    return [*TOLD.get(what, "").split(", "), *LINEAR.get(what, {})] if what in TOLD else []
+
+
+def understood(role: str, text: str, headers: Sequence[str]) -> str:
+    """How the unit of an expression's column is understood, in words; empty where there is none."""
+    try:
+        column = named_column(quantity(role), text, headers)
+    except RecordingError:
+        return "not clear yet"
+    if column.unit is not None:
+        written = {letters(unit): unit for unit in units(role)}
+        return f"{written.get(column.unit, column.unit)} (named)"
+    if not (unit := SI[quantity(role)]):
+        return ""
+    return f"{unit} (after gain)" if column.is_unit_told else f"{unit} (assumed)"
+
+
+@dataclass(frozen=True, eq=False)
+class Card:
+    """A file whose columns a person is asked about.
+
+    Attributes:
+        source: how it is to be read; its columns and range are those of `choices` and `ends` instead.
+        choices: what is said of each column.
+        preview: what is in the file.
+        ends: of the range to use.
+        known: id of the recording that it is of; empty while that waits for an answer.
+        why: what is wrong with it, in a sentence; empty if a person asked to see it.
+        joints: of the arm that it is of; none of a pendulum.
+    """
+
+    source: Source
+    choices: tuple[Choice, ...]
+    preview: Preview
+    ends: Ends = (None, None)
+    known: str = ""
+    why: str = ""
+    joints: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, source: Source, known: str = "", why: str = "", joints: tuple[str, ...] = ()) -> Card:
+        """Look at a file, beginning with what is said of it or what the names of its columns tell.
+
+        Raises:
+            RecordingError: if it cannot be read, or has too few columns to choose from.
+        """
+        shown = preview(source.file)
+        if sum(values is not None for values in shown.values) < NEEDED:
+            raise RecordingError(f"{source.file}: has fewer than {NEEDED} columns of numbers: nothing can be chosen")
+        card = cls(source, (), shown, source.range or (None, None), known, why, joints)
+        guessed = shown.guessed
+        if joints:
+            plain = without_units(shown.headers)
+            guessed = {role: plain[role] for role in card.roles if role in plain}
+        said = {name: Choice(role) for role, name in guessed.items() if role not in source.columns}
+        for role, text in source.columns.items():
+            what = quantity(role)
+            try:
+                told = parse(text, shown.headers, {**UNITS[what], **RAW.get(what, {}), **LINEAR.get(what, {})})
+            except RecordingError:
+                continue  # `unused`, or a mistake that reading has told of
+            said[told.name] = Choice.of(role, told)
+        return replace(card, choices=tuple(said.get(header, Choice()) for header in shown.headers))
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """What a column may be: of an arm, a position or torque of one of its joints."""
+        own = (f"{what}_{joint}" for joint in self.joints for what in ("position", "torque"))
+        return ("time", *own) if self.joints else tuple(ALIASES)
+
+    def told(self, choices: Sequence[Choice], unwrap: bool, ends: Ends) -> Card:
+        """The card with other choices."""
+        return replace(self, choices=tuple(choices), source=replace(self.source, unwrap=unwrap), ends=ends)
+
+    def filled(self, form: Mapping[str, Any]) -> Card:
+        """The card as the controls of the page have it."""
+        columns = range(len(self.choices))
+        choices = [Choice(*(form.get(f"{what}:{k}") or "" for what in ("role", "unit", "then"))) for k in columns]
+        return self.told(choices, bool(form.get("unwrap:0")), (form.get("from:0"), form.get("to:0")))
+
+    def is_as(self, other: Card) -> bool:
+        """Whether another card has the same roles and units."""
+        return [(one.role, one.unit) for one in self.choices] == [(one.role, one.unit) for one in other.choices]
+
+    def asked(self) -> Source:
+        """The source as the choices have it.
+
+        Raises:
+            ColumnError: if two columns have the same role, or one has to be named yet.
+            RecordingError: if the range is none.
+        """
+        columns: dict[str, str] = {}
+        for role in dict.fromkeys(choice.role for choice in self.choices if choice.role):
+            headers = [header for header, choice in self._pairs if choice.role == role]
+            if len(headers) > 1:
+                named = listing(list(map(repr, headers)))
+                raise ColumnError(f"{self.source.file}: columns {named} are all to be {role}: choose one")
+            columns[role] = self._expression(role) or ""
+        others = [q for q in OPTIONAL if not (q in columns or self.joints) and is_told(q, self.preview.headers)]
+        first, last = self.ends
+        chosen, seconds = None, self.seconds
+        if seconds is not None and not (first is None and last is None):
+            first = 0.0 if first is None else first
+            last = np.floor(np.nanmax(seconds)) + 1.0 if last is None else last
+            if not 0 <= first < last:
+                raise RecordingError(
+                    f"{self.source.file}: range is {first:g} to {last:g} s: let it end after it begins"
+                )
+            chosen = (float(first), float(last))
+        return replace(self.source, columns=columns | dict.fromkeys(others, UNUSED), range=chosen)
+
+    @cached_property
+    def seconds(self) -> Array | None:
+        """Time from the first row on [s] (N,), None where no column is chosen for it."""
+        told = self._expression("time")
+        return None if told is None else self.preview.seconds(told)
+
+    @property
+    def _pairs(self) -> list[tuple[str, Choice]]:
+        return list(zip(self.preview.headers, self.choices, strict=True))
+
+    def _expression(self, role: str) -> str | None:
+        """What is said of the column that has a role."""
+        return next((choice.expression(header) for header, choice in self._pairs if choice.role == role), None)
 
 
 def show(card: Card) -> Component:
     """What is in the file, and the choice of what it means."""
-    name, seconds = card.source.file.name, card.seconds
-    brush = "Drag over a plot to choose the range." if seconds is not None else "The range can be chosen once time is."
+    brush = "Drag over a plot to choose the range."
+    if card.seconds is None:
+        brush = "The range can be chosen once time is."
     ends = [
         labelled(label, dcc.Input(value, type="number", id=_id(end), min=0, placeholder=empty, debounce=True))
         for label, end, value, empty in (
@@ -48,10 +216,10 @@ def show(card: Card) -> Component:
         )
     ]
     return panel(
-        f"What the columns of {name} mean",
+        f"What the columns of {card.source.file.name} mean",
         *([html.P(f"{card.why}.", className="why", role="alert")] if card.why else []),
         html.P(
-            f"{NEEDED_OF_ARM if card.joints else NEEDED} What is written in the last "
+            f"{ASKED_OF_ARM if card.joints else ASKED} What is written in the last "
             "column is done to a column one after the other, as by --columns: a gain, a ratio, an offset. For the "
             "current, voltage or duty cycle of a motor that is its torque constant, or *? to find it from known loads. "
             f"{brush}",
@@ -59,7 +227,7 @@ def show(card: Card) -> Component:
         ),
         table(
             dict.fromkeys(("Column", "First rows", "All rows", "It is", "In", "Gain, ratio, offset"), False),
-            [_row(card, k, seconds) for k in range(len(card.choices))],
+            [_row(card, k) for k in range(len(card.choices))],
             "Columns",
         ),
         html.Div(ends, className="fields"),
@@ -77,20 +245,20 @@ def show(card: Card) -> Component:
 
 def _id(what: str, k: int = 0) -> dict[str, Any]:
     """A control of the card; all by pattern, since they come and go."""
-    return {"card": what, "of": k}
+    return {"field": what, "of": k}
 
 
-def _row(card: Card, k: int, seconds: Array | None) -> tuple[Any, ...]:
+def _row(card: Card, k: int) -> tuple[Any, ...]:
     """A column: what is in it, and the choice of what it means."""
     header, choice, values = card.preview.headers[k], card.choices[k], card.preview.values[k]
     first, plot = "no numbers", None
     if values is not None:
         first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:ROWS]) + ", …"
-        plot = graph(_plot(k, header, values, seconds), kind=COLUMN, bar=False)
+        plot = graph(_plot(k, header, values, card.seconds), kind=COLUMN, bar=False)
     roles = {"": "unused"} | {role: role for role in card.roles}
-    known = {"": _unsaid(card, k)} | {
-        unit: CALLED.get(unit, unit) for unit in [*units(choice.role), choice.unit] if unit
-    }
+    unsaid = replace(choice, unit="").expression(header)
+    unit = (understood(choice.role, unsaid, card.preview.headers) if choice.role else "") or "–"
+    known = {"": unit} | {one: CALLED.get(one, one) for one in [*units(choice.role), choice.unit] if one}
     more: dict[str, Any] = {"clearable": False, "searchable": False, "disabled": values is None}
     then = dcc.Input(
         choice.then,
@@ -111,13 +279,6 @@ def _row(card: Card, k: int, seconds: Array | None) -> tuple[Any, ...]:
     )
 
 
-def _unsaid(card: Card, k: int) -> str:
-    """How a column's unit is understood while nobody says it."""
-    choice, header = card.choices[k], card.preview.headers[k]
-    text = replace(choice, unit="").expression(header)
-    return (understood(choice.role, text, card.preview.headers) if choice.role else "") or "–"
-
-
 def _plot(k: int, header: str, values: Array, seconds: Array | None) -> Figure:
     """A column over time, over rows while there is no time."""
     x = seconds if seconds is not None and len(seconds) == len(values) else np.arange(len(values), dtype=float)
@@ -135,44 +296,12 @@ def _plot(k: int, header: str, values: Array, seconds: Array | None) -> Figure:
     return Figure(f"{COLUMN}-{k}", f"Column {header} over {'time' if x is seconds else 'rows'}", data, layout, 54)
 
 
-def connect(bench: Bench) -> None:
-    """Wire the choices, the range and the buttons."""
-    every = [({"card": what, "of": ALL}, "value") for what in ("role", "unit", "then", "unwrap", "from", "to")]
+def connect(app: Dash) -> None:
+    """Wire the range that is brushed in a plot."""
 
-    def said(card: Card, roles: list[str], units: list[str], *rest: list[Any]) -> Card:
-        thens, (unwrap,), (first,), (last,) = rest
-        choices = [Choice(*(text or "" for text in one)) for one in zip(roles, units, thens, strict=True)]
-        return card.told(choices, bool(unwrap), (first, last))
-
-    @bench.app.callback(
-        Output("version", "data", allow_duplicate=True),
-        *(Input(*one) for one in every[:2]),
-        *(State(*one) for one in every[2:]),
-        State("session", "data"),
-        prevent_initial_call=True,
-    )
-    def choose(*values: Any) -> int:
-        session = bench.sessions.of(values[-1])
-        with session.lock:
-            card = next(iter(session.cards), None)
-            if card is None or len(values[0]) != len(card.choices):
-                raise PreventUpdate
-            asked = said(card, *values[:-1])
-            if [(c.role, c.unit) for c in asked.choices] == [(c.role, c.unit) for c in card.choices]:
-                raise PreventUpdate  # controls that have just appeared
-            session.act(lambda: setattr(session, "cards", (asked, *session.cards[1:])))
-            return session.version
-
-    @bench.on(Input("card-load", "n_clicks"), given=tuple(State(*one) for one in every))
-    def load(session: Session, _: int, *values: Any) -> None:
-        session.answer(said(session.cards[0], *values))
-
-    bench.buttons({"card-close": lambda session: setattr(session, "cards", session.cards[1:])})
-    bench.each({"columns": Session.ask})
-
-    @bench.app.callback(
-        Output(*every[4]),
-        Output(*every[5]),
+    @app.callback(
+        Output({"field": "from", "of": ALL}, "value"),
+        Output({"field": "to", "of": ALL}, "value"),
         Input({"kind": COLUMN, "of": ALL}, "selectedData"),
         prevent_initial_call=True,
     )

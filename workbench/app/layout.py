@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from dash import ClientsideFunction, Input, Output, State, ctx, dcc, html, no_update
+from dash import ALL, ClientsideFunction, Dash, Input, Output, State, ctx, dcc, html, no_update
 from dash.dependencies import MATCH
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
+from pendulum_env.lookup import find
 from pendulum_env.words import listing, name, number, opening
-from workbench.app import fleet
+from workbench.app import uploads
 from workbench.app.arm import ArmState
 from workbench.app.card import COLUMN
 from workbench.app.parts import LINKED, PLOT, SPEC, aria, button, saves
-from workbench.app.session import Session
-from workbench.app.stage import Bench, Stage
+from workbench.app.session import Session, Sessions
+from workbench.app.stage import Form, Stage
 from workbench.app.stages import STAGES, arm
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
-from workbench.app.uploads import UPLOAD
 from workbench.report.page import shared
 from workbench.report.sections.story import changes
 
@@ -27,6 +28,9 @@ TITLE = "pendulum-ident"
 WORTH = 1.05  # times smaller, from which an error has become smaller
 NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
 POLL = 300  # [ms] between two looks at a job
+PATIENCE = 0.4  # [s] that an answer waits for a job, so that short ones need no progress bar
+VERSION = Output("version", "data", allow_duplicate=True)
+URGENT = {"cancel": Session.cancel, "live-stop": Session.halt}  # a motor stops whenever it is told to
 
 
 def index() -> str:
@@ -54,49 +58,35 @@ def index() -> str:
 </html>"""
 
 
-def page(has_fleet: bool) -> Component:
-    """What every visitor gets; the rest follows from the session."""
-    most: dict[str, Any] = {"data-most": str(UPLOAD)}  # so that the page can say why it refuses a file
+def page(fleet: str | None) -> Component:
+    """What every visitor gets; the rest follows from the session. `fleet` is the address of a survey's page."""
+    most: dict[str, Any] = {"data-most": str(uploads.LIMITS.upload)}  # so that the page can say why it refuses a file
+    brand = html.Span(TITLE, className="brand")
+    stages = html.Nav(navigation(STAGES[0], fleet, NO_RECORDING), id="nav", **aria(label="Stages"))
+    switch = aria(label="Switch between light and dark")
+    theme = html.Button(html.Span("Theme"), id="theme", type="button", **switch)
+    story = html.Div(id="story", className="so-far", **aria(live="polite"))
+    stage = html.Div(id="stage", tabIndex=-1)
     return html.Div(
         [
             dcc.Location(id="url", refresh=False),
             dcc.Store(id="session"),  # the id, kept by the tab
             dcc.Store(id="version", data=0),  # of the session's state; 0 until something changes
             dcc.Store(id="theme-now"),
-            *(dcc.Store(id=f"came-{place}") for place in ("upload", "open-session", "model-file")),  # files
+            dcc.Store(id="came"),  # files, and the action that takes them
             dcc.Download(id="download"),
             html.Div(id="warm", hidden=True),
             dcc.Interval(id="poll", interval=POLL, disabled=True),
             html.A("Skip to the stage", href="#stage", className="skip", id="skip"),
-            html.Header(
-                html.Div(
-                    [
-                        html.Span(TITLE, className="brand"),
-                        html.Nav(navigation(STAGES[0], has_fleet, NO_RECORDING), id="nav", **aria(label="Stages")),
-                        html.Button(
-                            html.Span("Theme"), id="theme", type="button", **aria(label="Switch between light and dark")
-                        ),
-                    ],
-                    className="inner",
-                ),
-                className="bar",
-            ),
+            html.Header(html.Div([brand, stages, theme], className="inner"), className="bar"),
             html.Div("Working …", id="waiting", role="status"),
-            html.Main(
-                [
-                    html.Div(id="story", className="so-far", **aria(live="polite")),
-                    html.Div(id="notice", role="alert"),
-                    html.Div(id="job"),
-                    html.Div(id="stage", tabIndex=-1),
-                ],
-                id="main",
-            ),
+            html.Main([story, html.Div(id="notice", role="alert"), html.Div(id="job"), stage], id="main"),
         ],
         **most,
     )
 
 
-def navigation(here: Stage, has_fleet: bool, trouble: str) -> list[Component]:
+def navigation(here: Stage, fleet: str | None, trouble: str) -> list[Component]:
     """Links to the stages that can be entered, and to a fleet if there is one; `trouble`: why there is no model."""
 
     def link(stage: Stage) -> Component:
@@ -108,7 +98,7 @@ def navigation(here: Stage, has_fleet: bool, trouble: str) -> list[Component]:
         return html.A(stage.title, id=f"to-{stage.id}", **now)
 
     stages = [link(stage) for stage in STAGES]
-    return [*stages, html.A("Fleet", href=fleet.PAGE, id="to-fleet")] if has_fleet else stages
+    return [*stages, html.A("Fleet", href=fleet, id="to-fleet")] if fleet else stages
 
 
 def story_so_far(state: Work, stage: Stage) -> list[Component]:
@@ -182,18 +172,20 @@ def show(session: Session, stage: Stage) -> list[Component]:
     return stage.show(session)
 
 
-def connect(bench: Bench) -> None:
+def connect(app: Dash, sessions: Sessions, fleet: str | None) -> None:
     """Wire the page and all stages."""
-    _connect_page(bench)
-    _connect_scripts(bench)
+    _connect_page(app, sessions, fleet)
+    _connect_actions(app, sessions)
+    _connect_scripts(app)
     for stage in STAGES:
-        stage.connect(bench)
+        if stage.connect is not None:
+            stage.connect(app, sessions)
 
 
-def _connect_page(bench: Bench) -> None:
+def _connect_page(app: Dash, sessions: Sessions, fleet: str | None) -> None:
     """Wire what is drawn anew when the session or the address changes, and the progress of jobs."""
 
-    @bench.app.callback(
+    @app.callback(
         Output("nav", "children"),
         Output("story", "children"),
         Output("notice", "children"),
@@ -205,22 +197,22 @@ def _connect_page(bench: Bench) -> None:
     def draw(id: str | None, hash: str | None, _: int) -> tuple[Any, ...]:
         if id is None:
             raise PreventUpdate
-        session = bench.sessions.of(id)
+        session = sessions.of(id)
         stage = next((stage for stage in STAGES if f"#{stage.id}" == hash), STAGES[0])
         with session.lock:  # what is being done to it is waited for, but nothing waits for what is fitted below
             if ctx.triggered_id == "url":
                 session.notice = ""  # it was about another stage
         return (
-            navigation(stage, bench.survey is not None, session.state.trouble),
+            navigation(stage, fleet, session.state.trouble),
             [*story_so_far(session.state, stage), *steps(session)],
             session.notice,
             html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),
         )
 
-    @bench.app.callback(
+    @app.callback(
         Output("job", "children"),
         Output("poll", "disabled"),
-        Output("version", "data", allow_duplicate=True),
+        VERSION,
         Input("session", "data"),
         Input("poll", "n_intervals"),
         Input("version", "data"),
@@ -231,22 +223,80 @@ def _connect_page(bench: Bench) -> None:
         """The one owner of the progress bar, so that no late answer can bring it back."""
         if id is None:
             raise PreventUpdate
-        session = bench.sessions.of(id)
+        session = sessions.of(id)
         with session.lock:
             busy = session.busy()
             # a page that has just been loaded is drawn already: it only has to learn when its job is over
             changed = session.version != version if version else ctx.triggered_id == "poll" and not busy
             return running(session), not busy, session.version if changed else no_update
 
-    bench.buttons({"back": Session.undo})
-    bench.buttons({"cancel": Session.cancel}, urgent=True)
+
+def _connect_actions(app: Dash, sessions: Sessions) -> None:
+    """Wire what buttons, files and choices of columns do to the session; the page follows by its version."""
+    actions = {name: do for stage in STAGES for name, do in stage.actions.items()}
+    actions["back"] = lambda session, *_: session.undo()
+    fields = State({"field": ALL}, "value"), State({"field": ALL, "of": ALL}, "value")
+
+    def act(session: Session, does: str, of: str, form: Form) -> int:
+        """Do it under the session's lock, not while a job does; a user's mistake becomes the notice on the page."""
+        session.act(lambda: find("action", does, actions)(session, of, form))
+        if (job := session.job) is not None:
+            job.over.wait(PATIENCE)
+        return session.version
+
+    @app.callback(
+        VERSION,
+        Input({"do": ALL, "of": ALL}, "n_clicks"),
+        *fields,
+        State("version", "data"),
+        State("session", "data"),
+        prevent_initial_call=True,
+    )
+    def press(*values: Any) -> int:
+        session, clicks = sessions.of(values[-1]), ctx.triggered[0]["value"]
+        if not clicks:  # buttons that have just appeared, and may have come before the answer to another
+            if values[-2] in (0, session.version):
+                raise PreventUpdate
+            return session.version
+        asked = ctx.triggered_id
+        if asked["do"] in URGENT:  # at once, whatever goes on
+            URGENT[asked["do"]](session)
+            return session.version
+        return act(session, asked["do"], asked["of"], filled(ctx.states_list) | {"clicks": clicks})
+
+    @app.callback(VERSION, Input("came", "data"), State("session", "data"), prevent_initial_call=True)
+    def take(came: Form, id: str) -> int:
+        return act(sessions.of(id), came["place"], "", came)
+
+    @app.callback(
+        VERSION,
+        Input({"field": "role", "of": ALL}, "value"),
+        Input({"field": "unit", "of": ALL}, "value"),
+        fields[1],
+        State("session", "data"),
+        prevent_initial_call=True,
+    )
+    def choose(*values: Any) -> int:
+        session = sessions.of(values[-1])
+        with session.lock:
+            form, card = filled(ctx.states_list), next(iter(session.cards), None)
+            if card is None or len(values[0]) != len(card.choices) or card.is_as(asked := card.filled(form)):
+                raise PreventUpdate  # controls that have just appeared
+            session.act(lambda: setattr(session, "cards", (asked, *session.cards[1:])))
+            return session.version
 
 
-def _connect_scripts(bench: Bench) -> None:
+def filled(groups: Sequence[Any]) -> dict[str, Any]:
+    """Values of the controls on the page, as Dash lists them, by name: `field`, or `field:k` of one of several."""
+    controls = [one for group in groups if isinstance(group, list) for one in group]
+    return {":".join(str(part) for part in one["id"].values()): one.get("value") for one in controls}
+
+
+def _connect_scripts(app: Dash) -> None:
     """Wire what assets/app.js does in the page."""
 
     def in_the_page(function: str, output: Output, *given: Input | State) -> None:
-        bench.app.clientside_callback(ClientsideFunction("app", function), output, *given)  # type: ignore[no-untyped-call]
+        app.clientside_callback(ClientsideFunction("app", function), output, *given)  # type: ignore[no-untyped-call]
 
     linked, text = ({"kind": kind, "of": MATCH} for kind in (LINKED, "fragment"))
     theme = Input("theme-now", "data")

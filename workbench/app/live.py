@@ -1,6 +1,6 @@
 """A pendulum, simulated or real, that runs in real time while the six schemes estimate its parameters.
 
-Meanwhile it is followed: whether the model still predicts, and which effect it lacks (`following`).
+Meanwhile it is followed: whether the model still predicts, and which effect it lacks.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
-from queue import SimpleQueue
-from threading import Event, Thread
+from threading import Event as Signal
+from threading import Lock, Thread
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimators.online import Diagnoser, OnlineDiagnosis, Verdict, Watch
 from estimators.schemes.identification import Convergence, Identification, Identified
 from estimators.schemes.six import SCHEMES
 from estimators.signals.measurements import Smoothing
@@ -27,7 +28,7 @@ from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.physics import BASE, Model
 from pendulum_env.policy import transitions
 from pendulum_env.recording import Recording
-from workbench.app.following import Follower, Row
+from pendulum_env.words import listing, name
 from workbench.cli import parse
 from workbench.commands.record import environment, experiment
 from workbench.inputs import plant_of
@@ -45,6 +46,7 @@ LOST_RIG = "the program that ran the motor ended unexpectedly: the drive's watch
 REFUSALS = (*MISTAKES, ValueError, DriveError)
 SETTLED = 0.5  # [s] from the start, before which standard errors mean nothing
 
+Row = tuple[float, float, float]  # time [s], position [rad], torque from then on [N m]
 Entry = tuple[float, Array, Array]  # time [s], theta and standard errors of the schemes (S, P)
 
 
@@ -114,6 +116,98 @@ def _told(steps: Iterable[Any], seconds: float, rate: float, connection: Connect
     return str(info.get("fault", ""))
 
 
+def _entry(info: dict[str, Any]) -> Entry:
+    """Time, estimates and standard errors of all schemes (S, P)."""
+    found = [info["estimates"][scheme.id] for scheme in SCHEMES]
+    theta = np.array([one["theta"] for one in found])
+    std = np.array([np.sqrt(np.maximum(np.diag(one["covariance"]), 0.0)) for one in found])
+    return float(info["estimates_time"]), theta, std
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened at a time [s]; `alarm` if the model was found wrong."""
+
+    time: float
+    text: str
+    alarm: bool
+
+
+class Follower:
+    """Follows a run by its rows: a motor does not wait for what is computed here.
+
+    Attributes:
+        course: time [s] and evidence that something is missing [nat], once a second of motion.
+        events: alarms, and what was added or taken out.
+    """
+
+    def __init__(self, rate: float, smoothing: Smoothing) -> None:
+        """Take the samples per second [Hz], and the smoothing of the measurement."""
+        self._rate, self._smoothing, self._lock = rate, smoothing, Lock()
+        self._diagnoser = Diagnoser(rate, smoothing=smoothing)
+        (self._monitor,) = self._diagnoser.each
+        self.course: list[tuple[float, float]] = []
+        self.events: list[Event] = []
+        self._time, self._torque = 0.0, 0.0  # the latest ones
+        self._renew()
+
+    def _renew(self) -> None:
+        """Watch the running model as it is from now on."""
+        self._watch = Watch(self._rate, self._monitor.terms, smoothing=self._smoothing)
+        self._kind, self._missing = "calibrating", False
+
+    @property
+    def said(self) -> OnlineDiagnosis:
+        """Which effect is missing."""
+        return self._monitor.said
+
+    def take(self, rows: Sequence[Row]) -> None:
+        """Take in what was measured since the last time."""
+        with self._lock:
+            for time, position, torque in rows:
+                sample = [np.array([value]) for value in (time, position, self._torque)]
+                before = self._monitor.said
+                (said,), (verdict,) = self._diagnoser.take(*sample), self._watch.take(*sample)
+                self._time, self._torque = time, torque
+                if said is not before:
+                    self._tell(said)
+                if verdict.kind != self._kind:
+                    self._warn(verdict)
+
+    def _note(self, text: str, alarm: bool) -> None:
+        self.events.append(Event(self._time, text, alarm))
+
+    def _tell(self, said: OnlineDiagnosis) -> None:
+        if np.isfinite(said.evidence):
+            self.course.append((self._time, said.evidence))
+        missing = said.kind == "missing"
+        if missing and not self._missing:
+            self._note(f"missing: {listing([name(id) for id in said.group], 'or')}", True)
+        self._missing = missing
+
+    def _warn(self, verdict: Verdict) -> None:
+        self._kind = verdict.kind
+        if verdict.kind == "value":
+            self._note(f"value changed: {name(verdict.parameter)}", True)
+        elif verdict.kind == "structure":
+            self._note("structure changed", True)
+
+    def add(self, effect: str) -> None:
+        """Take an effect into the model; raises ValueError if there is none of that id, or it cannot be added."""
+        with self._lock:
+            self._monitor.add(effect)
+            self._note(f"added: {name(effect)}", False)
+            self._renew()
+
+    def undo(self) -> None:
+        """Take out what was added last; raises ValueError if nothing was."""
+        with self._lock:
+            last = self._monitor.said.added[-1:]
+            self._monitor.undo()
+            self._note(f"taken out: {name(last[0])}", False)
+            self._renew()
+
+
 class Run:
     """One run in a process of its own, which begins at once.
 
@@ -131,8 +225,8 @@ class Run:
         Raises:
             InputError: if it cannot be, as its settings are unknown or out of range, or the rig is out of reach.
         """
-        self._worker, self._stop = worker, Event()
-        worker.begin(partial(go, options))
+        self._worker, self._stop = worker, Signal()
+        worker.send(partial(go, options))
         begun = worker.hear()
         if isinstance(begun, Failed):
             worker.end()
@@ -142,9 +236,8 @@ class Run:
         self.rows: list[Row] = []
         self.pace, self.trouble = 1.0, ""
         self._history: list[Entry] = []
-        self._measured: SimpleQueue[list[Row] | None] = SimpleQueue()
+        self._followed, self._following = 0, Lock()
         self.watch()
-        Thread(target=self._follow, daemon=True, name="following").start()
         self._thread = Thread(target=self._listen, daemon=True, name="live view")
         self._thread.start()
 
@@ -157,6 +250,16 @@ class Run:
     def watch(self) -> None:
         """Note that somebody looks; a run that nobody looks at stops."""
         self._seen = time.monotonic()
+
+    def follow(self) -> None:
+        """Let the follower take in what is measured, which may take longer than measuring: no motor waits for it."""
+        if self._following.acquire(blocking=False):  # else another thread is at it
+            try:
+                rows = self.rows[self._followed :]
+                self._followed += len(rows)
+                self.follower.take(rows)
+            finally:
+                self._following.release()
 
     @property
     def running(self) -> bool:
@@ -189,11 +292,7 @@ class Run:
         return Identification(found, (), ())
 
     def recording(self, name: str) -> Recording:
-        """What has been measured so far.
-
-        Raises:
-            RecordingError: if that is too little.
-        """
+        """What has been measured so far; raises RecordingError if that is too little."""
         rows = np.array(self.rows).reshape(-1, 3)
         return Recording(name=name, time=rows[:, 0], position=rows[:, 1], torque=rows[:, 2])
 
@@ -207,9 +306,10 @@ class Run:
                     until = time.monotonic() + GRACE
                     self._worker.send(None)
                 if connection.poll(SLICE) and isinstance(word := self._worker.hear(), Slice):
-                    self._take(word)
+                    self.rows += word.rows
+                    self.pace = word.pace
+                    self._history += [word.entry] if word.entry is not None else []
         finally:
-            self._measured.put(None)
             self._worker.send(None)
             self._worker.end(GRACE)  # in which the rig takes the torque away
         if isinstance(word, Done):
@@ -218,23 +318,3 @@ class Run:
             self.trouble = word.why
         elif until == np.inf:
             self.trouble = LOST_RIG if self.begun.is_rig else LOST
-
-    def _take(self, part: Slice) -> None:
-        self.rows += part.rows
-        self.pace = part.pace
-        if part.entry is not None:
-            self._history.append(part.entry)
-        self._measured.put(part.rows)
-
-    def _follow(self) -> None:
-        """Let the follower take in what is measured, which may take longer than measuring: no motor waits for it."""
-        while (rows := self._measured.get()) is not None:
-            self.follower.take(rows)
-
-
-def _entry(info: dict[str, Any]) -> Entry:
-    """Time, estimates and standard errors of all schemes (S, P)."""
-    found = [info["estimates"][scheme.id] for scheme in SCHEMES]
-    theta = np.array([one["theta"] for one in found])
-    std = np.array([np.sqrt(np.maximum(np.diag(one["covariance"]), 0.0)) for one in found])
-    return float(info["estimates_time"]), theta, std

@@ -10,8 +10,6 @@ from dash.development.base_component import Component
 
 from pendulum_env.physics import addable, effects
 from pendulum_env.words import name, opening
-from workbench.app.recorder import LONGEST, torques
-from workbench.app.uploads import UPLOAD
 from workbench.report import page
 from workbench.report.figure import Figure, Section
 
@@ -29,25 +27,13 @@ KEPT: dict[str, Any] = {"persistence": True, "persistence_type": "session"}  # w
 def graph(figure: Figure, caption: Content = None, kind: str = PLOT, bar: bool = True) -> Component:
     """A figure of the report, perhaps with a bar of buttons; the page fills in its colours, in light and dark."""
     buttons = [*BUTTONS[:2], "select2d", *BUTTONS[2:]] if figure.layout.get("dragmode") == "select" else BUTTONS
-    return html.Figure(
-        [
-            *([html.Figcaption(caption)] if caption is not None else []),
-            dcc.Store(id={"kind": f"{kind}-{SPEC}", "of": figure.id}, data=spec(figure)),
-            html.Div(
-                dcc.Graph(
-                    id={"kind": kind, "of": figure.id},
-                    figure=EMPTY,
-                    responsive=True,
-                    config={"displaylogo": False, "modeBarButtons": [buttons]} if bar else {"displayModeBar": False},
-                    style={"height": figure.height},
-                ),
-                role="group",
-                className="plot",
-                style={"height": figure.height},
-                **aria(label=figure.label),
-            ),
-        ]
-    )
+    config: Any = {"displaylogo": False, "modeBarButtons": [buttons]} if bar else {"displayModeBar": False}
+    style, id = {"height": figure.height}, {"kind": kind, "of": figure.id}
+    drawn = dcc.Graph(id=id, figure=EMPTY, responsive=True, config=config, style=style)
+    parts: list[Component] = [html.Figcaption(caption)] if caption is not None else []
+    parts.append(dcc.Store(id={"kind": f"{kind}-{SPEC}", "of": figure.id}, data=spec(figure)))
+    parts.append(html.Div(drawn, role="group", className="plot", style=style, **aria(label=figure.label)))
+    return html.Figure(parts)
 
 
 def aria(**attributes: str) -> dict[str, Any]:
@@ -70,16 +56,16 @@ def fragment(section: Section) -> Component:
     )
 
 
-def button(label: Content, id: Any, primary: bool = False, **more: Any) -> Component:
-    """A button."""
-    return html.Button(
-        label, id=id, type="button", className="action primary" if primary else "action", **({"n_clicks": 0} | more)
-    )
+def button(label: Content, does: str | dict[str, str], of: str = "", primary: bool = False, **more: Any) -> Component:
+    """A button, by the name of the action that it does and by what it does it to, or by another id."""
+    id = {"do": does, "of": of} if isinstance(does, str) else does
+    look = {"className": "action primary" if primary else "action", "n_clicks": 0}
+    return html.Button(label, id=id, type="button", **(look | more))
 
 
-def saves(file: str, what: str, of: str = "", **more: Any) -> Component:
+def saves(file: str, what: str, of: str = "", primary: bool = False, **more: Any) -> Component:
     """A button that saves a file; `what` is one of `export.FILES`."""
-    return button(file, {"save": what, "of": of}, **more)
+    return button(file, {"save": what, "of": of}, primary=primary, **more)
 
 
 def effects_to_choose(nothing: str = "", tables: bool = False) -> dict[str, str]:
@@ -87,30 +73,25 @@ def effects_to_choose(nothing: str = "", tables: bool = False) -> dict[str, str]
     return ({"": nothing} if nothing else {}) | {id: opening(name(id)) for id in (addable() if tables else effects())}
 
 
-def dropdown(id: str, options: Mapping[str, str] | Sequence[Any], value: Any, **more: Any) -> Component:
+def field(name: str) -> dict[str, str]:
+    """Id of a control whose value actions are told."""
+    return {"field": name}
+
+
+def dropdown(name: str, options: Mapping[str, str] | Sequence[Any], value: Any, **more: Any) -> Component:
     """A choice of one thing."""
-    return dcc.Dropdown(options, value, id=id, clearable=False, **more)
+    return dcc.Dropdown(options, value, id=field(name), clearable=False, **more)
 
 
-def number_field(id: str, value: float | None, **more: Any) -> Component:
+def number_field(name: str, value: float | None, **more: Any) -> Component:
     """A field for a number, which a tab keeps."""
-    return dcc.Input(value, type="number", id=id, **more, **KEPT)
+    return dcc.Input(value, type="number", id=field(name), **more, **KEPT)
 
 
-def run_fields(prefix: str, seconds: float) -> list[Component]:
-    """A form for a run of so many seconds: its torque, and what is hidden in the plant."""
-    hidden = effects_to_choose("nothing")
-    return [
-        labelled("Excitation", dropdown(f"{prefix}excitation", torques(), "paper", searchable=False, **KEPT)),
-        labelled("Hidden effect", dropdown(f"{prefix}effect", hidden, "", **KEPT)),
-        labelled("Peak torque [N m]", number_field(f"{prefix}amplitude", None, min=0, placeholder="usual")),
-        labelled("Length [s]", number_field(f"{prefix}seconds", seconds, min=1, max=LONGEST)),
-    ]
-
-
-def drop(label: Content, id: str, **more: Any) -> Component:
-    """A place that files are dropped on."""
-    return dcc.Upload(label, id=id, max_size=UPLOAD, className="drop", className_active="drop over", style={}, **more)
+def drop(label: Content, does: str, className: str = "drop", several: bool = False) -> Component:
+    """A place to choose files at, or to drop them on; assets/app.js reads them and names the action that takes them."""
+    told: dict[str, Any] = {"data-files": "several" if several else "one"}
+    return html.Button(label, id=does, type="button", className=className, **told)
 
 
 def labelled(label: str, control: Component, note: str = "") -> Component:

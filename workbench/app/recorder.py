@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
+
+from dash.development.base_component import Component
 
 from agents.network import NAMES
 from estimators.progress import Progress
@@ -15,6 +17,7 @@ from pendulum_env.excitation import EXCITATIONS
 from pendulum_env.files import write_whole
 from pendulum_env.recording import Source
 from pendulum_env.words import opening
+from workbench.app.parts import KEPT, dropdown, effects_to_choose, labelled, number_field
 from workbench.app.session import Session
 from workbench.app.state import Loaded, State
 from workbench.cli import parse
@@ -24,22 +27,8 @@ from workbench.terminal import Terminal
 DIAGNOSIS = "diagnosis.json"
 LONGEST = 120.0  # [s]
 LEARNT = {f"rl-{policy}": policy for policy in NAMES}  # the only policies that a page can name
-
-
-@dataclass(frozen=True)
-class Wish:
-    """A recording to be made: its file's name, options of `record`, and whether it is held out."""
-
-    name: str
-    options: tuple[str, ...]
-    held_out: bool = False
-
-
-FORM = ("excitation", "seconds", "effect", "amplitude")  # controls of a run, in the order of `options`
-DEMO = (
-    Wish("demo.csv", ("--seconds=15", "--effect=stribeck", "--seed=1")),
-    Wish("demo-holdout.csv", ("--seconds=10", "--effect=stribeck", "--seed=2"), held_out=True),
-)
+DEMO, DEMO_HOLDOUT = "demo.csv", "demo-holdout.csv"
+Options = tuple[str, ...]  # of `record`
 
 
 class Quiet(Terminal):
@@ -53,35 +42,42 @@ class Quiet(Terminal):
         """Keep quiet."""
 
     @contextmanager
-    def progress(self, title: str) -> Iterator[Callable[[str, float], None]]:
+    def progress(self, title: str, timed: bool = False) -> Iterator[Callable[[str, float], None]]:
         """Hand progress on."""
         self._tell(title, 0.0)
         yield lambda what, share: self._tell(title, share)
 
 
-def record(folder: Path, wishes: Sequence[Wish], progress: Progress) -> list[Loaded]:
-    """Run `pendulum-ident record` for each wish into a folder, and read what it wrote."""
+def record(folder: Path, wishes: Mapping[str, Options], held_out: Collection[str], progress: Progress) -> list[Loaded]:
+    """Run `pendulum-ident record` for each file that is wished for, and read what it wrote."""
     loaded = []
-    for wish in wishes:
-        file = folder / wish.name
-        arguments = parse(["record", *wish.options, f"--output={file}"])
+    for name, options in wishes.items():
+        arguments = parse(["record", *options, f"--output={folder / name}"])
         arguments.run(arguments, Quiet(progress))
-        origin = tuple(word.replace(f"{folder}/", "") for word in wish.options)
-        loaded.append(Loaded.of(Source(file, "holdout" if wish.held_out else "fit"), origin=origin))
+        origin = tuple(word.replace(f"{folder}/", "") for word in options)
+        loaded.append(Loaded.of(Source(folder / name, "holdout" if name in held_out else "fit"), origin=origin))
     return loaded
 
 
-def start(session: Session, *wishes: Wish, folder: Path | None = None) -> None:
-    """Record into a session in the background.
-
-    Raises:
-        InputError: if a name is taken.
-    """
+def start(
+    session: Session, wishes: Mapping[str, Options], held_out: Collection[str] = (), folder: Path | None = None
+) -> None:
+    """Record files of some names into a session in the background; raises InputError if a name is taken."""
     for one in session.state.loaded:
-        if one.id in [wish.name for wish in wishes]:
+        if one.id in wishes:
             raise InputError(f"{one.id}: is loaded already: remove it first")
-    task = partial(record, folder or session.place(), wishes)
+    task = partial(record, folder or session.place(), wishes, held_out)
     session.work("Recording", task, lambda loaded: session.keep(*loaded))
+
+
+def start_demo(session: Session) -> None:
+    """Record two runs of a pendulum that hides something, one of them to check on."""
+    lengths = {DEMO: 15, DEMO_HOLDOUT: 10}
+    wishes = {
+        name: (f"--seconds={seconds}", "--effect=stribeck", f"--seed={seed}")
+        for seed, (name, seconds) in enumerate(lengths.items(), 1)
+    }
+    start(session, wishes, held_out=[DEMO_HOLDOUT])
 
 
 def start_suggested(session: Session) -> None:
@@ -96,12 +92,11 @@ def start_suggested(session: Session) -> None:
         raise InputError("there is no experiment to record: only a simulated pendulum can be recorded from here")
     folder = session.place()
     write_whole(folder / DIAGNOSIS, json.dumps(state.diagnosis.json()))
-    seed = 1 + len(state.loaded)
-    words = (*plant, "--excitation=suggested", f"--diagnosis={folder / DIAGNOSIS}", f"--seed={seed}")
-    start(session, Wish(free_name(state), words), folder=folder)
+    words = ("--excitation=suggested", f"--diagnosis={folder / DIAGNOSIS}", f"--seed={1 + len(state.loaded)}")
+    start(session, {free_name(state): (*plant, *words)}, folder=folder)
 
 
-def simulated(state: State) -> tuple[str, ...] | None:
+def simulated(state: State) -> Options | None:
     """Options of `record` that make the plant of the first recording, None if it was not recorded here."""
     if not state.loaded or not state.loaded[0].origin:
         return None
@@ -114,22 +109,31 @@ def free_name(state: State) -> str:
     return next(name for k in range(1, 1000) if (name := f"recording-{k}.csv") not in known)
 
 
-def torques() -> dict[str, str]:
-    """Signals, and policies that ship, which see the motion and what it has taught: names by what `options` takes."""
-    signals = {id: opening(id) for id in EXCITATIONS}
-    return signals | {id: f"Learnt policy, {bound} torque bounded" for id, bound in LEARNT.items()}
+def fields(prefix: str, seconds: float) -> list[Component]:
+    """A form for a run of so many seconds: its torque, and what is hidden in the plant; `options` reads it."""
+    torques = {id: opening(id) for id in EXCITATIONS}
+    torques |= {id: f"Learnt policy, {bound} torque bounded" for id, bound in LEARNT.items()}
+    hidden = effects_to_choose("nothing")
+    return [
+        labelled("Excitation", dropdown(f"{prefix}excitation", torques, "paper", searchable=False, **KEPT)),
+        labelled("Hidden effect", dropdown(f"{prefix}effect", hidden, "", **KEPT)),
+        labelled("Peak torque [N m]", number_field(f"{prefix}amplitude", None, min=0, placeholder="usual")),
+        labelled("Length [s]", number_field(f"{prefix}seconds", seconds, min=1, max=LONGEST)),
+    ]
 
 
-def options(
-    torque: str, seconds: float | None, effect: str, amplitude: float | None, seed: float | None
-) -> tuple[str, ...]:
+def options(form: Mapping[str, Any], prefix: str, seed: float | None) -> Options:
     """Options of `record` from the controls of a form; each is one word, so that none can be taken for another."""
+    torque, effect, amplitude, seconds = (
+        form.get(f"{prefix}{field}") for field in ("excitation", "effect", "amplitude", "seconds")
+    )
     if seconds is None or not 1 <= seconds <= LONGEST:
         raise InputError(f"a run from here lasts from 1 to {LONGEST:g} s: use the command line for more")
-    if torque in LEARNT and amplitude is not None:
-        raise InputError("a learnt policy has a bound of its own: leave the peak torque empty")
-    learnt = ["--excitation=rl", f"--policy={LEARNT[torque]}"] if torque in LEARNT else []
-    words = [f"--seconds={seconds:.15g}", *(learnt or [f"--excitation={torque}"])]
+    words = [f"--seconds={seconds:.15g}", f"--excitation={torque}"]
+    if torque in LEARNT:
+        if amplitude is not None:
+            raise InputError("a learnt policy has a bound of its own: leave the peak torque empty")
+        words[1:] = ["--excitation=rl", f"--policy={LEARNT[torque]}"]
     words += [] if amplitude is None else [f"--amplitude={amplitude:.15g}"]
     words += [f"--effect={effect}"] if effect else []
     return (*words, f"--seed={seed or 0:.15g}")

@@ -23,8 +23,7 @@ from pendulum_env.recording import Source, write_study
 from pendulum_env.recording.study import read_sources
 from workbench.app import uploads
 from workbench.app.arm import ArmState
-from workbench.app.asked import Asked
-from workbench.app.state import Loaded, State
+from workbench.app.state import Asked, Loaded, State
 from workbench.app.uploads import safe_name
 from workbench.mistakes import InputError
 from workbench.robot import RobotFile
@@ -45,23 +44,13 @@ MEMBERS = {  # fields of a `State` by what they are called in a file, beside its
 def study(state: State) -> str:
     """A study that names the recordings as they are read, for a folder in which they lie."""
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / STUDY
-        write_study(
-            file,
-            [
-                replace(one.source, file=file.with_name(one.source.file.name), joints=state.joints)
-                for one in state.loaded
-            ],
-        )
+        file, sources = Path(folder) / STUDY, [replace(one.source, joints=state.joints) for one in state.loaded]
+        write_study(file, [replace(source, file=file.with_name(source.file.name)) for source in sources])
         return file.read_text(encoding="utf-8")
 
 
 def pack(state: State) -> bytes:
-    """The archive of a state.
-
-    Raises:
-        InputError: if it would be too large to be opened again.
-    """
+    """The archive of a state; raises InputError if it would be too large to be opened again."""
     known: JSON = {"schema": SCHEMA, "origins": [one.origin for one in state.loaded]}
     if isinstance(state, ArmState):  # of which models and diagnosis are made anew
         known |= {"robot": state.robot, "asked": state.asked, "model_file": state.model_file}
@@ -75,9 +64,9 @@ def pack(state: State) -> bytes:
         for file in state.files:
             archive.write(file, file.name)
     whole = packed.getvalue()
-    if len(whole) > uploads.UPLOAD:
+    if len(whole) > uploads.LIMITS.upload:
         raise InputError(
-            f"a session is opened up to {amount(uploads.UPLOAD)}, and this one takes {amount(len(whole))}: "
+            f"a session is opened up to {amount(uploads.LIMITS.upload)}, and this one takes {amount(len(whole))}: "
             f"remove a recording first, or save {STUDY} and the model"
         )
     return whole
@@ -119,7 +108,8 @@ def opened(folder: Path) -> State:
         state = State(loaded=whole, terms=terms, **known)
         state.asked.check(terms)
         if not state.trouble:
-            state.told.json(), state.found, state.points  # what a page would stumble over
+            state.told.json()  # what a page would stumble over
+            state.standing.residuals(state.prepared.evidence[0])
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise Unreadable(f"{CONTENTS} makes no sense ({type(error).__name__}: {error}); {HINT}") from None
     return state

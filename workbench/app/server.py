@@ -6,8 +6,10 @@ import logging
 import socket
 import traceback
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from threading import Thread
+from typing import Any
 from urllib.parse import urlsplit
 
 import flask
@@ -16,19 +18,21 @@ from werkzeug.exceptions import HTTPException
 from werkzeug.serving import WSGIRequestHandler, make_server
 
 from pendulum_env.recording import Source
-from workbench.app import fleet, layout
-from workbench.app.sessions import Sessions
-from workbench.app.stage import Bench
-from workbench.app.uploads import UPLOAD
+from workbench.app import layout, uploads
+from workbench.app.session import Sessions
 from workbench.mistakes import MISTAKES, InputError, sentence
+from workbench.report import fleet
 from workbench.report.page import plotly
 from workbench.robot import RobotFile
+from workbench.survey import Dataset, Fleet
 
 log = logging.getLogger("workbench.app")
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")  # by which a browser may call it; another name is a trick of a foreign page
-LARGEST = 4 * UPLOAD // 3 + 1_000_000  # bytes of a request: an upload in base64, and what goes with it
+LARGEST = 4 * uploads.LIMITS.upload // 3 + 1_000_000  # bytes of a request: an upload in base64, and what goes with it
 SILENCE = 60.0  # [s] in the middle of a request, after which it is not waited for
+FLEET, HOME = "/fleet/", "/"
+APART = "sandbox allow-scripts allow-downloads"  # a case's page is a file, perhaps not ours: it may not ask for a thing
 POLICY = (  # nothing comes from elsewhere, and nothing goes there
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; connect-src 'self'; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
@@ -40,8 +44,8 @@ def make_app(
     rig: Path | None = None,
     survey: Path | None = None,
     robot: RobotFile | None = None,
-) -> Bench:
-    """The app with its sessions and workers; close it in the end.
+) -> tuple[Dash, Sessions]:
+    """The app, and its sessions with their workers; close them in the end.
 
     Args:
         recordings: what every session begins with.
@@ -62,13 +66,33 @@ def make_app(
         add_log_handler=False,
         on_error=_excuse,
     )
-    app.layout = layout.page(survey is not None)
-    bench = Bench(app, Sessions(recordings, rig, robot), survey)
-    layout.connect(bench)
-    if survey is not None:
-        fleet.serve(app.server, survey)
+    address = None if survey is None else _show_fleet(app.server, survey)
+    sessions = Sessions(recordings, rig, robot)
+    app.layout = layout.page(address)
+    layout.connect(app, sessions, address)
     _guard(app.server)
-    return bench
+    return app, sessions
+
+
+def _show_fleet(server: flask.Flask, survey: Path) -> str:
+    """Answer for a survey's page, which tells what its dataset holds by then, and for those of its cases."""
+    dataset = Dataset(survey.resolve())
+
+    @lru_cache(maxsize=1)  # made anew when there are other files in the dataset: none is ever written twice
+    def made(parts: tuple[Path, ...]) -> str:
+        return fleet.render(Fleet.of(dataset), dataset.folder, home=HOME)
+
+    @server.get(FLEET)
+    def page() -> str:
+        return made(tuple(dataset.parts))
+
+    @server.get(f"{FLEET}reports/<name>")  # one folder and no other: a name holds no slash
+    def case(name: str) -> flask.Response:
+        response = flask.send_from_directory(dataset.folder / "reports", name, mimetype="text/html")
+        response.headers.add("Content-Security-Policy", APART)
+        return response
+
+    return FLEET
 
 
 def _excuse(error: Exception) -> None:
@@ -124,38 +148,27 @@ class _Silent(WSGIRequestHandler):
 class Server:
     """The app behind a port of this computer: `serve`, then `close`."""
 
-    def __init__(
-        self,
-        port: int = 0,
-        recordings: Sequence[Source] = (),
-        rig: Path | None = None,
-        survey: Path | None = None,
-        robot: RobotFile | None = None,
-    ) -> None:
-        """Bind the port, 0 being any that is free; the rest is as for `make_app`.
-
-        Raises:
-            InputError: if the port is taken.
-        """
+    def __init__(self, port: int = 0, **shown: Any) -> None:
+        """Bind the port, 0 being any that is free; the rest is as for `make_app`; raises InputError if it is taken."""
         try:
             listening = socket.create_server((HOST, port))
         except OSError:
             raise InputError(f"port {port} is taken: name another with --port, or 0 for any that is free") from None
         with listening:
-            self.bench = make_app(recordings, rig, survey, robot)
+            app, self.sessions = make_app(**shown)
             number = listening.getsockname()[1]
             self._server = make_server(
-                HOST, number, self.bench.app.server, threaded=True, request_handler=_Silent, fd=listening.fileno()
+                HOST, number, app.server, threaded=True, request_handler=_Silent, fd=listening.fileno()
             )
         self.address = f"http://{HOST}:{number}/"
 
     def serve(self) -> None:
         """Answer until an interrupt comes."""
-        self.bench.sessions.workers.warm()
+        self.sessions.workers.warm()
         Thread(target=plotly, daemon=True).start()  # packing it takes a moment, and is done once
         self._server.serve_forever()
 
     def close(self) -> None:
         """End everything, once it does not serve any more."""
         self._server.server_close()
-        self.bench.sessions.close()
+        self.sessions.close()

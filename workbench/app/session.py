@@ -1,4 +1,4 @@
-"""A session: what one browser tab works on, in a folder of its own."""
+"""Sessions: what each browser tab works on, apart from all others, in a folder of its own."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from secrets import token_hex
 from threading import RLock
 from typing import Any
 
@@ -20,24 +21,19 @@ from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.study import read_sources
 from pendulum_env.words import listing
-from workbench.app import saved
+from workbench.app import saved, uploads
 from workbench.app.arm import ArmState
-from workbench.app.jobs import Job, Task, Workers
+from workbench.app.card import Card
 from workbench.app.live import Run
-from workbench.app.mapping import Card
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import safe_name, unpack
 from workbench.inputs import read_model
 from workbench.mistakes import MISTAKES, InputError, sentence
-from workbench.processes import Done, Failed
+from workbench.processes import Done, Failed, Job, Task, Workers
 from workbench.robot import FORMATS, RobotFile
 
-MOST_RECORDINGS = 12  # in one session
-MOST_UNDONE = 20  # changes
-MOST_SAMPLES = 20_000_000  # of all recordings of a state, and of all past states
-SPACE = 300_000_000  # bytes of its files
 GRACE = 1.0  # [s] that an end waits for an answer that is being made
-SPARE = 100_000_000  # bytes that are left to the disk
+ID = re.compile(r"[0-9a-f]{32}")  # of a session: random, drawn by the page; never part of a path
 
 
 class Session:
@@ -59,7 +55,18 @@ class Session:
         self.asked = time.monotonic()  # when somebody asked for the session last
         self.job: Job | None = None
         self.run: Run | None = None
-        self._over = False
+        self._begun = self._over = False
+
+    def begin(self, sources: Sequence[Source], robot: RobotFile | None) -> None:
+        """Take in what every session begins with, once; who asks meanwhile waits."""
+        if self._begun:
+            return
+        with self.lock:
+            if not self._begun and robot is not None:
+                self.act(lambda: self.take_robot(robot))
+            if not self._begun and sources:
+                self.act(lambda: self.load(sources))
+            self._begun = True
 
     # ---------------------------------------------------------------------------------------------- changes
 
@@ -67,7 +74,8 @@ class Session:
         """Become another state; `what` is done, in the words of the button that takes it back."""
         self._past.append((what, self.state))
         self.state = state
-        while len(self._past) > MOST_UNDONE or sum(past.samples for _, past in self._past) > MOST_SAMPLES:
+        most = uploads.LIMITS
+        while len(self._past) > most.undone or sum(past.samples for _, past in self._past) > most.samples:
             del self._past[0]
 
     @property
@@ -76,11 +84,7 @@ class Session:
         return self._past[-1][0] if self._past else ""
 
     def undo(self) -> None:
-        """Take back the last change, whatever it was.
-
-        Raises:
-            InputError: if there is none.
-        """
+        """Take back the last change, whatever it was; raises InputError if there is none."""
         if not self._past:
             raise InputError("there is nothing to undo")
         _, self.state = self._past.pop()
@@ -149,16 +153,14 @@ class Session:
         """A new folder within the session's for files of a size [bytes].
 
         Raises:
-            InputError: if there is no room for them in this session, or on the disk.
+            InputError: if there is no room for them in this session.
         """
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # somebody may have cleaned up
-        if self._held() + size > SPACE:
+        if self._held() + size > uploads.LIMITS.space:
             self._past.clear()
             self._sweep()
-        if self._held() + size > SPACE:
-            raise InputError(f"{amount(SPACE)} of files are enough: remove a recording first")
-        if shutil.disk_usage(self.folder).free < size + SPARE:
-            raise InputError(f"there is no room left on the disk that {self.folder.parent} is on: make some")
+        if self._held() + size > uploads.LIMITS.space:
+            raise InputError(f"{amount(uploads.LIMITS.space)} of files are enough: remove a recording first")
         return Path(tempfile.mkdtemp(dir=self.folder, prefix="tmp"))
 
     def _held(self) -> int:
@@ -172,23 +174,22 @@ class Session:
             InputError: naming those that cannot be read, in the words of the command line.
         """
         place = self.place(sum(len(content) * 3 // 4 for _, content in coming))
-        files, told, robots, refused = list[Path](), list[Source](), list[Path](), list[str]()
+        files, told, refused = list[Path](), list[Source](), list[str]()
         for name, content in coming:
             try:
                 file = unpack(place, name, content)
                 if file.suffix == ".toml":
                     told += [replace(one, file=place / safe_name(one.file.name)) for one in read_sources(file)]
                 else:
-                    (robots if file.suffix.lower() in FORMATS else files).append(file)
+                    files.append(file)
             except MISTAKES as mistake:
                 refused.append(sentence(mistake))
         for name in {one.file.name for one in told if one.file not in files}:
             refused.append(f"{saved.STUDY}: names {name}: drop both here together")
-        sources = [
-            source
-            for file in files
-            for source in [one for one in told if one.file == file] or [Source(file, unwrap=unwrap)]
-        ]
+        robots = [file for file in files if file.suffix.lower() in FORMATS]
+        recordings = [file for file in files if file not in robots]
+        named = {file: [one for one in told if one.file == file] for file in recordings}
+        sources = [one for file in recordings for one in named[file] or [Source(file, unwrap=unwrap)]]
         if robots:
             joints = next((source.joints for source in sources), None)
             self.take_robot(RobotFile(robots[-1], joints, bolted=True))
@@ -253,10 +254,8 @@ class Session:
         if isinstance(self.state, ArmState) and not all(isinstance(one.recording, ArmRecording) for one in loaded):
             raise InputError("this session is of an arm: leave the robot first, in the stage Data")
         every = (*self.state.loaded, *loaded)
-        if len(every) + len(self.cards) > MOST_RECORDINGS:
-            raise InputError(f"{MOST_RECORDINGS} recordings are enough: remove one first")
-        if sum(len(one.recording) for one in every) > MOST_SAMPLES:
-            raise InputError(f"{MOST_SAMPLES:,} samples are enough: remove a recording first")
+        if sum(len(one.recording) for one in every) > uploads.LIMITS.samples:
+            raise InputError(f"{uploads.LIMITS.samples:,} samples are enough: remove a recording first")
         self.change(f"load {listing([one.recording.name for one in loaded])}", self.state.anew(loaded=every))
 
     def remove(self, id: str) -> None:
@@ -280,11 +279,7 @@ class Session:
     # ---------------------------------------------------------------------------------------------- columns
 
     def ask(self, id: str) -> None:
-        """Ask about the columns of a recording that is loaded.
-
-        Raises:
-            RecordingError: if there is nothing to choose.
-        """
+        """Ask about the columns of a recording that is loaded; raises RecordingError if there is nothing to choose."""
         card = Card.of(self.state.find(id).source, known=id, joints=self.state.moving)
         self.cards = (card, *(other for other in self.cards if other.known != id))
 
@@ -295,23 +290,21 @@ class Session:
         """
         rest = self.cards[1:]
         self.cards = rest
+        others = [one for one in self.state.loaded if one.id != card.known]
         try:
-            source = card.asked()
-            if card.known:
-                old = self.state.find(card.known)
-                rest_of_them = [one for one in self.state.loaded if one is not old]
-                anew = Loaded.of(source, rest_of_them, read=self.state.read).recording
-                anew = replace(anew, name=old.recording.name)
-                self._swap("read columns anew", old, replace(old, source=source, recording=anew))
-                return
-            first = Loaded.of(source, self.state.loaded, read=self.state.read)
+            first = Loaded.of(card.asked(), others, read=self.state.read)
         except MISTAKES as mistake:
             self.cards = (replace(card, why=self.told(mistake)), *rest)
+            return
+        if card.known:
+            old = self.state.find(card.known)
+            anew = replace(first.recording, name=old.recording.name)
+            self._swap("read columns anew", old, replace(old, source=first.source, recording=anew))
             return
         alike = [one for one in rest if not one.known and one.preview.headers == card.preview.headers]
         self.cards = tuple(one for one in rest if one not in alike)
         self.keep(first)
-        self.load([replace(one.source, columns=source.columns, unwrap=source.unwrap) for one in alike])
+        self.load([replace(one.source, columns=first.source.columns, unwrap=first.source.unwrap) for one in alike])
 
     # ------------------------------------------------------------------------------------------------ whole
 
@@ -337,7 +330,7 @@ class Session:
             InputError: if it is none, or too large.
         """
         packed = unpack(self.place(len(content) * 3 // 4), name, content)
-        contents = read_archive(packed, saved.HINT, SPACE)
+        contents = read_archive(packed, saved.HINT, uploads.LIMITS.space)
         place = self.place(sum(map(len, contents.values())))
         for member, text in contents.items():
             (place / safe_name(member)).write_bytes(text)
@@ -372,3 +365,46 @@ class Session:
             finally:
                 self.lock.release()
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+class Sessions:
+    """All sessions of a server by the id that each page holds, and the workers that they share."""
+
+    def __init__(
+        self, recordings: Sequence[Source] = (), rig: Path | None = None, robot: RobotFile | None = None
+    ) -> None:
+        """Make a folder for their folders; every session begins with the recordings, and may run the rig."""
+        self._recordings, self._rig, self._robot = tuple(recordings), rig, robot
+        self.workers = Workers()
+        self._root = tempfile.TemporaryDirectory(prefix="pendulum-ident-", ignore_cleanup_errors=True)
+        self._all: dict[str, Session] = {}  # the one used last is last
+        self._lock = RLock()
+
+    def of(self, id: object) -> Session:
+        """Session of an id, a new one if there is none; raises InputError if it is no id."""
+        if not isinstance(id, str) or ID.fullmatch(id) is None:
+            raise InputError("this page has no session: load it again")
+        now = time.monotonic()
+        with self._lock:
+            session = self._all.pop(id, None) or Session(Path(self._root.name) / token_hex(8), self.workers, self._rig)
+            late = [k for k, other in self._all.items() if now - other.asked > uploads.LIMITS.idle and not other.busy()]
+            late += list(self._all)[: max(0, len(self._all) + 1 - uploads.LIMITS.sessions)]
+            ended = [self._all.pop(k) for k in dict.fromkeys(late)]
+            session.asked = now
+            self._all[id] = session
+        session.begin(self._recordings, self._robot)  # no other session waits for it
+        for other in ended:
+            other.end()
+        return session
+
+    def close(self) -> None:
+        """End all sessions, motors first, and the workers."""
+        with self._lock:
+            for session in self._all.values():
+                if session.run is not None:
+                    session.run.stop()
+            for session in self._all.values():
+                session.end()
+            self._all.clear()
+            self._root.cleanup()
+        self.workers.close()

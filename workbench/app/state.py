@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache, partial
 from math import inf
 from pathlib import Path
@@ -11,15 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from estimators.arguments import within_limits
+from estimators.arguments import chosen_effects, within_limits
 from estimators.checks.alignment import Aligned
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import Doubt, identifiability
-from estimators.checks.residual import Region, stand_out
+from estimators.checks.residual import stand_out
 from estimators.checks.torque_constant import Calibrated, told
-from estimators.diagnosis.added import Addition
 from estimators.diagnosis.addition import add, fit
-from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.diagnosis.run import diagnose, gather
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
@@ -30,14 +29,15 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.library import addition
 from pendulum_env.recording import Recording, Source
-from pendulum_env.recording.record import by_torque
 from pendulum_env.recording.study import named_twice
 from pendulum_env.words import name
-from workbench.app.asked import NOTHING, Asked
-from workbench.app.brushing import Points
-from workbench.app.jobs import Task
-from workbench.app.uploads import UNPACKED, safe_name
+from workbench.app import uploads
+from workbench.app.uploads import safe_name
+from workbench.inputs import ids as effects_of
+from workbench.inputs import known as values_of
+from workbench.inputs import ranges
 from workbench.mistakes import InputError
+from workbench.processes import Task
 from workbench.report import render
 from workbench.report.case import Case
 
@@ -46,7 +46,7 @@ NO_RECORDING = "load a recording first"
 
 def read_one(source: Source) -> Recording:
     """A recording of a pendulum; raises RecordingError, in the words of the command line."""
-    return by_torque(replace(source, largest=UNPACKED).read())
+    return replace(replace(source, largest=uploads.LIMITS.unpacked).read(), drive=None)  # pages draw it by its torque
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +79,15 @@ class Loaded:
             InputError: if it is known already.
             RecordingError: if it cannot be read, in the words of the command line.
         """
-        name = source.file.name
-        alike = [one for one in known if one.source.file.name == name]
-        if any(one.source.file != source.file or named_twice((one.source, source)) for one in alike):
+        name, ids, number = source.file.name, {one.id for one in known}, 1
+        alike = [one.source for one in known if one.source.file.name == name]
+        if any(one.file != source.file or named_twice((one, source)) for one in alike):
             raise InputError(f"{name}: is loaded already: remove it, or give this one another name")
         recording = read(source)
-        if not alike:
+        if name not in ids:
             return cls(name, source, recording, origin)
-        number = next(k for k in range(2, len(alike) + 3) if all(one.id != f"{name} ({k})" for one in alike))
+        while f"{name} ({number})" in ids or number < 2:
+            number += 1
         return cls(f"{name} ({number})", source, replace(recording, name=f"{recording.name} ({number})"), origin)
 
     @property
@@ -98,6 +99,58 @@ class Loaded:
     def is_plain(self) -> bool:
         """Whether the file is read whole and as it is, so that no study has to tell how."""
         return not (self.source.columns or self.source.unwrap or self.source.range or self.source.load)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Effects to look for, values that are known and bounds of others, each in the words of the command line.
+
+    Attributes:
+        only: ids of the effects that are looked for, with commas; empty: all.
+        without: ids of those that are not.
+        fix: `gravity=2.01,...`
+        bound: `viscous=0:0.5,...`
+    """
+
+    only: str = ""
+    without: str = ""
+    fix: str = ""
+    bound: str = ""
+
+    @classmethod
+    def of(cls, form: Mapping[str, Any]) -> Asked:
+        """What the fields `ask-only` and so on of a form hold: ids in a list, or text."""
+        values = (form.get(f"ask-{field.name}") or "" for field in fields(cls))
+        return cls(*(",".join(map(str, value)) if isinstance(value, list) else str(value).strip() for value in values))
+
+    @property
+    def effects(self) -> dict[str, Any]:
+        """What `diagnose` takes of effects; raises as the command line does."""
+        return {"only": effects_of(self.only) or None, "without": effects_of(self.without)}
+
+    @property
+    def limits(self) -> dict[str, Any]:
+        """What `diagnose` and `add` take of parameters; raises as the command line does."""
+        return {
+            "fixed": values_of(self.fix) if self.fix else {},
+            "bounds": ranges(self.bound) if self.bound else {},
+        }
+
+    def check(self, terms: Sequence[Term]) -> None:
+        """Refuse what makes no sense beside a model's terms: raises ValueError as the command line does."""
+        chosen_effects(None, **self.effects)
+        within_limits(terms, {}, **self.limits)
+
+    def options(self, *fields: str) -> list[str]:
+        """Some fields as words of a command."""
+        return [f"--{field}={getattr(self, field)}" for field in fields if getattr(self, field)]
+
+    def arguments(self, *kinds: dict[str, Any]) -> str:
+        """Arguments of Python that are given, each with a comma before it."""
+        return "".join(f", {name}={value!r}" for kind in kinds for name, value in kind.items() if value)
+
+
+NOTHING = Asked()  # every effect is looked for, and nothing is known
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,11 +218,6 @@ class State:
     started: tuple[Step, ...] = ()
 
     @property
-    def start(self) -> tuple[Term, ...]:
-        """Terms that a base model has unless told."""
-        return BASE
-
-    @property
     def joints(self) -> tuple[str, ...] | None:
         """Those of an arm that move; None: all that can."""
         return None
@@ -214,11 +262,7 @@ class State:
         return replace(self, asked=asked) if asked.limits == self.asked.limits else self.anew(asked=asked)
 
     def find(self, id: str) -> Loaded:
-        """The recording of an id.
-
-        Raises:
-            InputError: if there is none.
-        """
+        """The recording of an id; raises InputError if there is none."""
         for one in self.loaded:
             if one.id == id:
                 return one
@@ -234,11 +278,7 @@ class State:
 
     @property
     def prepared(self) -> Prepared:
-        """What models are fitted to.
-
-        Raises:
-            InputError: if nothing can be fitted.
-        """
+        """What models are fitted to; raises InputError if nothing can be fitted."""
         if isinstance(self._prepared, str):
             raise InputError(self._prepared)
         return self._prepared
@@ -292,14 +332,9 @@ class State:
         return ids(self.called_for)
 
     @property
-    def misfit(self) -> bool:
-        """Whether the ladder has an effect that the diagnosis does not call for."""
-        return self.diagnosis is not None and not set(self.added) <= set(self.called)
-
-    @property
     def found(self) -> tuple[str, ...]:
-        """Effects that the diagnosis calls for beyond the ladder, as long as the ladder goes with it."""
-        return () if self.misfit else tuple(effect for effect in self.called if effect not in self.added)
+        """Effects that the diagnosis calls for beyond the ladder."""
+        return tuple(effect for effect in self.called if effect not in self.added)
 
     def diagnosed(self, found: Diagnosis) -> State:
         """The state with a diagnosis that started from its ladder."""
@@ -333,14 +368,20 @@ class State:
 
     @cached_property
     def told(self) -> Diagnosis:
-        """What the report tells: the diagnosis as far as the ladder goes with it, or the ladder itself."""
-        if self.diagnosis is None:
-            floor = self.prepared.evidence[0].data.noise(abs(self.model.estimates["inertia"].value))
-            advice = tuple(doubt.text for doubt in self.doubts)
-            return Diagnosis(self.ladder, (), (), self._left(floor), floor, advice)
-        if self.misfit:
-            return replace(self.diagnosis, steps=self.ladder, unexplained=self._left(self.diagnosis.noise_floor))
-        return replace(self.diagnosis, steps=self.called_for if self.found else self.ladder)
+        """What the report tells: the diagnosis as long as it calls for more than the ladder has, else the ladder."""
+        if self.diagnosis is not None and self.found:
+            return replace(self.diagnosis, steps=self.called_for)
+        evidence, model = self.prepared.evidence[0], self.model
+        inertia = abs(model.estimates["inertia"].value) if "inertia" in model.estimates else 0.0
+        floor = evidence.data.noise(inertia) if self.diagnosis is None else self.diagnosis.noise_floor
+        left = self.diagnosis.unexplained if self.diagnosis is not None else ()
+        if self.added != self.called or self.diagnosis is None:
+            residual: Array = evidence.watching(model).residual(model.terms, model.theta)
+            is_noise = Criterion().is_noise(evidence.data.structure(residual, inertia), floor)
+            left = () if is_noise else tuple(stand_out(evidence.samples, residual, floor))
+        if self.diagnosis is not None:
+            return replace(self.diagnosis, steps=self.ladder, unexplained=left)
+        return Diagnosis(self.ladder, (), (), left, floor, tuple(doubt.text for doubt in self.doubts))
 
     @property
     def table(self) -> str | None:
@@ -362,20 +403,6 @@ class State:
         diagnosis = replace(self.told, steps=self.ladder)
         parts = self.train, self.holdout or self.train
         return Case(*parts, not self.holdout, diagnosis, gathered=self.prepared.evidence)
-
-    @cached_property
-    def points(self) -> tuple[Points, ...]:
-        """Windows of each loaded recording under the models of the ladder's ends."""
-        return tuple(Points.of(self.standing, recording) for recording in self.recordings)
-
-    def _left(self, floor: float) -> tuple[Region, ...]:
-        """Where the last model leaves more than noise."""
-        evidence = self.prepared.evidence[0]
-        residual: Array = evidence.watching(self.model).residual(self.model.terms, self.model.theta)
-        inertia = abs(self.model.estimates["inertia"].value) if "inertia" in self.model.estimates else 0.0
-        if Criterion().is_noise(evidence.data.structure(residual, inertia), floor):
-            return ()
-        return tuple(stand_out(evidence.samples, residual, floor))
 
     @property
     def seconds(self) -> float:

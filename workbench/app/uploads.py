@@ -5,16 +5,31 @@ from __future__ import annotations
 import base64
 import binascii
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 from pendulum_env.recording.storage import READERS
 from workbench.mistakes import InputError
 from workbench.robot import FORMATS
 
-UPLOAD = 48_000_000  # bytes of one file, a quarter of an hour at 1 kHz
-UNPACKED = 400_000_000  # bytes of what a packed file holds, and of its columns in memory
-LONGEST_NAME = 80  # characters
 ENDINGS = sorted((*READERS, *FORMATS, ".json", ".toml", ".zip"), key=len)[::-1]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a page may take of this computer, see SECURITY.md."""
+
+    upload: int = 48_000_000  # bytes of one file, a quarter of an hour at 1 kHz
+    unpacked: int = 400_000_000  # bytes of what a packed file holds, and of its columns in memory
+    space: int = 300_000_000  # bytes of a session's files
+    samples: int = 20_000_000  # of all recordings of a state, and of all past states
+    undone: int = 20  # changes that can be taken back
+    sessions: int = 16  # the one that was used least recently gives way
+    idle: float = 12 * 3600.0  # [s] after which a session that nobody has asked for ends
+    name: int = 80  # characters of a file's name
+
+
+LIMITS = Limits()
 
 
 def safe_name(name: str) -> str:
@@ -23,7 +38,7 @@ def safe_name(name: str) -> str:
     plain = re.sub(r"[^\w .()+-]", "_", last).strip(" .")
     ending = next((ending for ending in ENDINGS if plain.lower().endswith(ending)), "")
     stem = plain[: len(plain) - len(ending)].lstrip("-")
-    return f"{stem[: LONGEST_NAME - len(ending)] or 'recording'}{ending}"
+    return f"{stem[: LIMITS.name - len(ending)] or 'recording'}{ending}"
 
 
 def unpack(folder: Path, name: str, content: str) -> Path:
@@ -34,8 +49,10 @@ def unpack(folder: Path, name: str, content: str) -> Path:
     """
     file = folder / safe_name(name)
     head, _, body = content.partition(",")
-    if len(body) * 3 // 4 > UPLOAD:
-        raise InputError(f"{file.name}: is larger than {UPLOAD / 1e6:.0f} MB: shorten it, or use the command line")
+    if len(body) * 3 // 4 > LIMITS.upload:
+        raise InputError(
+            f"{file.name}: is larger than {LIMITS.upload / 1e6:.0f} MB: shorten it, or use the command line"
+        )
     try:
         if not head.startswith("data:"):
             raise ValueError("no data URL")

@@ -30,7 +30,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     take_robot(parser)
     parser.add_argument("--config", metavar="FILE", help="rig.toml of a rig, that the live view then offers, too")
     parser.add_argument("--fleet", metavar="FOLDER", help="of a survey, whose page is then beside the stages")
-    parser.add_argument("--port", type=_port, default=PORT, help=f"of this computer (default {PORT}); 0: any")
+    parser.add_argument(
+        "--port", type=whole(0, HIGHEST), default=PORT, help=f"of this computer (default {PORT}); 0: any"
+    )
     parser.add_argument("--no-browser", action="store_true", help="open none, only print the address")
 
 
@@ -48,10 +50,13 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
                 raise
             terminal.say(f"{error}: the browser asks what the columns mean")
     rig = None if arguments.config is None else load(arguments.config).path
-    survey = None if arguments.fleet is None else _survey(arguments.fleet)
+    survey = None if arguments.fleet is None else Path(arguments.fleet)
+    if survey is not None and not is_survey(survey):
+        raise InputError(f"{survey}: holds no survey: name what `survey` wrote with -o")
     from workbench.app.server import Server  # dash takes a while to import
 
-    server = Server(arguments.port, (*asked.fitted, *asked.held_out), rig, survey, robot)
+    recordings = (*asked.fitted, *asked.held_out)
+    server = Server(arguments.port, recordings=recordings, rig=rig, survey=survey, robot=robot)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
     sys.stdout.flush()  # a pipe would keep it to itself
     if not arguments.no_browser:
@@ -74,26 +79,7 @@ def _robot(arguments: argparse.Namespace, asked: Given) -> RobotFile | None:
     if arguments.robot is None:
         return None
     told = {arguments.joints, *(source.joints for source in (*asked.fitted, *asked.held_out))} - {None}
-    robot = RobotFile(
-        Path(arguments.robot),
-        told.pop() if told else None,
-        bolted=arguments.base is not None,
-        rotors=arguments.rotors or None,
-        weightless=arguments.no_gravity,
-    )
+    joints, rotors = told.pop() if told else None, arguments.rotors or None
+    robot = RobotFile(Path(arguments.robot), joints, arguments.base is not None, rotors, arguments.no_gravity)
     robot.body()  # complains now
     return robot
-
-
-def _survey(name: str) -> Path:
-    """Folder of a survey, once it is known to be one."""
-    if not is_survey(Path(name)):
-        raise InputError(f"{name}: holds no survey: name what `survey` wrote with -o")
-    return Path(name)
-
-
-def _port(text: str) -> int:
-    port = whole(0)(text)
-    if port > HIGHEST:
-        raise argparse.ArgumentTypeError(f"'{text}' should be a port, {HIGHEST} at most")
-    return port

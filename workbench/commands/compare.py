@@ -36,8 +36,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--loop",
         action="store_true",
-        help="whole recordings simulated from their goals alone, which needs --drive or a study with [drive]; where a "
-        "drive is known, these errors stand beside the others anyway",
+        help="simulate whole recordings in closed loop from their reference, which needs --drive or a study with "
+        "[drive]; if a drive is known, these errors are given anyway",
     )
     take_robot(parser)
     parser.add_argument(
@@ -45,15 +45,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="JOINT",
         nargs="?",
         const=LAST,
-        help="with --robot: what the arm carries in these recordings and the model does not know, at the link behind "
-        "JOINT (default the last)",
+        help="with --robot: identify the load that the arm carries in these recordings, at the link behind JOINT "
+        "(default: the last)",
     )
     parser.add_argument(
         "--without",
         metavar="RECORDING",
         action="append",
         default=[],
-        help="with --payload: a recording without it (may be repeated), to which the model is fitted anew",
+        help="with --payload: a recording without the load (may be repeated), to which the model is refitted",
     )
     parser.add_argument("--json", metavar="FILE", help="write errors, profiles and regions")
     of_pendulums(parser, "align", "loop", "drive")

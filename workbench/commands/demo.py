@@ -31,16 +31,14 @@ SECONDS = 20.0
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare seed and output."""
-    parser.add_argument(
-        "--robot", choices=("two-link",), help="an arm in the place of a pendulum (needs the extra arms)"
-    )
+    parser.add_argument("--robot", choices=("two-link",), help="an arm instead of a pendulum (needs the extra arms)")
     parser.add_argument("--seed", type=whole(0), default=0, help="another seed hides another effect (default 0)")
     take(parser, "--verbose")
     parser.add_argument(
         "-o",
         "--output",
         metavar="FOLDER/report.html",
-        help=f"report to write, the recordings go beside it (default {FOLDER / 'report.html'})",
+        help=f"report to write, with the recordings beside it (default {FOLDER / 'report.html'})",
     )
 
 

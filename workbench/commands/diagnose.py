@@ -44,31 +44,33 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--only",
         metavar="ID,...",
         type=argument(ids),
-        help="look for these effects alone; of an arm at every joint, or at one, as stribeck@elbow",
+        help="look for these effects only; of an arm at every joint, or at one, as stribeck@elbow",
     )
     parser.add_argument(
         "--without", metavar="ID,...", type=argument(ids), default=[], help="do not look for these effects"
     )
     take(parser, *LIMITS, "--instruments", "--verbose")
-    parser.add_argument("--all", action="store_true", help="the same with every effect, also those not judged")
+    parser.add_argument(
+        "--all", action="store_true", help="as --verbose, with every effect, also those that could not be judged"
+    )
     parser.add_argument(
         "--max-torque",
         metavar="NM",
         type=number(0.1, MOST_TORQUE),
-        help=f"bound of the torque of a suggested experiment [N m] (default {USUAL:g}, but at most ten "
-        "times the largest recorded)",
+        help=f"largest torque of a suggested experiment [N m] (default {USUAL:g}, at most ten times the largest "
+        "recorded)",
     )
     parser.add_argument(
         "--max-angle",
         metavar="RAD",
         type=number(0.01, math.inf),
-        help="bound of its angle to either side [rad], inf for any (default: the angles that were recorded)",
+        help="its largest angle to either side [rad], inf for any (default: as recorded)",
     )
     parser.add_argument(
         "--max-speed",
         metavar="RAD/S",
         type=number(0.01, math.inf),
-        help="bound of its speed [rad/s], inf for any (default: the highest that was recorded)",
+        help="its highest speed [rad/s], inf for any (default: as recorded)",
     )
     parser.add_argument("--experiment", metavar="FILE.csv", help="write the torque of the suggested experiment")
     parser.add_argument("--json", metavar="FILE", help="write the diagnosis")

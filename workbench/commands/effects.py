@@ -20,7 +20,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         type=argument(addition),
         metavar="EFFECT",
-        help="tell how this one shows, and what tells it",
+        help="describe how this one shows, and what reveals it",
     )
 
 
@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """List the effects with kind, law, parameters and units, or tell more of some."""
     for kind in arguments.effects:
         terminal.heading(f"{kind.id}: {kind.law}")
-        for line in told(kind):
+        for line in described(kind):
             terminal.say(line)
     if arguments.effects:
         return
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     )
 
 
-def told(kind: type[Term]) -> list[str]:
+def described(kind: type[Term]) -> list[str]:
     """How an effect shows, with what it is confused, what tells it, and its parameters; of a table what it is for."""
     if issubclass(kind, Table):
         return [str(kind.__doc__).partition("\n")[0], "Parameters: coefficients of a spline, by `add`."]

@@ -41,7 +41,7 @@ TABLES = (  # with what is said where there is no row
     ("Joints that differ from their siblings", odd_table, None),
     ("Weak in each, present in all", pooled_table, None),
 )
-LISTED = 20  # cases that could not be diagnosed, told by name
+LISTED = 20  # cases that could not be diagnosed, listed by name
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -50,31 +50,34 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "recordings",
         metavar="FOLDER|STUDY.toml|TABLE.csv",
         nargs="+",
-        help="recordings, each diagnosed by itself; a table has a column file and perhaps robot, joint, date and kind",
+        help="recordings, each diagnosed separately; a table has columns file and perhaps robot, joint, date, kind",
     )
-    parser.add_argument("-o", "--output", metavar="FOLDER", required=True, help="dataset, gone on with if it is there")
-    parser.add_argument("--report", metavar="FLEET.html", help="write a page on all cases of the dataset")
+    parser.add_argument(
+        "-o", "--output", metavar="FOLDER", required=True, help="folder of the dataset, continued if it exists"
+    )
+    parser.add_argument("--report", metavar="FLEET.html", help="write a page about all cases of the dataset")
     parser.add_argument(
         "--reports",
         choices=tuple(PAGES),
         default="none",
-        help="cases that get a page of their own below FOLDER, 2 MB each: none, those where something is found, or all "
-        "(default none)",
+        help="cases with a page of their own below FOLDER, 2 MB each: none (default), those with a finding, or all",
     )
     parser.add_argument(
         "--names",
         metavar="PATTERN",
-        help="what names of files mean, as '{robot}/{joint}_{date}', * for anything; by default folders tell robot and "
-        "joint, and a date in the name when",
+        help="how paths are to be read, as '{robot}/{joint}_{date}', * for anything (default: folders are robot and "
+        "joint)",
     )
     parser.add_argument("--model", metavar="MODEL.json", help="start from its terms (default: the paper's four)")
-    parser.add_argument("--only", metavar="ID,...", type=ids, help="look for these effects alone")
+    parser.add_argument("--only", metavar="ID,...", type=ids, help="look for these effects only")
     parser.add_argument("--without", metavar="ID,...", type=ids, default=[], help="do not look for these effects")
     take(parser, *LIMITS)
-    parser.add_argument("--workers", type=whole(1, 1000), default=2, help="processes here (default 2)")
-    parser.add_argument("--memory", type=number(100, 1e6), metavar="MB", help="of each (default: equal shares)")
+    parser.add_argument("--workers", type=whole(1, 1000), default=2, help="processes on this computer (default 2)")
     parser.add_argument(
-        "--dask", metavar="ADDRESS", help="scheduler of a Dask cluster to work on instead, as tcp://host:8786; its "
+        "--memory", type=number(100, 1e6), metavar="MB", help="memory of each process (default: equal shares)"
+    )
+    parser.add_argument(
+        "--dask", metavar="ADDRESS", help="scheduler of a Dask cluster to use instead, as tcp://host:8786; its "
         "workers see the same files"
     )  # fmt: skip
     take_reading(parser)
@@ -89,17 +92,18 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     settings = _settings(arguments)
     cases = find_cases(arguments.recordings, arguments, arguments.names)
     terminal.say(f"recordings: {len(cases)}, joints: {joints(cases)}")
-    with ExitStack() as stack, terminal.counting("diagnosing") as tell:
+    with ExitStack() as stack, terminal.progress("diagnosing", timed=True) as tell:
 
         def connect() -> Client:
             return stack.enter_context(connected(arguments.dask, arguments.workers, arguments.memory))
 
-        def told(tally: Tally) -> None:
+        def show(tally: Tally) -> None:
             trouble = tally.new["refused"] + tally.new["failed"]
-            tell(tally.through, tally.total, f"{trouble} could not be" if trouble else "")
+            failed = f", {trouble} could not be" if trouble else ""
+            tell(f"{tally.through} of {tally.total}{failed}", tally.through / tally.total)
 
         try:
-            tally = survey(cases, dataset, connect, settings, tell=told)
+            tally = survey(cases, dataset, connect, settings, tell=show)
         except KeyboardInterrupt:
             raise Interrupted(f"what is done is kept in {dataset.folder}: run again to go on") from None
     _say(tally, terminal)

@@ -81,6 +81,6 @@ def _configured(module: str, kind: str, values: Mapping[str, object], model: Mod
         f"# {plain(line)}"
         for line in (title(model), *notes, "For the joint of that name in your robot; N m, rad and s.")
     ]
-    told = {key: float(f"{value:.6g}") if isinstance(value, float) else value for key, value in values.items()}
-    body = [f"ACTUATOR = {kind}(", *(f"    {key}={value!r}," for key, value in told.items()), ")"]
+    rounded = {key: float(f"{value:.6g}") if isinstance(value, float) else value for key, value in values.items()}
+    body = [f"ACTUATOR = {kind}(", *(f"    {key}={value!r}," for key, value in rounded.items()), ")"]
     return Exported("\n".join([*head, f"from {module} import {kind}", "", *body, ""]), tuple(notes))

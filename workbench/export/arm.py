@@ -23,8 +23,7 @@ G = 9.81  # [m/s^2]
 ROD = 4.0 / 3.0  # mass of a uniform rod over that of a point with the same inertia and weight
 FAR = 1e4  # [rad], where a stop is that is none
 THIN = 0.01  # inertia about its length, in that about the axis
-FASTEST = 5.0  # [rad/s], up to which viscous and dry friction approximate another law
-SPEEDS = 100  # at which they do
+SPEEDS = np.linspace(0.0, 5.0, 101)[1:]  # [rad/s], at which viscous and dry friction approximate another law
 EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb", "back_emf")  # terms that every format holds
 
 
@@ -116,16 +115,15 @@ class Friction:
         viscous, dry = value(model, "viscous") + value(model, "back_emf") - less, value(model, "coulomb")
         if not folded and min(viscous, dry) >= 0:
             return cls(viscous, dry, tuple(missing))
-        speed = np.linspace(0.0, FASTEST, SPEEDS + 1)[1:]
-        still = np.zeros_like(speed)
-        law = viscous * speed + dry
+        still = np.zeros_like(SPEEDS)
+        law = viscous * SPEEDS + dry
         for column in (column for term in folded for column in term.columns):
-            ways = [column.torque(Samples(still, still, v, still), 0.0) for v in (speed, -speed)]
+            ways = [column.torque(Samples(still, still, v, still), 0.0) for v in (SPEEDS, -SPEEDS)]
             law = law + 0.5 * model.estimates[column.name].value * (ways[0] - ways[1])
-        (viscous, dry), _ = nnls(np.column_stack([speed, np.ones_like(speed)]), law)
-        said = [f"{term.id} ({term.law})" for term in folded] or ["friction below zero"]
-        close = f"viscous and dry friction come closest to the sum up to {FASTEST:g} rad/s"
-        return cls(float(viscous), float(dry), (*missing, *(f"{what}: {close}" for what in said)))
+        (viscous, dry), _ = nnls(np.column_stack([SPEEDS, np.ones_like(SPEEDS)]), law)
+        kinds = [f"{term.id} ({term.law})" for term in folded] or ["friction below zero"]
+        close = f"viscous and dry friction come closest to the sum up to {SPEEDS[-1]:g} rad/s"
+        return cls(float(viscous), float(dry), (*missing, *(f"{what}: {close}" for what in kinds)))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.in_loop.comparison import likelier
+from estimators.in_loop.fit import likelier
 from estimators.in_loop.rollouts import GRAIN
 from estimators.selection.data import Evidence
 from estimators.simulation.free_running import Segments, simulate_all, start_memory
@@ -102,7 +102,7 @@ def refuse_loads(recordings: Sequence[Recording]) -> None:
 def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array:
     """Positions of servos in MuJoCo at the start and after every so many steps, (N / every + 1, 1, B) [rad]."""
     mujoco = load_mujoco()
-    drives = [  # a supply that was recorded, and not said, is that at the start
+    drives = [  # without a supply of its own, the recorded one at the start
         drive if drive.supply or drive.output != "duty" else replace(drive, supply=float(servos.supply[0, lane]))
         for lane, drive in enumerate(servos.drives)
     ]
@@ -123,7 +123,7 @@ def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array
         ):
             if state is None:
                 data.ctrl[0] = goal
-                world.opt.disableactuator = int(not on)  # bit 0 is the group that actuators are in unless told
+                world.opt.disableactuator = int(not on)  # bit 0 is the group of actuators by default
             else:
                 state = program.before_step(world, data, state, goal, *([supply] if volts else []), on)
             mujoco.mj_step(world, data)
@@ -171,7 +171,7 @@ def _begin(
 ) -> None:
     """Put the joint, and what it remembers, to the start of a segment."""
     data.qpos[0], data.qvel[0] = segments.position[0, k], segments.velocity[k]
-    if world.nq > 1:  # the link's angle is told from the motor's
+    if world.nq > 1:  # the link's angle is relative to the motor's
         position, velocity = memory["joint_flexibility"]
         data.qpos[1], data.qvel[1] = position - data.qpos[0], velocity - data.qvel[0]
     if world.na:

@@ -102,7 +102,7 @@ def written(model: Model, seconds: float = LONGEST_STEP, drive: Drive | None = N
 def beside(model: Model, terms: Sequence[Term], drive: Drive | None, seconds: float = LONGEST_STEP) -> Dynamics:
     """What some terms of a model, and perhaps a drive, add to each step of an engine that has the other terms.
 
-    The step is told where the joint is, and gives the torque to apply and the largest dry friction to allow.
+    The step is given where the joint is, and returns the torque to apply and the largest dry friction to allow.
 
     Raises:
         ExportError: if a law of the model is not made of what can be written down, or adds inertia that varies.
@@ -120,7 +120,7 @@ def beside(model: Model, terms: Sequence[Term], drive: Drive | None, seconds: fl
 
 @contextmanager
 def _formulas() -> Iterator[None]:
-    """A law that cannot be written down is told in a sentence."""
+    """Turn what a law that is no formula raises into one sentence."""
     try:
         yield
     except Exception as error:  # a user's law may do anything that NumPy does
@@ -227,7 +227,7 @@ class _Parts:
         return dict(pairs)
 
     def dynamics(self, after: Mapping[str, Any], results: Mapping[Quantity, Operand] | None = None) -> Dynamics:
-        """The step without the state variables that nothing depends on; what gives results is told where it is."""
+        """The step without state that nothing depends on; one that gives results is given position and velocity."""
         results, after = results or {}, {**after, **self.after}
         kept, needed = {"time"} | ({"position", "velocity"} & set(after)), set(after)
         while needed:

@@ -115,7 +115,7 @@ FORMATS: dict[str, Callable[[ArmModel, Request], Exported]] = {"mjcf": mjcf, "ur
 
 
 def _standard(model: ArmModel) -> tuple[Array, list[str]]:
-    """Standard parameters (S,) of the nearest body, and what is to be said where no body has the model's parameters."""
+    """Standard parameters (S,) of the nearest body, and a note where no body has the model's parameters."""
     found = nearest_body(model)
     off = [] if found.exists else [f"the links as identified: {found.text}"]
     return np.array([found.parameters[name].value for name in model.body.standard]), off

@@ -30,7 +30,7 @@ class Request:
         step: of the forms that are a step, and of MuJoCo [s].
         mass: of the arm [kg], where it is known; it only fixes where the centre of mass is drawn.
         armature: inertia of the rotor about the joint [kg m^2], where it is known: motion tells its sum with the arm's.
-        drive: the controller and motor to export with the joint, which is then told a goal; else it takes a torque.
+        drive: the controller and motor to export with the joint, which then takes a goal; else it takes a torque.
         callback: language of the program for what a physics engine does not have; None: there is none.
     """
 
@@ -61,7 +61,7 @@ def keep(format: str, missing: Sequence[str], request: Request, others: str = WH
         format: name of the format.
         missing: what it cannot hold, and what would be in its place.
         request: whether approximations are allowed.
-        others: which formats hold more, said if they are not.
+        others: end of the message, with the formats that hold more.
 
     Raises:
         ExportError: if something is missing and approximations are not allowed.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -59,37 +60,30 @@ class Source:
         """Write the results down."""
         source = cls(dialect)
         order, same = distinct(results)
-        counts: dict[Symbol, int] = {}
-        for symbol in (*(x for s in order for x in s.inputs), *results):
-            if isinstance(symbol, Symbol):
-                counts[same[symbol]] = counts.get(same[symbol], 0) + 1
+        counts = Counter(same[x] for x in (*(x for s in order for x in s.inputs), *results) if isinstance(x, Symbol))
         texts: dict[Symbol, tuple[str, int]] = {}
+
+        def operand(x: Operand) -> tuple[str, int]:
+            if isinstance(x, Symbol):
+                return texts[same[x]]
+            return dialect.number(x), ATOM if x >= 0 else NEGATIVE
+
         for symbol in order:
-            text = source._text(symbol, texts, same)
+            text = source._text(symbol, [operand(x) for x in symbol.inputs])
             if symbol.op != NAME and (symbol.label or counts[symbol] > 1 or len(text[0]) > WIDE):
                 name = symbol.label or f"t{len(source.lines) + 1}"
                 source.lines.append((name, text[0]))
                 text = name, ATOM
             texts[symbol] = text
-        source.results = [source._operand(x, texts, same)[0] for x in results]
+        source.results = [operand(x)[0] for x in results]
         return source
 
-    def _operand(
-        self, x: Operand, texts: Mapping[Symbol, tuple[str, int]], same: Mapping[Symbol, Symbol]
-    ) -> tuple[str, int]:
-        if isinstance(x, Symbol):
-            return texts[same[x]]
-        return self.dialect.number(x), ATOM if x >= 0 else NEGATIVE
-
-    def _text(
-        self, symbol: Symbol, texts: Mapping[Symbol, tuple[str, int]], same: Mapping[Symbol, Symbol]
-    ) -> tuple[str, int]:
-        """Expression of a symbol, and how tightly it binds."""
+    def _text(self, symbol: Symbol, parts: Sequence[tuple[str, int]]) -> tuple[str, int]:
+        """Expression of a symbol of operands, and how tightly it binds."""
         if symbol.op == NAME:
             self.names.add(symbol.label)
             return symbol.label, ATOM
         self.used.add(symbol.op)
-        parts = [self._operand(x, texts, same) for x in symbol.inputs]
         if symbol.op in INFIX:
             sign, tight = INFIX[symbol.op]
             keeps = symbol.op in ("add", "multiply", "subtract", "divide")  # evaluated from the left

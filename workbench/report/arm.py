@@ -59,7 +59,7 @@ def worst(errors: Sequence[JointError]) -> str:
 
 
 def joints(models: Sequence[Drawn], measured: str, headline: str, found: ArmDiagnosis | None = None) -> Section:
-    """Torque errors of every joint under each model, measured on what is said, and what a diagnosis found."""
+    """Torque errors of every joint under each model, on the data that `measured` names, and what a diagnosis found."""
     final = models[-1][2].model
     selected, left = (found.selected, found.unexplained.items()) if found is not None else ((), ())
     content = {
@@ -67,7 +67,7 @@ def joints(models: Sequence[Drawn], measured: str, headline: str, found: ArmDiag
         "labels": [label for label, _, _ in models],
         "rows": list(zip(*(step.errors["holdout"] for _, _, step in models), strict=True)),
         "laws": [(own.id, own.law, final.of(own.id)) for own in final.terms if own.id in selected],
-        "unexplained": [(joint, size, final.body.said(joint, NEWTON_METRE)) for joint, size in left],
+        "unexplained": [(joint, size, final.body.worded(joint, NEWTON_METRE)) for joint, size in left],
         "next_step": found.next_step if found is not None else "",
     }
     return Section("joints", "Result", headline, content)
@@ -81,13 +81,13 @@ def strips(models: Sequence[Drawn], evidence: Evidence) -> Section:
     inertia = inertias(evidence.screen, last.terms)
     found, standing = [], [False] * len(residuals)
     for k, joint in enumerate(data.joints):
-        part, said = data.part(joint), partial(last.body.said, joint)
+        part, in_units = data.part(joint), partial(last.body.worded, joint)
         x, noise, lefts = part.samples, part.noise(inertia[joint]), [own[data.where(joint)] for own in residuals]
         negligible = NEGLIGIBLE * float(np.std(part.torque()))
         maps = [profiles(x, left, noise, SHOWN) for left in lefts]
         regions = [
             [
-                replace(region, text=said(region.text))
+                replace(region, text=in_units(region.text))
                 for region in stand_out(x, left, noise, SHOWN)
                 if abs(region.residual) > negligible
             ]
@@ -97,14 +97,14 @@ def strips(models: Sequence[Drawn], evidence: Evidence) -> Section:
         reach = 1.08 * max(float(np.abs(item.mean).max()) for own in maps for item in own)
         still = regions[-1] if len(maps) > 1 else []
         figures = [
-            profile_figure(curves, drawn, regions[0], still, reach, f"joint-{k}", said)
+            profile_figure(curves, drawn, regions[0], still, reach, f"joint-{k}", in_units)
             for drawn in zip(*maps, strict=True)
         ]
-        told = [
+        standing_out = [
             {"label": label, "regions": [region.text for region in own]}
             for (label, _), own in zip(curves, regions, strict=True)
         ]
-        found.append({"joint": joint, "figures": figures, "regions": told})
+        found.append({"joint": joint, "figures": figures, "regions": standing_out})
     entries = key(curves, standing[0], len(standing) > 1 and standing[-1])
     content = {"strips": found, "key": entries, "threshold": REGIONS.stands_out, "negligible": percent(NEGLIGIBLE)}
     return Section("strips", "Where it fails", "Where each joint's torque is not the model's", content)

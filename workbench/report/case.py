@@ -58,9 +58,9 @@ class Case:
     def _evidence(self) -> tuple[Evidence, Evidence]:
         if self.gathered is not None:
             return self.gathered
-        told = self.diagnosis
-        evidence = gather(self.train, () if self.is_split else self.holdout, told.window_share)
-        return evidence if told.impacts_beside is None else with_impacts(evidence, told.impacts_beside)
+        found = self.diagnosis
+        evidence = gather(self.train, () if self.is_split else self.holdout, found.window_share)
+        return evidence if found.impacts_beside is None else with_impacts(evidence, found.impacts_beside)
 
     @cached_property
     def training(self) -> Evidence:

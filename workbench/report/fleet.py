@@ -61,7 +61,7 @@ def summary(fleet: Fleet) -> Section:
         "first": min(dates, default=None),
         "last": max(dates, default=None),
         "tiles": [
-            ("Effects are missing in", _labels(_sure(fleet)), _none_missing(fleet)),
+            ("Effects are missing in", _labels(_significant(fleet)), _none_missing(fleet)),
             ("Parameters drift or jump in", _labels(drifting), "none beyond errors and scatter"),
             ("Unlike their siblings", _labels(fleet.odd), "none, as far as siblings tell"),
         ],
@@ -81,23 +81,23 @@ def headline(fleet: Fleet) -> str:
     ):
         if count := len(_labels(found)):
             parts.append(f"{count}{'' if parts else f' of {total} joints'} {one if count == 1 else several}")
-    if sure := _sure(fleet):
-        effects = sorted({words.name(one.effect) for one in sure})
-        parts.append(f"{words.listing(effects)} {'is' if len(effects) == 1 else 'are'} missing in {len(_labels(sure))}")
+    if effects := _significant(fleet):
+        names = sorted({words.name(one.effect) for one in effects})
+        parts.append(f"{words.listing(names)} {'is' if len(names) == 1 else 'are'} missing in {len(_labels(effects))}")
     if not parts:
         return f"{total} joints, and nothing that stands out" if total else "No case could be diagnosed"
     return words.opening(words.listing(parts))
 
 
 def _none_missing(fleet: Fleet) -> str:
-    """What is said where no effect is missing for sure."""
+    """What the page says where no effect is significant."""
     if not fleet.joints:
         return "no case could be diagnosed"
     return "those that cases name may be named by chance" if fleet.effects else "no case names one"
 
 
-def _sure(fleet: Fleet) -> list[Missing]:
-    return [one for one in fleet.effects if one.sure]
+def _significant(fleet: Fleet) -> list[Missing]:
+    return [one for one in fleet.effects if one.significant]
 
 
 def _labels(found: Sequence[Missing | Series]) -> list[str]:

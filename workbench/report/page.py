@@ -119,18 +119,14 @@ def write_report(path: str | Path, recordings: Recordings, holdout: Recordings, 
 def render_comparison(compared: Comparison, recordings: Recordings) -> str:
     """HTML of what `compare` found of recordings, as one self-contained page like that of a diagnosis."""
     case = _case(compared, recordings)
-    sections = [_distances(compared), comparison(case), failures(case), parameters(case)]
+    headline = words.opening(compared.headline).replace(" N m", "\u00a0N\u00a0m").replace(" rad", "\u00a0rad")
+    distances = Section("distances", "Result", headline, {"compared": compared})
+    sections = [distances, comparison(case), failures(case), parameters(case)]
     if compared.told_in_loop is not None:
         own = in_units_of(compared.model, chosen_recordings(recordings))
         sections.insert(1, loop(compared.told_in_loop, [("model", compared.model)], own))
     page = assemble(sections, f"comparison with {words.listing([recording.name for recording in case.train])}")
     return words.per(page, compared.torque_unit)
-
-
-def _distances(compared: Comparison) -> Section:
-    """Errors on every recording, and what they mean."""
-    headline = words.opening(compared.headline).replace(" N m", "\u00a0N\u00a0m").replace(" rad", "\u00a0rad")
-    return Section("distances", "Result", headline, {"compared": compared})
 
 
 def _case(compared: Comparison, recordings: Recordings) -> Case:
@@ -139,5 +135,5 @@ def _case(compared: Comparison, recordings: Recordings) -> Case:
     together = joined([Evidence.of([recording]) for recording in own])
     errors = compared.joint.errors
     step = Step(None, compared.model, {"train": errors, "holdout": errors})
-    told = Diagnosis((step,), (), (), compared.regions, compared.joint.noise_floor, ())
-    return Case(own, own, False, told, gathered=(together, together), first="model")  # nothing is added to it
+    found = Diagnosis((step,), (), (), compared.regions, compared.joint.noise_floor, ())
+    return Case(own, own, False, found, gathered=(together, together), first="model")  # nothing is added to it

@@ -73,8 +73,8 @@ def find_cases(names: Sequence[str], reading: Namespace, pattern: str | None = N
     root = Path(os.path.commonpath([place if place.is_dir() else place.parent for place in places]))
     found: dict[str, Case] = {}
     for path in paths:
-        for source, told in _sources(path, reading):
-            case = _case(source, told, root, pattern)
+        for source, row in _sources(path, reading):
+            case = _case(source, row, root, pattern)
             if found.setdefault(case.name, case) is not case:
                 raise InputError(f"{source.file}: is named twice: name each recording once")
     if not found:
@@ -149,12 +149,12 @@ def _table(path: Path) -> list[dict[str, str]] | None:
     return [{name: cell for name, cell in zip(headers, row, strict=False) if cell} for row in cells]
 
 
-def _case(source: Source, told: Mapping[str, str], root: Path, pattern: str | None) -> Case:
+def _case(source: Source, row: Mapping[str, str], root: Path, pattern: str | None) -> Case:
     """A case from its source; what a table does not tell of it, the path below the root tells."""
     below = PurePosixPath(printable(Path(os.path.relpath(source.file, root)).as_posix()))
     part = "" if source.range is None else f"#{source.range[0]:g}-{source.range[1]:g}"
-    labels = (guessed(below) if pattern is None else matched(below, pattern)) | dict(told)
-    date, dated_by = date_of(labels.get("date", "")), "table" if "date" in told else "name"
+    labels = (guessed(below) if pattern is None else matched(below, pattern)) | dict(row)
+    date, dated_by = date_of(labels.get("date", "")), "table" if "date" in row else "name"
     if date is None:
         date, dated_by = file_time(source.file), "file"
     joint = labels.get("joint", "")

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import stats
 
 from estimators.diagnosis.result import Verdict
-from estimators.fleet import Course, Odd, Pooled, course, odd_ones, onset, pool, surely, weigh
+from estimators.fleet import Course, Odd, Pooled, course, odd_ones, onset, pool, significant, weigh
 from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON, Array
 from workbench.survey.dataset import SCHEMA, Dataset
@@ -68,7 +68,7 @@ class Missing:
     of: int  # number of the joint's cases
     first: datetime  # when it was named first
     since: datetime | None  # when it set in, if cases before and after differ significantly
-    sure: bool  # whether so many cases do not name an effect by chance
+    significant: bool  # whether so many cases do not name an effect by chance
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Fleet:
         rows = tuple(dataset.rows(COLUMNS))
         joints = _joints(rows)
         series = _judged([one for joint in joints for one in _series(joint)])
-        effects = sorted(_missing(joints), key=lambda one: (not one.sure, -one.cases / one.of, one.effect))
+        effects = sorted(_missing(joints), key=lambda one: (not one.significant, -one.cases / one.of, one.effect))
         shared = sorted(_shared(joints), key=lambda one: (-one.pooled.cases, one.group, -one.probability))
         return cls(dataset.folder, rows, joints, tuple(series), tuple(effects), tuple(shared))
 
@@ -159,8 +159,8 @@ def _judged(series: Sequence[Series]) -> Iterator[Series]:
     for own in siblings.values():
         level, error = np.array([(one.course.level, one.course.level_error) for one in own]).T
         odd |= zip(own, odd_ones(level, error), strict=True)
-    changes = surely(np.array([one.course.chance for one in series]))
-    differs = surely(np.array([odd[one].chance for one in series]))
+    changes = significant(np.array([one.course.p_value for one in series]))
+    differs = significant(np.array([odd[one].p_value for one in series]))
     for k, one in enumerate(series):
         yield replace(one, changes=bool(changes[k]), odd=odd[one] if differs[k] else None)
 
@@ -176,12 +176,12 @@ def _missing(joints: Sequence[Joint]) -> Iterator[Missing]:
     library = max((len(row["candidates"]) for joint in joints for row in joint.cases), default=0) or 1
     by_chance = [stats.binom.sf(has.sum() - 1, len(has), CHANCE / library) for _, _, has, _ in found]
     silent = np.ones(max(0, library * len(joints) - len(found)))  # effects that no case names were tested, too
-    sure = surely(np.r_[by_chance, silent])
-    begins = surely(np.array([np.nan if begun is None else begun.chance for *_, begun in found]))
+    named = significant(np.r_[by_chance, silent])
+    begins = significant(np.array([np.nan if begun is None else begun.p_value for *_, begun in found]))
     for k, (joint, effect, has, begun) in enumerate(found):
         first = joint.cases[int(np.argmax(has))]["date"]
         since = joint.cases[begun.first]["date"] if begun is not None and begins[k] else None
-        yield Missing(joint, effect, int(has.sum()), len(has), first, since, bool(sure[k]))
+        yield Missing(joint, effect, int(has.sum()), len(has), first, since, bool(named[k]))
 
 
 def _shared(joints: Sequence[Joint]) -> Iterator[Shared]:
@@ -190,17 +190,17 @@ def _shared(joints: Sequence[Joint]) -> Iterator[Shared]:
     effects = sorted({one["effect"] for joint in joints for row in joint.cases for one in row["candidates"]})
     for label, cases in groups.items():
         gains = np.array([_gains(row, effects) for row in cases]).reshape(len(cases), len(effects), 3)
-        sure: dict[int, Pooled] = {}
+        shown: dict[int, Pooled] = {}
         for k in range(len(effects)):
             known = gains[np.isfinite(gains[:, k]).all(axis=1), k]  # (n, 3)
             if len(known) > 1:
                 gain, error, forms = known.T
                 pooled = pool(gain, error, forms, rivals=len(effects) * len(groups))
-                if pooled.chance <= CHANCE:
-                    sure[k] = pooled
-        if sure:
-            weak = gains[:, list(sure)]
-            for (k, pooled), share in zip(sure.items(), weigh(weak[..., 0] - np.log(weak[..., 2])), strict=True):
+                if pooled.p_value <= CHANCE:
+                    shown[k] = pooled
+        if shown:
+            weak = gains[:, list(shown)]
+            for (k, pooled), share in zip(shown.items(), weigh(weak[..., 0] - np.log(weak[..., 2])), strict=True):
                 named = sum(effects[k] in row["selected"] for row in cases)
                 yield Shared(label, effects[k], pooled, named, float(share))
 

@@ -15,7 +15,7 @@ def effects_table(fleet: Fleet) -> Table:
     rows = [
         (one.joint.label, one.effect, f"{one.cases} of {one.of}",
          f"since {one.since:%Y-%m-%d}" if one.since else f"first {one.first:%Y-%m-%d}",
-         "" if one.sure else "perhaps by chance")
+         "" if one.significant else "perhaps by chance")
         for one in fleet.effects
     ]  # fmt: skip
     return Table(("joint", "effect", "cases", "when", ""), rows, left=("effect", "when", ""))
@@ -24,7 +24,7 @@ def effects_table(fleet: Fleet) -> Table:
 def drifting_table(fleet: Fleet) -> Table:
     """Parameters that drift."""
     rows = [
-        (one.joint.label, one.parameter, mean(one), one.unit, change(one), by_chance(one.course.chance))
+        (one.joint.label, one.parameter, mean(one), one.unit, change(one), by_chance(one.course.p_value))
         for one in fleet.drifting
     ]
     return Table(("joint", "parameter", "mean", "unit", "a week [%]", "by chance"), rows, left=("parameter", "unit"))
@@ -33,7 +33,7 @@ def drifting_table(fleet: Fleet) -> Table:
 def jumping_table(fleet: Fleet) -> Table:
     """Parameters that are others from a date on."""
     rows = [
-        (one.joint.label, one.parameter, f"{one.since:%Y-%m-%d}", change(one), by_chance(one.course.chance))
+        (one.joint.label, one.parameter, f"{one.since:%Y-%m-%d}", change(one), by_chance(one.course.p_value))
         for one in fleet.jumping
     ]
     return Table(("joint", "parameter", "since", "change [%]", "by chance"), rows, left=("parameter", "since"))
@@ -43,7 +43,7 @@ def odd_table(fleet: Fleet) -> Table:
     """Joints that differ from their siblings."""
     rows = [
         (one.joint.label, one.parameter, mean(one), plus_minus(one.odd.expected, one.odd.spread), one.unit,
-         by_chance(one.odd.chance))
+         by_chance(one.odd.p_value))
         for one in fleet.odd
         if one.odd is not None
     ]  # fmt: skip
@@ -65,7 +65,7 @@ def courses_table(fleet: Fleet) -> Table:
     rows = [
         (one.joint.label, one.parameter, ("jumps" if one.since else "drifts") if one.changes else "steady",
          str(len(one.date)), mean(one), one.unit, change(one), f"since {one.since:%Y-%m-%d}" if one.since else "a week",
-         by_chance(one.course.chance), f"{one.course.excess:.2g}")
+         by_chance(one.course.p_value), f"{one.course.excess:.2g}")
         for one in sorted(fleet.series, key=lambda one: not one.changes)
     ]  # fmt: skip
     headers = ("joint", "parameter", "course", "cases", "mean", "unit", "change [%]", "when", "by chance", "scatter")
@@ -87,6 +87,6 @@ def change(series: Series) -> str:
     return text if text.startswith("-") else f"+{text}"
 
 
-def by_chance(chance: float) -> str:
+def by_chance(p_value: float) -> str:
     """A small probability."""
-    return "–" if np.isnan(chance) else f"{chance:.1g}" if chance >= 1e-12 else "< 1e-12"
+    return "–" if np.isnan(p_value) else f"{p_value:.1g}" if p_value >= 1e-12 else "< 1e-12"

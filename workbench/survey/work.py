@@ -9,7 +9,7 @@ import os
 import re
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
@@ -24,7 +24,6 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Term, load_plugin
 from pendulum_env.reading import REMEDY, regular_size
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import by_torque
 from workbench.mistakes import MISTAKES, InputError, printable, sentence
 from workbench.survey.cases import Case
 from workbench.survey.dataset import VERDICTS
@@ -87,7 +86,7 @@ def look(case: Case, settings: Settings) -> JSON:
     """
     for path in settings.plugins:
         load_plugin(path)
-    recording = by_torque(case.source.read())
+    recording = replace(case.source.read(), drive=None)  # by its torque
     found = diagnose([recording], **settings.asked)
     row = _row(recording, found)
     if settings.folder is not None and row["verdict"] in PAGES[settings.reports]:
@@ -110,18 +109,18 @@ def _write_page(path: Path, recording: Recording, found: Diagnosis) -> None:
 
 
 def _row(recording: Recording, found: Diagnosis) -> JSON:
-    told = found.json()
+    data = found.json()
     errors = found.steps[-1].errors["holdout"]
-    gains = [one["gain"] or {} for one in told["candidates"]]
+    gains = [one["gain"] or {} for one in data["candidates"]]
     return {
         "verdict": "missing" if found.selected else "unexplained" if found.unexplained else "nothing",
         "headline": found.headline,
         "score": max((one.score for one in found.candidates if one.verdict is Verdict.SELECTED), default=None),
-        "selected": told["selected"],
-        "ambiguous": told["ambiguous"],
+        "selected": data["selected"],
+        "ambiguous": data["ambiguous"],
         "candidates": [
             one | {"gain": gain.get("total"), "gain_error": gain.get("error"), "variants": gain.get("variants")}
-            for one, gain in zip(told["candidates"], gains, strict=True)
+            for one, gain in zip(data["candidates"], gains, strict=True)
         ],
         "parameters": [{"name": name, **one.json()} for name, one in found.model.estimates.items()],
         "torque_unit": found.torque_unit,
@@ -130,7 +129,7 @@ def _row(recording: Recording, found: Diagnosis) -> JSON:
         "position_rms": errors.position_rms,
         "samples": len(recording),
         "duration": recording.duration,
-        "diagnosis": json.dumps(told),
+        "diagnosis": json.dumps(data),
     }
 
 

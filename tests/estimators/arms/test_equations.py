@@ -127,5 +127,5 @@ def test_a_motor_that_turns_with_two_joints_loads_both(body, tmp_path, at, is_he
     base = (Links(body), *friction(body))
     kinds = {one.id: one for one in (*couplings(body), at_joint(effect("stribeck"), "elbow"))}
     first, last = recording.split(0.7)
-    models = models_of_arm([first], [last], base, kinds, None, None, no_progress)
+    models = models_of_arm([first], [last], base, kinds, no_progress)
     assert [term.id for term in select(models).terms[len(base) :]] == [kind.id]

@@ -64,7 +64,7 @@ def test_online_and_offline_agree(body, recording, scheme):
 
 
 def test_each_row_is_used_once_but_for_those_of_the_first_and_last_moments(body, recording):
-    online = fed(ArmEstimator(body, RATE, scheme=six.scheme("hamiltonian"), prior=1e12), recording)
+    online = fed(ArmEstimator(body, RATE, scheme=six.scheme("hamiltonian")), recording)
     offline = identify_arm(recording, body, schemes=[six.scheme("hamiltonian")])["hamiltonian"]
     information = np.diag(np.linalg.inv(online.state.P))
     rows = information[[7, 9]].sum()  # a Coulomb column is +-1 on each row of its joint

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimators.arms.diagnosis import diagnose_arm
-from estimators.arms.excitation import USUAL_SLIDE, design_excitation
+from estimators.arms.excitation import DESIGN, design_excitation
 from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
 from estimators.arms.standard import standard_parameters
 from pendulum_env.arms.body import read_body
@@ -102,5 +102,5 @@ def test_a_motion_that_is_designed_keeps_a_torso_within_its_stroke(runs):
     body = runs["torso"][0]
     motion = design_excitation(body, max_angle=1.0, max_speed=2.0, max_torque=60.0, tries=10)
     q, v, _ = motion(np.linspace(0, motion.period, 400))
-    assert np.abs(q[:, 1:]).max() < 1.0 and np.abs(v[:, 0]).max() < USUAL_SLIDE
+    assert np.abs(q[:, 1:]).max() < 1.0 and np.abs(v[:, 0]).max() < DESIGN.slide
     assert np.abs(motion.torque(np.linspace(0, motion.period, 50))[:, 0]).max() > 60.0  # what it carries weighs more

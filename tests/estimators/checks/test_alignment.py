@@ -168,8 +168,10 @@ def test_recordings_share_a_delay_unless_they_differ():
 
 def test_corrected_torque_is_that_which_acted():
     good = run("prbs", 500.0)
-    mended = align([late := logged_late(good, 5)]).apply(late)
+    late = replace(logged_late(good, 5), temperature=good.position)
+    mended = align([late]).apply(late)
     kept = len(mended)
+    np.testing.assert_array_equal(mended.temperature, mended.position)  # whatever else was recorded goes along
     assert len(good) - 7 < kept < len(good)
     np.testing.assert_array_equal(mended.time, good.time[:kept])
     assert np.sqrt(np.mean((mended.torque - good.torque[:kept]) ** 2)) < 0.05 * np.std(good.torque)

@@ -2,40 +2,30 @@
 
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators.diagnosis.run import gather
 from estimators.diagnosis.sensitivity import detectable, smallest
 from estimators.selection.models import Models
 from pendulum_env.physics import BASE, effects
-from pendulum_env.recording import Recording
-from tests.cases import diagnosed
+from tests.cases import diagnosed, recorded
 
 EXPERIMENT = Experiment(rate=500.0, seconds=10.0, seed=4)
 
 
-def recorded(plant: Plant, name: str = "run") -> Recording:
-    (run,) = simulate([(plant, EXPERIMENT)], workers=1)
-    return Recording(name, run.time, run.position, run.torque)
-
-
 @pytest.fixture(scope="module")
 def models() -> Models:
-    return Models(*gather([recorded(Plant())]))
+    return Models(*gather(recorded(Plant(), EXPERIMENT)))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("id", "parameter", "others"),
-    [("quadratic_drag", "drag", {}), ("spring", "spring_k", {})],
-)
-def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(models, id, parameter, others):
+@pytest.mark.parametrize(("id", "parameter"), [("quadratic_drag", "drag"), ("spring", "spring_k")])
+def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(models, id, parameter):
     size = smallest(models, BASE, effects()[id])
     assert size is not None
-    plants = [Plant(effects={id: {parameter: share * size, **others}}) for share in (2, 0.1)]
-    large, small = (Recording("run", r.time, r.position, r.torque) for r in simulate([(p, EXPERIMENT) for p in plants]))
-    found = diagnosed([large])
+    large, small = (recorded(Plant(effects={id: {parameter: share * size}}), EXPERIMENT) for share in (2, 0.1))
+    found = diagnosed(large)
     assert id in {*found.selected, *(one for group in found.ambiguous for one in group)}
-    assert diagnosed([small]).selected == ()
+    assert diagnosed(small).selected == ()
 
 
 def test_it_is_told_with_sizes_and_with_the_angles_that_were_reached(models):

@@ -3,15 +3,12 @@
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators import Addition, Diagnosis, add, diagnose
 from estimators.diagnosis.likeness import likenesses
-from estimators.diagnosis.run import gather
-from estimators.selection.models import Models
-from estimators.selection.moves import named
-from pendulum_env.physics import BASE
-from pendulum_env.physics.table import Curve, Extent, FrictionByAngle, FrictionBySpeed, TorqueByAngle
+from pendulum_env.physics.table import Curve, Extent, FrictionBySpeed, TorqueByAngle
 from pendulum_env.recording import Recording
+from tests.cases import recorded
 from tests.once import once
 
 HIDDEN = {
@@ -26,11 +23,8 @@ HIDDEN = {
 @once("estimators", "pendulum_env", "benchmarks")
 def recordings(hidden: str) -> list[Recording]:
     """Two recordings of one plant."""
-    cases = [(Plant(effects=HIDDEN[hidden]), Experiment(rate=500.0, seconds=15.0, seed=seed)) for seed in (1, 2)]
-    return [
-        Recording(name, run.time, run.position, run.torque)
-        for run, name in zip(simulate(cases), ("fitted", "unseen"), strict=True)
-    ]
+    experiments = (Experiment(rate=500.0, seconds=15.0, seed=seed) for seed in (1, 2))
+    return recorded(Plant(effects=HIDDEN[hidden]), *experiments)
 
 
 @once("estimators", "pendulum_env", "benchmarks")
@@ -127,11 +121,3 @@ def test_noise_looks_like_nothing():
     table = TorqueByAngle.over(Extent(-3.0, 3.0, 48))()
     curve = table.curve(np.random.default_rng(3).normal(size=len(table.columns)))
     assert not likenesses(table, curve)
-
-
-def test_a_table_that_the_model_has_does_not_compete_with_effects():
-    fitted, unseen = recordings("nothing")
-    table = FrictionByAngle.over(Extent(-1.0, 1.0, 6))()
-    models = Models(*gather([fitted], [unseen]), base=(*BASE, table))
-    assert table.id not in {kind.id for kind in models.tables}
-    assert named(models, models.base) == models.base

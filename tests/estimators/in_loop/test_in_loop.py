@@ -9,7 +9,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import add, compare, diagnose
 from estimators.arguments import within_limits
-from estimators.in_loop.fit import fit, likelihood, linear
+from estimators.in_loop.fit import fit, likelihood
 from estimators.in_loop.rollouts import Rollouts, are_driven
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, Model, effects
@@ -93,11 +93,6 @@ def test_standard_errors_hold_what_a_late_log_does(plain):
     assert max(moved.values()) < 2.0 and max(moved.values()) > 0.3  # which is most of some
 
 
-def test_a_drive_as_late_as_one_may_be_has_slopes(plain):
-    longest = replace(plain[0].drive, delay=0.1)
-    assert Rollouts((replace(plain[0], drive=longest),)).mistimed[1].recordings[0].drive.delay < 0.1
-
-
 def test_friction_that_grows_with_the_load_is_named_and_the_error_falls(pressed):
     found = diagnose(pressed[:2], pressed[2:], only=FEW)
     assert found.selected == ("load_dependent_friction",)
@@ -153,15 +148,17 @@ def test_parameters_of_an_unknown_gain_are_per_volt_and_compared_so(plain, tmp_p
     assert compare(read, gain_of_one).joint.errors.in_loop < 2e-3
 
 
-def test_drive_and_torque_of_different_units_are_refused(plain):
-    with pytest.raises(RecordingError, match="give the drive a gain"):
-        are_driven([replace(plain[0], drive=Drive(kp=1.0, supply=12.0))])
-
-
-def test_servos_that_control_different_quantities_are_refused(plain):
-    other = replace(plain[1], drive=Drive("velocity", "torque", kp=1.0))
-    with pytest.raises(RecordingError, match="controls another quantity"):
-        are_driven([plain[0], other])
+@pytest.mark.parametrize(
+    ("other", "refusal"),
+    [
+        ({"drive": None}, "has no drive, but others have one"),
+        ({"drive": Drive("velocity", "torque", kp=1.0)}, "controls another quantity"),
+        ({"drive": Drive(kp=1.0, supply=12.0)}, "give the drive a gain"),
+    ],
+)
+def test_servos_that_cannot_be_simulated_together_are_refused(plain, other, refusal):
+    with pytest.raises(RecordingError, match=refusal):
+        are_driven([plain[0], replace(plain[1], **other)])
 
 
 def test_study_with_drives_reads_back(plain, tmp_path):
@@ -186,18 +183,6 @@ def test_goal_of_a_speed_has_its_units_and_that_of_an_angle_its_turn(plain, tmp_
     assert speed.reference == pytest.approx(np.pi)
 
 
-def test_slopes_are_those_of_smaller_and_larger_parameters(plain):
-    rollouts = Rollouts(tuple(plain[:2]), is_held=False)
-    terms = (*BASE, GravityTilt())
-    theta = np.array([*TRUE.values(), 0.0])
-    near = linear(rollouts, Point(terms, theta), TYPICAL, False)
-    for k, step in enumerate(TYPICAL / 20):
-        shift = step * np.eye(5)[k]
-        more, less = (rollouts.misses([Point(terms, theta + s)])[:, 0] for s in (shift, -shift))
-        slope = (more - less) / (2 * step)
-        assert np.linalg.norm(near.slopes[:, k] - slope) < 0.1 * np.linalg.norm(slope)
-
-
 def test_fit_finds_the_likeliest_parameters_from_far_away(plain):
     rollouts, terms = Rollouts(tuple(plain[:2]), is_held=False), (*BASE, GravityTilt())
     far = Point(terms, np.array([0.03, 0.4, 0.2, 0.2, 0.1]))
@@ -206,11 +191,6 @@ def test_fit_finds_the_likeliest_parameters_from_far_away(plain):
     told = [likelihood(rollouts, e)[0] for e in (found.error[:, None], true)]
     assert told[0] >= told[1]
     assert found.point.theta[:4] == pytest.approx(list(TRUE.values()), rel=0.05)
-
-
-def test_recordings_of_which_only_some_have_a_drive_are_refused(plain):
-    with pytest.raises(RecordingError, match="has no drive, but others have one"):
-        are_driven([plain[0], replace(plain[1], drive=None)])
 
 
 def test_log_of_goals_and_positions_needs_no_torque(plain, tmp_path):

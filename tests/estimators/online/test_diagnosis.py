@@ -25,6 +25,7 @@ from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
 from pendulum_env.registration import PENDULUM
 from tests import slow
+from tests.feeding import fed
 
 RATE, COUNTS, SECONDS = 250.0, 65_536, 18.0
 HIDDEN = {
@@ -53,13 +54,9 @@ def diagnoser(terms=BASE, **options):
     return Diagnoser(RATE, terms, smoothing=Smoothing.of_encoder(COUNTS, RATE), **options)
 
 
-def run(one, recording, first=0.0, last=np.inf):
-    """Let it see the samples from `first` to `last` [s]."""
-    torque = np.r_[0.0, recording.torque[:-1]]  # over the period that ends with the sample
-    for t, q, tau in zip(recording.time, recording.position, torque, strict=True):
-        if first <= t < last:
-            one.take(*(np.full(1, value) for value in (t, q, tau)))
-    return one.said[0]
+def run(one, recording, first=0.0, last=SECONDS):
+    """What it says in the end of the samples from `first` to `last` [s]."""
+    return fed(one, recording, round(first * RATE), round(last * RATE))[-1][0]
 
 
 @pytest.mark.parametrize("hidden", slow.but(["cogging"], HIDDEN))

@@ -15,16 +15,10 @@ from estimators.signals.measurements import of_steps
 from estimators.wrappers import EstimateParameters, EstimateParametersVector
 from pendulum_env.physics import BASE, effect
 from pendulum_env.registration import PENDULUM
+from tests.feeding import fed
 
 TRUTH = np.array([0.09, 2.0, 0.35, 0.8])
 PERIOD = 0.02  # [s]
-
-
-def run(estimator: OnlineEstimator, runs: list, first: int = 0, last: int | None = None) -> list[Estimates]:
-    position, torque = (np.array([getattr(one, name) for one in runs]).T for name in ("position", "torque"))
-    torque = np.vstack([np.zeros(len(runs)), torque[:-1]])
-    time = runs[0].time
-    return [estimator.take(np.full(len(runs), time[k]), position[k], torque[k]) for k in range(len(time))[first:last]]
 
 
 @cache
@@ -43,7 +37,7 @@ def estimator(n: int, **options) -> OnlineEstimator:
 @cache
 def slowly() -> tuple[OnlineEstimator, list[Estimates]]:
     one = estimator(12)
-    return one, run(one, slow_runs())
+    return one, fed(one, slow_runs())
 
 
 @pytest.mark.slow
@@ -81,7 +75,7 @@ def test_it_borrows_a_regression_until_that_knows_enough_and_then_waits_for_noth
 )
 def test_a_payload_picked_up_in_mid_run_is_tracked(memory):
     runs = slow_runs(3, pay_t=8.0, pay_I=0.03, pay_mgl=0.6)
-    theta = run(estimator(3, schemes=[JointState()], **memory), runs)[-1].theta[:, 0]
+    theta = fed(estimator(3, schemes=[JointState()], **memory), runs)[-1].theta[:, 0]
     np.testing.assert_allclose(np.median(theta, axis=0)[:2], [0.12, 2.6], rtol=0.04)
 
 
@@ -90,7 +84,7 @@ def test_a_joint_that_sticks_tells_nothing_and_costs_nothing():
     time = np.arange(0, 16, PERIOD)
     command = np.where((time < 4) | (time > 14), 3 * np.sin(12.07 * time) + 3 * np.sin(2.25 * time), 0.3)
     runs = simulate([(Plant(), Experiment(rate=1 / PERIOD, seconds=16.0, counts=65_536, torque_noise=0.05))], [command])
-    course = run(estimator(1, schemes=[JointState(torque_noise=0.05)]), runs)
+    course = fed(estimator(1, schemes=[JointState(torque_noise=0.05)]), runs)
     assert course[int(3.9 / PERIOD)].usable[0, 0]
     before, after = (np.sqrt(np.diag(course[int(t / PERIOD)].P[0, 0])) for t in (7.0, 13.5))
     np.testing.assert_allclose(after, before, rtol=0.3)
@@ -101,11 +95,11 @@ def test_a_joint_that_sticks_tells_nothing_and_costs_nothing():
 def test_a_copy_goes_on_alike_and_lost_samples_keep_the_parameters():
     runs = slow_runs()[:1]
     one = estimator(1, schemes=[JointState()])
-    before = run(one, runs, 0, 500)[-1]
+    before = fed(one, runs, 0, 500)[-1]
     copy = pickle.loads(pickle.dumps(one))
-    np.testing.assert_array_equal(run(one, runs, 500, 520)[-1].theta, run(copy, runs, 500, 520)[-1].theta)
+    np.testing.assert_array_equal(fed(one, runs, 500, 520)[-1].theta, fed(copy, runs, 500, 520)[-1].theta)
     copy.take(np.full(1, 10.4), np.full(1, np.nan), np.zeros(1))
-    after = run(copy, runs, 521, 800)[-1]
+    after = fed(copy, runs, 521, 800)[-1]
     np.testing.assert_allclose(after.theta, before.theta, rtol=0.03)
     assert after.usable[0, 0]
 
@@ -117,7 +111,7 @@ def test_terms_with_memory_and_delay_are_those_of_the_model(id):
     term = {"actuator_lag": effect("actuator_lag")(0.03), "dead_time": effect("dead_time")(2 * PERIOD)}[id]
     experiment = Experiment(rate=1 / PERIOD, seconds=16.0, counts=65_536, torque_noise=0.05)
     runs = simulate([(Plant(effects={id: hidden}), experiment)])
-    right, wrong = (run(estimator(1, terms=terms, schemes=[JointState()]), runs)[-1] for terms in ((*BASE, term), BASE))
+    right, wrong = (fed(estimator(1, terms=terms, schemes=[JointState()]), runs)[-1] for terms in ((*BASE, term), BASE))
     np.testing.assert_allclose(right.theta[0, 0], TRUTH, rtol=0.04)
     assert np.abs(wrong.theta[0, 0] / TRUTH - 1).max() > 0.1
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.online import Estimates, OnlineEstimator
+from estimators.online import OnlineEstimator
 from estimators.online.estimator import RECURSIONS
+from tests.feeding import fed
 
 CASES = {  # options, and how close
     "all": ({}, 1e-8),
@@ -18,19 +19,15 @@ CASES = {  # options, and how close
 
 
 @cache
-def samples() -> list[np.ndarray]:
+def plant_run():
     (run,) = simulate([(Plant(), Experiment(rate=500.0, seconds=2.5, seed=1))])
-    return list(np.column_stack([run.time, run.position, np.r_[0.0, run.torque[:-1]]])[:, :, None])
-
-
-def fed(estimator: OnlineEstimator, first: int = 0, last: int = 1250) -> list[Estimates]:
-    return [estimator.take(*sample) for sample in samples()[first:last]]
+    return run
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_theta_and_covariances_are_those_of_ours(case):
     options, close = CASES[case]
-    both = [fed(OnlineEstimator(500.0, recursion=name, **options)) for name in RECURSIONS]
+    both = [fed(OnlineEstimator(500.0, recursion=name, **options), plant_run()) for name in RECURSIONS]
     for k in (700, 1249):
         ours, theirs = (estimates[k] for estimates in both)
         np.testing.assert_allclose(theirs.theta, ours.theta, rtol=close)
@@ -43,11 +40,13 @@ def test_theta_and_covariances_are_those_of_ours(case):
 
 def test_what_was_handed_out_stays_and_a_copy_goes_on_alike():
     estimator = OnlineEstimator(500.0, recursion="KalmanFilter")
-    before = fed(estimator, last=600)[-1]
+    before = fed(estimator, plant_run(), last=600)[-1]
     theta, P = before.theta.copy(), before.spread().copy()
     copy = pickle.loads(pickle.dumps(estimator))
-    np.testing.assert_array_equal(fed(estimator, 600, 900)[-1].theta, fed(copy, 600, 900)[-1].theta)
+    np.testing.assert_array_equal(
+        fed(estimator, plant_run(), 600, 900)[-1].theta, fed(copy, plant_run(), 600, 900)[-1].theta
+    )
     np.testing.assert_array_equal(before.theta, theta)
     np.testing.assert_array_equal(before.spread(), P)
     estimator.reset()
-    assert (fed(estimator, last=1)[-1].theta == 0).all()
+    assert (fed(estimator, plant_run(), last=1)[-1].theta == 0).all()

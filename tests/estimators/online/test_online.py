@@ -3,7 +3,6 @@
 import pickle
 from dataclasses import dataclass, replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +19,7 @@ from estimators.signals.measurements import choose_smoothing, measure, remember
 from pendulum_env.physics import BASE, Column, Term, effect
 from pendulum_env.recording import Recording
 from tests import slow
+from tests.feeding import fed
 from tests.terms import Clipped, Table
 
 MORE = (
@@ -29,13 +29,6 @@ MORE = (
     six.scheme("filtered_dynamic", operator=LowPass(cutoff=60.0), guard=0.05),
     six.scheme("dynamic", guard=None),
 )
-
-
-def run(estimator: OnlineEstimator, recording: Recording, first: int = 0, last: int | None = None) -> list[Estimates]:
-    """Estimates after every sample, (N,) or (N, B); the torque comes with the sample that ends its period."""
-    held = np.r_[0.0 * recording.torque[:1], recording.torque[:-1]]
-    series = (np.broadcast_to(x.T, (estimator.batch, len(held))).T for x in (recording.time, recording.position, held))
-    return [estimator.take(*sample) for sample in list(zip(*series, strict=True))[first:last]]
 
 
 @pytest.mark.parametrize(
@@ -55,7 +48,7 @@ def test_online_equals_offline(terms, paper_run):
     recording = paper_run.recording
     smoothing = choose_smoothing(recording)
     online = OnlineEstimator(recording.rate, terms, MORE, smoothing=smoothing)
-    estimates = run(online, recording)
+    estimates = fed(online, recording)
     whole = measure(recording, smoothing)
     points = np.array([1500, 4000, 9000])
     for s, scheme in enumerate(MORE):
@@ -75,7 +68,7 @@ def test_terms_with_memory_are_estimated_with_the_others(id, paper_run):
     terms = (*BASE, effect(id)())
     recording = paper_run.recording
     smoothing = choose_smoothing(recording)
-    now = run(OnlineEstimator(recording.rate, terms, SCHEMES, smoothing=smoothing), recording)[-1]
+    now = fed(OnlineEstimator(recording.rate, terms, SCHEMES, smoothing=smoothing), recording)[-1]
     assert np.isfinite(now.theta).all()
     for s, scheme in enumerate(SCHEMES):
         equations, usable = scheme.regression(remember(measure(recording, smoothing), terms), terms)
@@ -86,7 +79,7 @@ def test_terms_with_memory_are_estimated_with_the_others(id, paper_run):
 def test_a_law_that_is_no_formula_is_estimated_as_the_formula_it_holds(paper_run):
     recording = paper_run.recording.slice(0, 4000)
     tables, formulas = (
-        run(OnlineEstimator(recording.rate, (*BASE, kind()), MORE), recording)[-1] for kind in (Table, Clipped)
+        fed(OnlineEstimator(recording.rate, (*BASE, kind()), MORE), recording)[-1] for kind in (Table, Clipped)
     )
     assert np.abs(tables.theta[0, :, 4]).max() > 1e-3
     np.testing.assert_allclose(tables.theta, formulas.theta, rtol=1e-9, atol=1e-12)
@@ -107,7 +100,7 @@ def test_a_law_may_be_infinite_where_nothing_is_taken_from_it(paper_run):
     recording = paper_run.recording.slice(0, 4000)
     estimator = OnlineEstimator(recording.rate, (*BASE, Singular()))
     with np.errstate(all="ignore"):
-        now = run(estimator, Recording("late", recording.time + 1.0, recording.position, recording.torque))[-1]
+        now = fed(estimator, Recording("late", recording.time + 1.0, recording.position, recording.torque))[-1]
     guarded = [s for s, scheme in enumerate(SCHEMES) if scheme.guard is not None]
     assert now.usable[0].any()
     assert np.isfinite(now.theta[0, guarded]).all()
@@ -141,43 +134,42 @@ def test_many_are_estimated_as_one_a_reset_forgets_one_of_them_and_a_copy_goes_o
         return OnlineEstimator(recording.rate, terms, MORE, batch=batch)
 
     both = estimator(2)
-    early = run(both, recording, 0, 2000)[-1]
+    early = fed(both, [recording] * 2, 0, 2000)[-1]
     theta = early.theta.copy()
     both.reset(np.array([False, True]))
     copy = pickle.loads(pickle.dumps(both))
-    after = run(both, recording, 2000, 4000)[-1]
-    steady, fresh = run(estimator(), recording, 0, 4000)[-1], run(estimator(), recording, 2000, 4000)[-1]
+    after = fed(both, [recording] * 2, 2000, 4000)[-1]
+    steady, fresh = fed(estimator(), recording, 0, 4000)[-1], fed(estimator(), recording, 2000, 4000)[-1]
     for b, alone in enumerate((steady, fresh)):
         np.testing.assert_allclose(after.theta[b], alone.theta[0], rtol=1e-9)
         np.testing.assert_allclose(after.P[b], alone.P[0], rtol=1e-9)
     np.testing.assert_allclose(after.covariance[0], steady.covariance[0], rtol=1e-6)
-    np.testing.assert_array_equal(run(copy, recording, 2000, 4000)[-1].theta, after.theta)
+    np.testing.assert_array_equal(fed(copy, [recording] * 2, 2000, 4000)[-1].theta, after.theta)
     np.testing.assert_array_equal(early.theta, theta)  # as it was handed out
 
 
 def test_nothing_is_told_across_a_gap_or_a_lost_sample(paper_run):
     recording = paper_run.recording
-    whole = run(OnlineEstimator(recording.rate), recording)[-1]
+    whole = fed(OnlineEstimator(recording.rate), recording)[-1]
     before, after = recording.slice(0, 5000), recording.slice(5400, 10_000)
     gapped = OnlineEstimator(recording.rate)
-    run(gapped, before)
+    fed(gapped, before)
     lost = pickle.loads(pickle.dumps(gapped))
-    now = run(gapped, after)[-1]
+    now = fed(gapped, after)[-1]
     np.testing.assert_allclose(now.theta, whole.theta, rtol=5e-3)
     assert now.time[0] == pytest.approx(after.time[-1] - gapped.delay / recording.rate)
     lost.take(np.full(1, 5.2), np.full(1, np.nan), np.zeros(1))
-    np.testing.assert_allclose(now.theta, run(lost, after)[-1].theta, rtol=1e-12)
+    np.testing.assert_allclose(now.theta, fed(lost, after)[-1].theta, rtol=1e-12)
 
 
 @cache
-def stick_and_slip(runs: int, seconds: float, change: float | None = None) -> tuple[SimpleNamespace, np.ndarray]:
-    """Position and measured torque of many runs (N, B) of an independent simulator, and the truth at first."""
+def stick_and_slip(runs: int, seconds: float, change: float | None = None) -> tuple[list, np.ndarray]:
+    """Many runs of an independent simulator, and the truth at first."""
     heavier = {} if change is None else {"payload_change": {"pay_I": 0.03, "pay_mgl": 0.6, "pay_t": change}}
     plant, experiment = Plant(effects=heavier), Experiment(rate=500.0, seconds=seconds, torque_noise=0.05)
     records = simulate([(plant, replace(experiment, seed=seed)) for seed in range(runs)])
-    position, torque = (np.array([getattr(r, name) for r in records]).T for name in ("position", "torque"))
     truth = np.array([plant.inertia, plant.gravity, plant.viscous, plant.coulomb])
-    return SimpleNamespace(time=records[0].time, position=position, torque=torque), truth
+    return records, truth
 
 
 def coverage(now: Estimates, truth: np.ndarray) -> np.ndarray:
@@ -191,7 +183,7 @@ def coverage(now: Estimates, truth: np.ndarray) -> np.ndarray:
 def test_intervals_hold_the_truth_as_often_as_they_say(forgetting):
     """200 seeded runs: 90 to 99 %, for every scheme on average over its parameters; also after many memories."""
     recordings, truth = stick_and_slip(200, 20.0)
-    estimates = run(OnlineEstimator(500.0, batch=200, forgetting=forgetting), recordings)
+    estimates = fed(OnlineEstimator(500.0, batch=200, forgetting=forgetting), recordings)
     for now in (estimates[4000], estimates[-1]):
         share = coverage(now, truth)
         assert (share > 0.86).all(), share
@@ -202,7 +194,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(forgetting):
 def test_parameters_that_may_wander_are_not_claimed_to_be_known_better():
     """They stand still here, so that the intervals hold more than they say; but errors come near them."""
     recordings, truth = stick_and_slip(50, 10.0)
-    now = run(OnlineEstimator(500.0, batch=50, random_walk=0.02), recordings)[-1]
+    now = fed(OnlineEstimator(500.0, batch=50, random_walk=0.02), recordings)[-1]
     z = (now.theta - truth) / np.sqrt(np.einsum("bsii->bsi", now.covariance))
     assert (coverage(now, truth) > 0.9).all()
     assert (np.sqrt(np.mean(z**2, axis=0)) > 0.1).all()
@@ -215,7 +207,7 @@ def test_what_cannot_be_told_is_not_said_to_be_known():
     command = np.repeat(np.random.default_rng(0).uniform(3.0, 6.0, 100), 100)
     (one_way,) = simulate([(Plant(), Experiment(rate=1000.0, seconds=10.0, torque_noise=0.05, seed=0))], [command])
     assert (np.diff(one_way.position[200:]) > 0).all()
-    now = run(OnlineEstimator(1000.0, terms), one_way)[-1]
+    now = fed(OnlineEstimator(1000.0, terms), one_way)[-1]
     std = np.sqrt(np.einsum("bsii->bsi", now.covariance))[0]
     truth = np.array([0.09, 2.0, 0.35, 0.8, 0.0, 0.0])
     assert np.isfinite(std).all()
@@ -227,14 +219,14 @@ def test_what_cannot_be_told_is_not_said_to_be_known():
 @pytest.mark.parametrize("memory", slow.but_first([{"forgetting": 0.997}, {}, {"random_walk": 0.1}]), ids=str)
 def test_a_payload_picked_up_in_mid_run_is_tracked_by_who_forgets(memory):
     recordings, before = stick_and_slip(20, 14.0, change=7.0)
-    theta = run(OnlineEstimator(500.0, batch=20, **memory), recordings)[-1].theta
+    theta = fed(OnlineEstimator(500.0, batch=20, **memory), recordings)[-1].theta
     after = before + np.array([0.03, 0.6, 0.0, 0.0])
     error = np.median(np.abs(theta / after - 1), axis=0)[:, :2]
     assert (error < 0.03).all() if memory else (error > 0.05).all()
 
 
 def test_stick_teaches_nothing(sticky):
-    estimates = run(OnlineEstimator(sticky.recording.rate, schemes=SCHEMES[:1]), sticky.recording)
+    estimates = fed(OnlineEstimator(sticky.recording.rate, schemes=SCHEMES[:1]), sticky.recording)
     used = np.array([now.usable[0, 0] for now in estimates])
     silent = np.array([(now.error[0, 0] == 0) and not now.regressor.any() for now in estimates])
     assert 0.05 < used.mean() < 0.8

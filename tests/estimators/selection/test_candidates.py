@@ -1,13 +1,13 @@
 """What is recorded is predicted from the motion: a law of the torque by itself explains nothing of it."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators.diagnosis.run import gather
 from estimators.regression.least_squares import Balance
 from estimators.selection.candidates import Screen, depends_on_torque
@@ -17,6 +17,7 @@ from pendulum_env.filters import lag
 from pendulum_env.physics import BASE, Column, Samples, Shape, Term, effects
 from pendulum_env.physics.term import Memory
 from pendulum_env.recording import Recording
+from tests.cases import recorded
 
 
 @dataclass(frozen=True)
@@ -68,17 +69,12 @@ LAWS = {kind.id: kind for kind in (*effects().values(), Squashed, TwoLags) if de
 
 @pytest.fixture(scope="module")
 def screen() -> Screen:
-    (run,) = simulate([(Plant(), Experiment(rate=500.0, seconds=6.0, seed=1, excitation="pd_loop"))])
-    return Screen(prepare([Recording("loop", run.time, run.position, run.torque)]))
+    return Screen(prepare(recorded(Plant(), Experiment(rate=500.0, seconds=6.0, seed=1, excitation="pd_loop"))))
 
 
 def unpredicted(balance: Balance, theta: np.ndarray) -> np.ndarray:
     """What parameters leave of the torque as it was recorded [N m]."""
     return (balance.recorded or balance).error(theta)
-
-
-def test_laws_of_the_torque_are_those_that_it_goes_through():
-    assert LAWS.keys() >= {"actuator_lag", "torque_saturation", "torque_ripple", "load_dependent_friction"}
 
 
 @pytest.mark.parametrize("id", LAWS)
@@ -127,9 +123,9 @@ def test_a_lag_of_a_torque_that_is_none_leaves_what_the_joint_needs(screen: Scre
 
 def test_a_filter_that_makes_the_torque_smaller_counts_by_what_was_recorded():
     """A hum on the torque channel: a lag leaves less of it, and explains nothing."""
-    (run,) = simulate([(Plant(), Experiment(rate=500.0, seconds=8.0, seed=2))])
+    (run,) = recorded(Plant(), Experiment(rate=500.0, seconds=8.0, seed=2))
     hum = 3.0 * np.sin(2 * np.pi * 15.0 * run.time)
-    models = Models(*gather([Recording("humming", run.time, run.position, run.torque + hum)]))
+    models = Models(*gather([replace(run, torque=run.torque + hum)]))
     lag, base = (*BASE, effects()["actuator_lag"](0.01)), tuple(BASE)
     assert np.std(models.screen.residual(lag)) < 0.9 * np.std(models.screen.residual(base))
     assert models.density(lag).sum() < models.density(base).sum()

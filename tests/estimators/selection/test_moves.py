@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators.diagnosis.run import gather
 from estimators.selection.models import Models
 from estimators.selection.moves import alternatives, candidates, challenged, is_needed, revise, rivals, settle
 from pendulum_env.physics import BASE, effect
-from pendulum_env.recording import Recording
+from tests.cases import recorded
 
 EFFECTS = ("quadratic_drag", "spring", "viscous_asymmetry", "torque_offset")
 DRAG, SPRING, ASYMMETRY, OFFSET = (effect(id)() for id in EFFECTS)
@@ -19,15 +19,14 @@ RIGHT = (*BASE, DRAG)
 @pytest.fixture(scope="module")
 def models() -> Models:
     plant = Plant(effects={"quadratic_drag": {"drag": 0.05}})
-    (run,) = simulate([(plant, Experiment(rate=500.0, seconds=10.0, seed=4))], workers=1)
-    recording = Recording("run", run.time, run.position, run.torque)
-    return Models(*gather([recording]), library={id: effect(id) for id in EFFECTS})
+    recordings = recorded(plant, Experiment(rate=500.0, seconds=10.0, seed=4))
+    return Models(*gather(recordings), library={id: effect(id) for id in EFFECTS})
 
 
 def test_what_is_hidden_is_the_most_promising_of_all_candidates(models):
     found = candidates(models, BASE)
     assert [term.id for term in found[0]] == [term.id for term in RIGHT]
-    assert models.is_sure(found[0], BASE) and models.left.explained(found[0], BASE) > 0.9
+    assert models.is_significant(found[0], BASE) and models.left.explained(found[0], BASE) > 0.9
     assert len(found) == len({longer[-1].id for longer in found}) <= len(EFFECTS)
 
 
@@ -57,5 +56,5 @@ def test_a_model_that_is_settled_stays_as_it_is(models):
 def test_each_recording_has_weights_of_its_own_be_it_fitted_or_held_out(models):
     recording = models.train.recordings[0]
     apart = Models(*gather([recording], [replace(recording, name="another")]))
-    assert len(set(apart.bootstrap.of_stretch.tolist())) == 2
-    assert len(set(models.bootstrap.of_stretch.tolist())) == 1  # the end of one recording is no other
+    assert len(set(apart.bootstrap.of_block.tolist())) == 2
+    assert len(set(models.bootstrap.of_block.tolist())) == 1  # the end of one recording is no other

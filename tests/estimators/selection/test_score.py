@@ -1,4 +1,4 @@
-"""The score: predictions of stretches that were not fitted, and how sure their sum is."""
+"""The score: predictions of blocks that were not fitted, and how sure their sum is."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import t as student
 
 from estimators.regression.least_squares import Balance
-from estimators.selection.score import FOLDS, NU, Bootstrap, Stretches, cross_validated, predicted
+from estimators.selection.score import FOLDS, NU, Blocks, Bootstrap, cross_validated, predicted
 
 
 def linear(phi: np.ndarray, y: np.ndarray) -> Balance:
@@ -17,35 +17,35 @@ def linear(phi: np.ndarray, y: np.ndarray) -> Balance:
     return Balance(phi, y, np.zeros_like(phi), -free, free, np.ones(count))
 
 
-def stretches(recordings: int, each: int, rows: int) -> Stretches:
-    """`each` stretches of `rows` equations in each of some recordings."""
-    stretch = np.repeat(np.arange(recordings * each), rows)
-    of_stretch = np.repeat(np.arange(recordings), each)
-    return Stretches(stretch, of_stretch[stretch], of_stretch, stretch)
+def blocks(recordings: int, each: int, rows: int) -> Blocks:
+    """`each` blocks of `rows` equations in each of some recordings."""
+    block = np.repeat(np.arange(recordings * each), rows)
+    of_block = np.repeat(np.arange(recordings), each)
+    return Blocks(block, of_block[block], of_block, block)
 
 
-def data(seed: int, where: Stretches, size: int = 3) -> tuple[np.ndarray, np.ndarray]:
+def data(seed: int, where: Blocks, size: int = 3) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
-    phi = rng.standard_normal((len(where.stretch), size))
+    phi = rng.standard_normal((len(where.block), size))
     return phi, phi @ np.arange(1.0, size + 1) + 0.3 * rng.standard_normal(len(phi))
 
 
 def test_a_stretch_is_predicted_by_the_fit_of_the_others():
-    where = stretches(2, 20, 30)
+    where = blocks(2, 20, 30)
     phi, y = data(0, where)
     found = cross_validated(linear(phi, y), where)
-    for stretch in (0, 7, 25):
-        fold, own = where.fold == stretch % FOLDS, where.recording == where.of_stretch[stretch]
+    for block in (0, 7, 25):
+        fold, own = where.fold == block % FOLDS, where.recording == where.of_block[block]
         theta = np.linalg.lstsq(phi[~fold], y[~fold], rcond=None)[0]
         error = y - phi @ theta
         _, _, scale = student.fit(error[own & ~fold], fdf=NU, floc=0)
-        expected = student.logpdf(error[where.stretch == stretch], NU, scale=scale).sum()
-        assert found[stretch] == pytest.approx(expected, abs=0.05)
+        expected = student.logpdf(error[where.block == block], NU, scale=scale).sum()
+        assert found[block] == pytest.approx(expected, abs=0.05)
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1e3])
 def test_a_difference_of_models_does_not_depend_on_the_unit_of_torque(unit):
-    where = stretches(1, 20, 30)
+    where = blocks(1, 20, 30)
     phi, y = data(1, where)
     one, other = (cross_validated(linear(phi[:, :size], y), where) for size in (3, 2))
     scaled, rescaled = (cross_validated(linear(unit * phi[:, :size], unit * y), where) for size in (3, 2))
@@ -54,7 +54,7 @@ def test_a_difference_of_models_does_not_depend_on_the_unit_of_torque(unit):
 
 def test_a_recording_counts_by_its_own_scale():
     """The louder of two recordings does not drown what the quieter one tells."""
-    where = stretches(2, 20, 30)
+    where = blocks(2, 20, 30)
     phi, y = data(2, where)
     theta = np.array([1.0, 2.0, 3.0])
     loud = y + np.where(where.recording == 1, 50.0, 0.0) * np.random.default_rng(0).standard_normal(len(y))
@@ -62,7 +62,7 @@ def test_a_recording_counts_by_its_own_scale():
         predicted(theta, linear(phi, values), where) - predicted(0.9 * theta, linear(phi, values), where)
         for values in (y, loud)
     ]
-    first = where.of_stretch == 0
+    first = where.of_block == 0
     assert gains[1][first].sum() == pytest.approx(gains[0][first].sum())
     assert gains[0][first].sum() > 100
 
@@ -78,7 +78,7 @@ def clipped(phi: np.ndarray, torque: np.ndarray, limit: float) -> Balance:
 @pytest.mark.parametrize("share", [0.03, 0.3, 1.0])
 def test_a_law_that_only_makes_torque_smaller_gains_nothing(share):
     """Nothing moves as this torque asks; what acts of it is small, and just so little is left to explain."""
-    where, rng = stretches(1, 20, 30), np.random.default_rng(4)
+    where, rng = blocks(1, 20, 30), np.random.default_rng(4)
     torque, phi = 2.0 * rng.standard_normal(600), rng.standard_normal((600, 2))
     plain = cross_validated(linear(phi, torque), where).sum()
     balance = clipped(phi, torque, 2.0 * share)
@@ -86,23 +86,13 @@ def test_a_law_that_only_makes_torque_smaller_gains_nothing(share):
     assert cross_validated(linear(phi, balance.y), where).sum() - plain > 200.0 * (share < 1)  # were it all
 
 
-@pytest.mark.parametrize("limit", [1.0, 2.0])
-def test_a_drive_that_clips_is_told_however_far_its_command_goes(limit):
-    where, rng = stretches(1, 20, 30), np.random.default_rng(5)
-    phi = rng.uniform(-1.0, 1.0, (600, 1))
-    acting = np.clip(phi[:, 0] + 0.01 * rng.standard_normal(600), -0.995 * limit, 0.995 * limit)
-    torque = limit * np.arctanh(acting / limit)
-    gain = cross_validated(clipped(phi, torque, limit), where) - cross_validated(linear(phi, torque), where)
-    assert gain.sum() > 100.0
-
-
 def test_a_column_of_noise_predicts_no_better_and_a_true_one_does():
     rng = np.random.default_rng(3)
     useless, useful = 0, 0
     for seed in range(20):
-        where = stretches(1, 20, 25)
+        where = blocks(1, 20, 25)
         phi, y = data(seed, where)
-        bootstrap = Bootstrap(where.of_stretch, np.random.default_rng(0))
+        bootstrap = Bootstrap(where.of_block, np.random.default_rng(0))
         with_noise = np.column_stack([phi, rng.standard_normal((len(y), 3))])
         full = cross_validated(linear(phi, y), where)
         useless += bootstrap.gain(cross_validated(linear(with_noise, y), where), full, 3.0).chance < 0.05
@@ -111,16 +101,8 @@ def test_a_column_of_noise_predicts_no_better_and_a_true_one_does():
     assert useful == 20
 
 
-def test_a_law_that_bends_nothing_is_as_likely_as_none_however_much_is_left():
-    where = stretches(1, 20, 30)
-    plain = linear(*data(4, where))
-    pushes = np.tile(0.01 * np.linspace(-2, 2, 21), (len(plain.y), 1))  # small beside what is left
-    straight = replace(plain, response=pushes, pushes=pushes)
-    np.testing.assert_allclose(cross_validated(straight, where), cross_validated(plain, where), rtol=1e-6)
-
-
 def test_noise_that_a_model_takes_out_counts_as_error_all_the_same():
-    where = stretches(1, 20, 30)
+    where = blocks(1, 20, 30)
     phi, y = data(4, where)
     square = 0.3**2
     smoothed = linear(phi, phi @ [1.0, 2.0, 3.0] + 0.5 * (y - phi @ [1.0, 2.0, 3.0]))  # the same with half the noise
@@ -133,7 +115,7 @@ def test_noise_that_a_model_takes_out_counts_as_error_all_the_same():
 
 
 def chance(differences: list[list[float]]) -> float:
-    """Chance that nothing is gained, from the differences of each recording's stretches."""
+    """Chance that nothing is gained, from the differences of each recording's blocks."""
     owner = np.repeat(np.arange(len(differences)), [len(own) for own in differences])
     after = np.concatenate([np.asarray(own, dtype=float) for own in differences])
     return Bootstrap(owner, np.random.default_rng(0)).gain(after, np.zeros(len(after)), 5.0).chance
@@ -141,7 +123,7 @@ def chance(differences: list[list[float]]) -> float:
 
 def test_what_repeats_is_sure_and_what_happens_once_is_not():
     assert chance([[10.0] * 20]) == 0.0
-    assert chance([[200.0] + [0.0] * 19]) > 0.01  # a single stretch may be a glitch
+    assert chance([[200.0] + [0.0] * 19]) > 0.01  # a single block may be a glitch
     assert chance([[100.0] * 6 + [0.0] * 14]) < 1e-3  # a stop that is hit now and then
 
 

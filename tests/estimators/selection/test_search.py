@@ -12,14 +12,12 @@ from estimators.selection.search import Selection, select
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests import slow
+from tests.cases import recorded
 
 
 def searched(plant: Plant, train: Experiment, test: Experiment) -> tuple[Selection, list[str | None], float]:
     """What was found, what it adds, and the share of the held-out torque error that is left."""
-    runs = simulate([(plant, train), (plant, test)])
-    recordings = [
-        Recording(name, r.time, r.position, r.torque) for name, r in zip(("train", "test"), runs, strict=True)
-    ]
+    recordings = recorded(plant, train, test)
     found = select(Models(*gather(recordings[:1], recordings[1:])))
     steps = found.steps
     old, new = (step.errors["holdout"].torque_rms for step in (steps[0], steps[-1]))
@@ -118,8 +116,7 @@ def test_a_law_that_imitates_another_does_not_fit_where_the_joint_moves_otherwis
     )
     model = (*BASE, effect("quadratic_drag")())
     for plant, right in ((cubic, False), (quadratic, True)):
-        runs = simulate([(plant, slow), (plant, fast)])
-        train, test = (Recording("", run.time, run.position, run.torque) for run in runs)
+        train, test = recorded(plant, slow, fast)
         models = Models(*gather([train], [test]))
         assert models.left.fits(model) == right
         assert models.left.is_noise(models.train, models.screen.residual(model))

@@ -1,23 +1,21 @@
 """Segments: what a simulation does in many of them at once is what it does in each."""
 
 import numpy as np
-import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators.selection.data import Evidence
 from estimators.simulation.free_running import simulate_all
 from estimators.weak_form.windows import trace_all
 from pendulum_env.physics import BASE, effect
-from pendulum_env.recording import Recording
+from tests.cases import recorded
 
 THETA = np.array([0.09, 2.0, 0.35, 0.8])
 
 
 def evidence(*rates: float) -> Evidence:
     """One recording at each rate."""
-    cases = [(Plant(), Experiment(rate=rate, seconds=5.0, seed=k)) for k, rate in enumerate(rates)]
-    runs = simulate(cases)
-    return Evidence.of([Recording(f"run {k}", r.time, r.position, r.torque) for k, r in enumerate(runs)])
+    experiments = (Experiment(rate=rate, seconds=5.0, seed=k) for k, rate in enumerate(rates))
+    return Evidence.of(recorded(Plant(), *experiments))
 
 
 def test_recordings_fly_together_as_they_fly_alone():
@@ -27,14 +25,6 @@ def test_recordings_fly_together_as_they_fly_alone():
     for segment, paths in zip(segments, simulate_all(segments, models), strict=True):
         for k, (terms, theta) in enumerate(models):
             np.testing.assert_allclose(paths[:, k], simulate_all([segment], [(terms, theta)])[0][:, 0], atol=1e-9)
-
-
-@pytest.mark.slow
-def test_initial_states_are_perturbed_where_that_is_asked_for():
-    segments = evidence(250.0, 249.7, 400.0).segments
-    perturbations = np.array([[0.0, 0.0], [1e-3, 0.0]])
-    for path in simulate_all(segments, [(BASE, THETA)] * 2, perturbations):
-        np.testing.assert_allclose(path[0, 1] - path[0, 0], 1e-3, atol=1e-12)
 
 
 def test_state_along_several_recordings_is_that_along_each():

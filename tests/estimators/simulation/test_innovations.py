@@ -3,31 +3,32 @@
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators.selection.data import Evidence, fit_terms
 from estimators.simulation import output_error
 from estimators.simulation.free_running import choose_segments
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE
-from pendulum_env.recording import Recording
+from tests.cases import recorded
 
 TRUTH = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.8}
 AT = Point(BASE, np.array(list(TRUTH.values())))
 
 
-def recorded(seeds: range, counts: int = 1_024_000) -> list[Evidence]:
+def each(seeds: range, counts: int = 1_024_000) -> list[Evidence]:
     of_all = {"rate": 500.0, "seconds": 10.0, "counts": counts, "torque_noise": 0.05}
-    runs = simulate([(Plant(**TRUTH), Experiment(seed=seed, **of_all)) for seed in seeds])
-    return [Evidence.of([Recording("run", run.time, run.position, run.torque)]) for run in runs]
+    runs = recorded(Plant(**TRUTH), *(Experiment(seed=seed, **of_all) for seed in seeds))
+    return [Evidence.of([run]) for run in runs]
 
 
 @pytest.mark.parametrize("counts", [8192, 1_024_000])
 def test_at_the_true_parameters_innovations_are_as_large_as_expected_and_unrelated(counts: int):
-    (evidence,) = recorded(range(5, 6), counts)
+    (evidence,) = each(range(5, 6), counts)
     segments = [choose_segments(windows, 0.5) for windows in evidence.data.windows]
-    (new,) = output_error.residuals(segments, [AT], output_error.innovations(segments, AT))
-    (plain,) = output_error.residuals(segments, [AT])
-    new, plain = new[:, :, 0], plain[:, :, 0]
+    filters = output_error.innovations(segments, AT)
+    new, plain = (
+        output_error.errors(segments, [AT], used)[0].reshape(len(segments[0].first), -1) for used in (filters, ())
+    )
     assert np.median(np.sqrt(np.mean(new**2, axis=1))) == pytest.approx(1.0, abs=0.25)
 
     def relation(errors: np.ndarray) -> float:
@@ -40,10 +41,10 @@ def test_at_the_true_parameters_innovations_are_as_large_as_expected_and_unrelat
 def gain(seeds: range, counts: int = 1_024_000) -> float:
     """Error of the fit by innovations over that of windows, geometric mean over the parameters."""
     errors = []
-    for evidence in recorded(seeds, counts):
+    for evidence in each(seeds, counts):
         start, _ = fit_terms(evidence, BASE)
         segments = [choose_segments(windows, 0.5) for windows in evidence.data.windows]
-        found = output_error.likeliest(segments, Point(BASE, start.theta))
+        found = output_error.maximum_likelihood(segments, Point(BASE, start.theta))
         errors.append(np.abs(np.array([start.theta, found.theta]) / AT.theta - 1))
     windows, innovations = np.sqrt(np.mean(np.square(errors), axis=0))
     return float(np.exp(np.mean(np.log(innovations / windows))))

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators.selection.data import Evidence
 from estimators.simulation.multiple_shooting import estimate
 from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.recording import Recording
+from tests.cases import recorded
 
 MOTOR, LINK = 0.02, 0.06  # [kg m^2]
 GAP, STIFFNESS, DAMPING = 0.015, 400.0, 0.6
@@ -24,8 +25,7 @@ def model(theta: np.ndarray, **shape: float) -> Model:
 def loose() -> Evidence:
     play = {"Jm": MOTOR, "bl_gap": GAP, "bl_k": STIFFNESS, "bl_d": DAMPING}
     experiment = Experiment(rate=1000.0, seconds=6.0, seed=4, torque_noise=0.02, excitation="multisine")
-    (run,) = simulate([(Plant(**BASIC, effects={"backlash": play}), experiment)])
-    return Evidence.of([Recording("loose", run.time, run.position, run.torque)])
+    return Evidence.of(recorded(Plant(**BASIC, effects={"backlash": play}), experiment))
 
 
 def test_a_wrong_start_leads_to_the_link_and_its_play(loose: Evidence):
@@ -42,10 +42,6 @@ def test_a_link_that_is_watched_leaves_less_unexplained_than_one_that_is_carried
     carried, watched = loose.errors(true), loose.watching(true).errors(true)
     assert watched.torque_rms < 0.2 * carried.torque_rms
     assert watched.position_rms < carried.position_rms
-
-
-def test_a_model_without_a_transmission_has_nothing_to_watch(loose: Evidence):
-    assert loose.watching(Model.build(BASE, np.array(list(BASIC.values())))) is loose
 
 
 def test_a_link_is_watched_behind_a_command_that_is_late_and_in_a_short_part(loose: Evidence):

@@ -5,31 +5,30 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators.selection.data import Evidence
 from estimators.simulation import output_error
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, effect
-from pendulum_env.recording import Recording
+from tests.cases import recorded
 
 TRUTH = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.9}
 
 
-def recorded(effects: dict[str, dict[str, float]], **experiment: float) -> Evidence:
+def evidence_of(effects: dict[str, dict[str, float]], **experiment: float) -> Evidence:
     plant = Plant(**TRUTH, effects=effects)
-    (run,) = simulate([(plant, Experiment(rate=1000.0, seconds=8.0, seed=3, **experiment))])
-    return Evidence.of([Recording("run", run.time, run.position, run.torque)])
+    return Evidence.of(recorded(plant, Experiment(rate=1000.0, seconds=8.0, seed=3, **experiment)))
 
 
 def test_a_wrong_start_leads_to_the_true_parameters():
-    evidence = recorded({}, counts=1_024_000, torque_noise=0.02)
+    evidence = evidence_of({}, counts=1_024_000, torque_noise=0.02)
     start = np.array(list(TRUTH.values())) * [1.1, 0.9, 1.2, 0.85]
     point = output_error.fit(evidence.segments, BASE, start, turns=10)
     assert point.theta == pytest.approx(list(TRUTH.values()), rel=3e-3)
 
 
 def test_standard_errors_cover_the_truth():
-    evidence = recorded({}, counts=65_536, torque_noise=0.05)
+    evidence = evidence_of({}, counts=65_536, torque_noise=0.05)
     point = output_error.fit(evidence.segments, BASE, np.array(list(TRUTH.values())))
     model = output_error.model(evidence.segments, point)
     z = [(model.estimates[name].value - true) / model.estimates[name].std for name, true in TRUTH.items()]
@@ -41,7 +40,7 @@ def test_standard_errors_cover_the_truth():
 def test_friction_that_windows_hardly_see_is_found_by_what_it_does_to_motion():
     # 8192 counts: windows clear of reversals hold little of presliding, which lasts a hundredth of a turn after them
     stiffness = 60.0
-    evidence = recorded({"presliding": {"dahl_sigma": stiffness}}, counts=8192, torque_noise=0.02)
+    evidence = evidence_of({"presliding": {"dahl_sigma": stiffness}}, counts=8192, torque_noise=0.02)
     terms = (*BASE, effect("presliding")(displacement=0.008))
     start = np.array([*TRUTH.values(), TRUTH["coulomb"]]) * [1.0, 1.0, 1.0, 1.0, 0.8]
     point = output_error.fit(evidence.segments, terms, start, turns=12)
@@ -50,7 +49,7 @@ def test_friction_that_windows_hardly_see_is_found_by_what_it_does_to_motion():
 
 
 def test_an_error_of_the_initial_state_alone_leaves_no_residual():
-    evidence = recorded({}, counts=1_024_000, torque_noise=0.0)
+    evidence = evidence_of({}, counts=1_024_000, torque_noise=0.0)
     (segments,) = evidence.segments
     point = Point(BASE, np.array(list(TRUTH.values())))
     exact = output_error.rms([segments], point)

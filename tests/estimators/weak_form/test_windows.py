@@ -12,7 +12,7 @@ from estimators.regression.least_squares import solve
 from estimators.selection.data import Evidence, fit_terms, with_impacts
 from estimators.signals.differentiation import encoder_noise, white_noise
 from estimators.weak_form.dataset import Dataset, choose_half_width, dataset, prepare
-from estimators.weak_form.windows import bump, cut
+from estimators.weak_form.windows import cut
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
 from pendulum_env.recording import Recording
 from tests.cases import WALLS
@@ -49,17 +49,6 @@ def test_windows_never_touch_stick_or_a_reversal(sticky_runs, which, half_width)
         assert run.sliding[window].all()
         assert abs(np.sign(run.velocity[window]).sum()) == 2 * reach + 3
         assert np.all(np.sign(windows.samples.velocity[window]) == np.sign(run.velocity[window]))
-
-
-@pytest.mark.slow
-def test_most_of_the_motion_that_is_clear_of_stick_is_used():
-    (run,) = simulate([(Plant(), Experiment(rate=500, seconds=8))])
-    windows = cut(recorded(run), 0.01)
-    used = np.zeros(len(run.time), bool)
-    for center in windows.centers:
-        used[center - 5 : center + 6] = True
-    fast = np.abs(run.velocity) > 2
-    assert np.mean(used[fast]) > 0.7
 
 
 def drifting(rate: float, seconds: float, inertia: float, seed: int = 0) -> Recording:
@@ -140,15 +129,6 @@ def test_windows_grow_with_the_coarseness_of_the_encoder():
     assert widths[0] < widths[-1]
 
 
-@pytest.mark.parametrize("half_width", [2, 5, 40])
-def test_a_window_is_an_average(half_width):
-    window = bump(half_width)
-    assert len(window) == 2 * half_width + 1
-    assert window.sum() == pytest.approx(1)
-    np.testing.assert_allclose(window, window[::-1])
-    assert np.all(window > 0)
-
-
 def test_windows_of_several_recordings_share_equations_but_no_cluster():
     runs = simulate([(Plant(), Experiment(rate=500, seconds=6, seed=seed)) for seed in range(2)])
     parts = [cut(recorded(run), 0.012) for run in runs]
@@ -202,14 +182,6 @@ def test_a_measured_velocity_that_disagrees_with_the_position_is_left_alone(coar
     without = cut(plain, 0.02)
     np.testing.assert_array_equal(spoiled.acceleration, without.acceleration)
     np.testing.assert_array_equal(spoiled.samples.velocity, without.samples.velocity)
-
-
-def test_a_velocity_that_is_noisier_than_the_encoder_is_left_alone():
-    (run,) = simulate([(Plant(), Experiment(rate=500, seconds=6))])
-    noise = 0.1 * np.random.default_rng(0).standard_normal(len(run.time))
-    plain = recorded(run)
-    noisy = cut(replace(plain, velocity=run.velocity + noise), 0.02)
-    np.testing.assert_array_equal(noisy.acceleration, cut(plain, 0.02).acceleration)
 
 
 def test_a_recording_that_rests_is_refused_with_what_to_do():
@@ -279,11 +251,3 @@ def test_neither_is_one_that_friction_of_another_law_makes(hidden, terms):
     experiment = Experiment(rate=500, seconds=8, seed=3)
     (run,) = simulate([(Plant(effects=hidden), experiment)])
     assert knocked(Evidence.of([recorded(run)]), (*BASE, *terms)).impacts == 0
-
-
-def test_a_turn_is_one_knock_however_many_of_its_windows_miss_torque(bouncing):
-    windows = knocked(Evidence.of([bouncing])).windows[0]
-    half = len(windows.kernel) // 2
-    turning = np.array([1000, 1000 + half, 1000 + 2 * half, 4000])
-    data = dataset([replace(windows, turning=turning, centers=np.array([500, 1000, 1000 + 2 * half]))])
-    assert data.impacts == 1

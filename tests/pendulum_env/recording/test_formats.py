@@ -66,7 +66,8 @@ def test_hdf5_and_matlab_7_3(tmp_path: Path) -> None:
     s = signals()
     with h5py.File(tmp_path / "run.h5", "w") as file:
         for name, values in s.items():
-            file[f"bench/joint/{name}"] = values
+            file[f"bench/a_{name}"] = values
+            file[f"bench/joint/{name}"] = file[f"bench/a_{name}"]  # another name of it
     assert_read(read_recording(tmp_path / "run.h5"))
     with h5py.File(tmp_path / "run.mat", "w", userblock_size=512) as file:
         for name, values in s.items():
@@ -84,10 +85,13 @@ def test_hdf5_reads_no_other_file_and_ends(tmp_path):
     layout[:] = h5py.VirtualSource("/dev/zero", "torque", shape=(1000,))
     with h5py.File(tmp_path / "run.h5", "w") as file:
         file["group/time"] = TIME
-        file["group/below"] = file["group"]
         file.create_dataset("position", (1000,), "f8", external=[(str(tmp_path / "pipe"), 0, 8000)])
         file.create_virtual_dataset("torque", layout)
     with pytest.raises(RecordingError, match=r"run\.h5: no column for position, torque among 'group/time'"):
+        read_recording(tmp_path / "run.h5")
+    with h5py.File(tmp_path / "run.h5", "a") as file:
+        file["group/below"] = file["group"]
+    with pytest.raises(RecordingError, match=r"run\.h5: it cannot be read as .h5 \(maximum recursion depth"):
         read_recording(tmp_path / "run.h5")
 
 

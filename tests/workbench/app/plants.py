@@ -2,6 +2,7 @@
 
 import base64
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,34 @@ def loaded(recording: Recording, held_out: bool = False):
 def url(content: bytes) -> str:
     """A file as the page sends it."""
     return f"data:application/octet-stream;base64,{base64.b64encode(content).decode()}"
+
+
+def run_form(excitation: str = "paper", prefix: str = "", **fields: object) -> dict[str, object]:
+    """Controls of a run as the page has them."""
+    usual = {"excitation": excitation, "seconds": 10.0, "effect": "", "amplitude": None}
+    return {f"{prefix}{name}": value for name, value in (usual | fields).items()}
+
+
+def live_form(backend: str, replay: str | None = None, **fields) -> dict[str, object]:
+    """The same of the live view."""
+    return {"live-backend": backend, "live-replay": replay, **run_form(prefix="live-", **fields)}
+
+
+def press(does: str) -> str:
+    """Selector of a button by the action that it does."""
+    return f'[id*=\'"do":"{does}"\']'
+
+
+def filled(name: str) -> str:
+    """Selector of a field by its name."""
+    return f'[id=\'{{"field":"{name}"}}\']'
+
+
+def limited(monkeypatch, **limits: float) -> None:
+    """Let a page take less."""
+    from workbench.app import uploads
+
+    monkeypatch.setattr(uploads, "LIMITS", replace(uploads.LIMITS, **limits))
 
 
 def files_of(session) -> list[str]:

@@ -25,12 +25,12 @@ from workbench.cli import main
 pytest.importorskip("dash")
 
 from workbench.app.arm import ArmState
-from workbench.app.mapping import Choice
+from workbench.app.card import Choice
 from workbench.app.saved import CONTENTS, STUDY, opened, pack, study
 from workbench.app.session import Session
 from workbench.app.stages import arm
-from workbench.app.stages.export import FILES
-from workbench.app.state import State
+from workbench.app.stages.export import file
+from workbench.app.state import Asked, State
 from workbench.robot import RobotFile
 
 TWO, OFFSET = TwoLink(), 0.3  # [N m], hidden in the elbow
@@ -66,7 +66,7 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     state = session.state
     assert session.notice == "" and isinstance(state, ArmState) and not state.trouble
     assert arm.told(state)[1].startswith("The torque of elbow is") and "torque_offset@elbow" in state.addable
-    session.act(lambda: diagnose.start(session, ["torque_offset", "spring@elbow"], [], "", ""))
+    session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow")))
     work(session)
     assert session.state.found == ("torque_offset@elbow",)
     assert arm.told(session.state)[1] == "Missing: torque_offset@elbow"
@@ -77,11 +77,11 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     assert state.added == ("torque_offset@elbow",) and not state.found and after < 0.2 * before
     for stage in arm.STAGES.values():
         assert stage(session, state)
-    assert "torque_offset@elbow" in FILES["report"](state, "")[1]
+    assert "torque_offset@elbow" in file(state, "report", "")[1].decode()
 
     for name in ("study", "model"):
-        file, content = FILES[name](state, "")
-        (tmp_path / file).write_text(content)
+        saved, content = file(state, name, "")
+        (tmp_path / saved).write_bytes(content)
     theta = json.loads((tmp_path / "model.json").read_text())["theta"]
     assert theta["torque_offset@elbow"]["value"] == pytest.approx(OFFSET, rel=0.05)
     monkeypatch.chdir(tmp_path)
@@ -94,9 +94,9 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     session.act(lambda: session.begin_from("model.json", url(Path("model.json").read_bytes())))
     assert session.notice == "" and session.state.terms[-1].id == "torque_offset@elbow" and not session.state.trouble
     session.act(session.undo)
-    file, packed = FILES["session"](state, "")
+    saved, packed = file(state, "session", "")
     again = Session(tmp_path / "again", session.workers)
-    again.act(lambda: again.open(file, url(packed)))
+    again.act(lambda: again.open(saved, url(packed)))
     assert again.notice == "" and again.state.body.joints == state.body.joints
     assert [one.id for one in again.state.loaded] == ["run.csv"] and again.state.asked == state.asked
     session.act(lambda: add.undo(session))
@@ -148,7 +148,7 @@ def test_joints_of_a_study_move_and_others_are_held_where_the_recordings_have_th
     assert session.notice == "" and session.state.body.joints == ("torso", "shoulder", "elbow")
     assert session.state.body.held["left"] == pytest.approx(0.01, abs=1e-4)
     assert "Held: left at 0.01 m" in str(arm.STAGES["data"](session, session.state))
-    assert '["torso", "shoulder", "elbow"]' in FILES["study"](session.state, "")[1]
+    assert '["torso", "shoulder", "elbow"]' in file(session.state, "study", "")[1].decode()
     drop(session, *two_link(tmp_path, 4.0)[:1])
     assert "what is loaded is not of this robot" in session.notice
 
@@ -188,7 +188,7 @@ def test_a_saved_session_keeps_the_robot_and_the_model_it_began_from(session, tm
 
 def reopened(session, folder: Path) -> ArmState:
     again = Session(folder, session.workers)
-    again.act(lambda: again.open("session.zip", url(FILES["session"](session.state, "")[1])))
+    again.act(lambda: again.open("session.zip", url(file(session.state, "session", "")[1])))
     assert again.notice == ""
     return again.state
 
@@ -211,7 +211,7 @@ def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):
     file, run = two_link(tmp_path, 4.0)
     session.act(lambda: session.take_robot(RobotFile(file, bolted=True, rotors=True, weightless=True)))
     drop(session, run)
-    session.act(lambda: diagnose.start(session, ["torque_offset", "spring@elbow"], ["torque_offset@shoulder"], "", ""))
+    session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow", "torque_offset@shoulder")))
     work(session)
     first, second = arm.commands(session.state).splitlines()
     assert first.endswith("--rotors --no-gravity --scheme filtered_dynamic -o model.json")

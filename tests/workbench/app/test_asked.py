@@ -12,11 +12,11 @@ from tests.workbench.app.plants import comes_to_the_same, recorded, written
 
 pytest.importorskip("dash")
 
-from workbench.app.asked import NOTHING, Asked
-from workbench.app.jobs import Workers
 from workbench.app.session import Session
 from workbench.app.stages import add, diagnose
+from workbench.app.state import NOTHING, Asked
 from workbench.cli import main
+from workbench.processes import Workers
 
 ASKED = Asked(only="stribeck,quadratic_drag,spring", without="spring", fix="gravity=2.01", bound="viscous=0:0.2")
 
@@ -38,9 +38,8 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers) -
 
 
 @pytest.mark.slow
-def test_what_is_asked_for_gives_what_the_command_line_gives(session: Session) -> None:
-    values = (ASKED.only.split(","), ASKED.without.split(","), ASKED.fix, ASKED.bound)
-    for start in (lambda: diagnose.start(session, *values), lambda: add.start(session, "stribeck")):
+def test_what_is_asked_for_gives_what_the_command_line_gives(session):
+    for start in (lambda: diagnose.start(session, ASKED), lambda: add.start(session, "stribeck")):
         session.act(start)
         assert session.job is not None and session.job.over.wait(PATIENCE) and session.notice == ""
     base = session.state.ladder[0].model.estimates["gravity"]
@@ -53,7 +52,7 @@ def test_what_is_asked_for_gives_what_the_command_line_gives(session: Session) -
     assert json.loads(Path("diagnosis.json").read_text()) == json.loads(json.dumps(found.json()))
 
 
-def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(session: Session) -> None:
+def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(session):
     before = session.state
     diagnose.look_for(session, Asked(only="stribeck"))
     assert session.state.prepared is before.prepared
@@ -69,9 +68,7 @@ def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(sess
     ("field", "wrong"),
     slow.but_first([("only", "stribek"), ("without", "--fix"), ("fix", "gravty=2"), ("bound", "viscous=1:0")]),
 )
-def test_a_mistake_is_told_in_the_words_of_the_command_line(
-    session: Session, capsys: pytest.CaptureFixture[str], field: str, wrong: str
-) -> None:
+def test_a_mistake_is_told_in_the_words_of_the_command_line(session, capsys, field, wrong):
     before = session.state
     session.act(lambda: diagnose.look_for(session, Asked(**{field: wrong})))
     assert session.state is before and session.job is None
@@ -79,5 +76,6 @@ def test_a_mistake_is_told_in_the_words_of_the_command_line(
     assert session.notice != "" and session.notice in capsys.readouterr().err
 
 
-def test_fields_of_the_form_become_options() -> None:
-    assert Asked.of([["stribeck", "cogging"], None, " gravity=2 ", ""]) == Asked("stribeck,cogging", "", "gravity=2")
+def test_fields_of_the_form_become_options():
+    form = {"ask-only": ["stribeck", "cogging"], "ask-without": None, "ask-fix": " gravity=2 ", "ask-bound": ""}
+    assert Asked.of(form) == Asked("stribeck,cogging", "", "gravity=2")

@@ -3,7 +3,6 @@
 import json
 import shutil
 import socket
-from collections import namedtuple
 from pathlib import Path
 from threading import Thread
 
@@ -17,16 +16,13 @@ pytest.importorskip("dash")
 from plotly.utils import PlotlyJSONEncoder
 
 from tests.fuzzing import Page
-from tests.workbench.app.plants import files_of, upload
-from workbench.app import server
+from tests.workbench.app.plants import files_of, limited, upload
+from workbench.app import server, uploads
 from workbench.app import session as session_module
-from workbench.app import sessions as sessions_module
-from workbench.app.session import Session
-from workbench.app.sessions import Sessions
+from workbench.app.session import Session, Sessions
 from workbench.app.stages import data
 
 HOSTILE = "<img src=x onerror=alert(1)>"
-Usage = namedtuple("Usage", "total used free")
 
 
 @pytest.fixture
@@ -40,7 +36,7 @@ def content():
 
 
 def test_files_of_a_session_take_so_much_of_the_disk_and_no_more(session, monkeypatch):
-    monkeypatch.setattr(session_module, "SPACE", 2.5 * len(content()))
+    limited(monkeypatch, space=2.5 * len(content()))
     for name in ("a.csv", "b.csv", "c.csv"):
         upload(session, name, content())
     assert "of files are enough: remove a recording first" in session.notice
@@ -50,14 +46,8 @@ def test_files_of_a_session_take_so_much_of_the_disk_and_no_more(session, monkey
     assert session.notice == ""
 
 
-def test_a_disk_without_room_is_told_before_it_is_full(session, monkeypatch):
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**12, 10**12, 50_000_000))
-    upload(session, "a.csv", content())
-    assert session.notice.startswith("there is no room left on the disk") and files_of(session) == []
-
-
 def test_recordings_of_a_session_are_so_long_and_no_longer(session, monkeypatch):
-    monkeypatch.setattr(session_module, "MOST_SAMPLES", 700)
+    limited(monkeypatch, samples=700)
     for name in ("a.csv", "b.csv"):
         upload(session, name, content())
     assert session.notice == "700 samples are enough: remove a recording first"
@@ -66,16 +56,16 @@ def test_recordings_of_a_session_are_so_long_and_no_longer(session, monkeypatch)
 
 def test_sessions_that_nobody_asks_for_end_and_so_do_too_many(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(sessions_module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(session_module.time, "monotonic", lambda: now[0])
     sessions = Sessions()
     old, kept = sessions.of("0" * 32), sessions.of("1" * 32)
-    now[0] = 0.9 * sessions_module.IDLE
+    now[0] = 0.9 * uploads.LIMITS.idle
     assert sessions.of("1" * 32) is kept
     old.place(), kept.place()
-    now[0] = 1.1 * sessions_module.IDLE
+    now[0] = 1.1 * uploads.LIMITS.idle
     assert sessions.of("1" * 32) is kept and not old.folder.exists()
     assert sessions.of("0" * 32) is not old
-    many = [sessions.of(f"{k:032x}") for k in range(16, 16 + sessions_module.MOST_SESSIONS)]
+    many = [sessions.of(f"{k:032x}") for k in range(16, 16 + uploads.LIMITS.sessions)]
     assert not kept.folder.exists() and all(one is sessions.of(f"{k:032x}") for k, one in enumerate(many, 16))
     sessions.close()
 
@@ -124,8 +114,8 @@ def test_a_request_that_does_not_go_on_is_not_waited_for(monkeypatch, capfd, beg
 def test_a_fault_of_a_callback_is_one_line_on_the_terminal(caplog):
     page = Page()
     try:
-        (one,) = [one for one in page.callbacks if one["inputs"][0]["id"] == "card-load"]
-        assert page.ask(one, [1] * 99) == 200
+        (one,) = [one for one in page.callbacks if one["inputs"][0]["id"] == "came"]
+        assert page.ask(one, [{"place": "open-session", "files": []}]) == 200
     finally:
         page.close()
     (record,) = caplog.records

@@ -1,7 +1,5 @@
 """A survey's page and those of its cases, as the server gives them; the browser walks them in `test_browser.py`."""
 
-from pathlib import Path
-
 import pytest
 
 from pendulum_env.recording import write_recording
@@ -26,9 +24,9 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 @pytest.fixture
 def client(survey: Dataset):
-    bench = make_app(survey=survey.folder)
-    yield bench.app.server.test_client()
-    bench.sessions.close()
+    app, sessions = make_app(survey=survey.folder)
+    yield app.server.test_client()
+    sessions.close()
 
 
 def links(text: str) -> list[str]:
@@ -74,14 +72,14 @@ def test_nothing_but_the_pages_of_cases_is_given(client, survey, name):
 
 
 def test_a_server_without_a_survey_has_no_such_page(survey):
-    bench = make_app()
-    client = bench.app.server.test_client()
+    app, sessions = make_app()
+    client = app.server.test_client()
     assert "Survey of" not in client.get("/fleet/").text
     assert "to-fleet" not in client.get("/_dash-layout").text
-    bench.sessions.close()
+    sessions.close()
 
 
-def test_a_folder_that_is_no_survey_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_folder_that_is_no_survey_is_one_line(tmp_path, capsys):
     write_recording(recorded("swing", 1, 1.0), tmp_path / "swing.csv")
     for name in (tmp_path, tmp_path / "swing.csv", tmp_path / "nowhere"):
         assert main(["app", "--no-browser", "--port", "0", "--fleet", str(name)]) == 2

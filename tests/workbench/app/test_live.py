@@ -16,20 +16,18 @@ from pendulum_env.words import name
 from tests import slow
 from tests.patience import PATIENCE, wait_until
 from tests.pendulum_env.rigs import Disturbed, EmulatedRig, Host
-from tests.workbench.app.plants import recorded, written
-from workbench.app import live, missing
-from workbench.app.following import Follower
-from workbench.app.live import Run
-from workbench.app.session import Session
-from workbench.app.sessions import Sessions
-from workbench.app.stages.live import RATE, options
+from tests.workbench.app.plants import limited, live_form, recorded, written
+from workbench.app import live
+from workbench.app.live import Follower, Run
+from workbench.app.session import Session, Sessions
+from workbench.app.stages.live import RATE, course, options, told
 from workbench.mistakes import InputError
 from workbench.processes import Worker
 
 LIMITS = {"torque": 4.0, "reply": 1.0, "gap": 2.0, "watchdog": 3.0}  # [N m], [s]; a busy machine is no fault here
 SERVER = """
 import sys, time
-from workbench.app.live import Run
+from workbench.app.live import Follower, Run
 from workbench.processes import Worker
 run = Run(["--backend=dm1015b", f"--config={sys.argv[1]}", "--seconds=60"], Worker("rig"))
 while run.time < 0.3:
@@ -56,7 +54,7 @@ def finish(run: Run) -> None:
     wait_until(lambda: not watched(run).running)
 
 
-def test_a_replay_plays_the_recording_and_knows_no_truth(tmp_path: Path) -> None:
+def test_a_replay_plays_the_recording_and_knows_no_truth(tmp_path):
     original = recorded("swing", 1, seconds=2.0)
     run = begun("--backend=replay", f"--replay={written(original, tmp_path).file}", "--seconds=60")
     finish(run)
@@ -67,7 +65,7 @@ def test_a_replay_plays_the_recording_and_knows_no_truth(tmp_path: Path) -> None
     assert len(run.motion) <= 51 and run.motion[-1, 0] == pytest.approx(again.time[-1])
 
 
-def test_a_stopped_run_is_over_and_keeps_what_it_measured() -> None:
+def test_a_stopped_run_is_over_and_keeps_what_it_measured():
     run = begun("--excitation=steps", "--amplitude=4", "--effect=stribeck=0.4", "--seconds=60")
     wait_until(lambda: watched(run).time >= 0.5)
     run.stop()
@@ -78,12 +76,12 @@ def test_a_stopped_run_is_over_and_keeps_what_it_measured() -> None:
     run.stop()  # twice does no harm
 
 
-def test_a_run_that_cannot_be_is_refused_in_the_words_of_the_command_line() -> None:
+def test_a_run_that_cannot_be_is_refused_in_the_words_of_the_command_line():
     with pytest.raises(InputError, match="unknown excitation 'noise'"):
         begun("--excitation=noise")
 
 
-def test_a_policy_drives_and_keeps_to_its_constraint() -> None:
+def test_a_policy_drives_and_keeps_to_its_constraint():
     run = begun("--backend=pymunk", "--excitation=rl", "--policy=peak", "--seconds=2")
     finish(run)
     assert run.trouble == ""
@@ -107,7 +105,9 @@ def rig(tmp_path: Path) -> Iterator[EmulatedRig]:
 
 def driving(session: Session, torque: str = "paper") -> Run:
     """A run of the session that moves its motor."""
-    session.run = run = begun(*options(session, "dm1015b", None, torque, 60.0, "stribeck", None, 1))
+    session.run = run = begun(
+        *options(session, live_form("dm1015b", excitation=torque, seconds=60.0, effect="stribeck"))
+    )
     wait_until(lambda: watched(run).time > 0.3 or not run.running)
     if not run.running:
         raise Disturbed(run.trouble)
@@ -130,9 +130,7 @@ def sessions(rig: EmulatedRig) -> Iterator[Sessions]:
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("torque", slow.but_first(["paper", "rl-peak"]))
-def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done(
-    rig: EmulatedRig, sessions: Sessions, torque: str
-) -> None:
+def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done(rig, sessions, torque):
     session = sessions.of(ID)
     run = driving(session, torque)
     wait_until(lambda: watched(run).time > 1.0)  # by then either has asked for more than is allowed
@@ -153,7 +151,7 @@ def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: EmulatedRig, sessions: Sessions) -> None:
+def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig, sessions):
     session, looking, looked = sessions.of(ID), Event(), Event()
     run = driving(session)
 
@@ -162,6 +160,7 @@ def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: Emu
         looked.wait()
 
     run.follower.take = long  # type: ignore[method-assign]
+    Thread(target=run.follow, daemon=True).start()
     assert looking.wait(PATIENCE)
     stopping = Thread(target=session.halt)
     stopping.start()
@@ -177,10 +176,8 @@ def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: Emu
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(
-    rig: EmulatedRig, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("workbench.app.sessions.MOST_SESSIONS", 1)
+def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(rig, sessions, monkeypatch):
+    limited(monkeypatch, sessions=1)
     first = sessions.of(ID)
     driving(first)
     second = sessions.of(OTHER)
@@ -195,9 +192,7 @@ def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_the_rig_has_no_torque_when_nobody_watches(
-    rig: EmulatedRig, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_rig_has_no_torque_when_nobody_watches(rig, sessions, monkeypatch):
     monkeypatch.setattr(live, "UNSEEN_RIG", 1.5)
     run = driving(sessions.of(ID))
     wait_until(lambda: not run.running)
@@ -206,7 +201,7 @@ def test_the_rig_has_no_torque_when_nobody_watches(
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_a_fault_of_the_rig_ends_the_run_and_is_told(rig: EmulatedRig, sessions: Sessions) -> None:
+def test_a_fault_of_the_rig_ends_the_run_and_is_told(rig, sessions):
     run = driving(sessions.of(ID))
     rig.signal(signal.SIGSTOP)  # it does not answer any more
     finish(run)
@@ -216,7 +211,7 @@ def test_a_fault_of_the_rig_ends_the_run_and_is_told(rig: EmulatedRig, sessions:
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_the_rig_has_no_torque_once_the_server_is_killed(rig: EmulatedRig) -> None:
+def test_the_rig_has_no_torque_once_the_server_is_killed(rig):
     host = Host(SERVER, rig.config)
     try:
         host.heard("running")
@@ -240,24 +235,24 @@ def follower_of(seconds: float) -> Follower:
     return follower
 
 
-def test_what_is_missing_is_alarmed_about_added_and_taken_out() -> None:
+def test_what_is_missing_is_alarmed_about_added_and_taken_out():
     with pytest.raises(ValueError, match="has not been tried yet"):
         follower_of(0.1).add("torque_offset")
     follower = follower_of(8.0)
     said = follower.said
     assert said.kind == "missing" and "torque_offset" in said.group
     assert follower.events[0].alarm and follower.course[-1][1] > said.threshold
-    figure = missing.course(follower, 8.0)
+    figure = course(follower, 8.0)
     low, high = figure.layout["yaxis"]["range"]
     assert all(low <= value <= high for value in figure.data[0]["y"]) and len(follower.course) >= 3
     assert figure.layout["annotations"][0]["text"].startswith("missing: ")
     with pytest.raises(ValueError, match="effect that is run"):
         follower.add("<script>")
     leader, other = said.group[0], next(one.effect for one in said.ranking if one.effect != said.group[0])
-    assert missing.told(said, True)[2:4] == (f"Add {name(leader)}", leader)
+    assert told(said, True)[2:4] == (f"Add {name(leader)}", leader)
     follower.add(other)  # what the page has shown before another led
     assert follower.said.added == (other,)
-    verdict, _, _, _, no_add, no_undo = missing.told(follower.said, True)
+    verdict, _, _, _, no_add, no_undo = told(follower.said, True)
     assert "base + " in verdict and no_add and not no_undo
     follower.undo()
     assert follower.said.added == ()

@@ -14,19 +14,16 @@ import pytest
 from estimators import add, diagnose
 from estimators.selection.score import Gain
 from pendulum_env.physics.potential import HardStop
-from tests.workbench.app.plants import files_of, recorded, upload, url, written
+from tests.workbench.app.plants import files_of, limited, recorded, upload, url, written
 
 pytest.importorskip("dash")
 
-from workbench.app import session as session_module
-from workbench.app import uploads
-from workbench.app.asked import Asked
-from workbench.app.mapping import Choice
+from workbench.app.card import Choice
 from workbench.app.saved import CONTENTS, STUDY, _plain, _typed, pack, study
 from workbench.app.session import Session
 from workbench.app.stages.diagnose import look_for
 from workbench.app.stages.export import commands
-from workbench.app.state import State
+from workbench.app.state import Asked, State
 from workbench.mistakes import InputError
 
 ASKED = Asked(only="stribeck,quadratic_drag", fix="gravity=2.01")
@@ -63,7 +60,7 @@ def worked(tmp_path_factory: pytest.TempPathFactory) -> Session:
     return session
 
 
-def test_a_saved_session_opens_as_it_was(worked: Session, tmp_path: Path) -> None:
+def test_a_saved_session_opens_as_it_was(worked, tmp_path):
     session = opened(tmp_path, pack(worked.state))
     assert session.notice == "" and files_of(session) == ["check.csv", "swing.csv"]
     before, after = worked.state, session.state
@@ -78,7 +75,7 @@ def test_a_saved_session_opens_as_it_was(worked: Session, tmp_path: Path) -> Non
     assert plain(grown[1]) == plain(grown[0])  # the work goes on alike
 
 
-def test_a_session_without_recordings_or_model_opens_as_well(tmp_path: Path) -> None:
+def test_a_session_without_recordings_or_model_opens_as_well(tmp_path):
     first = Session(tmp_path / "first")
     assert opened(tmp_path, pack(first.state)).notice == ""
     first.act(lambda: first.load([written(recorded("held", 1, 4.0), tmp_path, held_out=True)]))
@@ -133,34 +130,30 @@ def elsewhere(files: dict[str, bytes]) -> None:
         (told("origins", to=7), "makes no sense"),
     ],
 )
-def test_a_file_that_is_no_session_changes_nothing(
-    worked: Session, tmp_path: Path, change: Callable[[dict[str, bytes]], None], why: str
-) -> None:
+def test_a_file_that_is_no_session_changes_nothing(worked, tmp_path, change, why):
     session = opened(tmp_path, changed(pack(worked.state), change))
     assert why in session.notice and str(tmp_path) not in session.notice and "\n" not in session.notice
     assert session.state.loaded == () and not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-def test_archives_that_are_damaged_or_hold_too_much_are_refused(
-    worked: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_archives_that_are_damaged_or_hold_too_much_are_refused(worked, tmp_path, monkeypatch):
     for content in (b"PK", pack(worked.state)[:-40], b"time,position,torque\n"):
         assert "session.zip: is damaged, or no ZIP archive" in opened(tmp_path, content).notice
     bomb = changed(pack(worked.state), lambda files: files.update({"zeros": bytes(10_000_000)}))
-    monkeypatch.setattr(session_module, "SPACE", 5_000_000)
+    limited(monkeypatch, space=5_000_000)
     assert "of which at most 5 MB are read" in opened(tmp_path, bomb).notice
-    monkeypatch.setattr(uploads, "UPLOAD", 1000)
+    limited(monkeypatch, upload=1000)
     with pytest.raises(InputError, match="remove a recording first"):
         pack(worked.state)
 
 
 @pytest.mark.parametrize("number", [1.5, math.inf, -math.inf, math.nan])
-def test_a_record_comes_back_from_json(number: float) -> None:
+def test_a_record_comes_back_from_json(number):
     back = _typed(Gain, plain(Gain(number, 0.0, 0.5)))
     assert (back.error, back.chance) == (0.0, 0.5) and back.total == pytest.approx(number, nan_ok=True)
 
 
-def test_the_terms_beside_which_end_stops_were_found_come_back(worked: Session, tmp_path: Path) -> None:
+def test_the_terms_beside_which_end_stops_were_found_come_back(worked, tmp_path):
     state = worked.state
     assert state.diagnosis is not None
     session = Session(tmp_path / "first")
@@ -174,7 +167,7 @@ def test_the_terms_beside_which_end_stops_were_found_come_back(worked: Session, 
 # ------------------------------------------------------------------------------------------------ undo
 
 
-def test_every_change_is_taken_back_in_turn(tmp_path: Path) -> None:
+def test_every_change_is_taken_back_in_turn(tmp_path):
     session = Session(tmp_path / "session")
     sources = [written(recorded(name, seed, 4.0), tmp_path) for name, seed in (("swing", 1), ("check", 2))]
     known: list[tuple[State, str]] = []
@@ -197,9 +190,7 @@ def test_every_change_is_taken_back_in_turn(tmp_path: Path) -> None:
     assert session.notice == "there is nothing to undo" and session.last_change == ""
 
 
-def test_a_file_that_was_removed_goes_when_nothing_can_bring_it_back(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_was_removed_goes_when_nothing_can_bring_it_back(tmp_path, monkeypatch):
     session = Session(tmp_path / "session")
     content = written(recorded("swing", 1, 4.0), tmp_path).file.read_bytes()
     for _ in range(2):  # another file of a name that was removed takes its place
@@ -212,7 +203,7 @@ def test_a_file_that_was_removed_goes_when_nothing_can_bring_it_back(
         assert session.last_change == what
         session.act(session.undo)
     assert session.last_change == "" and files_of(session) == []
-    monkeypatch.setattr(session_module, "MOST_UNDONE", 1)
+    limited(monkeypatch, undone=1)
     upload(session, "swing.csv", content)
     session.act(lambda: session.remove("swing.csv"))
     upload(session, "check.csv", content)

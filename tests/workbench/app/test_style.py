@@ -44,14 +44,14 @@ def contrast(one: str, other: str) -> float:
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_text_has_a_contrast_of_four_and_a_half(theme: str) -> None:
+def test_text_has_a_contrast_of_four_and_a_half(theme):
     known = colors(theme)
     poor = {pair: contrast(known[pair[0]], known[pair[1]]) for pair in PAIRS}
     assert {pair: ratio for pair, ratio in poor.items() if ratio < 4.5} == {}
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_marks_have_a_contrast_of_three(theme: str) -> None:
+def test_marks_have_a_contrast_of_three(theme):
     known = colors(theme)
     poor = {pair: contrast(known[pair[0]], known[pair[1]]) for pair in MARKS}
     assert {pair: ratio for pair, ratio in poor.items() if ratio < 3.0} == {}

@@ -99,26 +99,43 @@
     if (document.activeElement === stage) [focused, lent] = [kept, true];
   }).observe(root, { childList: true, subtree: true });
 
-  // Files are read here, in the order in which they were chosen: what is drawn anew meanwhile would lose them.
-  addEventListener("change", (event) => coming(event.target, event.target.files), true);
-  addEventListener("drop", (event) => coming(event.target, event.dataTransfer?.files), true);
-  function coming(target, chosen) {
-    const place = target.closest?.("#upload, #open-session, #model-file")?.id, all = [...(chosen ?? [])];
-    if (!place || !all.length) return;
+  // Files are chosen in a field of the document's own, or dropped, and read in the order in which they were chosen:
+  // what is drawn anew meanwhile would lose them.
+  const chooser = Object.assign(document.createElement("input"), { type: "file", hidden: true, id: "chooser" });
+  let asking = null;
+  addEventListener("DOMContentLoaded", () => document.body.append(chooser));
+  addEventListener("click", ({ target }) => {
+    const place = target.closest?.("[data-files]");
+    if (!place) return;
+    asking = place.id;
+    Object.assign(chooser, { value: "", multiple: place.dataset.files === "several" });
+    chooser.click();
+  });
+  chooser.addEventListener("change", () => coming(asking, chooser.files));
+  for (const kind of ["dragover", "dragleave", "drop"]) addEventListener(kind, (event) => {
+    const place = event.target.closest?.("[data-files]");
+    if (!place) return;
+    event.preventDefault();
+    place.classList.toggle("over", kind === "dragover");
+    if (kind === "drop") coming(place.id, event.dataTransfer.files);
+  });
+  function coming(place, chosen) {
+    const all = [...chosen];
+    if (!all.length) return;
     const tell = (text) => window.dash_clientside.set_props("notice", { children: text });
     const most = Number(document.querySelector("[data-most]").dataset.most);
     if (all.reduce((sum, file) => sum + file.size, 0) > most) {
       const what = all.length === 1 ? `${all[0].name}: is` : "these files: are together";
       return tell(`${what} larger than ${Math.round(most / 1e6)} MB: shorten or load one at a time, or use the command line`);
     }
-    const unwrap = Boolean(document.querySelector("#unwrap input:checked"));
+    const unwrap = Boolean(document.querySelector(`[id='{"field":"unwrap"}'] input:checked`));
     const whole = (file) => new Promise((resolve, reject) => {
       const reader = new FileReader();
       reader.onload = () => resolve([file.name, reader.result]);
       reader.onerror = () => reject(`${file.name}: the browser cannot read it: choose it again`);
       reader.readAsDataURL(file);
     });
-    const came = (files) => window.dash_clientside.set_props(`came-${place}`, { data: { files, unwrap } });
+    const came = (files) => window.dash_clientside.set_props("came", { data: { place, files, unwrap } });
     Promise.all(all.map(whole)).then(came, tell);
   }
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dash import Input, State, dcc, html
+from dash import dcc, html
 from dash.development.base_component import Component
 
-from estimators.diagnosis.added import looks
+from estimators.diagnosis.result import looks
 from estimators.selection.data import Step
 from pendulum_env.words import listing, name, number, opening
-from workbench.app.parts import button, effects_to_choose, fragment, graph, labelled, panel
+from workbench.app.parts import button, effects_to_choose, field, fragment, graph, labelled, panel
 from workbench.app.session import Session
-from workbench.app.stage import Bench, Stage
+from workbench.app.stage import Stage
 from workbench.app.state import State as Work
 from workbench.mistakes import InputError
 from workbench.report.sections.errors import errors
@@ -52,23 +52,16 @@ def calls(state: Work, busy: bool) -> Component:
     if state.diagnosis is None:
         link = html.A("diagnose", href="#diagnose")
         return html.P(["The diagnosis tells which effect is missing: ", link, " first, or try any."])
-    table = state.table
-    if not state.found and table is not None and table not in state.model.effects and not state.misfit:
-        keep = button(f"Keep {name(table)} as a table", {"do": "add", "of": table}, primary=True, disabled=busy)
-        return html.Div([html.P(settled(state)), html.Div([keep], className="row")])
-    if not state.found:
-        return html.P(settled(state))
-    presses = [
-        button(f"Add {name(effect)}", {"do": "add", "of": effect}, primary=k == 0, disabled=busy)
-        for k, effect in enumerate(state.found)
-    ]
-    return html.Div([html.P("The diagnosis calls for it:"), html.Div(presses, className="row")])
+    offers = [(f"Add {name(effect)}", effect) for effect in state.found]
+    if not offers and state.table is not None and state.table not in state.model.effects:
+        offers = [(f"Keep {name(state.table)} as a table", state.table)]
+    presses = [button(label, "add", id, primary=k == 0, disabled=busy) for k, (label, id) in enumerate(offers)]
+    why = html.P("The diagnosis calls for it:" if state.found else settled(state))
+    return html.Div([why, html.Div(presses, className="row")])
 
 
 def settled(state: Work) -> str:
     """What is left to do where the diagnosis calls for nothing more."""
-    if state.misfit:
-        return "The model has left the diagnosis: undo, or diagnose again from here."
     rest = "something is left that no effect of the library explains" if state.told.unexplained else ""
     if not state.called:
         return f"{opening(rest) or 'The diagnosis calls for no effect'}."
@@ -78,13 +71,9 @@ def settled(state: Work) -> str:
 def choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
     """What the diagnosis calls for, or any effect of the library."""
     others = {id: label for id, label in known.items() if id not in state.model.effects}
-    kept: dict[str, Any] = {  # while a job ends and the page is drawn anew; a model with an effect more asks anew
-        "persistence": f"beyond {' '.join(state.model.effects)}",
-        "persistence_type": "session",
-    }
-    library = labelled(
-        "Any effect of the library, or a table", dcc.Dropdown(others, None, id="any", placeholder="choose", **kept)
-    )
+    kept = f"beyond {' '.join(state.model.effects)}"  # a model with an effect more asks anew
+    more: dict[str, Any] = {"placeholder": "choose", "persistence": kept, "persistence_type": "session"}
+    library = labelled("Any effect of the library, or a table", dcc.Dropdown(others, None, id=field("any"), **more))
     any_of_them = html.Div([library, button("Add it", "add-any", disabled=busy)], className="fields wide")
     return panel("Add an effect", calls(state, busy), any_of_them)
 
@@ -113,11 +102,13 @@ def undo(session: Session) -> None:
         session.change(f"take {name(state.added[-1])} out", state.without_step())
 
 
-def connect(bench: Bench) -> None:
-    """Wire undo, the choice of any effect, and the buttons that add one."""
-    bench.buttons({"undo": undo})
-    bench.each({"add": start})
-    bench.on(Input("add-any", "n_clicks"), given=(State("any", "value"),))(lambda session, _, id: start(session, id))
-
-
-STAGE = Stage("add", "Add", show, connect)
+STAGE = Stage(
+    "add",
+    "Add",
+    show,
+    {
+        "add": lambda session, id, _: start(session, id),
+        "add-any": lambda session, _, form: start(session, form.get("any")),
+        "undo": lambda session, *_: undo(session),
+    },
+)

@@ -15,12 +15,12 @@ from estimators.arms.diagnosis import gather_arm
 from pendulum_env.words import listing, name, number, opening
 from workbench.app import card
 from workbench.app.arm import WEIGHTLESS, ArmState
-from workbench.app.asked import NOTHING
-from workbench.app.parts import button, dropdown, fragment, graph, labelled, panel, saves, table
+from workbench.app.parts import button, dropdown, fragment, graph, labelled, panel, table
 from workbench.app.recorder import DIAGNOSIS
 from workbench.app.saved import STUDY
 from workbench.app.session import Session
 from workbench.app.stages import add, data, diagnose, export, model
+from workbench.app.state import NOTHING
 from workbench.arms import SAVED, TRUST, schemes_table
 from workbench.report.arm import ends, joints, parameters, strips, worst
 from workbench.report.sections.candidates import ranked
@@ -32,10 +32,10 @@ def arm_data(session: Session, state: ArmState) -> list[Component]:
     parts: list[Component] = [card.show(one) for one in session.cards[:1]]
     parts.append(html.Div([data.upload(state), _robot(state)], className="columns"))
     if state.loaded:
-        said = [partial(state.body.said, joint) for joint in state.body.joints]
+        units = [partial(state.body.worded, joint) for joint in state.body.joints]
         recordings: list[Any] = state.recordings[: data.DRAWN]
         plots = [
-            graph(data.course(own, f"course-{k}-{n}", f"{joint}, {one.name}", said[n], 260))
+            graph(data.course(own, f"course-{k}-{n}", f"{joint}, {one.name}", units[n], 260))
             for k, one in enumerate(recordings)
             for n, (joint, own) in enumerate(zip(state.body.joints, one.joints, strict=True))
         ]
@@ -45,7 +45,7 @@ def arm_data(session: Session, state: ArmState) -> list[Component]:
 
 def _robot(state: ArmState) -> Component:
     body = state.body
-    said = [
+    texts = [
         f"{body.name}: {len(body.joints)} joints that move, {len(body.base)} base parameters",
         *(text for text in (held_text(body), *state.questions, state.trouble) if text),
         "columns are position_JOINT and torque_JOINT, or numbered; a study among the files says which joints move "
@@ -53,7 +53,7 @@ def _robot(state: ArmState) -> Component:
     ]
     gravity = button("Its torques are with gravity" if state.robot.weightless else WEIGHTLESS, "turn-gravity")
     leave = button("Leave the robot", "leave-robot")
-    return panel("The robot", *(html.P(f"{opening(text)}.") for text in said), leave, " ", gravity)
+    return panel("The robot", *(html.P(f"{opening(text)}.") for text in texts), leave, " ", gravity)
 
 
 def arm_model(session: Session, state: ArmState) -> list[Component]:
@@ -94,12 +94,12 @@ def views(state: ArmState, id: str) -> list[Component]:
     section = strips(ends(state.rungs), gather_arm([recording], state.model.terms))  # type: ignore[list-item]
     parts = []
     for strip in section.content["strips"]:
-        told: list[Component] = []
+        texts: list[Component] = []
         for own in strip["regions"]:
-            told.append(html.P(f"Under the {own['label']}{':' if own['regions'] else ' nothing stands out.'}"))
-            told.append(html.Ul([html.Li(opening(text)) for text in own["regions"]], className="regions-list"))
+            texts.append(html.P(f"Under the {own['label']}{':' if own['regions'] else ' nothing stands out.'}"))
+            texts.append(html.Ul([html.Li(opening(text)) for text in own["regions"]], className="regions-list"))
         plots = [graph(figure) for figure in strip["figures"]]
-        parts.append(panel(strip["joint"], html.Div(plots, className="grid strip"), *told))
+        parts.append(panel(strip["joint"], html.Div(plots, className="grid strip"), *texts))
     return parts
 
 
@@ -140,15 +140,9 @@ def arm_add(session: Session, state: ArmState) -> list[Component]:
 def arm_export(session: Session, state: ArmState) -> list[Component]:
     """What can be saved, and the same in two languages."""
     del session
-    saved = [
-        (export.REPORT, "report", "one file to share: story, plots and tables; it needs no network and prints"),
-        (export.MODEL, "model", "terms and parameters of the ladder's last model, for the command line and Python"),
-    ]
-    saved += [(DIAGNOSIS, "diagnosis", "verdicts, for programs")] if state.diagnosis is not None else []
-    rows = [html.Li([saves(file, id, primary=id == "report"), html.Span(what)]) for file, id, what in saved]
     robot = html.P(f"{export.BESIDE} {state.robot.file.name} lies there, too.", className="note")
     return [
-        panel("Save", html.Ul(rows, className="downloads")),
+        export.downloads(state),
         panel("The same on the command line", robot, export.code(commands(state), "commands")),
         panel("The same in Python", robot, export.code(snippet(state), "snippet")),
     ]

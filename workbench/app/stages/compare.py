@@ -3,33 +3,151 @@
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import dash
 import numpy as np
-from dash import ALL, Input, Output, State, dcc, html
+from dash import ALL, Dash, Input, Output, State, dcc, html
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from estimators.checks.residual import AXES, Region, profiles, stand_out
-from pendulum_env._typing import JSON, Mask
-from pendulum_env.physics import effect
+from estimators.checks.residual import AXES, Region, profiles, stand_out, turns, wrapped
+from pendulum_env._typing import JSON, Array, Mask
+from pendulum_env.physics import Samples, effect
 from pendulum_env.recording import Recording
 from pendulum_env.words import number, opening
 from workbench.app.arm import ArmState
-from workbench.app.brushing import MAP, PHASE, TIME, VIEWS, Points, figures, inside, lit, within
-from workbench.app.parts import LINKED, button, dropdown, effects_to_choose, graph, labelled, panel
-from workbench.app.session import Session
-from workbench.app.stage import Bench, Stage
+from workbench.app.parts import LINKED, dropdown, effects_to_choose, field, graph, labelled, panel
+from workbench.app.session import Session, Sessions
+from workbench.app.stage import Stage
 from workbench.app.stages.arm import views
 from workbench.app.state import State as Work
 from workbench.report.case import Case
+from workbench.report.figure import Figure, axis, band, broken, line, numbers, span, thin
 from workbench.report.gallery import picture
-from workbench.report.sections.comparison import position_figure
+from workbench.report.sections.comparison import before_and_after, position_figure
+from workbench.report.sections.failures import planes
 
 GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
 HINT = "Drag a box in any of the plots, or choose a region: the same moments light up in all."
+MAP, PHASE, TIME = "map", "phase", "time"
+VIEWS = (MAP, PHASE, TIME)
+LIT = 1500  # points of a selection that are drawn in one view
+GLOW = "--brush"
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """R windows of one recording under the models that are compared.
+
+    Attributes:
+        case: the models, and what they were fitted to.
+        samples: time, position, velocity and torque at the windows' centres (R,), SI.
+        residuals: measured minus modelled torque of each model (R,) [N m].
+    """
+
+    case: Case
+    samples: Samples
+    residuals: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, case: Case, recording: Recording) -> Points:
+        """Windows of one of the recordings, fitted and held-out ones alike."""
+        parts = []
+        for evidence in (case.training, case.testing):
+            windows, x = evidence.data.windows, evidence.samples
+            own = np.repeat([w.recording is recording for w in windows], [len(w.centers) for w in windows])
+            series = (x.time, x.position, x.velocity, evidence.data.torque(), *case.residuals(evidence))
+            parts.append([values[own] for values in series])
+        time, position, velocity, torque, *residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return cls(case, Samples(time, position, velocity, torque), tuple(residuals))
+
+    @property
+    def noise(self) -> float:
+        """Torque error that measurement noise alone gives [N m]."""
+        return self.case.diagnosis.noise_floor
+
+
+def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
+    """The three views; `shown` is the model whose residual the map shows."""
+    x, label = points.samples, points.case.models[shown][0]
+    cells, map_layout = planes(x.position, x.velocity, points.residuals)[shown]
+    select = {"dragmode": "select", "margin": {"t": 12, "r": 8}}
+    dots, kept = thin(x.velocity, LIT), thin(x.velocity, 2 * LIT)
+    picked = _dots(wrapped(x.position[dots]), x.velocity[dots], "--text", 2, opacity=0.25, hoverinfo="skip")
+    _, (q, v) = broken(x.time, kept, x.position, x.velocity)
+    motion = line(q, v, "motion", "--train", "rad/s", line={"color": "--train", "width": 1}, hoverinfo="skip")
+    axes = {
+        "xaxis": axis("angle q [rad]", range=span([x.position])),
+        "yaxis": axis("velocity q' [rad/s]", range=span([x.velocity])),
+        "showlegend": False,
+    }
+    about = f"Residual torque of the {label} over angle and velocity, {name}"
+    return {
+        MAP: Figure(MAP, about, [cells, picked], map_layout | select, 380),
+        PHASE: Figure(PHASE, f"Phase plane, {name}", [motion], axes | select, 380),
+        TIME: _over_time(points, name),
+    }
+
+
+def _over_time(points: Points, name: str) -> Figure:
+    """Measured and modelled torque above what the models leave of it."""
+    time, torque = points.samples.time, points.samples.torque
+    x, (measured, *left) = broken(time, thin(points.residuals[0]), torque, *points.residuals)
+    label = f"Measured and modelled torque over time, and their difference, {name}"
+    modelled = [measured - own for own in left]
+    drawn = before_and_after(points.case, TIME, label, x, measured, modelled, left, ("torque", "residual", "N m"))
+    noise = band(time[[0, -1]], np.full(2, 2 * points.noise), "noise (±2σ)", yaxis="y2")
+    layout = drawn.layout | {"dragmode": "select", "selectdirection": "h", "hovermode": "closest"}
+    # ranges of all of it, so that nothing moves when a selection lights up
+    layout["xaxis"]["range"] = span([time], 0.01)
+    layout["yaxis"]["range"] = span([torque])
+    layout["yaxis2"]["range"] = span(points.residuals)
+    return Figure(TIME, label, [noise, *drawn.data], layout, 420)
+
+
+def _dots(x: Array, y: Array, color: str, size: float, **more: object) -> JSON:
+    marker = {"color": color, "size": size}
+    plain = {"type": "scatter", "mode": "markers", "x": numbers(x), "y": numbers(y), "marker": marker}
+    return {**plain, "showlegend": False, **more}
+
+
+def inside(x: Samples, view: str, box: Mapping[str, Any]) -> Mask:
+    """Windows within a box that was drawn in a view; `box` is what plotly.js calls a range."""
+    ranges = {key[0]: sorted(map(float, ends)) for key, ends in box.items() if len(ends) == 2}
+    (left, right), (low, high) = (ranges.get(key, [-np.inf, np.inf]) for key in "xy")
+    if view == TIME:
+        return (x.time >= left) & (x.time <= right)
+    angle = wrapped(x.position) if view == MAP else x.position
+    return (angle >= left) & (angle <= right) & (x.velocity >= low) & (x.velocity <= high)
+
+
+def within(x: Samples, region: Region) -> Mask:
+    """Windows within a region that stands out, which is not one of frequencies."""
+    values: Array = getattr(x, region.axis)
+    if region.axis == "position" and turns(values):
+        values = wrapped(values)
+    return (values >= region.low) & (values <= region.high)
+
+
+def lit(points: Points, selected: Mask, shown: int) -> dict[str, list[JSON]]:
+    """Traces that each view shows on top of its own for a selection (R,)."""
+    at, x, residual = np.flatnonzero(selected), points.samples, points.residuals[shown]
+    at = at[thin(residual[at], LIT)] if len(at) else at
+    q, v = x.position[at], x.velocity[at]
+
+    def dots(x: Array, y: Array, **more: object) -> JSON:
+        return _dots(x, y, GLOW, 4, hoverinfo="skip", name="selected", **more)
+
+    return {
+        MAP: [dots(wrapped(q), v)],
+        PHASE: [dots(q, v)],
+        TIME: [dots(x.time[at], x.torque[at]), dots(x.time[at], residual[at], yaxis="y2")],
+    }
 
 
 def show(session: Session) -> list[Component]:
@@ -41,7 +159,7 @@ def show(session: Session) -> list[Component]:
     controls = [
         labelled("Recording", dropdown("shown", names, names[0]["value"], searchable=False)),
         labelled("Residual of the", dcc.RadioItems(models, last, id="of", inline=True, className="pair")),
-        button("Clear selection", "clear"),
+        html.Button("Clear selection", id="clear", type="button", n_clicks=0, className="action"),
     ]
     return [
         html.Div(controls, className="fields wide"),
@@ -81,16 +199,13 @@ def _flown(case: Case, recording: Recording) -> Component:
 
 def _regions(points: Points, shown: int) -> Component:
     rows = [
-        html.Button(opening(region.text), id={"do": "region", "of": k}, n_clicks=0, type="button", className="link")
+        html.Button(opening(region.text), id={"region": k}, n_clicks=0, type="button", className="link")
         if region.axis != "frequency"
         else opening(region.text)
         for k, region in enumerate(_standing_out(points, shown))
     ]
     listed = html.Ul([html.Li(row) for row in rows], className="regions-list")
-    overlap = [html.P("Regions of different quantities may be of the same moments.", className="note")] * (
-        len(rows) > 1
-    )
-    return panel("Where it fails", listed if rows else html.P("Nothing stands out of the noise."), *overlap)
+    return panel("Where it fails", listed if rows else html.P("Nothing stands out of the noise."))
 
 
 def _alike(state: Work, points: Points, shown: int) -> Component:
@@ -100,21 +215,12 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
     ranked = sorted(names, key=lambda id: found.index(id) if id in found else len(found))
     axes = profiles(points.samples, points.residuals[shown], points.noise, tuple(AXES))
     own = b64encode(picture("What is left here", axes).encode()).decode()
-    rows = [
-        html.Li(
-            [
-                names[id],
-                html.Div(
-                    [
-                        html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves"),
-                        html.P(effect(id).signature, className="note"),
-                    ]
-                ),
-            ]
-        )
-        for id in ranked
-        if (GALLERY / f"{id}.svg").is_file()
-    ]
+    rows = []
+    for id in ranked:
+        if (GALLERY / f"{id}.svg").is_file():
+            drawn = html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves")
+            rows.append(html.Li([names[id], html.Div([drawn, html.P(effect(id).signature, className="note")])]))
+    here = html.Img(src=f"data:image/svg+xml;base64,{own}", alt="What is left")
     return panel(
         "What it looks like",
         html.P(
@@ -122,14 +228,15 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
             "Below, the same where one effect is hidden in the paper's pendulum. Signs and sizes may differ.",
             className="note",
         ),
-        html.Ul([html.Li([html.Strong("Here"), html.Img(src=f"data:image/svg+xml;base64,{own}", alt="What is left")])]),
+        html.Ul([html.Li([html.Strong("Here"), here])]),
         html.Details([html.Summary("Effects to compare it with"), html.Ul(rows)]),
         className="gallery",
     )
 
 
+@lru_cache(maxsize=4)  # while somebody looks at one
 def _points(state: Work, id: str) -> Points:
-    return state.points[state.loaded.index(state.find(id))]
+    return Points.of(state.standing, state.recordings[state.loaded.index(state.find(id))])
 
 
 def _standing_out(points: Points, shown: int) -> list[Region]:
@@ -140,39 +247,39 @@ def say(points: Points, selected: Mask, shown: int) -> str:
     """A selection in words."""
     if not selected.any():
         return "Nothing is in this selection."
-    residual, time = points.residuals[shown][selected], points.time[selected]
+    residual, time = points.residuals[shown][selected], points.samples.time[selected]
     mean, rms = float(residual.mean()), float(np.sqrt(np.mean(residual**2)))
     return (
-        f"{len(time)} of {len(points)} windows, from {time.min():.3g} to {time.max():.3g} s: residual {number(mean)} "
+        f"{len(time)} of {len(selected)} windows, from {time.min():.3g} to {time.max():.3g} s: residual {number(mean)} "
         f"N m on average, {number(rms)} N m RMS; noise alone would leave {number(points.noise)} N m."
     )
 
 
-def connect(bench: Bench) -> None:
+def connect(app: Dash, sessions: Sessions) -> None:
     """Wire the choice of what is shown, and the brushing."""
 
-    @bench.app.callback(
+    @app.callback(
         Output("views", "children"),
         Output("lit", "data", allow_duplicate=True),
         Output("selected", "children", allow_duplicate=True),
-        Input("shown", "value"),
+        Input(field("shown"), "value"),
         Input("of", "value"),
         State("session", "data"),
         prevent_initial_call=True,
     )
     def choose(recording: str, shown: int, id: str) -> tuple[list[Component], None, str]:
-        state = bench.sessions.of(id).state
+        state = sessions.of(id).state
         if isinstance(state, ArmState):
             return views(state, recording), None, ""
         return _views(state, recording, shown), None, HINT
 
-    @bench.app.callback(
+    @app.callback(
         Output("lit", "data"),
         Output("selected", "children"),
         *(Input({"kind": LINKED, "of": view}, "selectedData") for view in VIEWS),
-        Input({"do": "region", "of": ALL}, "n_clicks"),
+        Input({"region": ALL}, "n_clicks"),
         Input("clear", "n_clicks"),
-        State("shown", "value"),
+        State(field("shown"), "value"),
         State("of", "value"),
         State("session", "data"),
         prevent_initial_call=True,
@@ -184,15 +291,15 @@ def connect(bench: Bench) -> None:
             raise PreventUpdate
         if cause == "clear":
             return None, HINT
-        points, source = _points(bench.sessions.of(id).state, recording), None
-        if cause.get("do") == "region":
-            selected = within(points, _standing_out(points, shown)[cause["of"]])
+        points, source = _points(sessions.of(id).state, recording), None
+        if "region" in cause:
+            selected = within(points.samples, _standing_out(points, shown)[cause["region"]])
         elif "range" in value:
             source = cause["of"]
-            selected = inside(points, source, value["range"])
+            selected = inside(points.samples, source, value["range"])
         else:
             raise PreventUpdate
         return {"source": source, "traces": lit(points, selected, shown)}, say(points, selected, shown)
 
 
-STAGE = Stage("compare", "Compare", show, connect)
+STAGE = Stage("compare", "Compare", show, connect=connect)

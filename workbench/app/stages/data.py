@@ -2,53 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from dash import Input, State, dcc, html
+from dash import dcc, html
 from dash.development.base_component import Component
 
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing, name, number, opening, percent
-from workbench.app import card, recorder
+from workbench.app import card, recorder, uploads
 from workbench.app.arm import ArmState
 from workbench.app.parts import (
     UNWRAP,
     aria,
     button,
     drop,
+    field,
     graph,
     labelled,
     number_field,
     panel,
-    run_fields,
     saves,
     table,
 )
 from workbench.app.saved import STUDY
 from workbench.app.session import Session
-from workbench.app.stage import Bench, Stage
+from workbench.app.stage import Action, Form, Stage
 from workbench.app.state import Loaded
 from workbench.app.state import State as Work
-from workbench.app.uploads import UPLOAD
 from workbench.inputs import FORMATS
 from workbench.report.figure import Figure, line, stacked, thin
 
 DRAWN = 4  # recordings that are drawn
 WHY = "No effect does that, and several may be found that only imitate it."
-HEADERS = {  # and whether a column holds numbers
-    "Recording": False,
-    "Length [s]": True,
-    "Rate [Hz]": True,
-    "Samples": True,
-    "In stick": True,
-    "Turns": True,
-    "Peak torque [N m]": True,
-    "Use it to": False,
-    "": False,
-}
+NUMBERS = ("Length [s]", "Rate [Hz]", "Samples", "In stick", "Turns", "Peak torque [N m]")
+HEADERS = {"Recording": False} | dict.fromkeys(NUMBERS, True) | {"Use it to": False, "": False}  # are they numbers?
 
 
 def show(session: Session) -> list[Component]:
@@ -57,10 +47,8 @@ def show(session: Session) -> list[Component]:
     parts: list[Component] = [card.show(one) for one in session.cards[:1]]
     parts.append(html.Div([upload(state), _record()], className="columns"))
     if state.loaded:
-        plots = [
-            graph(course(recording, f"course-{k}", recording.name))
-            for k, recording in enumerate(state.recordings[:DRAWN])
-        ]
+        drawn = enumerate(state.recordings[:DRAWN])
+        plots = [graph(course(recording, f"course-{k}", recording.name)) for k, recording in drawn]
         parts += [recordings(state), *timing(state), _telling(state), html.Div(plots, className="panel")]
     return parts
 
@@ -68,22 +56,16 @@ def show(session: Session) -> list[Component]:
 def upload(state: Work) -> Component:
     """Where files come in."""
     ways = [
-        drop([html.Strong("Choose recordings"), " or drop them here"], "upload", multiple=True),
+        drop([html.Strong("Choose recordings"), " or drop them here"], "upload", several=True),
         html.P(
             f"{FORMATS} with time, position and torque; 0 hangs down. What columns mean is "
             f"asked where their names do not tell, or told by a {STUDY} among the files. Of an arm, its URDF or MJCF "
             "among the files tells the links. "
-            f"Up to {UPLOAD / 1e6:.0f} MB each; nothing leaves this computer.",
+            f"Up to {uploads.LIMITS.upload / 1e6:.0f} MB each; nothing leaves this computer.",
             className="note",
         ),
-        dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], [], id="unwrap"),
-        dcc.Upload(
-            html.Button("Open a saved session", type="button", className="action"),
-            id="open-session",
-            max_size=UPLOAD,
-            className="open",
-            style={},
-        ),
+        dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], [], id=field("unwrap")),
+        drop("Open a saved session", "open-session", className="action open"),
     ]
     if not state.loaded:
         ways += [
@@ -94,10 +76,7 @@ def upload(state: Work) -> Component:
 
 
 def _record() -> Component:
-    fields = [
-        *run_fields("", 20),
-        labelled("Seed", number_field("seed", 0, min=0, step=1)),
-    ]
+    fields = [*recorder.fields("", 20), labelled("Seed", number_field("seed", 0, min=0, step=1))]
     return panel(
         "Or record a simulated pendulum",
         html.P(
@@ -115,36 +94,23 @@ def recordings(state: Work) -> Component:
     stick = {} if isinstance(state, ArmState) else _share_in_stick(state)
     rows = [_row(one, recording, stick) for one, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
-    how = "how these are read and used, for the command line and to load again with them"
-    save = html.Div([saves(f"Save {STUDY}", "study"), html.Span(how, className="note")], className="row")
     note = [] if any(one.held_out for one in state.loaded) else [html.P(split, className="note")]
+    how = html.Span("how these are read and used, for the command line and to load again with them", className="note")
+    save = html.Div([saves(f"Save {STUDY}", "study"), how], className="row")
     return panel("Recordings", table(HEADERS, rows, "Recordings"), *note, save, className="recordings")
 
 
 def _row(one: Loaded, recording: Recording, stick: dict[int, float]) -> tuple[Any, ...]:
     """What a recording is, and what can be done with it."""
     label = recording.name
-    columns = html.Button(
-        "Columns",
-        id={"do": "columns", "of": one.id},
-        n_clicks=0,
-        type="button",
-        className="link",
-        **aria(label=f"Columns of {label}"),
-    )
+    columns = button("Columns", "columns", one.id, className="link", **aria(label=f"Columns of {label}"))
     roles = [
-        html.Button(
-            role,
-            id={"do": role, "of": one.id},
-            n_clicks=0,
-            type="button",
-            **aria(pressed=str(one.held_out == held_out).lower(), label=f"{role} {label}"),
-        )
-        for role, held_out in (("fit", False), ("check", True))
+        button(role, role, one.id, className="", **aria(pressed=is_so, label=f"{role} {label}"))
+        for role, is_so in (("fit", str(not one.held_out).lower()), ("check", str(one.held_out).lower()))
     ]
     ways = [
         saves("Save", "recording", one.id, **aria(label=f"Save {label}")),
-        button("Remove", {"do": "remove", "of": one.id}, **aria(label=f"Remove {label}")),
+        button("Remove", "remove", one.id, **aria(label=f"Remove {label}")),
     ]
     return (
         [html.Strong(label), *(html.Div(opening(note), className="note") for note in recording.notes), columns],
@@ -211,41 +177,28 @@ def course(r: Recording, id: str, title: str, said: Callable[[str], str] = str, 
     return Figure(id, f"Position and torque over time, {title}", data, layout, height)
 
 
-def connect(bench: Bench) -> None:
-    """Wire uploads, columns, recording, roles and removal."""
-    card.connect(bench)
-
-    @bench.on(Input("came-upload", "data"))
-    def come(session: Session, came: Mapping[str, Any]) -> None:
-        session.receive(came["files"], came["unwrap"])
-
-    @bench.on(Input("came-open-session", "data"))
-    def open_session(session: Session, came: Mapping[str, Any]) -> None:
-        session.open(*came["files"][0])
-
-    @bench.on(Input("record", "n_clicks"), given=tuple(State(one, "value") for one in (*recorder.FORM, "seed")))
-    def record(session: Session, _: int, *values: Any) -> None:
-        recorder.start(session, recorder.Wish(recorder.free_name(session.state), recorder.options(*values)))
-
-    def align(session: Session, is_aligned: bool, what: str) -> None:
-        session.change(what, session.state.anew(is_aligned=is_aligned))
-
-    bench.buttons(
-        {
-            "demo": lambda session: recorder.start(session, *recorder.DEMO),
-            "align": lambda session: align(session, True, "correct the torque"),
-            "leave-robot": Session.leave_robot,
-            "turn-gravity": Session.turn_gravity,
-            "align-back": lambda session: align(session, False, "take the torque as it was logged"),
-        }
-    )
-    bench.each(
-        {
-            "remove": Session.remove,
-            "fit": lambda session, id: session.hold_out(id, False),
-            "check": lambda session, id: session.hold_out(id, True),
-        }
-    )
+def _record_as_said(session: Session, _: str, form: Form) -> None:
+    recorder.start(session, {recorder.free_name(session.state): recorder.options(form, "", form.get("seed"))})
 
 
-STAGE = Stage("data", "Data", show, connect, needs_model=False)
+def _align(session: Session, is_aligned: bool, what: str) -> None:
+    session.change(what, session.state.anew(is_aligned=is_aligned))
+
+
+ACTIONS: dict[str, Action] = {
+    "upload": lambda session, _, came: session.receive(came["files"], came["unwrap"]),
+    "open-session": lambda session, _, came: session.open(*came["files"][0]),
+    "demo": lambda session, *_: recorder.start_demo(session),
+    "record": _record_as_said,
+    "columns": lambda session, id, _: session.ask(id),
+    "card-load": lambda session, _, form: session.answer(session.cards[0].filled(form)),
+    "card-close": lambda session, *_: setattr(session, "cards", session.cards[1:]),
+    "fit": lambda session, id, _: session.hold_out(id, False),
+    "check": lambda session, id, _: session.hold_out(id, True),
+    "remove": lambda session, id, _: session.remove(id),
+    "align": lambda session, *_: _align(session, True, "correct the torque"),
+    "align-back": lambda session, *_: _align(session, False, "take the torque as it was logged"),
+    "leave-robot": lambda session, *_: session.leave_robot(),
+    "turn-gravity": lambda session, *_: session.turn_gravity(),
+}
+STAGE = Stage("data", "Data", show, ACTIONS, lambda app, _: card.connect(app), needs_model=False)

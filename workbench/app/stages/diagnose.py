@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 
-from dash import Input, State, dcc, html
+from dash import dcc, html
 from dash.development.base_component import Component
 
 from estimators.diagnosis.result import Diagnosis
 from pendulum_env.words import listing
 from workbench import inputs
 from workbench.app import recorder
-from workbench.app.asked import NOTHING, Asked
-from workbench.app.parts import KEPT, button, effects_to_choose, fragment, labelled, panel
+from workbench.app.parts import KEPT, button, effects_to_choose, field, fragment, labelled, panel
 from workbench.app.session import Session
-from workbench.app.stage import Bench, Stage
+from workbench.app.stage import Stage
 from workbench.app.stages.add import calls
 from workbench.app.stages.data import timing
+from workbench.app.state import NOTHING, Asked
 from workbench.app.state import State as Work
 from workbench.report.sections.candidates import candidates
 from workbench.report.sections.story import story
@@ -56,22 +55,25 @@ def choices(state: Work, is_open: bool, library: Mapping[str, str] | None = None
     asked, of_arm, library = state.asked, library is not None, library or effects_to_choose()
 
     def several(label: str, id: str, empty: str) -> Component:
-        chosen = inputs.ids(getattr(asked, id))
-        return labelled(label, dcc.Dropdown(library, chosen, id=f"ask-{id}", multi=True, placeholder=empty, **KEPT))
+        control = dcc.Dropdown(
+            library, inputs.ids(getattr(asked, id)), id=field(f"ask-{id}"), multi=True, placeholder=empty, **KEPT
+        )
+        return labelled(label, control)
 
     def text(label: str, id: str, example: str, note: str) -> Component:
-        control = dcc.Input(getattr(asked, id), type="text", id=f"ask-{id}", placeholder=example, **KEPT)
+        control = dcc.Input(getattr(asked, id), type="text", id=field(f"ask-{id}"), placeholder=example, **KEPT)
         return labelled(label, control, note)
 
     parameters = ", ".join(column.name for term in state.terms for column in term.columns)
+    effects = "one of the two may be left out; cogging.order=10:14"
     looked = [several("Look only for", "only", "every effect"), several("Do not look for", "without", "none")]
     known = [
         text("Values that are known", "fix", "gravity=2.01", f"of {parameters}, and those of effects: ID or ID.NAME"),
-        text("Bounds of others", "bound", "viscous=0:0.5", "one of the two may be left out; cogging.order=10:14"),
+        text("Bounds of others", "bound", "viscous=0:0.5", effects),
     ]
     summary = html.Summary("Choose what to look for" if of_arm else "Choose what to look for, and say what is known")
-    fields = [html.Div(looked, className="fields asked"), html.Div(known, className="fields asked", hidden=of_arm)]
-    return html.Details([summary, *fields], open=is_open)
+    groups = [html.Div(looked, className="fields asked"), html.Div(known, className="fields asked", hidden=of_arm)]
+    return html.Details([summary, *groups], open=is_open)
 
 
 def _next(state: Work, busy: bool) -> list[Component]:
@@ -96,9 +98,9 @@ def look_for(session: Session, asked: Asked) -> None:
         session.change("choose what is looked for", session.state.asking(asked))
 
 
-def start(session: Session, *values: str | list[str] | None) -> None:
+def start(session: Session, asked: Asked) -> None:
     """Search for the effects that the ladder's last model lacks, in the background."""
-    look_for(session, Asked.of(values))
+    look_for(session, asked)
     state = session.state
 
     def keep(found: Diagnosis) -> None:
@@ -108,11 +110,12 @@ def start(session: Session, *values: str | list[str] | None) -> None:
     session.work("Diagnosing", task, keep)
 
 
-def connect(bench: Bench) -> None:
-    """Wire the search and the experiment that it suggests."""
-    asked = tuple(State(f"ask-{field.name}", "value") for field in fields(Asked))
-    bench.on(Input("diagnose", "n_clicks"), given=asked)(lambda session, _, *values: start(session, *values))
-    bench.buttons({"record-next": recorder.start_suggested})
-
-
-STAGE = Stage("diagnose", "Diagnose", show, connect)
+STAGE = Stage(
+    "diagnose",
+    "Diagnose",
+    show,
+    {
+        "diagnose": lambda session, _, form: start(session, Asked.of(form)),
+        "record-next": lambda session, *_: recorder.start_suggested(session),
+    },
+)

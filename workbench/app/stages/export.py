@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 import dash
-from dash import ALL, Input, Output, dcc, html
+from dash import ALL, Dash, Input, Output, dcc, html
 from dash import State as Value
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
@@ -21,8 +21,8 @@ from pendulum_env.recording.study import format_of
 from workbench.app.parts import panel, saves
 from workbench.app.recorder import DIAGNOSIS
 from workbench.app.saved import STUDY, pack, study
-from workbench.app.session import Session
-from workbench.app.stage import Bench, Stage
+from workbench.app.session import Session, Sessions
+from workbench.app.stage import Stage
 from workbench.app.state import State, ids
 from workbench.mistakes import InputError
 
@@ -32,7 +32,6 @@ WHOLE = (
     "their estimates differ a little."
 )
 BESIDE = f"The recordings are read as {STUDY} says: save it beside them, in the stage Data."
-UNREPORTED = f"Once there is a diagnosis, a line here writes {REPORT}, too."
 IMPORTED = {  # names of a snippet, by where they are from
     "pathlib": ("Path",),
     "estimators": ("Aligned", "add", "diagnose", "fit", "gather"),
@@ -49,28 +48,28 @@ IMPORTED = {  # names of a snippet, by where they are from
 def show(session: Session) -> list[Component]:
     """What can be saved, and the same in two languages."""
     state = session.state
-    found = state.diagnosis
-    saved = [
-        (REPORT, "report", "one file to share: story, plots and tables; it needs no network and prints"),
-        (MODEL, "model", "terms and parameters of the ladder's last model, for the command line and Python"),
-    ]
-    if found is not None:
-        what = "verdicts and reasons, for programs; the command record plays the experiment it suggests"
-        saved.append((DIAGNOSIS, "diagnosis", what))
-    if found is not None and found.suggestion is not None:
-        saved.append((EXPERIMENT, "experiment", "torque of the next experiment over time, for your controller"))
-    rows = [html.Li([saves(file, id, primary=id == "report"), html.Span(what)]) for file, id, what in saved]
-    beside = [BESIDE] * _needs_study(state) + [WHOLE] * _fits_more(state)
-    unreported = [UNREPORTED] * (found is None)
-
-    def notes(texts: list[str]) -> list[Component]:
-        return [html.P(text, className="note") for text in texts]
-
+    fits_more = not (state.added or state.holdout or state.model_file)  # `add` would hold the last 30 % out as well
+    notes = [BESIDE] * _needs_study(state) + [WHOLE] * fits_more
+    beside = [html.P(text, className="note") for text in notes]
     return [
-        panel("Save", html.Ul(rows, className="downloads")),
-        panel("The same on the command line", *notes(beside + unreported), code(commands(state), "commands")),
-        panel("The same in Python", *notes(unreported), code(snippet(state), "snippet")),
+        downloads(state),
+        panel("The same on the command line", *beside, code(commands(state), "commands")),
+        panel("The same in Python", code(snippet(state), "snippet")),
     ]
+
+
+def downloads(state: State) -> Component:
+    """What can be saved."""
+    saved = {
+        "report": (REPORT, "one file to share: story, plots and tables; it needs no network and prints"),
+        "model": (MODEL, "terms and parameters of the ladder's last model, for the command line and Python"),
+    }
+    if state.diagnosis is not None:
+        saved["diagnosis"] = DIAGNOSIS, "verdicts and reasons, for programs"
+    if getattr(state.diagnosis, "suggestion", None) is not None:
+        saved["experiment"] = EXPERIMENT, "torque of the next experiment over time, for your controller or for record"
+    rows = [html.Li([saves(file, id, primary=id == "report"), html.Span(what)]) for id, (file, what) in saved.items()]
+    return panel("Save", html.Ul(rows, className="downloads"))
 
 
 def code(text: str, id: str) -> Component:
@@ -119,11 +118,6 @@ def _needs_study(state: State) -> bool:
     return not all(one.is_plain for one in state.loaded)
 
 
-def _fits_more(state: State) -> bool:
-    """Whether `identify` makes the model, and fits what the workbench holds out: `add` would hold it out as well."""
-    return not (state.added or state.holdout or state.model_file)
-
-
 def snippet(state: State) -> str:
     """Python that comes to the same model."""
     train, holdout = _files(state)
@@ -160,45 +154,45 @@ def with_imports(lines: Sequence[str]) -> str:
     return "\n".join([*imports, "", body])
 
 
-def _report(state: State, _: str) -> tuple[str, str]:
-    return REPORT, state.report()
-
-
-def _experiment(state: State, _: str) -> tuple[str, str]:
-    if state.diagnosis is None or state.diagnosis.suggestion is None:
-        raise InputError("the diagnosis suggests no experiment")
-    return EXPERIMENT, state.diagnosis.suggestion.csv()
-
-
-def _recording(state: State, id: str) -> tuple[str, bytes]:
-    file = state.find(id).source.file
-    return file.name, file.read_bytes()
-
-
 def _text(record: Any) -> str:
     return json.dumps(record.json(), indent=1) + "\n"
 
 
-def _model(state: State, _: str) -> tuple[str, str]:
+def _model(state: State) -> str:
     fitted = [one.source for one in state.loaded if not one.held_out]
-    return MODEL, _text(replace(state.model, log_format=format_of(fitted)))
+    return _text(replace(state.model, log_format=format_of(fitted)))
 
 
-FILES: dict[str, Callable[[State, str], tuple[str, str | bytes]]] = {  # name and content of what any stage saves
-    "report": _report,
-    "model": _model,
-    "diagnosis": lambda state, _: (DIAGNOSIS, _text(state.told)),
-    "experiment": _experiment,
-    "study": lambda state, _: (STUDY, study(state)),
-    "recording": _recording,
-    "session": lambda state, _: ("session.zip", pack(state)),
+def _experiment(state: State) -> str:
+    if state.diagnosis is None or state.diagnosis.suggestion is None:
+        raise InputError("the diagnosis suggests no experiment")
+    return state.diagnosis.suggestion.csv()
+
+
+FILES: dict[str, tuple[str, Callable[[State], str | bytes]]] = {  # name and content of what any stage saves
+    "report": (REPORT, lambda state: state.report()),
+    "model": (MODEL, _model),
+    "diagnosis": (DIAGNOSIS, lambda state: _text(state.told)),
+    "experiment": (EXPERIMENT, _experiment),
+    "study": (STUDY, study),
+    "session": ("session.zip", pack),
 }
 
 
-def connect(bench: Bench) -> None:
+def file(state: State, what: str, of: str) -> tuple[str, bytes]:
+    """Name and content of one of `FILES`, or of a recording's own."""
+    if what == "recording":
+        path = state.find(of).source.file
+        return path.name, path.read_bytes()
+    name, content = find("file", what, FILES)
+    made = content(state)
+    return name, made.encode() if isinstance(made, str) else made
+
+
+def connect(app: Dash, sessions: Sessions) -> None:
     """Wire the files."""
 
-    @bench.app.callback(
+    @app.callback(
         Output("download", "data"),
         Input({"save": ALL, "of": ALL}, "n_clicks"),
         Value("session", "data"),
@@ -208,9 +202,8 @@ def connect(bench: Bench) -> None:
         if not any(entry["value"] for entry in dash.ctx.triggered):
             raise PreventUpdate
         asked = dash.ctx.triggered_id
-        name, content = find("file", asked["save"], FILES)(bench.sessions.of(id).state, asked["of"])
-        content = content.encode() if isinstance(content, str) else content
+        name, content = file(sessions.of(id).state, asked["save"], asked["of"])
         return {"filename": name, "content": b64encode(content).decode(), "base64": True}
 
 
-STAGE = Stage("export", "Export", show, connect)
+STAGE = Stage("export", "Export", show, connect=connect)

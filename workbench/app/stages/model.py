@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-from dash import Input, html
+from dash import html
 from dash.development.base_component import Component
 
 from pendulum_env.words import name, opening
 from workbench.app.parts import button, drop, fragment, graph, panel
 from workbench.app.session import Session
-from workbench.app.stage import Bench, Stage
+from workbench.app.stage import Stage
 from workbench.app.state import State as Work
 from workbench.report.sections.parameters import parameters
 from workbench.report.sections.schemes import schemes
@@ -40,7 +37,7 @@ def show(session: Session) -> list[Component]:
 
 def begin_anew(state: Work) -> Component:
     """Another model to start from."""
-    usual = "the paper's four terms" if state.start else "friction at each joint"
+    usual = "the paper's four terms" if type(state).terms else "friction at each joint"
     said = f"the terms of {state.model_file}" if state.model_file else usual
     return panel(
         "Start from another model",
@@ -50,17 +47,16 @@ def begin_anew(state: Work) -> Component:
     )
 
 
-def connect(bench: Bench) -> None:
-    """Wire the choice of the base model."""
-
-    @bench.on(Input("came-model-file", "data"))
-    def begin(session: Session, came: Mapping[str, Any]) -> None:
-        session.begin_from(*came["files"][0])
-
-    def back(session: Session) -> None:
-        session.change("start from the usual terms", session.state.anew(terms=session.state.start, model_file=""))
-
-    bench.buttons({"model-back": back})
+def _back(session: Session) -> None:
+    session.change("start from the usual terms", session.state.anew(terms=type(session.state).terms, model_file=""))
 
 
-STAGE = Stage("model", "Model", show, connect)
+STAGE = Stage(
+    "model",
+    "Model",
+    show,
+    {
+        "model-file": lambda session, _, came: session.begin_from(*came["files"][0]),
+        "model-back": lambda session, *_: _back(session),
+    },
+)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.diagnosis.result import Diagnosis
-from estimators.in_loop.comparison import followed
+from estimators.in_loop.fit import followed
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.words import opening

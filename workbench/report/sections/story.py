@@ -69,17 +69,17 @@ def misled(diagnosis: Diagnosis) -> list[str]:
 
     None where something is left unexplained: then those of the final model may be wrong as well.
     """
-    told: list[str] = []
+    wrong_by: list[str] = []
     if diagnosis.unexplained:
-        return told
+        return wrong_by
     for parameter, wrong in diagnosis.steps[0].model.estimates.items():
         right = diagnosis.model.estimates.get(parameter)
         if right is None or right.value == 0:
             continue
         share, off = wrong.value / right.value - 1.0, abs(wrong.value - right.value)
         if abs(share) >= TELLING and off > SURE * float(np.hypot(wrong.std, right.std)):
-            told.append(f"{name(parameter)} {number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}")
-    return told
+            wrong_by.append(f"{name(parameter)} {number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}")
+    return wrong_by
 
 
 def finding(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:

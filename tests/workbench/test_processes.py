@@ -5,7 +5,6 @@ import os
 import signal
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,9 +12,8 @@ import pytest
 from estimators.progress import Progress
 from pendulum_env.physics import plugin
 from tests.patience import PATIENCE, wait_until
-from workbench.app.jobs import Job, Workers
 from workbench.mistakes import InputError
-from workbench.processes import LOST, Done, Failed
+from workbench.processes import LOST, Done, Failed, Job, Workers
 
 PLUGIN = '''
 from dataclasses import dataclass
@@ -74,7 +72,7 @@ class Witness:
         return self.outcome[0]
 
 
-def test_a_job_ends_with_its_result_or_with_a_sentence(workers: Workers) -> None:
+def test_a_job_ends_with_its_result_or_with_a_sentence(workers):
     workers.warm()
     first = Witness(functools.partial(count, 3), workers)
     assert first.wait() == Done(3) and first.job.what == "step 2"
@@ -87,7 +85,7 @@ def test_a_job_ends_with_its_result_or_with_a_sentence(workers: Workers) -> None
     assert Witness(functools.partial(count, 1), workers).wait() == Done(1)
 
 
-def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers: Workers) -> None:
+def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers):
     witness = Witness(sleep, workers)
     wait_until(lambda: witness.job.what == "sleeping")
     witness.job.cancel()
@@ -96,9 +94,7 @@ def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers: Workers) -> 
 
 
 @pytest.mark.slow
-def test_a_file_of_effects_that_has_gone_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers
-) -> None:
+def test_a_file_of_effects_that_has_gone_is_told(tmp_path, monkeypatch, workers):
     file = tmp_path / "gone.py"
     monkeypatch.setattr(plugin, "_loaded", {file: ()})
     told = Witness(functools.partial(count, 1), workers).wait()

@@ -1,0 +1,17 @@
+"""Recordings, sample by sample, to what takes in one after the other."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+
+def fed(learner: Any, runs: Any, first: int = 0, last: int | None = None) -> list[Any]:
+    """What an estimator, a watch or a diagnoser says after each sample of a run, or of several at once.
+
+    The torque comes with the sample that ends its period.
+    """
+    runs = runs if isinstance(runs, Sequence) and not hasattr(runs, "time") else [runs]
+    position, torque = (np.array([getattr(one, name) for one in runs]).T for name in ("position", "torque"))
+    time, held = runs[0].time, np.vstack([np.zeros(len(runs)), torque[:-1]])
+    return [learner.take(np.full(len(runs), time[k]), position[k], held[k]) for k in range(len(time))[first:last]]
