@@ -26,7 +26,7 @@ def read_npz(path: Path, find: Find) -> Table:
     with np.load(path, allow_pickle=False) as archive:
         for name in archive.files:
             try:
-                arrays[name] = archive[name]
+                arrays[name] = np.asarray(archive[name])  # of a file that is no array, its bytes
             except ValueError as error:
                 if "allow_pickle" not in str(error):
                     raise

@@ -102,6 +102,11 @@ def test_a_device_a_pipe_and_a_folder_are_refused_at_once(tmp_path: Path, name: 
     for path, reason in [(pipe, "it is a device or a pipe"), (link, "it is a device or a pipe"), (folder, "directory")]:
         with pytest.raises(ValueError, match=reason):
             read(path)
+    if Path("/proc/kmsg").exists():  # a regular file of Linux, which waits for what the system will say
+        link.unlink()
+        link.symlink_to("/proc/kmsg")
+        with pytest.raises(ValueError, match="the system makes it up"):
+            read(link)
     sparse = tmp_path / f"sparse{ending}"
     with sparse.open("wb") as file:
         file.truncate(100 * 10**9)  # takes no room
@@ -181,6 +186,8 @@ def test_an_archive_is_no_larger_than_it_may_be_whatever_it_says(tmp_path: Path)
         (dict(levels=np.array([-2.0, -0.5, 0.0, 0.5, 1.0])), "a level is beyond 1"),
         (dict(levels=np.array(["a"] * 5)), "levels holds something else"),
         (dict(levels=np.zeros(4)), "its layers, outputs and levels do not follow"),
+        (dict(bias0=np.zeros((64, 1))), "bias0 has 2 axes, where 1 is needed"),
+        (dict(weight0=np.array(1.0)), "weight0 has 0 axes, where 2 are needed"),
         (dict(bias0=np.full(64, np.longdouble("1e4000"))), "bias0 holds something else"),
     ],
 )
