@@ -92,7 +92,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             mistake.filename = "standard output"  # whoever writes a file names it
         return _complain(sentence(mistake), BAD_INPUT)
     except BaseException as error:
-        if (of_plugin := fault(error)) is None:
+        if isinstance(error, SystemExit) and isinstance(error.code, int) and error.code > 128:
+            return error.code  # a signal, wherever it came: see `entry.py`
+        of_plugin = fault(error)
+        if of_plugin is None and isinstance(error, SystemExit):
+            of_plugin = InputError("a plugin ended it by sys.exit: take that out")
+        if of_plugin is None:
             raise
         return _complain(sentence(of_plugin), BAD_INPUT)
 

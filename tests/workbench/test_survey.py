@@ -200,11 +200,16 @@ def test_a_file_that_no_survey_wrote_is_one_row_that_says_so(folder, tmp_path, c
     parts = dataset.folder / "cases"
     (parts / "torn.parquet").write_bytes(b"PAR1")
     pq.write_table(pa.table({"a": [1]}), parts / "other.parquet")
+    os.mkfifo(parts / "pipe.parquet")  # which reading would wait for
+    row = dataset.rows()[0]
+    pq.write_table(pa.Table.from_pylist([row | {"date": 2**60}]), parts / "late.parquet")  # [us]
+    for strange in ({"date": None}, {"status": "weird"}, {"verdict": "weird"}, {"selected": None}):
+        dataset.append([row | strange])
     spoilt = [row["reason"] for row in dataset.rows() if row["name"].startswith("cases/")]
-    assert spoilt == ["it is damaged, or no survey wrote it: remove it from the dataset"] * 2
+    assert spoilt == ["it is damaged, or no survey wrote it: remove it from the dataset"] * 8
     assert survey(cases(folder), dataset, client, look=stub).known["done"] == 6
     write_fleet_report(tmp_path / "fleet.html", Fleet.of(dataset))
-    assert Page((tmp_path / "fleet.html").read_text()).text.count("it is damaged, or no survey wrote it") == 2
+    assert Page((tmp_path / "fleet.html").read_text()).text.count("it is damaged, or no survey wrote it") == 8
 
 
 def test_what_goes_wrong_with_one_case_is_marked_and_costs_no_other(folder, tmp_path, client):
@@ -334,6 +339,16 @@ def test_paths_tell_robot_joint_and_date(tmp_path):
     assert found["x.csv"][:2] == ("", "x") and found["x.csv"][3] == "file"
     (only,) = cases(tmp_path / "arm2", options=["--names", "{joint}_{date}"])
     assert (only.joint, only.date.day) == ("run", 3)
+    (tmp_path / "a" / ("a" * 200)).mkdir(parents=True)
+    (tmp_path / "a" / ("a" * 200) / "b.csv").touch()
+    for pattern, why in (
+        ("*a*a*a*{robot}a/{joint}", "more than 4 words and"),
+        ("{robot}*/{robot}", "robot is named twice"),
+        ("{robot}*a*a***a/c", "does not read as"),  # soon
+        ("{arm}", "unknown part of a name 'arm'"),
+    ):
+        with pytest.raises(ValueError, match=why):
+            cases(tmp_path / "a", options=["--names", pattern])
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere links need rights, and names are text")

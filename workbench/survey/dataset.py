@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from pendulum_env._typing import JSON
@@ -64,6 +65,8 @@ SCHEMA = pa.schema(
         "finished": pa.timestamp("us", "UTC"),
     }
 )
+OWN = ("name", "status", "date", "finished")  # columns without which no row makes sense
+LISTS = ("selected", "candidates", "parameters")  # nor one that is done
 FILES = 16  # that a dataset is left with: each takes two milliseconds whenever it is read
 
 
@@ -106,7 +109,7 @@ class Dataset:
     def rows(self, columns: Sequence[str] = tuple(SCHEMA.names)) -> list[JSON]:
         """The last row of every case, in the order of names, and one for each file that is damaged."""
         parts = self.parts
-        needed = list(dict.fromkeys(("name", "status", "date", "finished", *columns)))
+        needed = list(dict.fromkeys((*OWN, *columns)))
         tables = {path: _read(path, needed) for path in parts}
         if not set(parts) <= set(self.parts):  # a survey has merged some meanwhile: their rows are elsewhere
             return self.rows(columns)
@@ -131,11 +134,20 @@ class Dataset:
 
 def _read(path: Path, columns: Sequence[str]) -> pa.Table | None:
     """Columns of a file; None if it is damaged, or no survey wrote it: its cases are then diagnosed again."""
+    if not path.is_file():  # a pipe would be waited for
+        return None
     try:
         with pq.ParquetFile(path) as file:
-            return file.read(columns).select(columns).cast(pa.schema([SCHEMA.field(name) for name in columns]))
-    except (OSError, ValueError, KeyError):
+            table = file.read(columns).select(columns).cast(pa.schema([SCHEMA.field(name) for name in columns]))
+        table.select(["date", "finished"]).to_pylist()  # they have a year
+    except (OSError, ValueError, KeyError, OverflowError):
         return None
+    done = table.filter(pc.equal(table["status"], "done"))
+    whole = not any(table[name].null_count for name in OWN)
+    whole &= not any(done[name].null_count for name in LISTS if name in columns)
+    known = {"status": {*STATUSES}, "verdict": {*VERDICTS, None}}
+    whole &= all(known[name].issuperset(table[name].to_pylist()) for name in known if name in columns)
+    return table if whole else None
 
 
 def _last(tables: Sequence[pa.Table]) -> pa.Table:
