@@ -213,7 +213,10 @@ def read_study(path: str | os.PathLike[str]) -> Study:
         RecordingError: if a recording cannot be read as it asks for.
     """
     sources = read_sources(path)
-    return Study(Path(path), sources, tuple(source.read() for source in sources))
+    try:
+        return Study(Path(path), sources, tuple(source.read() for source in sources))
+    finally:
+        _read_once.cache_clear()  # a file may be large, and may change
 
 
 def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
