@@ -94,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BaseException as error:
         if isinstance(error, SystemExit) and isinstance(error.code, int) and error.code > 128:
             return error.code  # a signal, wherever it came: see `entry.py`
-        of_plugin = fault(error)
+        of_plugin: Exception | None = fault(error)
         if of_plugin is None and isinstance(error, SystemExit):
             of_plugin = InputError("a plugin ended it by sys.exit: take that out")
         if of_plugin is None:

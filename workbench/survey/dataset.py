@@ -145,8 +145,8 @@ def _read(path: Path, columns: Sequence[str]) -> pa.Table | None:
     done = table.filter(pc.equal(table["status"], "done"))
     whole = not any(table[name].null_count for name in OWN)
     whole &= not any(done[name].null_count for name in LISTS if name in columns)
-    known = {"status": {*STATUSES}, "verdict": {*VERDICTS, None}}
-    whole &= all(known[name].issuperset(table[name].to_pylist()) for name in known if name in columns)
+    known = {"status": STATUSES, "verdict": (*VERDICTS, None)}
+    whole &= all(set(table[name].to_pylist()) <= set(known[name]) for name in known if name in columns)
     return table if whole else None
 
 
