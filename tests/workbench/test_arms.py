@@ -230,6 +230,7 @@ def test_a_diagnosis_names_what_is_missing_where_a_joint_slides_in_its_units(cap
             "record -o x.csv --joints torso,shoulder,elbow --backend pymunk",
             "'torso' does not turn in .* --backend mujoco",
         ),
+        ("record -o x.csv --joints torso,shoulder,elbow --effect cogging@torso", "cogging is of joints that turn"),
         ("add model.json cogging@torso run.csv", "cogging is of joints that turn: it cannot be at 'torso'"),
         ("compare model.json run.csv --joints shoulder,elbow", "is of an arm with joints torso, shoulder"),
     ],
@@ -282,6 +283,8 @@ def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(caps
 @pytest.mark.parametrize(
     ("words", "told"),
     [
+        ("record -o x.csv --effect stribeck", "'stribeck' should say at which joint"),
+        ("record -o x.csv --theta inertia=1", "--theta is for pendulums"),
         ("record -o x.csv --backend simulated", "arms know pymunk and mujoco alone"),
         ("record -o x.csv --excitation prbs", "arms know multisine alone"),
         ("record -o x.csv --amplitude 0", "needs more torque than the joints have"),

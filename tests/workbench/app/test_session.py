@@ -373,7 +373,7 @@ def test_only_this_computer_is_answered():
     sessions.close()
 
 
-def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path):
+def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path, capsys):
     def offered(session: Session) -> str:
         return json.dumps(live.show(session), cls=PlotlyJSONEncoder)
 
@@ -381,6 +381,9 @@ def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path):
     assert '"dm1015b"' in offered(named) and '"dm1015b"' not in offered(plain)
     with pytest.raises(InputError, match="there is no rig here"):
         live.options(plain, live_form("dm1015b"))
+    assert main(["app", "--no-browser", "--port", "0", "--config", str(tmp_path / "none.toml")]) == 2
+    error = capsys.readouterr().err
+    assert "none.toml: cannot be read" in error and error.count("\n") == 1
 
 
 def test_a_form_becomes_options_and_cannot_pass_for_others():
