@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
+from zipfile import is_zipfile
 
 import numpy as np
 import pyarrow as pa
@@ -22,6 +23,8 @@ def read_npz(path: Path, find: Find) -> Table:
     Raises:
         RecordingError: if an array is missing, does not hold real numbers, is no vector, or if the lengths differ.
     """
+    if not is_zipfile(path):  # NumPy would advise to unpickle it
+        raise RecordingError("it is no NPZ archive, or a damaged one: write it with numpy.savez")
     arrays: dict[str, NDArray[Any]] = {}
     with np.load(path, allow_pickle=False) as archive:
         for name in archive.files:
