@@ -151,7 +151,8 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         for end in (partial(synchronise, self._file), self._file.close):
             with suppress(OSError):
                 end()
-        self._file, rows = None, max(0, self._kept + kept)
+        there = self._kept + kept  # -1 without the header, which is no row that is lost
+        self._file, rows, lost = None, max(0, there), lost + min(0, there)
         self._lost = OSError(
             error.errno,
             f"{error.strerror}: {rows} rows were written{f', the {lost} after them are lost' if lost else ''}: "
