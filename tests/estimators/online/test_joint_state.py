@@ -1,6 +1,7 @@
 """Position, velocity and parameters in one state: right where others differentiate in vain, and as sure as it says."""
 
 import pickle
+from dataclasses import replace
 from functools import cache
 
 import gymnasium as gym
@@ -96,6 +97,7 @@ def test_a_copy_goes_on_alike_and_lost_samples_keep_the_parameters():
     runs = slow_runs()[:1]
     one = estimator(1, schemes=[JointState()])
     before = fed(one, runs, 0, 500)[-1]
+    np.testing.assert_array_equal(replace(before).covariance, before.covariance)
     copy = pickle.loads(pickle.dumps(one))
     np.testing.assert_array_equal(fed(one, runs, 500, 520)[-1].theta, fed(copy, runs, 500, 520)[-1].theta)
     copy.take(np.full(1, 10.4), np.full(1, np.nan), np.zeros(1))
