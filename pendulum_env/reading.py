@@ -72,12 +72,15 @@ def regular_size(path: str | os.PathLike[str], most: float, remedy: str = "it is
     """
     try:
         status = os.stat(path)
+        made_up = status.st_size == 0 and hasattr(os, "statvfs") and os.statvfs(path).f_blocks == 0  # as /proc/kmsg
     except (OSError, ValueError) as error:
         raise Unreadable(f"{path}: cannot be read ({_reason(error)}): check the path") from None
     if stat.S_ISDIR(status.st_mode):
         raise Unreadable(f"{path}: cannot be read (it is a directory): name a file in it")
     if not stat.S_ISREG(status.st_mode):
         raise Unreadable(f"{path}: cannot be read (it is a device or a pipe): copy what it gives to a file first")
+    if made_up:
+        raise Unreadable(f"{path}: cannot be read (the system makes it up, maybe without end): copy it to a file first")
     if status.st_size > most:
         raise Unreadable(f"{path}: holds {amount(status.st_size)}, of which at most {amount(most)} are read: {remedy}")
     return status.st_size

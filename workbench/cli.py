@@ -92,8 +92,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             mistake.filename = "standard output"  # whoever writes a file names it
         return _complain(sentence(mistake), BAD_INPUT)
     except BaseException as error:
-        if (of_plugin := fault(error)) is None:
-            raise
+        of_plugin: Exception | None = fault(error)
+        if of_plugin is None:
+            if not isinstance(error, SystemExit) or (isinstance(error.code, int) and error.code > 128):
+                raise  # a mistake of the program; or a signal, see `entry.py`
+            of_plugin = InputError("a plugin ended it by sys.exit: take that out")
         return _complain(sentence(of_plugin), BAD_INPUT)
 
 
@@ -101,7 +104,7 @@ def _run(argv: Sequence[str]) -> None:
     try:
         arguments = parse(argv)
     except SystemExit as done:
-        if not done.code:  # argparse leaves so after --help
+        if not done.code and fault(done) is None:  # argparse leaves so after --help
             return
         raise
     run = arguments.run

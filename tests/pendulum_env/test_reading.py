@@ -102,6 +102,11 @@ def test_a_device_a_pipe_and_a_folder_are_refused_at_once(tmp_path: Path, name: 
     for path, reason in [(pipe, "it is a device or a pipe"), (link, "it is a device or a pipe"), (folder, "directory")]:
         with pytest.raises(ValueError, match=reason):
             read(path)
+    if Path("/proc/kmsg").exists():  # a regular file of Linux, which waits for what the system will say
+        link.unlink()
+        link.symlink_to("/proc/kmsg")
+        with pytest.raises(ValueError, match="the system makes it up"):
+            read(link)
     sparse = tmp_path / f"sparse{ending}"
     with sparse.open("wb") as file:
         file.truncate(100 * 10**9)  # takes no room

@@ -43,8 +43,9 @@ def run(redirection: str, *arguments: str, shell: str = "sh") -> subprocess.Comp
 
 @pytest.mark.parametrize("redirection", [">&-", "2>&-", ">&- 2>&- <&-", ">/dev/null"])
 def test_a_stream_that_is_closed_is_no_mistake(redirection):
-    done = run(redirection, "effects")
-    assert (done.returncode, done.stderr) == (0, "")
+    for command in ("effects", "--help"):  # of which argparse would print help elsewhere
+        done = run(redirection, command)
+        assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_files_are_written_though_nobody_reads_what_is_said(tmp_path):
@@ -63,6 +64,13 @@ def test_what_an_effect_of_a_file_does_wrong_is_told_with_its_line(monkeypatch, 
     assert main(["effects"]) == 2
     error = capsys.readouterr().err
     assert error.startswith(f"pendulum-ident: {path}, line 2: {what[:9]}") and error.count("\n") == 1
+
+
+@pytest.mark.parametrize("code", [0, 3, "x", None])
+def test_an_effect_that_ends_the_program_is_told(monkeypatch, capsys, code):
+    monkeypatch.setattr("workbench.commands.effects.run", lambda arguments, terminal: sys.exit(code))
+    assert main(["effects"]) == 2
+    assert capsys.readouterr().err == "pendulum-ident: a plugin ended it by sys.exit: take that out\n"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")

@@ -27,6 +27,7 @@ from workbench.mistakes import InputError, printable
 STUDY = "study.toml"
 ENDINGS = tuple(ending for ending in READERS if ending != ".txt")  # that a folder is searched for; text is often prose
 LABELS = ("robot", "joint", "kind", "date")
+WILD = 4  # words and stars in a part of a name, which take a power of its length to try
 DATE = re.compile(r"(?<!\d)\d{4}(-?)\d\d\1\d\d(?:[T_ -]\d\d[-:h]?\d\d(?:[-:m]?\d\d)?)?(?!\d)")
 
 
@@ -91,7 +92,7 @@ def _sources(path: Path, reading: Namespace) -> Iterator[tuple[Source, Mapping[s
         yield from ((source, {}) for source in sources_of(str(path), reading))
     for number, row in enumerate(rows or (), 2):
         where = f"{path}, row {number}"
-        if "file" not in row:
+        if "\0" in row.get("file", "\0"):
             raise InputError(f"{where}: names no file: fill in the column file")
         if "date" in row and date_of(row["date"]) is None:
             raise InputError(f"{where}: {row['date']!r} is no date: write it as 2026-03-01 or 2026-03-01T14:30")
@@ -200,9 +201,11 @@ def matched(path: PurePosixPath, pattern: str) -> dict[str, str]:
 @cache
 def _expression(folder: str) -> re.Pattern[str]:
     """A folder's name in a pattern as a regular expression."""
+    if len(re.findall(r"\{\w*\}|\*+", folder)) > WILD:
+        raise InputError(f"{folder}: holds more than {WILD} words and *: write names as {{robot}}/{{joint}}_{{date}}")
     for label in re.findall(r"\{(\w*)\}", folder):
         find("part of a name", label, dict.fromkeys(LABELS))
-    plain = re.escape(folder).replace(r"\*", ".*")
+    plain = re.sub(r"(\\\*)+", ".*", re.escape(folder))
     try:
         return re.compile(re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.+?)", plain))
     except re.error as error:
