@@ -102,13 +102,20 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
     ) -> tuple[Batch, dict[str, Any]]:
         """Begin an episode with new plants, at rest and hanging down; the same seed draws the same plants and noise.
 
-        Of a list of seeds the first counts; there are no options.
+        Args:
+            seed: of plants and noise, one for all; of a list, the first.
+            options: `plant`, true parameters (P, B) in the place of those drawn.
+
+        Raises:
+            ValueError: if an option is unknown, or a plant impossible.
         """
         super().reset(seed=seed[0] if isinstance(seed, list) else seed)
-        return self._begin()
+        for name in options or {}:
+            find("option of reset", name, {"plant": 0})
+        return self._begin((options or {}).get("plant"))
 
-    def _begin(self) -> tuple[Batch, dict[str, Any]]:
-        plant = self._spread.draw(self.np_random, self.num_envs)
+    def _begin(self, plant: Array | None = None) -> tuple[Batch, dict[str, Any]]:
+        plant = self._spread.draw(self.np_random, self.num_envs) if plant is None else plant
         _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options={"theta": plant})
         self._ended = False
         self.observer.start(info["position"], info["velocity"])
@@ -184,9 +191,11 @@ class ExcitationDesign(gym.Env[Batch, Batch]):
         self.action_space = self._batch.single_action_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Batch, dict[str, Any]]:
-        """Begin an episode with a new plant."""
+        """Begin an episode with a new plant; `options["plant"]` (P,) is taken in its place."""
         super().reset(seed=seed)
-        observation, info = self._batch.reset(seed=seed)
+        if options and "plant" in options:
+            options = {**options, "plant": np.reshape(options["plant"], (-1, 1))}
+        observation, info = self._batch.reset(seed=seed, options=options)
         self._paid = 0.0
         return observation[0], self._show(info)
 

@@ -88,7 +88,9 @@ class Network:
             if name not in arrays:
                 raise ValueError(f"it lacks {name}")
         for name in names:
-            own = arrays[name]
+            own, axes = arrays[name], 2 if name.startswith("weight") else 1
+            if own.ndim != axes:
+                raise ValueError(f"{name} has {own.ndim} axes, where {axes} {'are' if axes > 1 else 'is'} needed")
             if own.dtype.kind not in "iuf" or not own.size or not _bounded(own):
                 raise ValueError(f"{name} holds something else than numbers up to {LARGEST_WEIGHT:g}")
         *parameters, levels = (arrays[name].astype(float) for name in names)

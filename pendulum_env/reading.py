@@ -95,9 +95,12 @@ def read_bytes(path: str | os.PathLike[str], most: int = DOCUMENT) -> bytes:
     regular_size(path, most)
     try:
         with open(path, "rb") as file:
-            return file.read()
+            data = file.read(most + 1)  # it may have grown, or another have taken its name, since it was looked at
     except OSError as error:
         raise Unreadable(f"{path}: cannot be read ({_reason(error)})") from None
+    if len(data) > most:
+        raise Unreadable(f"{path}: holds more than the {amount(most)} that are read: it is not what was asked for")
+    return data
 
 
 def read_own(path: str | os.PathLike[str]) -> bytes:

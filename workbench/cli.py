@@ -92,11 +92,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             mistake.filename = "standard output"  # whoever writes a file names it
         return _complain(sentence(mistake), BAD_INPUT)
     except BaseException as error:
+        if isinstance(error, SystemExit) and isinstance(error.code, int) and error.code > 128:
+            return error.code  # a signal, wherever it came: see `entry.py`
         of_plugin: Exception | None = fault(error)
-        if of_plugin is None:
-            if not isinstance(error, SystemExit) or (isinstance(error.code, int) and error.code > 128):
-                raise  # a mistake of the program; or a signal, see `entry.py`
+        if of_plugin is None and isinstance(error, SystemExit):
             of_plugin = InputError("a plugin ended it by sys.exit: take that out")
+        if of_plugin is None:
+            raise
         return _complain(sentence(of_plugin), BAD_INPUT)
 
 

@@ -115,6 +115,11 @@ def _covariance(meat: Array, known: Index, squares: Array, count: Array, prior: 
     return np.where((known >= parameters + COVARIANCE.fewest)[..., None, None], judged, guess)
 
 
+def wandered(walk: Array, theta: Array) -> Array:
+    """How far parameters (..., P) may wander in a second: by a share of their value, or each in its own unit (P,)."""
+    return walk if walk.ndim else walk * theta
+
+
 class Wandering:
     """Covariances for random-walk parameters: P times the long-run variance of the errors of the last seconds.
 
@@ -122,9 +127,9 @@ class Wandering:
     a long-run variance, mean (sum of a cluster)^2 / length, that is larger than their variance.
     """
 
-    def __init__(self, batch: tuple[int, int], period: float, walk: float = 0.0) -> None:
-        """Take the shape (B, S), the time between samples [s], and the random walk, relative to theta [1/sqrt(s)]."""
-        self._walk = walk
+    def __init__(self, batch: tuple[int, int], period: float, walk: Array | None = None) -> None:
+        """Take the shape (B, S), the time between samples [s], and the random walk as `wandered` does, or none."""
+        self._walk = np.zeros(()) if walk is None else walk
         self._length, self._filled = max(2, round(COVARIANCE.cluster / period)), 0
         self._now = np.zeros((2, *batch))  # sum and number of the errors in the cluster to come
         self._past = np.zeros((2, *batch))  # squares of such sums, and numbers, fading
@@ -145,7 +150,7 @@ class Wandering:
         self._past = (1.0 - 1.0 / COVARIANCE.most) * self._past + np.array([total**2, used])
         self._now, self._filled = np.zeros_like(self._now), 0
         if squares is not None:
-            increase = (self._walk * squares.theta) ** 2 * COVARIANCE.cluster
+            increase = wandered(self._walk, squares.theta) ** 2 * COVARIANCE.cluster
             squares.widen(increase / np.maximum(self.noise, np.finfo(float).tiny)[..., None])
 
     @property

@@ -46,7 +46,7 @@ class OnlineEstimator:
         smoothing: Smoothing | None = None,
         prior: float = PRIOR,
         forgetting: float = 1.0,
-        random_walk: float = 0.0,
+        random_walk: float | Sequence[float] = 0.0,
         recursion: str = OURS,
         position_noise: float | None = None,
     ) -> None:
@@ -60,7 +60,8 @@ class OnlineEstimator:
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
             prior: P(0) on the diagonal.
             forgetting: factor lambda, once for every equation; 1 remembers all.
-            random_walk: of the parameters, relative to their value [1/sqrt(s)]; 0 if they are constant.
+            random_walk: of the parameters, relative to their value [1/sqrt(s)], or for each in its own unit
+                [unit/sqrt(s)]; 0 if they are constant.
             recursion: what solves the regressions: "SquareRootLeastSquares", all at once, or "KalmanFilter",
                 filterpy's, one after the other; they find the same.
             position_noise: standard deviation of the measured position, which a `JointState` has to know [rad]; without
@@ -70,8 +71,9 @@ class OnlineEstimator:
             ValueError: if a number is out of its range, a filter is too fast for the rate, or the terms have no
                 parameter.
         """
-        if not 0 <= random_walk < np.inf:
-            raise ValueError(f"random_walk cannot be {random_walk:g}: give zero or a positive number")
+        walk = np.asarray(random_walk, dtype=float)
+        if not ((walk >= 0) & (walk < np.inf)).all():
+            raise ValueError(f"random_walk cannot be {random_walk}: give zero or a positive number")
         checked_rate(rate)
         columns = [column for term in terms for column in term.columns]
         self.names = tuple(column.name for column in columns)
@@ -80,6 +82,10 @@ class OnlineEstimator:
             raise ValueError("nothing to estimate: name terms with linear parameters, and schemes")
         if len(set(self.names)) < len(self.names):
             raise ValueError(f"a term is named twice: {', '.join(self.names)}")
+        if walk.shape not in ((), (len(self.names),)):
+            raise ValueError(
+                f"random_walk has shape {walk.shape}: give one number, or one for each of {', '.join(self.names)}"
+            )
         joint = next((one for one in schemes if isinstance(one, JointState)), None)
         told = tuple(one for one in schemes if not isinstance(one, JointState))
         for one in told:
@@ -93,12 +99,12 @@ class OnlineEstimator:
         self._stream = Stream(terms, run, smoothing, period, batch)
         self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
         self._clusters: Clusters | Wandering = Clusters(shape, parameters, period, forgetting)
-        if random_walk:
-            self._clusters = Wandering(shape, period, random_walk)
+        if walk.any():
+            self._clusters = Wandering(shape, period, walk)
         self._joint: JointFilters | None = None
         if joint is not None:
             noise = of_steps(COUNTS) if position_noise is None else position_noise
-            self._joint = JointFilters(joint.torque_noise, terms, period, batch, noise, forgetting, random_walk)
+            self._joint = JointFilters(joint.torque_noise, terms, period, batch, noise, forgetting, walk)
         self.delay = self._stream.delay  # [samples]
 
     def reset(self, which: Mask | None = None) -> None:

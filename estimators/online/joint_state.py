@@ -24,7 +24,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.online.confidence import Wandering
+from estimators.online.confidence import Wandering, wandered
 from estimators.online.estimates import Estimates
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Samples, Term
@@ -82,7 +82,7 @@ class JointFilters:
         batch: int,
         position_noise: float,
         forgetting: float,
-        walk: float,
+        walk: Array,
     ) -> None:
         """Take the time between samples [s], the noise of positions [rad], and the rest as `OnlineEstimator` does."""
         noise = max(position_noise, FILTER.finest)
@@ -145,14 +145,20 @@ class JointFilters:
             runs = running.reshape(-1, *[1] * (own.ndim - 1))
             return np.concatenate([lent[:, :-1], np.where(runs, own, lent[:, -1])[:, None]], axis=1)
 
-        found = replace(
+        P, covariance = beside(now.P, self.P), beside(now.covariance, noise[..., None] * self.P)
+        return replace(
             now,
             theta=beside(now.theta, self.theta),
             error=np.concatenate([now.error[:, :-1], self.error], axis=1),
             usable=np.concatenate([now.usable[:, :-1], running[:, None]], axis=1),
+            spread=functools.partial(_as_found, P),
+            judge=functools.partial(_as_found, covariance),
         )
-        found.P, found.covariance = beside(now.P, self.P), beside(now.covariance, noise[..., None] * self.P)
-        return found
+
+
+def _as_found(own: Array, P: Array | None = None) -> Array:
+    """What was found already, in the place of what a recursion would give."""
+    return own
 
 
 class _Filter:
@@ -165,7 +171,7 @@ class _Filter:
         period: float,
         position_noise: float,
         forgetting: float,
-        walk: float,
+        walk: Array,
         theta: Array,
         P: Array,
     ) -> None:
@@ -227,7 +233,7 @@ class _Filter:
         speed = np.exp(self.log_variance) * (period / inertia) ** 2
         added = np.zeros_like(ukf.P)
         added[:2, :2] = speed * np.array([[period**2 / 3, period / 2], [period / 2, 1.0]])
-        added[2:, 2:] = np.diag((self._walk * ukf.x[2:]) ** 2 * period)
+        added[2:, 2:] = np.diag(wandered(self._walk, ukf.x[2:]) ** 2 * period)
         return added
 
     def _forward(self, sigmas: Array, time: float, command: Any) -> Array:

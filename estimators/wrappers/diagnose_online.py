@@ -45,8 +45,8 @@ class DiagnoseOnline(Measuring):
         candidates: str | Sequence[str] | None = None,
         rate: float | None = None,
         add_from: float | None = None,
+        alarms_per_hour: float = 1.0,
         robot: str | None = None,
-        **options: float,
     ) -> None:
         """Wrap an environment whose `info` carries `time`, `position` and `torque`.
 
@@ -58,9 +58,8 @@ class DiagnoseOnline(Measuring):
                 at any joint, `stribeck@elbow` at that one.
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
             add_from: probability from which an effect that is surely missing is added by itself; None adds none.
+            alarms_per_hour: false ones that are accepted, on average, per hour of motion.
             robot: file of an arm's links, URDF or MJCF; None asks the environment.
-            options: of `estimators.online.Diagnoser`: `alarms_per_hour` (false ones that are accepted, on average, per
-                hour of motion; 1 by default).
 
         Raises:
             ValueError: if a name is unknown, a number out of its range, a term of the model depends on the past, or no
@@ -68,7 +67,8 @@ class DiagnoseOnline(Measuring):
         """
         if add_from is not None and not 0.5 <= add_from < 1:
             raise ValueError(f"add_from ({add_from:g}) is a probability: give 0.5 or more, below 1")
-        arguments: dict[str, Any] = {"terms": terms, "candidates": candidates, "rate": rate, "robot": robot, **options}
+        arguments: dict[str, Any] = {"terms": terms, "candidates": candidates, "rate": rate, "robot": robot}
+        arguments["alarms_per_hour"] = alarms_per_hour
         diagnoser = diagnoser_of(env, 1, **arguments)
         super().__init__(env, diagnoser, add_from=add_from, **arguments)
         (self.diagnoser,) = diagnoser.each
@@ -123,10 +123,10 @@ def diagnoser_of(
     *,
     candidates: str | Sequence[str] | None = None,
     rate: float | None = None,
+    alarms_per_hour: float = 1.0,
     robot: str | None = None,
-    **options: Any,
 ) -> Diagnoser:
-    """Diagnoser for an environment; options as of `Diagnoser`.
+    """Diagnoser for an environment; the arguments are those of `DiagnoseOnline`.
 
     Raises:
         ValueError: if a name is unknown, or none of the candidates can be followed online.
@@ -138,4 +138,12 @@ def diagnoser_of(
         why = ", ".join(f"{id} {hindrance(one)}" for id, one in library.items())
         raise ValueError(f"candidates leave no effect to try{': ' * bool(why)}{why}; name others, or None for all")
     binner = None if body is None else ArmBinner(chosen[:1], smoothing, rate)
-    return Diagnoser(rate, chosen, batch=batch, library=library, smoothing=smoothing, binner=binner, **options)
+    return Diagnoser(
+        rate,
+        chosen,
+        batch=batch,
+        library=library,
+        smoothing=smoothing,
+        alarms_per_hour=alarms_per_hour,
+        binner=binner,
+    )

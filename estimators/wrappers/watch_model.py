@@ -47,8 +47,9 @@ class WatchModel(Measuring):
         *,
         terms: Sequence[str | Term] | None = None,
         rate: float | None = None,
+        alarms_per_hour: float = 1.0,
+        calibrate: float = 5.0,
         robot: str | None = None,
-        **options: float,
     ) -> None:
         """Wrap an environment whose `info` carries `time`, `position` and `torque`.
 
@@ -58,16 +59,16 @@ class WatchModel(Measuring):
             terms: of the model, by id or as they are, where none is given; None are the paper's four, or the links of
                 the environment's arm with viscous and Coulomb friction at each joint.
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
+            alarms_per_hour: false ones that are accepted, on average, per hour of motion.
+            calibrate: time of motion in which the model, or at least the size of its errors, is learnt [s].
             robot: file of an arm's links, URDF or MJCF; None asks the environment.
-            options: of `estimators.online.Watch`: `alarms_per_hour` (false ones that are accepted, on average, per hour
-                of motion; 1 by default) and `calibrate` (time of motion in which the model, or at least the size of its
-                errors, is learnt; 5 s by default).
 
         Raises:
             ValueError: if a name is unknown, a number is out of its range, both model and terms are given, or a file
                 holds no model; when running, if samples do not come at the rate.
         """
-        arguments: dict[str, Any] = {"model": model, "terms": terms, "rate": rate, "robot": robot, **options}
+        arguments: dict[str, Any] = {"model": model, "terms": terms, "rate": rate, "robot": robot}
+        arguments |= {"alarms_per_hour": alarms_per_hour, "calibrate": calibrate}
         self.watch = watch_of(env, 1, **arguments)
         super().__init__(env, self.watch, **arguments)
 
@@ -94,10 +95,11 @@ def watch_of(
     *,
     terms: Sequence[str | Term] | None = None,
     rate: float | None = None,
+    alarms_per_hour: float = 1.0,
+    calibrate: float = 5.0,
     robot: str | None = None,
-    **options: float,
 ) -> Watch:
-    """Watch for an environment; options as of `Watch`.
+    """Watch for an environment; the arguments are those of `WatchModel`.
 
     Raises:
         ValueError: if both model and terms are given, if the file holds no model, or as `Watch` does.
@@ -113,4 +115,5 @@ def watch_of(
     chosen, theta = (terms_of(body, terms), None) if model is None else (model.terms, model.theta)
     smoothing = smoothing_of(env, rate)
     binner = None if body is None else ArmBinner(chosen, smoothing, rate)
-    return Watch(rate, chosen, batch=batch, smoothing=smoothing, theta=theta, binner=binner, **options)
+    numbers = {"alarms_per_hour": alarms_per_hour, "calibrate": calibrate}
+    return Watch(rate, chosen, batch=batch, smoothing=smoothing, theta=theta, binner=binner, **numbers)

@@ -177,8 +177,9 @@ class PlanarBodies:
         h = self.step
         for k in range(self.substeps):
             command = torque
-            if k == 0:  # half of a change of torque belongs to the half step before, which is over
-                command = torque + 0.5 * (torque - self._command) * (np.abs(self._half) > AT_REST)  # stick made up
+            if k == 0:
+                # half of a change of torque belongs to the half step before, which is over; stick made up for it
+                command = torque + 0.5 * (torque - self._command) * (np.abs(self._half) > AT_REST)
             position = self.position + h * self._half
             expected = 1.5 * self._half - 0.5 * self._before
             self._acting.advance(self.position, self._half, torque, self._half, h)

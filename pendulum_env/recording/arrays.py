@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
+from zipfile import is_zipfile
 
 import numpy as np
 import pyarrow as pa
@@ -22,11 +23,13 @@ def read_npz(path: Path, find: Find) -> Table:
     Raises:
         RecordingError: if an array is missing, does not hold real numbers, is no vector, or if the lengths differ.
     """
+    if not is_zipfile(path):  # NumPy would advise to unpickle it
+        raise RecordingError("it is no NPZ archive, or a damaged one: write it with numpy.savez")
     arrays: dict[str, NDArray[Any]] = {}
     with np.load(path, allow_pickle=False) as archive:
         for name in archive.files:
             try:
-                arrays[name] = archive[name]
+                arrays[name] = np.asarray(archive[name])  # of a file that is no array, its bytes
             except ValueError as error:
                 if "allow_pickle" not in str(error):
                     raise

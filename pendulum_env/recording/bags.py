@@ -5,6 +5,7 @@ message's header, or else when it was received. What comes in other messages tha
 these: torque as it was last, the others by interpolation.
 """
 
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -115,4 +116,4 @@ def _numbers(message: Any, path: str = "") -> Iterator[tuple[str, float]]:
 
 def is_bag(path: Path) -> bool:
     """Whether a folder is a bag of ROS 2."""
-    return (path / "metadata.yaml").is_file()
+    return os.path.isfile(path / "metadata.yaml")  # False of a name that is too long, too

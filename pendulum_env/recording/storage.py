@@ -140,7 +140,7 @@ def _format(path: Path, known: Collection[str] = READERS) -> str:
     for suffix in known:
         if name.endswith(suffix) and len(name) > len(suffix):
             return suffix
-    if path.is_dir():
+    if os.path.isdir(path):
         raise RecordingError("is a folder: name a recording in it, or all of them with `survey`")
     recipe = RECIPES.get(path.suffix.lower(), "convert the recording to one of these")
     raise RecordingError(f"the name does not end in {', '.join(known)}: {recipe}")
@@ -171,7 +171,7 @@ def parsed(work: Callable[..., Answer], path: Path, *arguments: object, largest:
         RecordingError: as `work` does, if it is no regular file, or a folder that is no bag of such, or too large.
     """
     ending = _format(path)
-    if not path.exists():
+    if not os.path.exists(path):
         raise RecordingError("there is no such file: check the path")
     try:
         size = sum(regular_size(file, largest, REMEDY) for file in (path.iterdir() if is_bag(path) else [path]))

@@ -25,6 +25,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -118,7 +119,9 @@ class Source:
         if self.range is None:
             return read(self, *arguments)
         whole = replace(self, role="fit", range=None, load=None, carried=None)
-        written = self.file.stat().st_mtime_ns if self.file.exists() else None
+        written = None
+        with suppress(OSError, ValueError):  # which reading tells of
+            written = self.file.stat().st_mtime_ns
         recording: Sliced = _read_once(read, whole, written, *arguments)
         first, last = np.searchsorted(recording.time - recording.time[0], self.range)
         try:
@@ -210,7 +213,10 @@ def read_study(path: str | os.PathLike[str]) -> Study:
         RecordingError: if a recording cannot be read as it asks for.
     """
     sources = read_sources(path)
-    return Study(Path(path), sources, tuple(source.read() for source in sources))
+    try:
+        return Study(Path(path), sources, tuple(source.read() for source in sources))
+    finally:
+        _read_once.cache_clear()  # a file may be large, and may change
 
 
 def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:

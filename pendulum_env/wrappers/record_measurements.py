@@ -47,7 +47,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         self.path = check_output(path)
         if self.path.suffix.lower() != ".csv":
             raise ValueError(f"{path}: measurements are appended to a CSV file: let the name end in .csv")
-        self._overwrite, self._episode = overwrite, 0
+        self._overwrite, self._episode, self._copied = overwrite, 0, False
         self._joints: Sequence[str] | None = getattr(env.unwrapped, "joints", None)  # of an arm
         self._file: FileIO | None = None  # without a buffer: what was written stays even if this process is killed
         self._rows: list[str] = []
@@ -98,7 +98,13 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         finally:  # a motor stops before a file is written
             self._finish()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy goes on in the next file that is free: two must not write one."""
+        return {**self.__dict__, "_file": None, "_rows": [], "_copied": True}
+
     def _open(self) -> None:
+        while self._copied and self.file_of(self._episode + 1).exists():
+            self._episode += 1
         path = self.file_of(self._episode + 1)
         try:
             self._file = FileIO(path, "wb" if self._overwrite else "xb")
@@ -145,7 +151,8 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         for end in (partial(synchronise, self._file), self._file.close):
             with suppress(OSError):
                 end()
-        self._file, rows = None, max(0, self._kept + kept)
+        there = self._kept + kept  # -1 without the header, which is no row that is lost
+        self._file, rows, lost = None, max(0, there), lost + min(0, there)
         self._lost = OSError(
             error.errno,
             f"{error.strerror}: {rows} rows were written{f', the {lost} after them are lost' if lost else ''}: "

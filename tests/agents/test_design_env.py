@@ -162,6 +162,8 @@ def test_what_makes_no_sense_is_refused():
     with pytest.raises(ValueError, match="cannot last 0 s"):
         ExcitationDesignVector(1, seconds=0.0)
     env = ExcitationDesignVector(2)
+    with pytest.raises(ValueError, match="unknown option of reset"):
+        env.reset(options={"plants": 1})
     env.reset(seed=0)
     with pytest.raises(ValueError, match="NaN"):
         env.step(np.full((2, 1), np.nan))

@@ -43,7 +43,7 @@ SLOW = (  # what the guard says where the machine was too slow,
     "does not say why",
 )
 LATE = (*SLOW, "did not answer within", "does not move under")  # or may have been: a push may be slept through
-ATTEMPTS = 25  # at what is disturbed every time: a mistake
+ATTEMPTS = 40  # at what is disturbed every time: a mistake
 PATIENT = {"watchdog": 2.0, "gap": 1.5, "reply": 1.5}  # where something else than the watchdog is tested
 
 

@@ -186,6 +186,8 @@ def test_an_archive_is_no_larger_than_it_may_be_whatever_it_says(tmp_path: Path)
         (dict(levels=np.array([-2.0, -0.5, 0.0, 0.5, 1.0])), "a level is beyond 1"),
         (dict(levels=np.array(["a"] * 5)), "levels holds something else"),
         (dict(levels=np.zeros(4)), "its layers, outputs and levels do not follow"),
+        (dict(bias0=np.zeros((64, 1))), "bias0 has 2 axes, where 1 is needed"),
+        (dict(weight0=np.array(1.0)), "weight0 has 0 axes, where 2 are needed"),
         (dict(bias0=np.full(64, np.longdouble("1e4000"))), "bias0 holds something else"),
     ],
 )

@@ -205,6 +205,16 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(capsys, l
     assert titles[:2] == ["position q [m]", "velocity q' [m/s]"] and titles[3] == "angle q [rad]"
 
 
+def test_a_diagnosis_names_what_is_missing_where_a_joint_slides_in_its_units(capsys, lift):
+    columns = robots.simulate(robots.TORSO, {}, seed=4, hidden={"torso": lambda velocity: -12.0})
+    robots.write({name: values for name, values in columns.items() if "left" not in name}, lift / "hidden.csv")
+    code, out, _ = run(capsys, lift, "diagnose", "hidden.csv", *MOVING, "--only", "torque_offset", "-o", "better.json")
+    assert code == 0 and "Missing: torque_offset@torso" in out
+    assert re.search(r"^error held out: torso \S+ -> \S+ N, shoulder \S+ -> \S+ N m,", out, re.M)
+    value = json.loads((lift / "better.json").read_text())["theta"]["torque_offset@torso"]
+    assert value["value"] == pytest.approx(12.0, rel=0.05) and value["unit"] == "N"
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -220,6 +230,7 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(capsys, l
             "record -o x.csv --joints torso,shoulder,elbow --backend pymunk",
             "'torso' does not turn in .* --backend mujoco",
         ),
+        ("record -o x.csv --joints torso,shoulder,elbow --effect cogging@torso", "cogging is of joints that turn"),
         ("add model.json cogging@torso run.csv", "cogging is of joints that turn: it cannot be at 'torso'"),
         ("compare model.json run.csv --joints shoulder,elbow", "is of an arm with joints torso, shoulder"),
     ],
@@ -272,6 +283,8 @@ def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(caps
 @pytest.mark.parametrize(
     ("words", "told"),
     [
+        ("record -o x.csv --effect stribeck", "'stribeck' should say at which joint"),
+        ("record -o x.csv --theta inertia=1", "--theta is for pendulums"),
         ("record -o x.csv --backend simulated", "arms know pymunk and mujoco alone"),
         ("record -o x.csv --excitation prbs", "arms know multisine alone"),
         ("record -o x.csv --amplitude 0", "needs more torque than the joints have"),

@@ -139,7 +139,10 @@ def test_identify_prints_six_schemes_and_saves_a_model(runs, tmp_path, capsys):
     schemes = ("dynamic", "filtered_dynamic", "energy", "filtered_power", "hamiltonian", "filtered_hamiltonian")
     assert all(any(line.startswith(f"{scheme} ") for line in out.splitlines()) for scheme in schemes)
     assert Model.load(model).estimates["inertia"].value == pytest.approx(0.0895, rel=0.02)
-    assert set(json.loads(found.read_text())["schemes"]) == set(schemes)
+    data = json.loads(found.read_text())
+    assert data["schema"] == "pendulum-ident/identification@1" and set(data["schemes"]) == set(schemes)
+    assert data["schemes"]["energy"]["residual"]["unit"] == "J"
+    assert data["schemes"]["dynamic"]["theta"]["inertia"]["unit"] == "kg m^2"
     assert main(["identify", str(runs / "train.csv"), "--scheme", "filtered_power"]) == 0
     out = capsys.readouterr().out
     assert "filtered_power" in out and "hamiltonian" not in out

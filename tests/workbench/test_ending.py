@@ -55,6 +55,21 @@ def test_files_are_written_though_nobody_reads_what_is_said(tmp_path):
     assert (done.stdout, done.stderr) == ("0\n", "") and model.is_file()
 
 
+@pytest.mark.parametrize("code", [0, 3, None])
+def test_an_effect_of_a_package_that_ends_the_program_is_told(monkeypatch, capsys, code):
+    monkeypatch.setattr("workbench.commands.effects.run", lambda arguments, terminal: sys.exit(code))
+    assert main(["effects"]) == 2
+    assert capsys.readouterr().err == "pendulum-ident: a plugin ended it by sys.exit: take that out\n"
+
+
+def test_a_signal_that_comes_while_an_effect_of_a_file_is_at_work_is_no_fault_of_it(monkeypatch, capsys, tmp_path):
+    path, module = tmp_path / "mine.py", {}
+    exec(compile("def law(*_):\n    raise SystemExit(143)  # as `entry.py` does\n", path, "exec"), module)
+    monkeypatch.setattr(plugin, "_loaded", {path: ()})
+    monkeypatch.setattr("workbench.commands.effects.run", module["law"])
+    assert main(["effects"]) == 143 and capsys.readouterr().err == ""
+
+
 @pytest.mark.parametrize("what", ["SystemExit(0)", "BaseException('x')", "ZeroDivisionError"])
 def test_what_an_effect_of_a_file_does_wrong_is_told_with_its_line(monkeypatch, capsys, tmp_path, what):
     path, module = tmp_path / "mine.py", {}

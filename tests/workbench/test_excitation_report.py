@@ -3,10 +3,15 @@
 import json
 import re
 
+import numpy as np
 import pytest
 
+from agents.evaluation import Outcome, evaluation_json
 from tests.workbench.pages import Page, values
 from workbench.cli import main
+from workbench.commands.evaluate import show
+from workbench.report.excitation import render
+from workbench.terminal import Terminal
 
 OPTIONS = ["evaluate", "agent", "--plants", "3", "--seed", "2"]
 
@@ -66,3 +71,21 @@ def test_a_cluster_that_is_not_there_is_one_line(capsys, monkeypatch):
     assert main(["evaluate", "prbs", "--plants", "2", "--dask", "tcp://127.0.0.1:1"]) == 2
     error = capsys.readouterr().err
     assert "there is no Dask cluster at tcp://127.0.0.1:1" in error and error.count("\n") == 1
+
+
+def test_several_trainings_are_told_with_their_median_and_worst(capsys):
+    def outcome(log_det: float, error: float) -> Outcome:
+        course, none = np.full((500, 4), error), np.zeros((500, 4))
+        return Outcome(course, course, none + log_det, np.full((3, 4), 1e-4), none, none, np.ones(4), 1e-3)
+
+    outcomes = {"two-tone": outcome(0, 2e-3), "a": outcome(4, 1e-3), "b": outcome(3, 4e-3), "c": outcome(2, 2e-2)}
+    figures = evaluation_json(
+        outcomes, "two-tone", ["a", "b", "c"], plants=4, constraint="peak", scheme="energy", effects=()
+    )
+    gain = figures["trainings"]["gain"]
+    assert gain["information"] == pytest.approx({"median": np.exp(3 / 4), "worst": np.exp(2 / 4)})
+    assert gain["error 2 s"] == pytest.approx({"median": 0.5, "worst": 0.1})
+    assert gain["time to 1 %"]["worst"] == 0.0  # never reached
+    show(figures, Terminal())
+    assert "worst of the trainings" in capsys.readouterr().out
+    assert "Worst of 3 trainings" in render(figures, outcomes)

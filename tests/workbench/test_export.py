@@ -18,6 +18,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.physics import Column, Model, Term, effects
 from pendulum_env.physics.table import Extent, TorqueByAngle
 from pendulum_env.plant import PAPER, hide, paper_plant
+from tests.pendulum_env.physics.test_table import KINDS, in_model
 from tests.terms import Table
 from tests.workbench.exported import in_mujoco, library, module, needs_compiler, off
 from workbench.cli import main
@@ -70,6 +71,13 @@ def test_python_is_the_simulators_own_step(hidden):
     np.testing.assert_allclose(path, simulated(model)[:, 0], rtol=0, atol=1e-12)
     if hidden not in STIRRED:
         assert path[-1] == path[-2]  # dry friction holds it, exactly
+
+
+@pytest.mark.parametrize("kind", KINDS[1:])
+def test_every_table_is_exported_as_it_is_simulated(kind):
+    model = in_model(kind)
+    path = in_python(export(model, "python").content)
+    np.testing.assert_allclose(path, simulated(model)[:, 0], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("hidden", [None, *effects(), "dead_time=0.0043", "torque_saturation:limit=2,roundness=0.2"])

@@ -10,6 +10,7 @@ import pytest
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.checks.residual import Region, profiles, stand_out
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
+from estimators.regression.equations import IdentificationError
 from pendulum_env.physics import BASE, Model, Samples
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import Recording
@@ -68,6 +69,15 @@ def test_page_loads_nothing_from_elsewhere_and_links_to_every_section(page, diag
     assert set(sections) <= {href[1:] for href in links}
     ids = values(found, "id")
     assert len(ids) == len(set(ids))
+
+
+def test_schemes_are_left_out_where_recordings_are_too_poor_for_them(train, holdout, diagnosis, monkeypatch):
+    def refuse(*_):
+        raise IdentificationError("too short")
+
+    assert 'id="schemes"' in render([train], [holdout], diagnosis)
+    monkeypatch.setattr("workbench.report.case.identify", refuse)
+    assert 'id="schemes"' not in render([train], [holdout], diagnosis)
 
 
 def test_numbers_in_the_text_are_those_of_the_diagnosis(page, diagnosis):

@@ -346,6 +346,16 @@ def test_paths_tell_robot_joint_and_date(tmp_path):
     assert found["x.csv"][:2] == ("", "x") and found["x.csv"][3] == "file"
     (only,) = cases(tmp_path / "arm2", options=["--names", "{joint}_{date}"])
     assert (only.joint, only.date.day) == ("run", 3)
+    (tmp_path / "a" / ("a" * 200)).mkdir(parents=True)
+    (tmp_path / "a" / ("a" * 200) / "b.csv").touch()
+    for pattern, why in (
+        ("*a*a*a*{robot}a/{joint}", "more than 4 words and"),
+        ("{robot}*/{robot}", "robot is named twice"),
+        ("{robot}*a*a***a/c", "does not read as"),  # soon
+        ("{arm}", "unknown part of a name 'arm'"),
+    ):
+        with pytest.raises(ValueError, match=why):
+            cases(tmp_path / "a", options=["--names", pattern])
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere links need rights, and names are text")

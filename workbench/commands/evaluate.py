@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             tell=tell,
         )
     setting = {name: getattr(arguments, name) for name in ("constraint", "plants", "seed", "scheme", "effects")}
-    figures = evaluation_json(outcomes, BASELINE, **setting)
+    figures = evaluation_json(outcomes, BASELINE, list(dict.fromkeys(files)), **setting)
     show(figures, terminal)
     write_json(arguments.json, figures)
     if arguments.report is not None:
@@ -95,14 +95,18 @@ def show(report: JSON, terminal: Terminal) -> None:
     policies = report["policies"]
     first = policies[report["baseline"]]
 
-    def table(headers: Iterable[str], row: Callable[[JSON], Iterable[str]]) -> None:
-        terminal.table(("policy", *headers), [[name, *row(figures)] for name, figures in policies.items()])
+    def table(headers: Iterable[str], row: Callable[[JSON], Iterable[str]], more: Iterable[list[str]] = ()) -> None:
+        terminal.table(("policy", *headers), [*([name, *row(figures)] for name, figures in policies.items()), *more])
 
     terminal.say(f"{report['plants']} plants within 30 %, 10 s, constraint {report['constraint']}; medians over plants")
     terminal.heading("RMS error of the parameters [%] (Cramer-Rao bound), and time until all stay within [s]")
     table((*(f"at {moment}" for moment in first["error"]), *first["time_to"]), _errors)
     terminal.heading(f"Gain over {report['baseline']}, above 1 is better, with bootstrap intervals of 95 %")
-    table(first["gain"], lambda figures: map(_gain, figures["gain"].values()))
+    trainings = [
+        [f"{which} of the trainings", *(f"{gain[which]:.2f}" for gain in report["trainings"]["gain"].values())]
+        for which in (("median", "worst") if "trainings" in report else ())
+    ]
+    table(first["gain"], lambda figures: map(_gain, figures["gain"].values()), trainings)
     terminal.heading("What it takes")
     table(("peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision [ms]"), _use)
     if PLANNER in policies and SHIPPED in policies:

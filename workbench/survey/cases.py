@@ -27,7 +27,7 @@ from workbench.mistakes import InputError, printable
 STUDY = "study.toml"
 ENDINGS = tuple(ending for ending in READERS if ending != ".txt")  # that a folder is searched for; text is often prose
 LABELS = ("robot", "joint", "kind", "date")
-WILD = 4  # words and stars in a part of a name, which take a power of its length to try
+WILD = 4  # words and stars in a folder's name, which take a power of its length to try
 DATE = re.compile(r"(?<!\d)\d{4}(-?)\d\d\1\d\d(?:[T_ -]\d\d[-:h]?\d\d(?:[-:m]?\d\d)?)?(?!\d)")
 
 
@@ -191,6 +191,9 @@ def matched(path: PurePosixPath, pattern: str) -> dict[str, str]:
         InputError: if the pattern makes no sense, or the path does not match it.
     """
     wanted = [_expression(folder) for folder in pattern.split("/")]
+    for label in LABELS:
+        if pattern.count(f"{{{label}}}") > 1:
+            raise InputError(f"{pattern}: {label} is named twice: name it once")
     parts = [*path.parts[:-1], _stem(path)][-len(wanted) :]
     found = [expression.fullmatch(part) for expression, part in zip(wanted, parts, strict=False)]
     if len(parts) < len(wanted) or None in found:
@@ -202,7 +205,7 @@ def matched(path: PurePosixPath, pattern: str) -> dict[str, str]:
 def _expression(folder: str) -> re.Pattern[str]:
     """A folder's name in a pattern as a regular expression."""
     if len(re.findall(r"\{\w*\}|\*+", folder)) > WILD:
-        raise InputError(f"{folder}: holds more than {WILD} words and *: write names as {{robot}}/{{joint}}_{{date}}")
+        raise InputError(f"{folder}: holds more than {WILD} words and * between slashes: use a table")
     for label in re.findall(r"\{(\w*)\}", folder):
         find("part of a name", label, dict.fromkeys(LABELS))
     plain = re.sub(r"(\\\*)+", ".*", re.escape(folder))

@@ -75,7 +75,7 @@ def emulate(
     realtime: bool = False,
     log: Path | None = None,
 ) -> None:
-    """Run an emulated rig until interrupted or keyboard to `quit`; lines on standard input are mishaps, see `MISHAPS`.
+    """Run an emulated rig until interrupted or told to `quit`; lines on standard input are mishaps, see `MISHAPS`.
 
     Args:
         kind: of adapter that reaches it.
@@ -157,7 +157,7 @@ def _number(text: str) -> float:
 
 
 def _plant(plant: Model) -> dict[str, Any]:
-    """What the watch is keyboard of the arm; one with something hidden in it may move as nobody expects."""
+    """What the watch is told of the arm; one with something hidden in it may move as nobody expects."""
     known = dict(zip((column.name for column in plant.columns), map(float, plant.theta), strict=True))
     return {name: known.get(name, 0.0) for name in PAPER} | {"watch": not plant.effects}
 

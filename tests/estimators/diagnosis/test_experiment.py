@@ -125,6 +125,9 @@ def test_the_suggested_motion_stays_within_what_the_rig_bears(first):
     run = play(name, suggestion.signal.signal(np.arange(round(suggestion.seconds * RATE)) / RATE))
     assert np.abs(run.position).max() <= 1.0
     assert np.abs(np.gradient(run.position[::10], 10 / RATE)).max() <= 4.0
+    weak = suggested(diagnosed([recording], **FREELY, max_torque=2.5))
+    assert weak.peak_torque <= 2.5
+    assert np.abs(weak.signal.signal(np.linspace(0, weak.seconds, 9999))).max() <= 2.5
     assert diagnosed([recording, run]).selected == ("spring",)
 
 

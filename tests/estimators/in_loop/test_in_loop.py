@@ -9,7 +9,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import add, compare, diagnose
 from estimators.arguments import within_limits
-from estimators.in_loop.fit import fit, likelihood
+from estimators.in_loop.fit import fit, likelihood, linear
 from estimators.in_loop.rollouts import Rollouts, are_driven
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, Model, effects
@@ -181,6 +181,18 @@ def test_goal_of_a_speed_has_its_units_and_that_of_an_angle_its_turn(plain, tmp_
     columns = {"reference": "rpm:rpm"}
     speed = read_recording(tmp_path / "w.csv", unwrap=True, columns=columns, drive=Drive("velocity", "torque", kp=1.0))
     assert speed.reference == pytest.approx(np.pi)
+
+
+def test_slopes_are_those_of_smaller_and_larger_parameters(plain):
+    rollouts = Rollouts(tuple(plain[:2]), is_held=False)
+    terms = (*BASE, GravityTilt())
+    theta = np.array([*TRUE.values(), 0.0])
+    near = linear(rollouts, Point(terms, theta), TYPICAL, False)
+    for k, step in enumerate(TYPICAL / 20):
+        shift = step * np.eye(5)[k]
+        more, less = (rollouts.misses([Point(terms, theta + s)])[:, 0] for s in (shift, -shift))
+        slope = (more - less) / (2 * step)
+        assert np.linalg.norm(near.slopes[:, k] - slope) < 0.1 * np.linalg.norm(slope)
 
 
 def test_fit_finds_the_likeliest_parameters_from_far_away(plain):

@@ -14,6 +14,7 @@ from tests.feeding import fed
 CASES = {  # options, and how close
     "all": ({}, 1e-8),
     "wandering": ({"random_walk": 0.05}, 1e-8),
+    "wandering each": ({"random_walk": [0.005, 0.1, 0.0, 0.05]}, 1e-8),
     "forgetting": ({"forgetting": 0.998, "prior": 1e9}, 1e-6),  # where ours is still far from returning to P(0)
 }
 

@@ -216,7 +216,11 @@ def test_what_cannot_be_told_is_not_said_to_be_known():
     assert (np.abs(now.theta[0] - truth) < 4 * std).all()
 
 
-@pytest.mark.parametrize("memory", slow.but_first([{"forgetting": 0.997}, {}, {"random_walk": 0.1}]), ids=str)
+@pytest.mark.parametrize(
+    "memory",
+    slow.but_first([{"forgetting": 0.997}, {}, {"random_walk": 0.1}, {"random_walk": [0.01, 0.2, 0.0, 0.0]}]),
+    ids=str,
+)
 def test_a_payload_picked_up_in_mid_run_is_tracked_by_who_forgets(memory):
     recordings, before = stick_and_slip(20, 14.0, change=7.0)
     theta = fed(OnlineEstimator(500.0, batch=20, **memory), recordings)[-1].theta
@@ -241,6 +245,7 @@ def test_stick_teaches_nothing(sticky):
         ({"forgetting": 1.1}, "forgetting factor cannot be 1.1"),
         ({"prior": 0.0}, "give a positive number"),
         ({"random_walk": -1.0}, "random_walk cannot be -1"),
+        ({"random_walk": [0.1, 0.1]}, "give one number, or one for each of inertia, gravity, viscous, coulomb"),
         ({"terms": ()}, "nothing to estimate"),
     ],
 )

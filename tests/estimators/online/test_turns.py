@@ -88,6 +88,16 @@ def test_parameters_explain_another_value_but_not_another_structure():
     assert left("stribeck") > left("own") + 3.0
 
 
+def test_derivatives_foresee_what_another_parameter_would_miss():
+    turns, mover = turns_of("own"), Mover(BASE, 1 / RATE)
+    here = mover.missed(turns, THETA)
+    for k, delta in enumerate(np.diag(3e-3 * THETA)):
+        moved = mover.missed(turns, THETA + delta).error - here.error
+        expected = here.by_parameter[..., k] * delta[k]
+        off = np.linalg.norm(moved - expected, axis=1) / np.linalg.norm(expected, axis=1)
+        assert np.median(off) < 0.05
+
+
 def test_an_error_in_newton_metres_is_the_torque_that_makes_it():
     turns = turns_of("own")
     push = 0.05

@@ -151,6 +151,18 @@ def test_each_fold_is_left_out_as_if_it_were_not_there(most, twins):
         np.testing.assert_allclose(phi @ theta, phi[:, : 4 - twins] @ found, atol=1e-6 * np.abs(y).max())
 
 
+def test_each_fold_of_a_bent_law_is_left_out_as_well_and_weights_multiply_the_errors():
+    balance, _ = loaded(0.2, 0.5)
+    fold, early = np.arange(len(balance.y)) // 7 % 10, np.arange(len(balance.y)) < 500
+    whole = balance.solve()
+    for k, theta in enumerate(balance.solve_without(fold, 10)):
+        others = balance[fold != k]
+        best, found = (np.sum((others.weights * others.error(own)) ** 2) for own in (others.solve(whole), theta))
+        assert len(others.y) * (found / best - 1) / 2 < 0.2  # [nat]
+    few = replace(balance, weights=np.where(early, 1.0, 1e-6)).solve()
+    assert few == pytest.approx(balance[early].solve(), rel=1e-3, abs=1e-3)
+
+
 def samples() -> Samples:
     rng = np.random.default_rng(0)
     time = np.arange(600) / 100

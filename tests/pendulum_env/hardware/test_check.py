@@ -114,5 +114,6 @@ def test_the_check_on_the_command_line(emulated, monkeypatch, capsys):
         assert main(["hardware", "check", str(rig.config)]) == 2
         out = capsys.readouterr()
         assert "1 of 6: wiring" in out.out and said in out.err
+    assert not rig.events()  # nothing was powered
     assert main(["hardware", "check", "nowhere.toml"]) == 2
     assert "nowhere.toml: cannot be read" in capsys.readouterr().err

@@ -406,6 +406,17 @@ def test_wrapped_degrees_are_refused(write: Write, columns: dict[str, np.ndarray
         read_recording(write(columns | {"position": degrees}), unwrap=unwrap)
 
 
+def test_wrapped_degrees_by_name_are_unwrapped_and_a_free_swing_needs_no_torque(
+    write: Write, columns: dict[str, np.ndarray]
+) -> None:
+    turns = spinning(columns["time"])
+    degrees = np.degrees(np.angle(np.exp(1j * turns)))
+    path = write({"time": columns["time"], "position_deg": degrees, "torque": 0.0 * turns})
+    recording = read_recording(path, unwrap=True)
+    np.testing.assert_allclose(recording.position, turns, atol=1e-6)
+    assert not recording.torque.any()
+
+
 def test_degrees_by_speed(write: Write, columns: dict[str, np.ndarray]) -> None:
     with pytest.raises(
         RecordingError, match="faster than any arm: read it with --columns position=position:deg if it is"

@@ -95,6 +95,19 @@ def test_hdf5_reads_no_other_file_and_ends(tmp_path):
         read_recording(tmp_path / "run.h5")
 
 
+def test_npz_with_a_note_beside_its_arrays_and_what_is_none(tmp_path: Path) -> None:
+    with (tmp_path / "run.npz").open("wb") as file:
+        np.save(file, TIME)
+    for content in ((tmp_path / "run.npz").read_bytes(), b"time,position,torque\n"):
+        (tmp_path / "run.npz").write_bytes(content)
+        with pytest.raises(RecordingError, match=r"run\.npz: it is no NPZ archive, or a damaged one: write it with"):
+            read_recording(tmp_path / "run.npz")
+    np.savez(tmp_path / "run.npz", **signals())
+    with zipfile.ZipFile(tmp_path / "run.npz", "a") as archive:
+        archive.writestr("notes.txt", "by hand")
+    assert_read(read_recording(tmp_path / "run.npz"))
+
+
 # Parquet
 
 

@@ -172,6 +172,12 @@ def test_a_file_is_read_once_for_all_of_its_ranges(bench: Path, monkeypatch: pyt
     assert read_study(bench / "study.toml").recordings[0].torque[0] == 2 * parts[0].torque[0]  # it was written anew
 
 
+def test_a_range_of_a_file_that_cannot_be_looked_at_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text(f"[[recording]]\nfile = '{'a' * 300}.csv'\nrange = [0, 2]")
+    with pytest.raises(ValueError, match="there is no such file"):
+        read_study(tmp_path / "study.toml")
+
+
 def test_files_below_the_study_are_named_relative_to_it(tmp_path: Path) -> None:
     time = np.arange(1000) / 500
     (tmp_path / "one" / "data").mkdir(parents=True)

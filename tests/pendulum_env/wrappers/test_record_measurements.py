@@ -1,6 +1,7 @@
 """What is measured is kept, whatever happens to the process."""
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -59,6 +60,16 @@ def test_each_episode_has_its_file_and_none_is_replaced(tmp_path):
     assert len(read_recording(tmp_path / "run.csv")) == 1100
 
 
+def test_a_copy_writes_a_file_of_its_own(tmp_path):
+    env = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv")
+    rollout(env, POLICY, 1200)
+    copy = pickle.loads(pickle.dumps(env))
+    for each in (env, copy):
+        rollout(each, POLICY, 1300)
+        each.close()
+    assert sorted(len(read_recording(path)) for path in tmp_path.iterdir()) == [1200, 1300, 1300]
+
+
 def test_killed_process_loses_at_most_the_last_second(tmp_path):
     path = tmp_path / "run.csv"
     code = f"""
@@ -95,6 +106,7 @@ def test_a_disk_that_fills_up_is_told_and_rows_end_whole(tmp_path, size):
     assert whole.read_bytes().startswith(kept) and (size - 100 < len(kept) <= size or not kept)
     assert not kept or kept.endswith(b"\n")  # no row is cut
     assert f"{max(0, len(kept.splitlines()) - 1)} rows were written" in str(caught.value)
+    assert ("are lost" in str(caught.value)) == bool(kept)  # a header is no row
     assert caught.value.filename == str(path)
     env.close()  # has nothing left to say
 

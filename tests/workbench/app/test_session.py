@@ -42,6 +42,7 @@ from dash import html
 from plotly.utils import PlotlyJSONEncoder
 
 from workbench.app.card import Choice, understood
+from workbench.app.parts import UNWRAP
 from workbench.app.recorder import options
 from workbench.app.saved import study
 from workbench.app.server import make_app
@@ -129,6 +130,17 @@ def test_of_several_files_those_that_can_be_read_stay(session, swing, tmp_path):
     assert [one.id for one in session.state.loaded] == files_of(session) == ["good.csv"]
     assert all(f"{name}: " in session.notice for name in ("bad.csv", "worse.txt", "good.csv"))
     assert session.notice.count("; ") == 2 and str(session.folder) not in session.notice
+
+
+def test_the_page_says_where_it_undoes_jumps(session, swing, tmp_path):
+    content = written(replace(swing, position=np.mod(swing.position, 2 * np.pi)), tmp_path).file.read_bytes()
+    for unwrap in ([], ["unwrap"]):
+        came = {"files": [("swing.csv", url(content))], "unwrap": bool(unwrap)}
+        session.act(lambda came=came: data.STAGE.actions["upload"](session, "", came))
+        assert len(session.state.loaded) == len(unwrap) and ("unwrap" in session.notice) != bool(unwrap)
+    assert UNWRAP.startswith("unwrap") and UNWRAP in str(data.show(session))
+    session.act(lambda: session.hold_out("swing.csv", True))
+    assert session.state.ladder == () and "every recording is held out" in session.state.trouble
 
 
 def servo(swing: Recording) -> bytes:
@@ -361,7 +373,7 @@ def test_only_this_computer_is_answered():
     sessions.close()
 
 
-def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path):
+def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path, capsys):
     def offered(session: Session) -> str:
         return json.dumps(live.show(session), cls=PlotlyJSONEncoder)
 
@@ -369,6 +381,9 @@ def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path):
     assert '"dm1015b"' in offered(named) and '"dm1015b"' not in offered(plain)
     with pytest.raises(InputError, match="there is no rig here"):
         live.options(plain, live_form("dm1015b"))
+    assert main(["app", "--no-browser", "--port", "0", "--config", str(tmp_path / "none.toml")]) == 2
+    error = capsys.readouterr().err
+    assert "none.toml: cannot be read" in error and error.count("\n") == 1
 
 
 def test_a_form_becomes_options_and_cannot_pass_for_others():
