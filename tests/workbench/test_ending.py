@@ -81,13 +81,6 @@ def test_what_an_effect_of_a_file_does_wrong_is_told_with_its_line(monkeypatch, 
     assert error.startswith(f"pendulum-ident: {path}, line 2: {what[:9]}") and error.count("\n") == 1
 
 
-@pytest.mark.parametrize("code", [0, 3, "x", None])
-def test_an_effect_that_ends_the_program_is_told(monkeypatch, capsys, code):
-    monkeypatch.setattr("workbench.commands.effects.run", lambda arguments, terminal: sys.exit(code))
-    assert main(["effects"]) == 2
-    assert capsys.readouterr().err == "pendulum-ident: a plugin ended it by sys.exit: take that out\n"
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
 @pytest.mark.parametrize("redirection", [">/dev/full", ">/dev/full 2>/dev/full"])
 def test_a_standard_output_that_is_full_is_told(redirection):
