@@ -106,7 +106,7 @@ def _run(argv: Sequence[str]) -> None:
     try:
         arguments = parse(argv)
     except SystemExit as done:
-        if not done.code:  # argparse leaves so after --help
+        if not done.code and fault(done) is None:  # argparse leaves so after --help
             return
         raise
     run = arguments.run

@@ -1,5 +1,6 @@
 """What the console script runs: an interrupt while the libraries load ends as tidily as one later."""
 
+import os
 import signal
 import sys
 from types import FrameType
@@ -9,6 +10,7 @@ from typing import NoReturn
 def main() -> int:
     """Run the command line; returns the exit code."""
     try:
+        _open_streams()
         _end_in_order()
         from workbench.cli import main as run  # takes a while
 
@@ -16,6 +18,13 @@ def main() -> int:
     except KeyboardInterrupt:
         print("pendulum-ident: interrupted", file=sys.stderr)
         return 130
+
+
+def _open_streams() -> None:
+    """Let what is said to a stream that was closed go nowhere, as with `>&-`; no file that is opened may be it."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # takes the lowest number that is free
 
 
 def _end_in_order() -> None:

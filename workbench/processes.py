@@ -24,7 +24,7 @@ from typing import Any
 
 from estimators.progress import Progress
 from pendulum_env.physics import load_plugin
-from pendulum_env.physics.plugin import plugins
+from pendulum_env.physics.plugin import fault, plugins
 from workbench.mistakes import MISTAKES, InputError, sentence
 
 LOST = "the work ended unexpectedly: try again"
@@ -145,6 +145,10 @@ def _work(connection: Connection[Any, Any], files: Sequence[Path], libraries: Se
             return
         except MISTAKES as mistake:
             word = Failed(sentence(mistake))
+        except BaseException as error:
+            if (of_plugin := fault(error)) is None:
+                raise
+            word = Failed(sentence(of_plugin))
         connection.send(word)
 
 

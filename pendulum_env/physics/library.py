@@ -57,7 +57,8 @@ def register(effect: type[Term]) -> type[Term]:
 
 
 @cache
-def _installed() -> tuple[type[Term], ...]:
+def installed() -> tuple[type[Term], ...]:
+    """Effects that installed packages offer."""
     found = []
     for point in entry_points(group=ENTRY_POINTS):
         try:
@@ -76,7 +77,7 @@ def _installed() -> tuple[type[Term], ...]:
 
 def effects() -> dict[str, type[Term]]:
     """All known effects by id, built-in ones first."""
-    return {effect.id: effect for effect in (*BUILT_IN, *_installed(), *_registered.values())}
+    return {effect.id: effect for effect in (*BUILT_IN, *installed(), *_registered.values())}
 
 
 def addable() -> dict[str, type[Term]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import sys
 import traceback
 from collections.abc import Iterator
@@ -52,8 +53,9 @@ def plugins() -> tuple[Path, ...]:
 
 
 def fault(error: BaseException) -> PluginError | None:
-    """What an effect of a file did wrong where it was used; None if the error does not come from one."""
-    return next((_fault(error, file, file) for file in _loaded if _lines(error, file)), None)
+    """What an effect of a file or package did wrong where it was used; None if the error does not come from one."""
+    files = (*_loaded, *(Path(inspect.getfile(kind)) for kind in library.installed()))
+    return next((_fault(error, file, file) for file in files if _lines(error, file)), None)
 
 
 def _run(file: Path, path: str | Path) -> None:

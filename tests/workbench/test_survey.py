@@ -200,16 +200,23 @@ def test_a_file_that_no_survey_wrote_is_one_row_that_says_so(folder, tmp_path, c
     parts = dataset.folder / "cases"
     (parts / "torn.parquet").write_bytes(b"PAR1")
     pq.write_table(pa.table({"a": [1]}), parts / "other.parquet")
+    own = next(row for row in dataset.rows() if row["status"] == "done")
+    pq.write_table(pa.Table.from_pylist([own | {"date": 2**60}]), parts / "late.parquet")  # [us]
     os.mkfifo(parts / "pipe.parquet")  # which reading would wait for
-    row = dataset.rows()[0]
-    pq.write_table(pa.Table.from_pylist([row | {"date": 2**60}]), parts / "late.parquet")  # [us]
-    for strange in ({"date": None}, {"status": "weird"}, {"verdict": "weird"}, {"selected": None}):
-        dataset.append([row | strange])
+    strange = (
+        *({"date": None}, {"status": "weird"}, {"verdict": "weird"}, {"selected": None}, {"report": "a\0b"}),
+        *({"parameters": [None]}, {"candidates": [{"effect": None, "verdict": "selected"}]}),
+        {"candidates": [{"effect": "spring", "verdict": "rejected", "gain": 1.0, "gain_error": 1.0, "variants": -1}]},
+    )
+    dataset.append({**own, **one, "name": f"cases/{k}"} for k, one in enumerate(strange))
+    absurd = [{"name": "inertia", "value": 1e308, "std": 1e-308, "unit": ""}]
+    bare = dict.fromkeys(("headline", "robot", "joint", "kind", "torque_rms"))
+    dataset.append([{**own, **bare, "name": "bare", "parameters": absurd}])
     spoilt = [row["reason"] for row in dataset.rows() if row["name"].startswith("cases/")]
-    assert spoilt == ["it is damaged, or no survey wrote it: remove it from the dataset"] * 8
+    assert spoilt == [stored.SPOILT] * 12
     assert survey(cases(folder), dataset, client, look=stub).known["done"] == 6
     write_fleet_report(tmp_path / "fleet.html", Fleet.of(dataset))
-    assert Page((tmp_path / "fleet.html").read_text()).text.count("it is damaged, or no survey wrote it") == 8
+    assert Page((tmp_path / "fleet.html").read_text()).text.count("it is damaged, or no survey wrote it") == 12
 
 
 def test_what_goes_wrong_with_one_case_is_marked_and_costs_no_other(folder, tmp_path, client):
@@ -470,6 +477,11 @@ def test_ctrl_c_or_a_kill_ends_all_processes_and_keeps_what_is_done(tmp_path, sw
 def test_what_cannot_be_is_one_line(tmp_path, refused):
     (tmp_path / "empty").mkdir()
     assert "holds no recording" in refused("survey", tmp_path / "empty", "-o", tmp_path / "out")
+    (tmp_path / "table.csv").write_text("file\n\0\n")
+    assert "row 2: names no file" in refused("survey", tmp_path / "table.csv", "-o", tmp_path / "out")
+    (tmp_path / "empty" / "a.csv").touch()
+    stars = ("--names", "*a*a*a*a{robot}b")  # trying them all would take years
+    assert "more than 4 words" in refused("survey", tmp_path / "empty", "-o", tmp_path / "out", *stars)
     assert "there is no such folder or file" in refused("survey", tmp_path / "nothere", "-o", tmp_path / "out")
 
 

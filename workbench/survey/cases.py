@@ -92,7 +92,7 @@ def _sources(path: Path, reading: Namespace) -> Iterator[tuple[Source, Mapping[s
         yield from ((source, {}) for source in sources_of(str(path), reading))
     for number, row in enumerate(rows or (), 2):
         where = f"{path}, row {number}"
-        if "file" not in row:
+        if "\0" in row.get("file", "\0"):
             raise InputError(f"{where}: names no file: fill in the column file")
         if "date" in row and date_of(row["date"]) is None:
             raise InputError(f"{where}: {row['date']!r} is no date: write it as 2026-03-01 or 2026-03-01T14:30")

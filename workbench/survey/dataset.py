@@ -6,10 +6,10 @@ import uuid
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from pendulum_env._typing import JSON
@@ -65,8 +65,11 @@ SCHEMA = pa.schema(
         "finished": pa.timestamp("us", "UTC"),
     }
 )
-OWN = ("name", "status", "date", "finished")  # columns without which no row makes sense
-LISTS = ("selected", "candidates", "parameters")  # nor one that is done
+# What has to be in a row, where it is asked for, if it is done, and in each item of that.
+LISTS = {"selected": (), "ambiguous": (), "candidates": ("effect", "verdict"), "parameters": ("name", "value", "unit")}
+OWN = ("name", "status", "verdict", "date", "finished")  # columns by which a row is judged
+PAGE = 200  # bytes of its name
+SPOILT = "it is damaged, or no survey wrote it: remove it from the dataset"
 FILES = 16  # that a dataset is left with: each takes two milliseconds whenever it is read
 
 
@@ -107,7 +110,10 @@ class Dataset:
             pq.write_table(table, file, compression="zstd")
 
     def rows(self, columns: Sequence[str] = tuple(SCHEMA.names)) -> list[JSON]:
-        """The last row of every case, in the order of names, and one for each file that is damaged."""
+        """The last row of every case, in the order of names, and one for each file that is damaged.
+
+        A row that no survey wrote is one of a case that failed, which says so.
+        """
         parts = self.parts
         needed = list(dict.fromkeys((*OWN, *columns)))
         tables = {path: _read(path, needed) for path in parts}
@@ -115,7 +121,8 @@ class Dataset:
             return self.rows(columns)
         damaged = pa.Table.from_pylist([_damaged(path) for path in parts if tables[path] is None], schema=SCHEMA)
         found = _last([damaged.select(needed), *(table for table in tables.values() if table is not None)])
-        return found.select(list(columns)).to_pylist()
+        rows = [row if _is_sound(row) else dict.fromkeys(row) | _spoilt(row) for row in found.to_pylist()]
+        return [{name: row[name] for name in columns} for row in rows]
 
     def merge(self) -> None:
         """Put all files into one with the last row of each case, if they are many.
@@ -139,15 +146,37 @@ def _read(path: Path, columns: Sequence[str]) -> pa.Table | None:
     try:
         with pq.ParquetFile(path) as file:
             table = file.read(columns).select(columns).cast(pa.schema([SCHEMA.field(name) for name in columns]))
-        table.select(["date", "finished"]).to_pylist()  # they have a year
-    except (OSError, ValueError, KeyError, OverflowError):
+        table.validate(full=True)  # texts are texts
+        table.select(["date", "finished"]).to_pylist()  # and dates have a year
+    except (OSError, ValueError, KeyError, OverflowError, pa.ArrowException):
         return None
-    done = table.filter(pc.equal(table["status"], "done"))
-    whole = not any(table[name].null_count for name in OWN)
-    whole &= not any(done[name].null_count for name in LISTS if name in columns)
-    known = {"status": STATUSES, "verdict": (*VERDICTS, None)}
-    whole &= all(set(table[name].to_pylist()) <= set(known[name]) for name in known if name in columns)
-    return table if whole else None
+    return None if table["name"].null_count else table
+
+
+def _is_sound(row: JSON) -> bool:
+    """Whether a row is as a survey writes it, as far as anything is made of it."""
+    page = row.get("report") or ""
+    is_page = page.isprintable() and len(page.encode()) <= PAGE
+    if row["status"] not in STATUSES or None in (row["date"], row["finished"]) or not is_page:
+        return False
+    if row["status"] != "done":
+        return True
+    lists = {name: keys for name, keys in LISTS.items() if name in row}
+    return (
+        row["verdict"] in VERDICTS
+        and None not in [row[name] for name in lists]
+        and all(
+            one is not None and None not in [one[key] for key in lists[name]] for name in lists for one in row[name]
+        )
+        and all(one["variants"] is None or one["variants"] > 0 for one in row.get("candidates", ()))
+    )
+
+
+def _spoilt(row: JSON) -> JSON:
+    """What a row that makes no sense becomes."""
+    now = datetime.now(UTC)
+    known = {"name": printable(row["name"]), "date": row["date"] or now, "finished": row["finished"] or now}
+    return known | {"dated_by": "file", "status": "failed", "reason": SPOILT}
 
 
 def _last(tables: Sequence[pa.Table]) -> pa.Table:
@@ -164,6 +193,6 @@ def _damaged(path: Path) -> JSON:
         "date": file_time(path),
         "dated_by": "file",
         "status": "failed",
-        "reason": "it is damaged, or no survey wrote it: remove it from the dataset",
+        "reason": SPOILT,
         "finished": file_time(path),
     }

@@ -15,6 +15,7 @@ from estimators.diagnosis.result import Verdict
 from estimators.fleet import Course, Odd, Pooled, course, odd_ones, onset, pool, significant, weigh
 from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON, Array
+from pendulum_env.reading import LARGE
 from workbench.survey.dataset import SCHEMA, Dataset
 
 DAY = 86400.0  # [s]
@@ -141,7 +142,7 @@ def _series(joint: Joint) -> Iterator[Series]:
     points: dict[tuple[str, str], list[tuple[float, float, float]]] = {}  # by name and unit
     for row in joint.cases:
         for one in row["parameters"]:
-            if one["std"] and np.isfinite(one["std"]):
+            if one["std"] and abs(one["value"]) <= LARGE and 1 / LARGE**2 <= one["std"] <= LARGE:  # nor NaN
                 point = (row["date"].timestamp(), one["value"], one["std"])
                 points.setdefault((one["name"], one["unit"]), []).append(point)
     units = dict(sorted(points, key=lambda key: len(points[key])))  # of two units the one that is used
@@ -221,7 +222,10 @@ def _groups(joints: Sequence[Joint]) -> dict[str, list[JSON]]:
 def _gains(row: JSON, effects: Sequence[str]) -> list[list[float]]:
     """What each effect gains that a case does not name, its error and forms; NaN if it names it, or cannot tell."""
     gains = {
-        one["effect"]: [np.nan if one[key] is None else one[key] for key in ("gain", "gain_error", "variants")]
+        one["effect"]: [
+            np.nan if one[key] is None or abs(one[key]) > LARGE else one[key]
+            for key in ("gain", "gain_error", "variants")
+        ]
         for one in row["candidates"]
         if one["verdict"] not in NAMED
     }

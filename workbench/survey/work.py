@@ -20,8 +20,9 @@ from typing import Any
 from estimators.diagnosis.result import Diagnosis, Verdict
 from estimators.diagnosis.run import diagnose
 from pendulum_env._typing import JSON
-from pendulum_env.mistake import Mistake
+from pendulum_env.mistake import Mistake, told
 from pendulum_env.physics import Term, load_plugin
+from pendulum_env.physics.plugin import fault
 from pendulum_env.reading import REMEDY, regular_size
 from pendulum_env.recording import Recording
 from workbench.mistakes import MISTAKES, InputError, printable, sentence
@@ -142,7 +143,7 @@ def examined(case: Case, settings: Settings, look: Look = look) -> JSON:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what matters is in the result
             row |= {"status": "done", **look(case, settings)}
-    except Exception as error:  # a fault of the program in one case must not cost the others
+    except BaseException as error:  # a fault of the program in one case must not cost the others
         row |= trouble(error, case)
     return row | {"seconds": perf_counter() - begun, "finished": datetime.now(UTC)}
 
@@ -164,7 +165,7 @@ def trouble(error: BaseException, case: Case) -> JSON:
     if isinstance(error, MemoryError):
         error = InputError("it does not fit into the memory of the worker: give workers more (--memory)")
     elif not isinstance(error, OSError):  # of a full disk, or a share that is away
-        error = InputError(f"{type(error).__name__}: {error}")
+        error = fault(error) or InputError(told(error))
     return {"status": "failed", "reason": sentence(error)}
 
 

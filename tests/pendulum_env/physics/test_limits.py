@@ -131,4 +131,4 @@ class OfAPackage:
 def test_a_package_whose_effects_cannot_be_loaded_ends_nothing(monkeypatch):
     monkeypatch.setattr(library, "entry_points", lambda group: [OfAPackage()])
     with pytest.warns(UserWarning, match="'package.effects' cannot be loaded: .*NoText: <exception str"):
-        assert library._installed.__wrapped__() == ()
+        assert library.installed.__wrapped__() == ()
