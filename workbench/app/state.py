@@ -368,8 +368,8 @@ class State:
 
     @cached_property
     def told(self) -> Diagnosis:
-        """What the report tells: the diagnosis as long as it calls for more than the ladder has, else the ladder."""
-        if self.diagnosis is not None and self.found:
+        """What the report tells: the diagnosis if it calls for all that the ladder has and more, else the ladder."""
+        if self.diagnosis is not None and set(self.added) < set(self.called):
             return replace(self.diagnosis, steps=self.called_for)
         evidence, model = self.prepared.evidence[0], self.model
         inertia = abs(model.estimates["inertia"].value) if "inertia" in model.estimates else 0.0

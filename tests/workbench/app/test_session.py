@@ -411,6 +411,8 @@ def test_the_report_tells_the_diagnosis_until_the_ladder_has_all_that_it_calls_f
     assert grown.found == () and grown.told.steps == grown.ladder and not grown.told.unexplained
     other = grown.with_step(add(grown.model, "quadratic_drag", state.train))  # which the diagnosis does not call for
     assert other.found == () and other.told.selected == ("stribeck", "quadratic_drag")
+    own = diagnosed.with_step(add(diagnosed.model, "quadratic_drag", state.train))  # in the place of what it calls for
+    assert own.found == ("stribeck",) and own.told.selected == ("quadratic_drag",)
 
 
 @pytest.fixture(scope="module")
