@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from estimators.kept import kept
-from estimators.regression.least_squares import Balance, Columns, Tangent
+from estimators.regression.least_squares import RIDGE, Balance, Columns, Tangent
 from estimators.regression.normal import Groups, Normal, quietest_most
 from estimators.selection.score import BLOCK, FOLDS
 from estimators.weak_form.dataset import Dataset
@@ -39,16 +38,6 @@ class Trial:
 
     terms: tuple[Term, ...]
     fitted_rms: float
-
-
-class Extended(NamedTuple):
-    """A linear fit of terms with a variant: its weighted errors (R,), and whether all parameters are within bounds."""
-
-    error: Array
-    inside: bool
-
-
-Errors = Callable[[Term, Columns], Array]  # weighted errors (R,) of a fit with a variant, by its columns
 
 
 @dataclass
@@ -245,83 +234,51 @@ class Screen:
 
     def trials(self, terms: Sequence[Term], variants: Sequence[Term]) -> list[Trial]:
         """`terms` with each of V variants of one further effect added, and their errors."""
-        w, pairs, errors = (
-            self.weights(terms),
-            [*zip(variants, self.columns(variants), strict=True)],
-            self._errors(terms),
-        )
-        if not terms or variants[0].fixed or is_known(*terms, variants[0]) or not depends_on_torque(variants[0]):
-            squares = [square(errors(*pair)) for pair in pairs]
-        else:
-            squares = self._bent(terms, pairs, errors)
+        w, here = self.weights(terms), self.data.where(variants[0].at)
         models = [(*terms, variant) for variant in variants]
+        parts = self.columns(variants)
+        beside = cache(lambda: self._beside(terms, here))  # most variants do without
+
+        def exact(variant: Term, own: Columns) -> float:
+            return beside()(variant, own).least_squared()
+
+        if not terms or variants[0].fixed or is_known(*terms, variants[0]):
+            squares = np.array([exact(*pair) for pair in zip(variants, parts, strict=True)])
+        else:
+            near = self.tangent(terms)
+            squares, theta = squared_errors(_grams(near, parts, w, here))
+            theta[:, : len(near.theta)] += near.theta
+            least, most = bounds(models[0])
+            for k in np.flatnonzero(np.any((theta < least) | (theta > most), axis=1)).tolist():
+                squares[k] = exact(variants[k], parts[k])
+            if depends_on_torque(variants[0]):
+                squares = self._bent(near, list(zip(variants, parts, strict=True)), squares, exact, w)
         return [
-            Trial(model, float(np.sqrt(own / (w @ w) + self._hidden_in_all(model, w))))
-            for model, own in zip(models, squares, strict=True)
+            Trial(model, float(np.sqrt(square / (w @ w) + self._hidden_in_all(model, w))))
+            for model, square in zip(models, squares, strict=True)
         ]
 
-    def _bent(self, terms: Sequence[Term], pairs: Sequence[tuple[Term, Columns]], errors: Errors) -> list[float]:
+    def _bent(
+        self,
+        near: Tangent,
+        pairs: Sequence[tuple[Term, Columns]],
+        plain: Array,
+        exact: Callable[[Term, Columns], float],
+        w: Array,
+    ) -> Array:
         """Squared errors (V,) of variants that scale with the torque: exact ones of those that promise most.
 
         They are ranked by the fit with the recorded torque and by the fit with the predicted one, as either may be far
         off.
         """
-        linear, error = self._linear(terms), self.tangent(terms).error[self.data.where(pairs[0][0].at), None]
-        fits = [linear(*pair) for pair in pairs]
-        plain = np.array([square(f.error if f.inside else errors(*p)) for f, p in zip(fits, pairs, strict=True)])
-        moved = [square(linear(v, own._replace(linear=own.linear - error * own.slope)).error) for v, own in pairs]
-        tried = np.unique([np.argsort(promise)[:TRIED] for promise in (plain, moved)]).tolist()
-        squares = [square(errors(*pairs[k])) for k in tried]
-        found = np.maximum(plain, min(squares))
+        here = self.data.where(pairs[0][0].at)
+        moved = [own._replace(linear=own.linear - near.error[here, None] * own.slope) for _, own in pairs]
+        promises = (plain, squared_errors(_grams(near, moved, w, here))[0])
+        tried = np.unique([np.argsort(promise)[:TRIED] for promise in promises])
+        squares = np.array([exact(*pairs[k]) for k in tried.tolist()])
+        found = np.maximum(plain, squares.min())
         found[tried] = squares
-        return [float(own) for own in found]
-
-    def _errors(self, terms: Sequence[Term]) -> Errors:
-        """Function that gives the weighted errors (R,) of the fit of the terms with a variant, given its columns."""
-        beside = cache(lambda at: self._beside(terms, self.data.where(at)))  # most variants do without
-        linear = cache(lambda: self._linear(terms))
-
-        def errors(variant: Term, own: Columns) -> Array:
-            if depends_on_torque(variant):
-                balance = beside(variant.at)(variant, own)
-            else:
-                if (
-                    terms
-                    and variant.columns
-                    and not is_known(*terms, variant)
-                    and (fit := linear()(variant, own)).inside
-                ):
-                    return fit.error
-                shared = [self.columns([term])[0] for term in terms]
-                balance = self._balance((*terms, variant), [*shared, own], self.weights(terms))
-            return balance.weights * balance.error(balance.solve())
-
-        return errors
-
-    def _linear(self, terms: Sequence[Term]) -> Callable[[Term, Columns], Extended]:
-        """Function that fits a variant beside the terms, linear around their fit and without bounds.
-
-        The terms' own columns are projected out once, each variant's then take a small solve.
-        """
-        w, near, frame = self.weights(terms), self.tangent(terms), self.frame(terms)
-        known = frame.T @ (w * near.error)
-        left, scale = w * near.error - frame @ known, w * near.scale
-        inverse = np.linalg.pinv(frame.T @ (near.slopes * w[:, None]))
-
-        def fit(variant: Term, own: Columns) -> Extended:
-            here = self.data.where(variant.at)
-            columns = scale[here, None] * own.linear
-            shared = frame[here].T @ columns
-            extra = -frame @ shared
-            extra[here] += columns
-            size = np.maximum(np.linalg.norm(extra, axis=0), 1e-300)
-            extra = extra / size
-            step = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ left)
-            theta = np.append(near.theta + inverse @ (known - shared @ (step / size)), step / size)
-            least, most = bounds((*terms, variant))
-            return Extended(left - extra @ step, not np.any((theta < least) | (theta > most)))
-
-        return fit
+        return found
 
     def _beside(self, terms: Sequence[Term], here: slice) -> Callable[[Term, Columns], Balance]:
         """Function that gives equations of the terms and a variant at some rows, given its columns.
@@ -440,12 +397,45 @@ class Screen:
         return trial if worse or not found.possible(samples) else refined
 
     def _residuals(self, terms: Sequence[Term]) -> Residuals:
-        """Function that gives the weighted errors (R,) of the fit of the terms with each of several variants."""
-        errors = self._errors(terms)
+        """Function that gives the weighted residual (R,) of the best fit of the terms with each of several variants.
+
+        The terms' own columns are projected out once, each variant's then take a small solve.
+        """
+        shared, w = [self.columns([term])[0] for term in terms], self.weights(terms)
+        near, frame = self.tangent(terms), self.frame(terms)
+        scale = w * near.scale
+
+        def clear(columns: Array, here: slice) -> Array:
+            cleared = -frame @ (frame[here].T @ columns)
+            cleared[here] += columns
+            return np.asarray(cleared)
+
+        left = clear(w * near.error, slice(None))
+
+        beside = cache(lambda at: self._beside(terms, self.data.where(at)))
+
+        def exact(balance: Balance) -> Array:
+            return balance.weights * balance.error(balance.solve())
+
+        def residual(variant: Term, own: Columns) -> Array:
+            if is_known(*terms, variant) or not variant.columns:
+                return exact(self._balance((*terms, variant), [*shared, own], w))
+            here = self.data.where(variant.at)
+            target = left if not variant.fixed else left - clear(scale[here] * own.fixed, here)
+            extra = clear(scale[here, None] * own.linear, here)
+            size = np.maximum(np.linalg.norm(extra, axis=0), 1e-300)
+            extra = extra / size
+            theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ target) / size
+            least, most = bounds([variant])
+            if np.any((theta < least) | (theta > most)):
+                return exact(self._balance((*terms, variant), [*shared, own], w))
+            return np.asarray(target - (extra * size) @ theta)
 
         def residuals(variants: Sequence[Term]) -> list[Array]:
-            parts = self.at(variants[0].at)._cut(variants)
-            return [errors(*pair) for pair in zip(variants, parts, strict=True)]
+            pairs = list(zip(variants, self.at(variants[0].at)._cut(variants), strict=True))
+            if not depends_on_torque(variants[0]):
+                return [residual(*pair) for pair in pairs]
+            return [exact(beside(variants[0].at)(*pair)) for pair in pairs]
 
         return residuals
 
@@ -507,6 +497,39 @@ def complexity(term: Term) -> int:
     return len(term.columns) + len(term.free)
 
 
-def square(errors: Array) -> float:
-    """Sum of squares."""
-    return float(errors @ errors)
+def _grams(near: Tangent, parts: Sequence[Columns], weights: Array, here: slice) -> Array:
+    """Gram matrices (V, P + 1, P + 1) of fits with each of V variants that do not depend on the torque.
+
+    Of what all share they are made once. The left-hand side comes last, the parameters of the variant before it.
+
+    Args:
+        near: what the others leave.
+        parts: columns of each variant.
+        weights: of the equations (R,).
+        here: rows of the variants' joint.
+    """
+    shared = weights[:, None] * np.column_stack([near.slopes, near.error])
+    own = (weights * near.scale)[here, None] * np.stack([np.column_stack([part.linear, -part.fixed]) for part in parts])
+    first, more = shared.shape[1], own.shape[2]
+    grams = np.empty((len(parts), first + more, first + more))
+    grams[:, :first, :first], grams[:, :first, first:] = shared.T @ shared, shared[here].T @ own
+    grams[:, first:, :first] = np.swapaxes(grams[:, :first, first:], 1, 2)
+    grams[:, first:, first:] = np.swapaxes(own, 1, 2) @ own
+    order = [*range(first - 1), *range(first, first + more - 1), first - 1]
+    fold = np.eye(first + more)[:, order]
+    fold[-1, -1] = 1.0  # what is fixed is on the left-hand side as well
+    return np.asarray(fold.T @ grams @ fold)
+
+
+def squared_errors(grams: Array) -> tuple[Array, Array]:
+    """Squared errors (V,) and parameters (V, P) of the fits of V systems from their Gram matrices (V, P + 1, P + 1).
+
+    The equations' left-hand side y comes last.
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(grams, axis1=1, axis2=2), 1e-300))  # (V, P + 1)
+    grams = grams / (scale[:, :, None] * scale[:, None, :])
+    normal, target = grams[:, :-1, :-1] + RIDGE * np.eye(grams.shape[1] - 1), grams[:, :-1, -1:]
+    theta = np.linalg.solve(normal, target)
+    left = 1.0 - 2 * (np.swapaxes(target, 1, 2) @ theta) + np.swapaxes(theta, 1, 2) @ grams[:, :-1, :-1] @ theta
+    squares = np.maximum(left[:, 0, 0], 0.0) * scale[:, -1] ** 2
+    return squares, theta[:, :, 0] * scale[:, -1:] / scale[:, :-1]
