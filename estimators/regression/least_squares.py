@@ -272,6 +272,11 @@ class Balance:
         theta = np.zeros(len(free)) if start is None else start * self.of_torque
         return within_bounds(self._smaller()._solve, theta, free, self.least, self.most)[0]
 
+    def least_squared(self) -> float:
+        """Squared weighted error of the solution."""
+        small = self._smaller()
+        return float(np.sum((small.weights * small.error(small.solve())) ** 2))
+
     @property
     def unbent(self) -> Mask:
         """Equations that torque does not bend (R,), as of other joints than the one where it does."""

@@ -304,7 +304,8 @@ def written(term: Term, place: int = 0) -> tuple[Term, dict[str, ArrayLike]]:
     """A term in symbols, and the values of its free shape parameters by symbol."""
     values: dict[str, ArrayLike] = {f"{place}.{shape.name}": term.shape[shape.name] for shape in term.free}
     symbols: dict[str, Any] = {shape.name: name(f"{place}.{shape.name}") for shape in term.free}
-    return dataclasses.replace(term, **symbols), values
+    usual: dict[str, Any] = {shape.name: shape.usual for shape in term.shapes}  # of a batch, too, whose rows agree
+    return dataclasses.replace(term, **usual | symbols), values
 
 
 def loads(at: str) -> dict[str, float]:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from pendulum_env.physics import BASE, Column, KnownLoad, Samples, Term, compiled, effects, simulate
 from pendulum_env.physics.compiled import MANY, Machine, Step, recurrence
+from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.physics.simulation import Balance, prepared, step
 from pendulum_env.physics.symbols import name, names
@@ -241,3 +242,8 @@ def test_two_terms_of_a_class_have_their_own_shapes():
         [*BASE, Cogging(17.0), Cogging(3.0)], np.array(theta[:4] + theta[6:] + theta[4:6]), 1e-3, torque, 0.2, 0.0
     )
     np.testing.assert_allclose(path, swapped.position, rtol=0, atol=1e-10)
+
+
+def test_shapes_of_a_batch_that_are_all_usual_are_compiled():
+    batched = Stribeck(stribeck_velocity=np.array([0.3, 0.4]), exponent=np.array([2.0, 2.0]))
+    assert prepared([*BASE, batched]).step is not None
