@@ -28,7 +28,7 @@ from benchmarks.parallel import each
 from benchmarks.scoring import positive, rate, take_workers
 from benchmarks.truth import Truth
 from estimators.selection.candidates import Screen
-from estimators.selection.data import Evidence, fit_terms
+from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.motion import SEGMENT
 from estimators.simulation import output_error
 from estimators.simulation.free_running import choose_segments
@@ -185,25 +185,25 @@ def realisation(study: Study, run: SimulatedRecording, seed: int) -> Recording:
     return Recording(study.name, run.time, position, torque)
 
 
-def fit_windows(evidence: Evidence, hidden: Sequence[str]) -> Model:
+def fit_windows(prepared: PreparedData, hidden: Sequence[str]) -> Model:
     """The fit over windows of the base terms and some effects, shape parameters searched."""
-    screen, terms = Screen(evidence.data), BASE
+    screen, terms = Screen(prepared.data), BASE
     for id in hidden:
         terms = min(screen.variants(terms, effect(id)), key=lambda trial: trial.fitted_rms).terms
-    return fit_terms(evidence, terms)[0]
+    return fit_terms(prepared, terms)[0]
 
 
-def fit_segments(evidence: Evidence, start: Model) -> Model:
+def fit_segments(prepared: PreparedData, start: Model) -> Model:
     """The same terms, refined by the innovations of short segments."""
-    segments = [choose_segments(windows, SEGMENT) for windows in evidence.data.windows]
+    segments = [choose_segments(windows, SEGMENT) for windows in prepared.data.windows]
     return output_error.maximum_likelihood(segments, output_error.Point(start.terms, start.theta))
 
 
 def estimate(seed: int, study: Study, run: SimulatedRecording) -> tuple[Model, Model]:
     """Both estimates of one realisation."""
-    evidence = Evidence.of([realisation(study, run, seed)])
-    windows = fit_windows(evidence, tuple(study.plant.effects))
-    return windows, fit_segments(evidence, windows)
+    prepared = PreparedData.of([realisation(study, run, seed)])
+    windows = fit_windows(prepared, tuple(study.plant.effects))
+    return windows, fit_segments(prepared, windows)
 
 
 def tell_bound(study: Study, realisations: int, workers: int, terminal: Terminal) -> None:
@@ -243,7 +243,7 @@ class Deviation:
 def deviations(case: tuple[Truth, Recording]) -> list[Deviation]:
     """How far the fit of the true terms is from the truth."""
     truth, recording = case
-    model = fit_windows(Evidence.of([recording]), truth.hidden)
+    model = fit_windows(PreparedData.of([recording]), truth.hidden)
     return [
         Deviation(truth.rate, truth.label, name, (value.value - truth.parameters[name]) / value.std)
         for name, value in model.estimates.items()

@@ -9,7 +9,7 @@ from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import SCHEMES, scheme
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Errors, Evidence, fit_terms
+from estimators.selection.data import Errors, PreparedData, fit_terms
 from estimators.show import notebook as notebook  # teaches results to show themselves
 
 __all__ = [
@@ -21,9 +21,9 @@ __all__ = [
     "Criterion",
     "Diagnosis",
     "Errors",
-    "Evidence",
     "Identification",
     "IdentificationError",
+    "PreparedData",
     "Verdict",
     "add",
     "align",

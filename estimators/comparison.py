@@ -13,7 +13,7 @@ from estimators.checks.residual import Profile, Region, profiles, stand_out
 from estimators.checks.torque_constant import Calibrated, unit_of
 from estimators.in_loop.fit import in_loop
 from estimators.regression.equations import IdentificationError
-from estimators.selection.data import Errors, Evidence, noise_floor
+from estimators.selection.data import Errors, PreparedData, noise_floor
 from estimators.simulation.free_running import growth, select
 from estimators.simulation.multiple_shooting import has_link
 from estimators.weak_form.dataset import dataset
@@ -138,21 +138,21 @@ class Comparison:
         return data | json_per({key: data[key] for key in ("profiles", "regions", "disagreements")}, self.torque_unit)
 
 
-def distance(name: str, evidence: Evidence, model: Model) -> Distance:
-    """Errors of a model with inertia on a body of evidence, as it is."""
-    steady = [growth(segments, model.terms, model.theta) < GROWS for segments in evidence.segments]
-    kept = tuple(select(*pair) for pair in zip(evidence.segments, steady, strict=True) if pair[1].any())
-    errors = (replace(evidence, segments=kept) if kept else evidence).errors(model)
+def distance(name: str, prepared: PreparedData, model: Model) -> Distance:
+    """Errors of a model with inertia on prepared data, as they are."""
+    steady = [growth(segments, model.terms, model.theta) < GROWS for segments in prepared.segments]
+    kept = tuple(select(*pair) for pair in zip(prepared.segments, steady, strict=True) if pair[1].any())
+    errors = (replace(prepared, segments=kept) if kept else prepared).errors(model)
     unstable = 1.0 - float(np.mean(np.concatenate(steady)))
-    scatter = evidence.data.noise(abs(model.estimates["inertia"].value))
+    scatter = prepared.data.noise(abs(model.estimates["inertia"].value))
     return Distance(name, errors, noise_floor(scatter, [errors]), unstable)
 
 
-def joined(parts: Sequence[Evidence]) -> Evidence:
-    """Evidence of several recordings, with what is watched in each."""
+def joined(parts: Sequence[PreparedData]) -> PreparedData:
+    """Prepared data of several recordings, with what is watched in each."""
     data = dataset([window for part in parts for window in part.data.windows])
     watched = {id: [x for part in parts for x in part.data.watched[id]] for id in parts[0].data.watched}
-    return Evidence(replace(data, watched=watched), tuple(segment for part in parts for segment in part.segments))
+    return PreparedData(replace(data, watched=watched), tuple(segment for part in parts for segment in part.segments))
 
 
 def compare(model: Model, recordings: Recordings) -> Comparison:
@@ -167,7 +167,7 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     """
     model, recordings = model_that_moves(model), chosen_recordings(recordings)
     recordings = in_units_of(model, recordings)
-    parts = [_evidence(recording, model) for recording in recordings]
+    parts = [_prepared(recording, model) for recording in recordings]
     together = joined(parts)
     joint = distance("all", together, model)
     joint = replace(joint, errors=in_loop(model, recordings, joint.errors))
@@ -190,14 +190,14 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     )
 
 
-def _evidence(recording: Recording, model: Model) -> Evidence:
-    """Evidence of a recording, with what turns the joint round there and is no friction of the model's."""
-    evidence = Evidence.of([recording])
+def _prepared(recording: Recording, model: Model) -> PreparedData:
+    """Prepared data of a recording, with what turns the joint round there and is no friction of the model's."""
+    prepared = PreparedData.of([recording])
     if has_link(model.terms):
-        return evidence.watching(model)
+        return prepared.watching(model)
     count, inertia = len(model.theta), abs(model.estimates["inertia"].value)
     covariance = model.assumed_covariance[:count, :count]
-    return replace(evidence, data=evidence.data.with_impacts(model.terms, model.theta, covariance, inertia))
+    return replace(prepared, data=prepared.data.with_impacts(model.terms, model.theta, covariance, inertia))
 
 
 def in_units_of(model: Model, recordings: Sequence[Recording]) -> tuple[Recording, ...]:

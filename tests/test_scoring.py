@@ -12,7 +12,7 @@ from benchmarks.hidden_effects import reliability, write_scores
 from benchmarks.independent_plant import LIBRARY, SimulatedRecording, random_case, simulate, write_case
 from benchmarks.scoring import Claim, Exact, Outcome, compare, wilson
 from benchmarks.truth import Truth
-from estimators.selection.data import Evidence
+from estimators.selection.data import PreparedData
 from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.recording import Recording
 
@@ -82,11 +82,11 @@ def test_the_true_parameters_explain_the_recording(id: str, runs: dict[str, Simu
     kind, values = effect(id), dict(truth.parameters)
     values |= {f"{id}.{shape.name}": values[shape.follows] for shape in kind.shapes if shape.follows}
     term = kind(**{shape.name: values.get(f"{id}.{shape.name}", shape.usual) for shape in kind.shapes})
-    evidence = Evidence.of([Recording(id, run.time, run.position, run.torque)])
+    prepared = PreparedData.of([Recording(id, run.time, run.position, run.torque)])
 
     def error(*terms) -> float:
         names = [column.name for term in terms for column in term.columns]
-        return evidence.errors(Model.build(terms, [values[name] for name in names])).torque_rms
+        return prepared.errors(Model.build(terms, [values[name] for name in names])).torque_rms
 
     assert error(*BASE, term) < 0.3 * error(*BASE)
 

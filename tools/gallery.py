@@ -39,10 +39,10 @@ def machines(folder: Path, data: Path) -> None:
 
 def left(recording: Recording, terms: Sequence[Term] = BASE) -> list[Profile]:
     """Residual of a model, fitted to a recording, over angle (within a turn), velocity, torque and time."""
-    evidence, _ = gather([recording], [recording])
-    model, fit = fit_terms(evidence, terms)
-    noise = evidence.data.noise(model.estimates["inertia"].value)
-    return profiles(evidence.samples, fit.residual, noise, tuple(AXES))
+    prepared, _ = gather([recording], [recording])
+    model, fit = fit_terms(prepared, terms)
+    noise = prepared.data.noise(model.estimates["inertia"].value)
+    return profiles(prepared.samples, fit.residual, noise, tuple(AXES))
 
 
 def _write(path: Path, text: str) -> None:

@@ -15,7 +15,7 @@ from estimators.diagnosis.result import KEPT, SETTLED, UNNAMED, Candidate
 from estimators.diagnosis.setting import HELD_OUT
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
-from estimators.selection.data import Evidence, inertias
+from estimators.selection.data import PreparedData, inertias
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.moves import explaining
@@ -154,8 +154,8 @@ def parted(
 
 def gather_arm(
     recordings: Sequence[ArmRecording], terms: Sequence[type[Term] | Term], shortest: float = 0.0
-) -> Evidence:
-    """Evidence of recordings of an arm, which no simulation follows, with the columns of terms that two joints share.
+) -> PreparedData:
+    """Prepared data of an arm's recordings, with the columns of terms that joints share; no simulation follows them.
 
     Args:
         recordings: of the arm.
@@ -169,7 +169,7 @@ def gather_arm(
     assert isinstance(links, Links)
     kinds = dict.fromkeys(term if isinstance(term, type) else type(term) for term in terms)
     shared = [kind for kind in kinds if issubclass(kind, Coupling)]
-    return Evidence(prepare_arm(recordings, links, shared, shortest), ())
+    return PreparedData(prepare_arm(recordings, links, shared, shortest), ())
 
 
 def models_of_arm(

@@ -20,7 +20,7 @@ import numpy as np
 
 from estimators.checks.channel_fits import NONE, ChannelFits
 from estimators.regression.equations import IdentificationError
-from estimators.selection.data import Evidence, fit_terms
+from estimators.selection.data import PreparedData, fit_terms
 from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.windows import Windows
 from pendulum_env.physics import Estimate, Model
@@ -130,7 +130,7 @@ def told(model: Model, data: Dataset, fit: Callable[[Dataset], Model] | None = N
     constant = recording.torque_constant
     if constant is None:
         return model.per(recording.torque_unit)
-    fit = fit or (lambda own: fit_terms(Evidence(own, ()), model.terms)[0])
+    fit = fit or (lambda own: fit_terms(PreparedData(own, ()), model.terms)[0])
     return widened(model, constant, fit(data), fit(_scaled(data, 1 + constant.std / constant.value)))
 
 

@@ -16,7 +16,7 @@ from estimators.diagnosis.setting import Setting
 from estimators.in_loop.diagnosis import Looped
 from estimators.in_loop.rollouts import are_driven
 from estimators.progress import Progress, no_progress
-from estimators.selection.data import Evidence, Step, noise_floor, with_impacts
+from estimators.selection.data import PreparedData, Step, noise_floor, with_impacts
 from estimators.selection.models import Models
 from estimators.selection.motion import refit
 from estimators.selection.moves import best, is_hidden, loosened, settle
@@ -25,7 +25,7 @@ from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.library import addition
 
 
-def fit(train: Evidence, holdout: Evidence, terms: Sequence[Term] = BASE) -> Step:
+def fit(train: PreparedData, holdout: PreparedData, terms: Sequence[Term] = BASE) -> Step:
     """Fit a model's terms to what `gather` returns, as `diagnose` and `add` do: the model and its errors on both."""
     models = Models(train, holdout)
     return refit(Selection(models, [models.report(None, settle(models, tuple(terms)))])).steps[-1]

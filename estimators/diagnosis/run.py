@@ -27,7 +27,7 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.progress import Progress, forward, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence, fit_terms, noise_floor, with_impacts
+from estimators.selection.data import PreparedData, fit_terms, noise_floor, with_impacts
 from estimators.selection.models import Models, held_out_cost
 from estimators.selection.motion import is_misfit, refine, refit, reselect_transmission
 from estimators.selection.moves import explaining, ids, settle
@@ -52,8 +52,8 @@ MOTION = 0.5  # of the motion, that has to come before what is held out of the e
 
 def gather(
     recordings: Sequence[Recording], holdout: Sequence[Recording] = (), shorter: float = 1.0
-) -> tuple[Evidence, Evidence]:
-    """Training and held-out evidence; without held-out recordings, the end of each recording is held out.
+) -> tuple[PreparedData, PreparedData]:
+    """Training and held-out data, prepared; without held-out recordings, the end of each recording is held out.
 
     Args:
         recordings: to fit.
@@ -76,13 +76,17 @@ def gather(
         return gather(recordings, holdout, CLOSER * shorter)  # through more noise, but there are more of them
 
 
-def _gather(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> tuple[Evidence, Evidence]:
+def _gather(
+    recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float
+) -> tuple[PreparedData, PreparedData]:
     widths = [shorter * choose_half_width(recording) for recording in recordings]
     if holdout:
-        return Evidence.of(recordings, widths), Evidence.of(holdout, [shorter * choose_half_width(r) for r in holdout])
+        return PreparedData.of(recordings, widths), PreparedData.of(
+            holdout, [shorter * choose_half_width(r) for r in holdout]
+        )
 
-    def split(share: float) -> tuple[Evidence, Evidence]:
-        return Evidence.of(recordings, widths, (0.0, share)), Evidence.of(recordings, widths, (share, 1.0))
+    def split(share: float) -> tuple[PreparedData, PreparedData]:
+        return PreparedData.of(recordings, widths, (0.0, share)), PreparedData.of(recordings, widths, (share, 1.0))
 
     motion = np.concatenate([w.centers / len(w.recording) for w in prepare(recordings, widths).windows])
     if np.mean(motion < 1 - HELD_OUT) >= MOTION:
@@ -176,7 +180,7 @@ class Prepared:
 
     calibrated: Calibrated
     aligned: Aligned
-    evidence: tuple[Evidence, Evidence]
+    parts: tuple[PreparedData, PreparedData]
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], holdout: Sequence[Recording], progress: Progress) -> Prepared:
@@ -211,7 +215,7 @@ class Prepared:
             advice=(
                 *wrong,
                 *filter(None, [self.calibrated.doubt]),
-                *(of_the_drive(found.model, constant, self.evidence[0].data) if constant is not None else ()),
+                *(of_the_drive(found.model, constant, self.parts[0].data) if constant is not None else ()),
                 *_of_timing(self, found),
                 *(loop.text for loop in feedback(recordings)),
                 *(text for text in found.advice if text not in wrong),
@@ -221,19 +225,19 @@ class Prepared:
 
 def _of_one_plant(given: Prepared, setting: Setting) -> Diagnosis:
     """Find the effects that the recordings of one plant call for, and which recordings are another plant's."""
-    recordings, holdout, everything = given.aligned.recordings, given.aligned.holdout, given.evidence
+    recordings, holdout, everything = given.aligned.recordings, given.aligned.holdout, given.parts
     datasets = [part.data for part in (everything if holdout else everything[:1])]
     odd = {one.recording: one for one in disagreements(own_fits(datasets, setting.base), only_if_all_fit=True)}
     while True:
         kept = agreeing(recordings, odd)
-        evidence = everything if len(kept) == len(recordings) else gather(kept, holdout)
-        found = _examine(kept, holdout, evidence, setting)
+        prepared = everything if len(kept) == len(recordings) else gather(kept, holdout)
+        found = _examine(kept, holdout, prepared, setting)
         named = odd | {one.recording: one for one in disagreements(own_fits(datasets, found.model.terms))}
         left = agreeing(recordings, named)
         odd = named if left else odd  # where every recording would be another plant's, what was said before stands
         if len(left) in (0, len(kept)):
             break
-    *others, last = (replace(step, model=told(step.model, evidence[0].data)) for step in found.steps)
+    *others, last = (replace(step, model=told(step.model, prepared[0].data)) for step in found.steps)
     return replace(
         found,
         steps=(*others, replace(last, model=last.model.biased()) if found.unexplained else last),
@@ -266,13 +270,13 @@ def agreeing(recordings: Sequence[Recording], odd: Container[int]) -> list[Recor
 def _examine(
     recordings: Sequence[Recording],
     holdout: Sequence[Recording],
-    evidence: tuple[Evidence, Evidence],
+    prepared: tuple[PreparedData, PreparedData],
     setting: Setting,
 ) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
-    models = setting.models(evidence)
+    models = setting.models(prepared)
     followed = fit_by_reference(models.train.data, setting.base) if setting.by_reference else None
-    wrong = turned_round(fit_terms(evidence[0], setting.base)[0], recordings)
+    wrong = turned_round(fit_terms(prepared[0], setting.base)[0], recordings)
     if wrong is not None:
         return _mislogged(models, setting.base, wrong)
     rough, window_share, beside = _looked_closer(models, recordings, holdout, setting)
@@ -311,9 +315,9 @@ def _examine(
         noise_floor=noise_floor(models.left.floor, steps[-1].errors.values()),
         advice=(
             *look_alike,
-            *_of_little(evidence[0]),
+            *_of_little(prepared[0]),
             *(doubt.text for doubt in doubts),
-            *filter(None, (term.beyond(*evidence[0].reach) for term in steps[-1].model.terms)),
+            *filter(None, (term.beyond(*prepared[0].reach) for term in steps[-1].model.terms)),
             *([suggestion.text] if suggestion else []),
             *([forbidden] if forbidden else []),
             *([kept] if kept and kept != forbidden else []),
@@ -350,7 +354,7 @@ def _looked_closer(
     return rough, window_share, beside
 
 
-def _of_little(fitted: Evidence) -> list[str]:
+def _of_little(fitted: PreparedData) -> list[str]:
     """A caveat where little of the motion tells anything."""
     count = len(fitted.data.weights)
     text = "stretches of motion are clear of stick and reversals: much may be missing that does not show"
@@ -413,7 +417,7 @@ def _held_out(models: Models) -> str:
     return listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
 
 
-def _nowhere(models: Models, part: Evidence, left: Array) -> list[Region]:
+def _nowhere(models: Models, part: PreparedData, left: Array) -> list[Region]:
     """What is said of a residual (R,) that stands out nowhere: nothing, unless it is too much for noise."""
     size, floor = float(np.sqrt(np.mean(left**2))), models.left.noise_of(part)
     if size <= models.criterion.misfit * floor:

@@ -10,7 +10,7 @@ import numpy as np
 from estimators.diagnosis.experiment import USUAL, Limits
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence
+from estimators.selection.data import PreparedData
 from estimators.selection.models import Models
 from pendulum_env.physics import Term
 
@@ -41,6 +41,6 @@ class Setting:
     usual: float = USUAL
     by_reference: bool = False
 
-    def models(self, evidence: tuple[Evidence, Evidence]) -> Models:
+    def models(self, prepared: tuple[PreparedData, PreparedData]) -> Models:
         """What some data say of models."""
-        return Models(*evidence, self.progress, self.library, self.criterion, self.rng, tuple(self.base))
+        return Models(*prepared, self.progress, self.library, self.criterion, self.rng, tuple(self.base))

@@ -20,7 +20,7 @@ from estimators.diagnosis.result import UNNAMED, Diagnosis
 from estimators.diagnosis.setting import HELD_OUT, Setting
 from estimators.in_loop.rollouts import FINE, Rollouts, with_gain
 from estimators.in_loop.screen import InLoop
-from estimators.selection.data import Evidence, Step, fit_terms
+from estimators.selection.data import PreparedData, Step, fit_terms
 from estimators.selection.models import Models
 from estimators.selection.moves import ids
 from estimators.selection.search import Selection, select
@@ -64,14 +64,14 @@ class Looped:
         )
         first, last = (WHOLE, WHOLE) if unseen else ((0.0, 1 - HELD_OUT), (1 - HELD_OUT, 1.0))
         unseen = unseen or fitted
-        base, windows = base_of(setting.base, fitted), Evidence.of(fitted, part=first)
+        base, windows = base_of(setting.base, fitted), PreparedData.of(fitted, part=first)
         ways = [InLoop(Rollouts(fitted, is_held=held, shares=first), windows) for held in (True, False)]
         train = likelier(ways, base)
         rest = Rollouts(unseen, is_held=train.data.is_held, shares=last)
-        check = InLoop(rest, Evidence.of(unseen, part=last), train)
+        check = InLoop(rest, PreparedData.of(unseen, part=last), train)
         models = Models(
-            cast(Evidence, train),  # all that a search asks of evidence, a rollout has
-            cast(Evidence, check),
+            cast(PreparedData, train),  # all that a search asks of prepared, a rollout has
+            cast(PreparedData, check),
             setting.progress,
             {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"},
             replace(setting.criterion, share=NEEDED, needed=NEEDED),
@@ -85,7 +85,7 @@ class Looped:
         """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
         fine, unseen = (replace(part, data=replace(part.data, steps=FINE)) for part in (self.train, self.check))
         fine.screen.begin_at(Point.of(step.model))
-        model = self._in_unit(_timed(fit_terms(cast(Evidence, fine), step.model.terms)[0], fine))
+        model = self._in_unit(_timed(fit_terms(cast(PreparedData, fine), step.model.terms)[0], fine))
         return Step(step.added, model, {"train": fine.errors(model), "holdout": unseen.errors(model)})
 
     def _in_unit(self, model: Model) -> Model:

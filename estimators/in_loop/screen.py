@@ -16,7 +16,7 @@ from estimators.in_loop.rollouts import Rollouts
 from estimators.kept import kept
 from estimators.regression.least_squares import Balance, Columns
 from estimators.selection.candidates import Trial, best_of_forms, bounds, by_class
-from estimators.selection.data import Errors, Evidence
+from estimators.selection.data import Errors, PreparedData
 from estimators.selection.score import BLOCK, FOLDS
 from estimators.simulation.output_error import Point
 from estimators.weak_form.shapes import continuous
@@ -41,7 +41,7 @@ class InLoop:
     """
 
     data: Rollouts
-    windows: Evidence
+    windows: PreparedData
     guide: InLoop | None = None
     _linear: dict[Terms, Linear] = field(default_factory=dict, init=False)
     _ranked: dict[tuple[Terms, str], list[Trial]] = field(default_factory=dict, init=False)

@@ -30,7 +30,7 @@ from estimators.regression.least_squares import Fit, solve
 from estimators.regression.normal import quietest_most
 from estimators.regression.recursive import evenly, history
 from estimators.schemes.six import SCHEMES, LowPass, Regressor, Scheme, give
-from estimators.selection.data import Evidence, fit_terms
+from estimators.selection.data import PreparedData, fit_terms
 from estimators.signals.measurements import Measurements, measure_segments, remember
 from estimators.weak_form.dataset import Dataset, prepare
 from pendulum_env._typing import JSON, Array, Index, Mask
@@ -159,7 +159,7 @@ class Identification:
     def windows(self) -> Model:
         """The least-squares fit over windows, on which `compare` and `diagnose` stand, too; raises as `fitted`."""
         terms = next(iter(self.schemes.values())).model.terms
-        return self.fitted(lambda data: fit_terms(Evidence(data, ()), terms)[0])
+        return self.fitted(lambda data: fit_terms(PreparedData(data, ()), terms)[0])
 
     def fitted(self, fit: Callable[[Dataset], Model]) -> Model:
         """The model that a fit finds in the windows, in their unit of torque, and with their torque constant.

@@ -101,7 +101,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class PreparedData:
     """Recordings, ready to be compared with models."""
 
     data: Dataset
@@ -112,7 +112,7 @@ class Evidence:
     @classmethod
     def of(
         cls, recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
-    ) -> Evidence:
+    ) -> PreparedData:
         """Prepare recordings, or a part of each; raises IdentificationError if they hold too little motion."""
         data = prepare(recordings, half_widths, part)
         return cls(data, tuple(choose_segments(w) for w in data.windows))
@@ -147,7 +147,7 @@ class Evidence:
         positions = [w.recording.position for w in self.data.windows if w.at in loads(joint)]
         return float(min(q.min() for q in positions)), float(max(q.max() for q in positions))
 
-    def watching(self, model: Model) -> Evidence:
+    def watching(self, model: Model) -> PreparedData:
         """The same with the link of the model's transmission, if it has one, as the motion around each instant tells.
 
         Carried along the measured motion from the start, its state is lost after a few bounces. Takes a second or two.
@@ -182,9 +182,9 @@ def _fit(error: float, deviation: float) -> float:
     return 100.0 * (1.0 - error / deviation) if deviation > 0 else 0.0
 
 
-def fit_terms(evidence: Evidence, terms: Sequence[Term]) -> tuple[Model, Fit]:
+def fit_terms(prepared: PreparedData, terms: Sequence[Term]) -> tuple[Model, Fit]:
     """Fit the linear parameters of the terms; standard errors include the shape parameters."""
-    data, screen = evidence.data, evidence.screen
+    data, screen = prepared.data, prepared.screen
     terms = screen.settle(terms)
     balance = screen.balance(terms)
     first = balance.fit(data.clusters)
@@ -220,19 +220,21 @@ def inertias(screen: Screen, base: Sequence[Term]) -> dict[str, float]:
     return dict(zip(screen.data.joints, np.abs(screen.data.given[first.id].inertia @ theta).tolist(), strict=True))
 
 
-def with_impacts(evidence: tuple[Evidence, Evidence], terms: Sequence[Term]) -> tuple[Evidence, Evidence]:
+def with_impacts(
+    prepared: tuple[PreparedData, PreparedData], terms: Sequence[Term]
+) -> tuple[PreparedData, PreparedData]:
     """Training and held-out data with impacts at reversals, see `Dataset.with_impacts`.
 
     Data with fewer than two impacts stay as they are, since a single one may be an accident, and so do data for a model
     with a link, which has impacts of its own.
     """
     if has_link(terms):
-        return evidence
-    fit = fit_terms(evidence[0], terms)[1]
+        return prepared
+    fit = fit_terms(prepared[0], terms)[1]
     count = len(fit.theta)
-    known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(evidence[0].screen)
-    train, holdout = (replace(part, data=part.data.with_impacts(*known)) for part in evidence)
-    return (train, holdout) if train.data.impacts >= REPEATED else evidence
+    known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(prepared[0].screen)
+    train, holdout = (replace(part, data=part.data.with_impacts(*known)) for part in prepared)
+    return (train, holdout) if train.data.impacts >= REPEATED else prepared
 
 
 def _placement(screen: Screen, term: Term, name: str, own: Array, noise: Array) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from estimators.kept import kept
 from estimators.regression.least_squares import information, least_squares, robust_covariance
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence, fit_terms, inertias
+from estimators.selection.data import PreparedData, fit_terms, inertias
 from estimators.weak_form.dataset import Structure
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -43,8 +43,8 @@ class Left:
         base: terms whose fit gives the inertia, and so the noise floor.
     """
 
-    train: Evidence
-    holdout: Evidence
+    train: PreparedData
+    holdout: PreparedData
     criterion: Criterion
     base: Terms
 
@@ -77,15 +77,15 @@ class Left:
         fitted = self._structures_of(self.train, self.screen.residual(terms))
         return fitted, self._structures_of(self.holdout, self.unseen(terms))
 
-    def _structures_of(self, part: Evidence, residual: Array) -> dict[str, Structure]:
+    def _structures_of(self, part: PreparedData, residual: Array) -> dict[str, Structure]:
         data = part.data
         return {at: data.part(at).structure(residual[data.where(at)], self.inertia[at]) for at in self.joints}
 
-    def is_noise(self, part: Evidence, residual: Array) -> bool:
+    def is_noise(self, part: PreparedData, residual: Array) -> bool:
         """Whether a residual (R,) [N m] of the training or of the held-out data is no more than noise."""
         return self._are_noise(part, self._structures_of(part, residual))
 
-    def _are_noise(self, part: Evidence, structures: Mapping[str, Structure]) -> bool:
+    def _are_noise(self, part: PreparedData, structures: Mapping[str, Structure]) -> bool:
         return all(self.criterion.is_noise(own, self.noise_of(part, at)) for at, own in structures.items())
 
     def is_noise_at(self, at: str, terms: Terms) -> bool:
@@ -97,7 +97,7 @@ class Left:
         """Torque error due to measurement noise alone, on the training data of the first joint [N m]."""
         return self.noise_of(self.train)
 
-    def noise_of(self, part: Evidence, at: str | None = None) -> float:
+    def noise_of(self, part: PreparedData, at: str | None = None) -> float:
         """Torque error due to measurement noise alone [N m]."""
         return self._floors[0 if part is self.train else 1][self.joints[0] if at is None else at]
 
@@ -166,6 +166,6 @@ class Left:
         return self.explained(after, before) > self.criterion.share
 
 
-def drifting_in(part: Evidence, terms: Sequence[Term]) -> Terms:
+def drifting_in(part: PreparedData, terms: Sequence[Term]) -> Terms:
     """The terms with functions of time on a grid that covers some data."""
     return tuple(next(iter(type(t).grid(part.samples, np.empty(0)))) if isinstance(t, ByTime) else t for t in terms)

@@ -14,7 +14,7 @@ from estimators.checks.physical import impossible, objection
 from estimators.kept import kept
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence, Step, fit_terms
+from estimators.selection.data import PreparedData, Step, fit_terms
 from estimators.selection.left import Left, Terms, drifting_in
 from estimators.selection.score import BLOCK, Blocks, Bootstrap, Gain, cross_validated, predicted
 from estimators.simulation import output_error
@@ -44,8 +44,8 @@ class Models:
         drawn: random weights of blocks, if there are some already.
     """
 
-    train: Evidence
-    holdout: Evidence
+    train: PreparedData
+    holdout: PreparedData
     progress: Progress = no_progress
     library: Mapping[str, type[Term]] = field(default_factory=effects)
     criterion: Criterion = field(default_factory=Criterion)
@@ -201,7 +201,7 @@ class Models:
         return gain, (had - left) / had if had > 0 else 0.0
 
 
-def _blocks(part: Evidence, length: float) -> Blocks:
+def _blocks(part: PreparedData, length: float) -> Blocks:
     """Stretches of some data, with folds of pieces of a length [s]."""
     return Blocks(*part.data.blocks(BLOCK), part.data.blocks(length)[0])
 

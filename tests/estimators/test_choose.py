@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimators import add, compare, diagnose, identify
-from estimators.selection.data import Evidence, fit_terms
+from estimators.selection.data import PreparedData, fit_terms
 from estimators.simulation.free_running import deviation, growth, select
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
@@ -62,19 +62,19 @@ def test_add_takes_limits_too(days):
 
 def test_fit_in_percent_is_relative_to_what_there_was_to_explain():
     run = record(None, excitation("paper", 1, 6.0), 6.0, 500.0, rng=1)
-    evidence = Evidence.of([run])
-    errors = evidence.errors(paper_plant())
-    torque = evidence.data.torque()
+    prepared = PreparedData.of([run])
+    errors = prepared.errors(paper_plant())
+    torque = prepared.data.torque()
     expected = 100 * (1 - errors.torque_rms / np.std(torque))
     assert errors.torque_fit == pytest.approx(expected) and 99 < errors.torque_fit < 100
-    assert errors.position_fit == pytest.approx(100 * (1 - errors.position_rms / deviation(evidence.segments)))
-    worse = evidence.errors(paper_plant({"gravity": 1.0}))
+    assert errors.position_fit == pytest.approx(100 * (1 - errors.position_rms / deviation(prepared.segments)))
+    worse = prepared.errors(paper_plant({"gravity": 1.0}))
     assert worse.torque_fit < errors.torque_fit and worse.position_fit < errors.position_fit
 
 
 def test_correlations_are_those_of_repeated_fits():
     runs = [record(None, excitation("paper", 1, 4.0), 4.0, 500.0, rng=k, torque_noise=0.1) for k in range(40)]
-    models = [fit_terms(Evidence.of([run]), BASE)[0] for run in runs]
+    models = [fit_terms(PreparedData.of([run]), BASE)[0] for run in runs]
     seen = np.corrcoef(np.array([model.theta for model in models]).T)
     told = np.mean([model.correlation for model in models], axis=0)
     assert seen[2, 3] < -0.5
@@ -83,7 +83,7 @@ def test_correlations_are_those_of_repeated_fits():
 
 def test_growth_of_an_error_upright_is_that_of_the_linear_equation():
     run = record(None, excitation("paper", 1, 6.0), 6.0, 500.0, rng=1)
-    (segments,) = Evidence.of([run]).segments
+    (segments,) = PreparedData.of([run]).segments
     count = len(segments.position) - 1
     upright = replace(
         segments,
@@ -111,7 +111,7 @@ def test_windows_with_the_arm_upright_are_not_counted():
     held = compare(model, Recording("lifted", time, position, torque + noise))
     assert 0.3 < held.joint.unstable < 0.6 and "small error grows tenfold" in str(held.caveat)
     assert held.json()["joint"]["unstable"] == held.joint.unstable
-    lifted = Evidence.of([Recording("lifted", time, position, torque + noise)])
+    lifted = PreparedData.of([Recording("lifted", time, position, torque + noise)])
     assert held.joint.errors.position_rms < 0.5 * lifted.errors(model).position_rms
     calm = record(None, excitation("paper", 1, 6.0), 6.0, 500.0, rng=1)
     assert compare(paper_plant(), calm).caveat is None

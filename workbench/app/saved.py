@@ -109,7 +109,7 @@ def opened(folder: Path) -> State:
         state.asked.check(terms)
         if not state.trouble:
             state.told.json()  # what a page would stumble over
-            state.standing.residuals(state.prepared.evidence[0])
+            state.standing.residuals(state.prepared.parts[0])
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise Unreadable(f"{CONTENTS} makes no sense ({type(error).__name__}: {error}); {HINT}") from None
     return state

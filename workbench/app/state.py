@@ -22,7 +22,7 @@ from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.diagnosis.run import diagnose, gather
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence, Step
+from estimators.selection.data import PreparedData, Step
 from estimators.signals.measurements import measure_segments
 from pendulum_env._typing import Array
 from pendulum_env.mistake import Mistake
@@ -160,14 +160,14 @@ class Prepared:
     Attributes:
         train, holdout: fitted and held-out ones in N m, with their torque in time if that is asked for.
         timing: what is found of the time between torque and motion.
-        evidence: what is fitted and what is held out, as windows and segments.
+        parts: what is fitted and what is held out, as windows and segments.
         base: the base model, fitted.
     """
 
     train: tuple[Recording, ...]
     holdout: tuple[Recording, ...]
     timing: Aligned
-    evidence: tuple[Evidence, Evidence]
+    parts: tuple[PreparedData, PreparedData]
     base: Step
 
 
@@ -187,10 +187,10 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
         raise InputError(f"{calibrated.doubt}; or give the gain itself")
     timing = Aligned.of(calibrated.recordings, calibrated.holdout)
     own = timing if is_aligned else calibrated
-    evidence = gather(own.recordings, own.holdout)
-    base = fit(*evidence, within_limits(terms, {}, **asked.limits)[0])
-    base = replace(base, model=told(base.model, evidence[0].data))
-    return Prepared(own.recordings, own.holdout, timing, evidence, base)
+    prepared = gather(own.recordings, own.holdout)
+    base = fit(*prepared, within_limits(terms, {}, **asked.limits)[0])
+    base = replace(base, model=told(base.model, prepared[0].data))
+    return Prepared(own.recordings, own.holdout, timing, prepared, base)
 
 
 @dataclass(frozen=True, eq=False)
@@ -363,7 +363,7 @@ class State:
             return self.diagnosis.disagreements
         if self.trouble:
             return ()
-        parts = self.prepared.evidence if self.holdout else self.prepared.evidence[:1]
+        parts = self.prepared.parts if self.holdout else self.prepared.parts[:1]
         return disagreements(own_fits([part.data for part in parts], self.model.terms), only_if_all_fit=True)
 
     @cached_property
@@ -371,14 +371,14 @@ class State:
         """What the report tells: the diagnosis if it calls for all that the ladder has and more, else the ladder."""
         if self.diagnosis is not None and set(self.added) < set(self.called):
             return replace(self.diagnosis, steps=self.called_for)
-        evidence, model = self.prepared.evidence[0], self.model
+        prepared, model = self.prepared.parts[0], self.model
         inertia = abs(model.estimates["inertia"].value) if "inertia" in model.estimates else 0.0
-        floor = evidence.data.noise(inertia) if self.diagnosis is None else self.diagnosis.noise_floor
+        floor = prepared.data.noise(inertia) if self.diagnosis is None else self.diagnosis.noise_floor
         left = self.diagnosis.unexplained if self.diagnosis is not None else ()
         if self.added != self.called or self.diagnosis is None:
-            residual: Array = evidence.watching(model).residual(model.terms, model.theta)
-            is_noise = Criterion().is_noise(evidence.data.structure(residual, inertia), floor)
-            left = () if is_noise else tuple(stand_out(evidence.samples, residual, floor))
+            residual: Array = prepared.watching(model).residual(model.terms, model.theta)
+            is_noise = Criterion().is_noise(prepared.data.structure(residual, inertia), floor)
+            left = () if is_noise else tuple(stand_out(prepared.samples, residual, floor))
         if self.diagnosis is not None:
             return replace(self.diagnosis, steps=self.ladder, unexplained=left)
         return Diagnosis(self.ladder, (), (), left, floor, tuple(doubt.text for doubt in self.doubts))
@@ -402,7 +402,7 @@ class State:
         """The same with all recordings and the ladder as they are, whatever the diagnosis found beyond them."""
         diagnosis = replace(self.told, steps=self.ladder)
         parts = self.train, self.holdout or self.train
-        return Case(*parts, not self.holdout, diagnosis, gathered=self.prepared.evidence)
+        return Case(*parts, not self.holdout, diagnosis, gathered=self.prepared.parts)
 
     @property
     def seconds(self) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimators.in_loop.fit import likelier
 from estimators.in_loop.rollouts import GRAIN
-from estimators.selection.data import Evidence
+from estimators.selection.data import PreparedData
 from estimators.simulation.free_running import Segments, simulate_all, start_memory
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
@@ -48,7 +48,7 @@ def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> 
         InputError: if the extra `export` is not installed.
     """
     refuse_loads(recordings)
-    segments = Evidence.of(recordings).watching(model).segments
+    segments = PreparedData.of(recordings).watching(model).segments
     own = [path[:, 0] for path in simulate_all(segments, [(model.terms, model.theta)])]
     theirs = [_simulated(model, exported, segment) for segment in segments]
     measured = [segment.position for segment in segments]

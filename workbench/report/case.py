@@ -13,7 +13,7 @@ from estimators.diagnosis.run import agreeing, gather
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import SCHEMES
-from estimators.selection.data import Evidence, with_impacts
+from estimators.selection.data import PreparedData, with_impacts
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
@@ -28,7 +28,7 @@ class Case:
         holdout: recordings that were held out: given ones, or the ends of the fitted ones.
         is_split: whether the held-out recordings are the ends of the fitted ones.
         diagnosis: what was found.
-        gathered: evidence from the recordings, fitted and held out, where it is at hand already.
+        gathered: data prepared of the recordings, fitted and held out, where it is at hand already.
         first: what the model is called that the diagnosis started from.
     """
 
@@ -36,7 +36,7 @@ class Case:
     holdout: tuple[Recording, ...]
     is_split: bool
     diagnosis: Diagnosis
-    gathered: tuple[Evidence, Evidence] | None = None
+    gathered: tuple[PreparedData, PreparedData] | None = None
     first: str = "base model"
 
     @classmethod
@@ -55,22 +55,22 @@ class Case:
         return cls(fitted, tuple(holdout) or fitted, not holdout, diagnosis)
 
     @cached_property
-    def _evidence(self) -> tuple[Evidence, Evidence]:
+    def _prepared(self) -> tuple[PreparedData, PreparedData]:
         if self.gathered is not None:
             return self.gathered
         found = self.diagnosis
-        evidence = gather(self.train, () if self.is_split else self.holdout, found.window_share)
-        return evidence if found.impacts_beside is None else with_impacts(evidence, found.impacts_beside)
+        prepared = gather(self.train, () if self.is_split else self.holdout, found.window_share)
+        return prepared if found.impacts_beside is None else with_impacts(prepared, found.impacts_beside)
 
     @cached_property
-    def training(self) -> Evidence:
+    def training(self) -> PreparedData:
         """Windows and segments of the fitted recordings."""
-        return self._evidence[0]
+        return self._prepared[0]
 
     @cached_property
-    def testing(self) -> Evidence:
+    def testing(self) -> PreparedData:
         """Windows and segments of the held-out recordings."""
-        return self._evidence[1]
+        return self._prepared[1]
 
     @cached_property
     def schemes(self) -> Identification | None:
@@ -93,16 +93,16 @@ class Case:
         return (base, final) if self.diagnosis.selected else (base,)
 
     @cached_property
-    def _watched(self) -> dict[int, list[Evidence]]:
+    def _watched(self) -> dict[int, list[PreparedData]]:
         return {}
 
-    def watched(self, evidence: Evidence) -> list[Evidence]:
-        """Evidence for each drawn model, with its link watched if it has one; worked out once."""
-        if id(evidence) not in self._watched:
-            self._watched[id(evidence)] = [evidence.watching(model) for _, _, model in self.models]
-        return self._watched[id(evidence)]
+    def watched(self, prepared: PreparedData) -> list[PreparedData]:
+        """Prepared data for each drawn model, with its link watched if it has one; worked out once."""
+        if id(prepared) not in self._watched:
+            self._watched[id(prepared)] = [prepared.watching(model) for _, _, model in self.models]
+        return self._watched[id(prepared)]
 
-    def residuals(self, evidence: Evidence) -> list[Array]:
+    def residuals(self, prepared: PreparedData) -> list[Array]:
         """Measured minus modelled torque (R,) [N m] of each drawn model."""
-        seen = zip(self.watched(evidence), self.models, strict=True)
+        seen = zip(self.watched(prepared), self.models, strict=True)
         return [own.residual(model.terms, model.theta) for own, (_, _, model) in seen]

@@ -15,7 +15,7 @@ from plotly.offline import get_plotlyjs, get_plotlyjs_version
 from estimators.arguments import Recordings, chosen_recordings
 from estimators.comparison import Comparison, in_units_of, joined
 from estimators.diagnosis.result import Diagnosis
-from estimators.selection.data import Evidence, Step
+from estimators.selection.data import PreparedData, Step
 from pendulum_env import words
 from pendulum_env.files import write_whole
 from workbench.report.case import Case
@@ -132,7 +132,7 @@ def render_comparison(compared: Comparison, recordings: Recordings) -> str:
 def _case(compared: Comparison, recordings: Recordings) -> Case:
     """The comparison as a diagnosis in which nobody has looked for effects."""
     own = in_units_of(compared.model, chosen_recordings(recordings))
-    together = joined([Evidence.of([recording]) for recording in own])
+    together = joined([PreparedData.of([recording]) for recording in own])
     errors = compared.joint.errors
     step = Step(None, compared.model, {"train": errors, "holdout": errors})
     found = Diagnosis((step,), (), (), compared.regions, compared.joint.noise_floor, ())

@@ -35,7 +35,7 @@ def base(body):
 
 
 @pytest.fixture(scope="module")
-def evidence(run, base):
+def prepared(run, base):
     return gather_arm([run], base)
 
 
@@ -54,14 +54,14 @@ LAWS = ("load_dependent_friction", "torque_saturation", "actuator_lag", "torque_
 
 @pytest.mark.parametrize(("joint", "law"), [(k % 2, law) for k, law in enumerate(LAWS)])
 @pytest.mark.parametrize("other", [None, "load_dependent_friction", "torque_saturation"])
-def test_what_other_joints_share_may_be_condensed_wherever_a_law_acts(body, evidence, base, joint, law, other):
+def test_what_other_joints_share_may_be_condensed_wherever_a_law_acts(body, prepared, base, joint, law, other):
     at, elsewhere = body.joints[joint], body.joints[1 - joint]
-    screen = evidence.screen
+    screen = prepared.screen
     terms = base if other is None else (*base, at_joint(effect(other), elsewhere)())
     variant = at_joint(effect(law), at)()
     (own,) = screen.columns([variant])
     whole = screen._balance((*terms, variant), [*(screen.columns([t])[0] for t in terms), own], screen.weights(terms))
-    small = screen._beside(terms, evidence.data.where(at))(variant, own)
+    small = screen._beside(terms, prepared.data.where(at))(variant, own)
     assert isinstance(own, Columns) and len(small.y) <= len(whole.y)
     left, full = (np.linalg.norm(one.weights * one.error(one.solve())) for one in (small, whole))
     assert left == pytest.approx(full, rel=1e-5)
@@ -71,8 +71,8 @@ def test_a_lag_that_only_makes_torque_smaller_gains_nothing_beside_a_true_one(ru
     elbow = Multisine.paper(0, (3.5, 2.2)).held(TIME, 1e-3)[:, 1]
     lags = 0.02 * np.gradient(elbow, 1e-3)  # the elbow's drive follows with a lag of 20 ms
     hums = np.sin(2 * np.pi * 15.0 * TIME)  # and something hums in the shoulder's channel
-    evidence = gather_arm([replace(run, torque=run.torque + np.column_stack([hums, lags]))], base)
-    models = Models(evidence, evidence, base=base, tables=())
+    prepared = gather_arm([replace(run, torque=run.torque + np.column_stack([hums, lags]))], base)
+    models = Models(prepared, prepared, base=base, tables=())
     lag = effect("actuator_lag")
     true = (*base, at_joint(lag, "elbow")(0.02))
     both = (*true, at_joint(lag, "shoulder")(0.01))

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, random_case, simulate
 from estimators.checks.alignment import align, align_each
 from estimators.checks.channel_fits import SEARCH, Law
-from estimators.selection.data import Evidence, fit_terms
+from estimators.selection.data import PreparedData, fit_terms
 from estimators.signals.channel import Channel
 from pendulum_env.physics import BASE
 from pendulum_env.physics.potential import Cogging
@@ -152,7 +152,7 @@ def test_a_log_of_every_few_samples_of_a_controller_holds_torque_that_was_sample
     assert found.channel.is_sampled and found.json()["sampled"] and "sampled" in str(found.text)
     assert found.delay == pytest.approx((every - 1) * 0.001, abs=3e-4)  # half a sample, less that of the controller
     assert not align([fast]).is_late
-    theta, plain = (fit_terms(Evidence.of([one]), BASE)[0].theta for one in (found.apply(slow_log), slow_log))
+    theta, plain = (fit_terms(PreparedData.of([one]), BASE)[0].theta for one in (found.apply(slow_log), slow_log))
     np.testing.assert_allclose(theta, TRUTH, rtol=0.005)
     assert abs(plain[0] / TRUTH[0] - 1) > 0.015  # taken for held
 

@@ -106,13 +106,13 @@ def test_stops_that_turn_the_joint_round_within_a_few_samples_are_found(bouncing
 def test_of_one_blow_that_turns_the_joint_round_nothing_is_learnt(monkeypatch):
     struck = recording("struck")
     struck = replace(struck, torque=struck.torque - BLOW)
-    evidence = gather([struck])
-    assert with_impacts(evidence, BASE) is evidence
+    prepared = gather([struck])
+    assert with_impacts(prepared, BASE) is prepared
     found = diagnosed([struck])
     assert found.selected == ()
     assert found.unexplained
     monkeypatch.setattr("estimators.selection.data.REPEATED", 1)
-    assert with_impacts(evidence, BASE)[0].data.impacts == 1  # it was seen
+    assert with_impacts(prepared, BASE)[0].data.impacts == 1  # it was seen
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 import numpy as np
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.selection.data import Evidence
+from estimators.selection.data import PreparedData
 from estimators.simulation.free_running import simulate_all
 from estimators.weak_form.windows import trace_all
 from pendulum_env.physics import BASE, effect
@@ -12,14 +12,14 @@ from tests.cases import recorded
 THETA = np.array([0.09, 2.0, 0.35, 0.8])
 
 
-def evidence(*rates: float) -> Evidence:
+def prepared(*rates: float) -> PreparedData:
     """One recording at each rate."""
     experiments = (Experiment(rate=rate, seconds=5.0, seed=k) for k, rate in enumerate(rates))
-    return Evidence.of(recorded(Plant(), *experiments))
+    return PreparedData.of(recorded(Plant(), *experiments))
 
 
 def test_recordings_fly_together_as_they_fly_alone():
-    segments = evidence(250.0, 249.7, 400.0).segments
+    segments = prepared(250.0, 249.7, 400.0).segments
     lagging = (*BASE, effect("actuator_lag")(time_constant=0.02), effect("dead_time")(dead_time=0.007))
     models = [(lagging, THETA), (lagging, 1.1 * THETA)]
     for segment, paths in zip(segments, simulate_all(segments, models), strict=True):
@@ -28,7 +28,7 @@ def test_recordings_fly_together_as_they_fly_alone():
 
 
 def test_state_along_several_recordings_is_that_along_each():
-    windows = evidence(250.0, 250.0).data.windows
+    windows = prepared(250.0, 250.0).data.windows
     kind = effect("backlash")
     variants = [kind(gap=0.01), kind(gap=0.03, gravity=15.0)]
     for w, together in zip(windows, trace_all(windows, variants), strict=True):

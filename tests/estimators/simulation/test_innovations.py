@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.selection.data import Evidence, fit_terms
+from estimators.selection.data import PreparedData, fit_terms
 from estimators.simulation import output_error
 from estimators.simulation.free_running import choose_segments
 from estimators.simulation.output_error import Point
@@ -15,16 +15,16 @@ TRUTH = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.8}
 AT = Point(BASE, np.array(list(TRUTH.values())))
 
 
-def each(seeds: range, counts: int = 1_024_000) -> list[Evidence]:
+def each(seeds: range, counts: int = 1_024_000) -> list[PreparedData]:
     of_all = {"rate": 500.0, "seconds": 10.0, "counts": counts, "torque_noise": 0.05}
     runs = recorded(Plant(**TRUTH), *(Experiment(seed=seed, **of_all) for seed in seeds))
-    return [Evidence.of([run]) for run in runs]
+    return [PreparedData.of([run]) for run in runs]
 
 
 @pytest.mark.parametrize("counts", [8192, 1_024_000])
 def test_at_the_true_parameters_innovations_are_as_large_as_expected_and_unrelated(counts: int):
-    (evidence,) = each(range(5, 6), counts)
-    segments = [choose_segments(windows, 0.5) for windows in evidence.data.windows]
+    (prepared,) = each(range(5, 6), counts)
+    segments = [choose_segments(windows, 0.5) for windows in prepared.data.windows]
     filters = output_error.innovations(segments, AT)
     new, plain = (
         output_error.errors(segments, [AT], used)[0].reshape(len(segments[0].first), -1) for used in (filters, ())
@@ -41,9 +41,9 @@ def test_at_the_true_parameters_innovations_are_as_large_as_expected_and_unrelat
 def gain(seeds: range, counts: int = 1_024_000) -> float:
     """Error of the fit by innovations over that of windows, geometric mean over the parameters."""
     errors = []
-    for evidence in each(seeds, counts):
-        start, _ = fit_terms(evidence, BASE)
-        segments = [choose_segments(windows, 0.5) for windows in evidence.data.windows]
+    for prepared in each(seeds, counts):
+        start, _ = fit_terms(prepared, BASE)
+        segments = [choose_segments(windows, 0.5) for windows in prepared.data.windows]
         found = output_error.maximum_likelihood(segments, Point(BASE, start.theta))
         errors.append(np.abs(np.array([start.theta, found.theta]) / AT.theta - 1))
     windows, innovations = np.sqrt(np.mean(np.square(errors), axis=0))

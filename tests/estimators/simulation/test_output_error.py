@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.selection.data import Evidence
+from estimators.selection.data import PreparedData
 from estimators.simulation import output_error
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, effect
@@ -15,22 +15,22 @@ from tests.cases import recorded
 TRUTH = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.9}
 
 
-def evidence_of(effects: dict[str, dict[str, float]], **experiment: float) -> Evidence:
+def prepared_of(effects: dict[str, dict[str, float]], **experiment: float) -> PreparedData:
     plant = Plant(**TRUTH, effects=effects)
-    return Evidence.of(recorded(plant, Experiment(rate=1000.0, seconds=8.0, seed=3, **experiment)))
+    return PreparedData.of(recorded(plant, Experiment(rate=1000.0, seconds=8.0, seed=3, **experiment)))
 
 
 def test_a_wrong_start_leads_to_the_true_parameters():
-    evidence = evidence_of({}, counts=1_024_000, torque_noise=0.02)
+    prepared = prepared_of({}, counts=1_024_000, torque_noise=0.02)
     start = np.array(list(TRUTH.values())) * [1.1, 0.9, 1.2, 0.85]
-    point = output_error.fit(evidence.segments, BASE, start, turns=10)
+    point = output_error.fit(prepared.segments, BASE, start, turns=10)
     assert point.theta == pytest.approx(list(TRUTH.values()), rel=3e-3)
 
 
 def test_standard_errors_cover_the_truth():
-    evidence = evidence_of({}, counts=65_536, torque_noise=0.05)
-    point = output_error.fit(evidence.segments, BASE, np.array(list(TRUTH.values())))
-    model = output_error.model(evidence.segments, point)
+    prepared = prepared_of({}, counts=65_536, torque_noise=0.05)
+    point = output_error.fit(prepared.segments, BASE, np.array(list(TRUTH.values())))
+    model = output_error.model(prepared.segments, point)
     z = [(model.estimates[name].value - true) / model.estimates[name].std for name, true in TRUTH.items()]
     assert np.abs(z).max() < 4
     assert all(0 < model.estimates[name].std < 0.05 * true for name, true in TRUTH.items())
@@ -40,17 +40,17 @@ def test_standard_errors_cover_the_truth():
 def test_friction_that_windows_hardly_see_is_found_by_what_it_does_to_motion():
     # 8192 counts: windows clear of reversals hold little of presliding, which lasts a hundredth of a turn after them
     stiffness = 60.0
-    evidence = evidence_of({"presliding": {"dahl_sigma": stiffness}}, counts=8192, torque_noise=0.02)
+    prepared = prepared_of({"presliding": {"dahl_sigma": stiffness}}, counts=8192, torque_noise=0.02)
     terms = (*BASE, effect("presliding")(displacement=0.008))
     start = np.array([*TRUTH.values(), TRUTH["coulomb"]]) * [1.0, 1.0, 1.0, 1.0, 0.8]
-    point = output_error.fit(evidence.segments, terms, start, turns=12)
+    point = output_error.fit(prepared.segments, terms, start, turns=12)
     assert point.theta[-1] == pytest.approx(TRUTH["coulomb"], rel=0.05)
     assert point.terms[-1].shape["displacement"] == pytest.approx(TRUTH["coulomb"] / stiffness, rel=0.05)
 
 
 def test_an_error_of_the_initial_state_alone_leaves_no_residual():
-    evidence = evidence_of({}, counts=1_024_000, torque_noise=0.0)
-    (segments,) = evidence.segments
+    prepared = prepared_of({}, counts=1_024_000, torque_noise=0.0)
+    (segments,) = prepared.segments
     point = Point(BASE, np.array(list(TRUTH.values())))
     exact = output_error.rms([segments], point)
     shifted = np.array(segments.velocity) + 2e-3

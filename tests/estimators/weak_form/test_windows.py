@@ -9,7 +9,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import solve
-from estimators.selection.data import Evidence, fit_terms, with_impacts
+from estimators.selection.data import PreparedData, fit_terms, with_impacts
 from estimators.signals.differentiation import encoder_noise, white_noise
 from estimators.weak_form.dataset import Dataset, choose_half_width, dataset, prepare
 from estimators.weak_form.windows import cut
@@ -198,7 +198,7 @@ def test_a_moment_while_the_joint_rests_is_not_known_better_than_the_rest_lasts(
     plant = Plant(effects={"payload_change": {"pay_t": 4.0, "pay_I": 0.04, "pay_mgl": 0.0}})
     runs = simulate([(plant, Experiment(seed=1, seconds=10.0, rate=500.0))] * 2, [command, paused])
     terms = (*BASE, effect("payload_change")(moment=4.0))
-    moving, resting = (fit_terms(Evidence.of([recorded(r)]), terms)[0] for r in runs)
+    moving, resting = (fit_terms(PreparedData.of([recorded(r)]), terms)[0] for r in runs)
     assert moving.estimates["payload_change.moment"].std < 0.05
     assert 0.5 < resting.estimates["payload_change.moment"].std < 2.0
 
@@ -210,23 +210,23 @@ def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
     runs = simulate([(Plant(coulomb=0.1), Experiment(rate=500, seconds=10, seed=seed, **coarse)) for seed in range(6)])
     told = []
     for run in runs:
-        evidence = Evidence.of([recorded(run)])
-        model, fit = fit_terms(evidence, BASE)
-        told.append(evidence.data.structure(fit.residual, model.estimates["inertia"].value)[1])
-        without = evidence.data.structure(
+        prepared = PreparedData.of([recorded(run)])
+        model, fit = fit_terms(prepared, BASE)
+        told.append(prepared.data.structure(fit.residual, model.estimates["inertia"].value)[1])
+        without = prepared.data.structure(
             fit.residual + 3 * fit.rms * np.sin(0.05 * np.arange(len(fit.residual))), 0.09
         )
         assert without[1] > 10  # what goes on from window to window is
     assert np.abs(np.mean(told)) < 2 and np.max(np.abs(told)) < 4.5
 
 
-def knocked(evidence: Evidence, terms: Sequence[Term] = BASE) -> Dataset:
-    return with_impacts((evidence, evidence), terms)[0].data
+def knocked(prepared: PreparedData, terms: Sequence[Term] = BASE) -> Dataset:
+    return with_impacts((prepared, prepared), terms)[0].data
 
 
 def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met(bouncing):
-    evidence = Evidence.of([bouncing])
-    (before,), (after,) = evidence.data.windows, (data := knocked(evidence)).windows
+    prepared = PreparedData.of([bouncing])
+    (before,), (after,) = prepared.data.windows, (data := knocked(prepared)).windows
     added = bouncing.position[np.setdiff1d(after.centers, before.centers)]
     assert data.impacts >= 3
     assert np.all((added < WALLS[0] + 0.2) | (added > WALLS[1] - 0.2))
@@ -234,9 +234,9 @@ def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met(bouncing):
 
 @pytest.mark.parametrize("which", range(4))
 def test_a_turn_that_friction_makes_is_no_knock(sticky_runs, which):
-    evidence = Evidence.of([recorded(sticky_runs[which])])
-    assert len(evidence.data.windows[0].turning) > 0
-    assert knocked(evidence).impacts == 0
+    prepared = PreparedData.of([recorded(sticky_runs[which])])
+    assert len(prepared.data.windows[0].turning) > 0
+    assert knocked(prepared).impacts == 0
 
 
 @pytest.mark.parametrize(
@@ -250,4 +250,4 @@ def test_a_turn_that_friction_makes_is_no_knock(sticky_runs, which):
 def test_neither_is_one_that_friction_of_another_law_makes(hidden, terms):
     experiment = Experiment(rate=500, seconds=8, seed=3)
     (run,) = simulate([(Plant(effects=hidden), experiment)])
-    assert knocked(Evidence.of([recorded(run)]), (*BASE, *terms)).impacts == 0
+    assert knocked(PreparedData.of([recorded(run)]), (*BASE, *terms)).impacts == 0

@@ -58,10 +58,10 @@ class Points:
     def of(cls, case: Case, recording: Recording) -> Points:
         """Windows of one of the recordings, fitted and held-out ones alike."""
         parts = []
-        for evidence in (case.training, case.testing):
-            windows, x = evidence.data.windows, evidence.samples
+        for prepared in (case.training, case.testing):
+            windows, x = prepared.data.windows, prepared.samples
             own = np.repeat([w.recording is recording for w in windows], [len(w.centers) for w in windows])
-            series = (x.time, x.position, x.velocity, evidence.data.torque(), *case.residuals(evidence))
+            series = (x.time, x.position, x.velocity, prepared.data.torque(), *case.residuals(prepared))
             parts.append([values[own] for values in series])
         time, position, velocity, torque, *residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
         return cls(case, Samples(time, position, velocity, torque), tuple(residuals))

@@ -129,7 +129,7 @@ def _share_in_stick(state: Work) -> dict[int, float]:
     """Share of each recording at rest, by its identity; where windows are cut from two parts of it, of the first."""
     if state.trouble:
         return {}
-    training, testing = state.prepared.evidence
+    training, testing = state.prepared.parts
     windows = [*testing.data.windows, *training.data.windows]
     return {id(w.recording): 1.0 - float(np.mean(w.moving)) for w in windows}
 

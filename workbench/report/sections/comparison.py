@@ -16,18 +16,18 @@ PER_SEGMENT = (10, 80)  # points of each simulated window, fewer where there are
 
 def comparison(case: Case) -> Section:
     """Both comparisons for every held-out recording, those with the largest errors first."""
-    evidence, residuals = case.testing, case.residuals(case.testing)
-    ends = np.cumsum([len(w.centers) for w in evidence.data.windows])[:-1]
+    prepared, residuals = case.testing, case.residuals(case.testing)
+    ends = np.cumsum([len(w.centers) for w in prepared.data.windows])[:-1]
     split = [np.split(residual, ends) for residual in residuals]
-    torque = np.split(evidence.data.torque(), ends)
+    torque = np.split(prepared.data.torque(), ends)
     noise = case.diagnosis.noise_floor
-    usable = [k for k, w in enumerate(evidence.data.windows) if len(w.centers) > 1]
+    usable = [k for k, w in enumerate(prepared.data.windows) if len(w.centers) > 1]
     order = sorted(usable, key=lambda k: -float(np.mean(split[0][k] ** 2)))[: DRAWING.compared]
     runs = [
         {
             "name": case.holdout[k].name,
             "torque": torque_figure(case, k, torque[k], [part[k] for part in split], noise),
-            "position": position_figure(case, f"position-{k}", [own.segments[k] for own in case.watched(evidence)]),
+            "position": position_figure(case, f"position-{k}", [own.segments[k] for own in case.watched(prepared)]),
         }
         for k in order
     ]

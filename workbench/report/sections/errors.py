@@ -7,7 +7,7 @@ from textwrap import wrap
 import numpy as np
 
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence
+from estimators.selection.data import PreparedData
 from pendulum_env._typing import JSON
 from pendulum_env.words import name, number
 from workbench.report.case import Case
@@ -24,9 +24,9 @@ def errors(case: Case) -> Section:
         "steps": steps,
         "noise_floor": case.diagnosis.noise_floor,
         "whiteness": [
-            whiteness(f"{label}, {part}", case, evidence, k)
+            whiteness(f"{label}, {part}", case, prepared, k)
             for k, (label, _, _) in enumerate(case.models)
-            for part, evidence in (("fitted", case.training), ("held out", case.testing))
+            for part, prepared in (("fitted", case.training), ("held out", case.testing))
         ],
         "figures": [
             ladder(case, "torque_rms", "torque error [N m]", case.diagnosis.noise_floor),
@@ -38,13 +38,13 @@ def errors(case: Case) -> Section:
     return Section("errors", "Errors", "How the error falls", content)
 
 
-def whiteness(label: str, case: Case, evidence: Evidence, drawn: int) -> tuple[str, float, float, str]:
+def whiteness(label: str, case: Case, prepared: PreparedData, drawn: int) -> tuple[str, float, float, str]:
     """Test of the residual of a drawn model for correlation between neighbours, beyond what their overlap gives.
 
     Label, what they share [N m], the same in standard errors of white noise, and what that means.
     """
-    residual, model = case.residuals(evidence)[drawn], case.models[drawn][2]
-    shared, significance, _ = evidence.data.structure(residual, abs(model.estimates["inertia"].value))
+    residual, model = case.residuals(prepared)[drawn], case.models[drawn][2]
+    shared, significance, _ = prepared.data.structure(residual, abs(model.estimates["inertia"].value))
     small = ", by less than noise is" if shared < case.diagnosis.noise_floor else ": something is left"
     return label, shared, significance, "white" if significance < Criterion().sure else f"not white{small}"
 

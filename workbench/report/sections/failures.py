@@ -27,10 +27,10 @@ Curve = tuple[str, str]  # label and colour of a model
 
 def failures(case: Case) -> Section:
     """Residual maps of the base model beside the final one, on the data that were fitted."""
-    evidence, noise = case.training, case.diagnosis.noise_floor
-    residuals = case.residuals(evidence)
-    maps = [profiles(evidence.samples, residual, noise) for residual in residuals]
-    regions = stand_out(evidence.samples, residuals[0], noise)
+    prepared, noise = case.training, case.diagnosis.noise_floor
+    residuals = case.residuals(prepared)
+    maps = [profiles(prepared.samples, residual, noise) for residual in residuals]
+    regions = stand_out(prepared.samples, residuals[0], noise)
     curves = [(label, color) for label, color, _ in case.models]
     still = case.diagnosis.unexplained if case.diagnosis.selected else ()
     reach = 1.08 * max(float(np.max(np.abs(item.mean))) for drawn in maps for item in drawn if item.axis != "frequency")

@@ -19,8 +19,8 @@ def method(case: Case) -> Section:
     content = {
         "used": [
             _use(w, part)
-            for part, evidence in (("fitted", case.training), ("held out", case.testing))
-            for w in evidence.data.windows
+            for part, prepared in (("fitted", case.training), ("held out", case.testing))
+            for w in prepared.data.windows
         ],
         "split": case.is_split,
         "seconds": SECONDS,
