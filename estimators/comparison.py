@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves
 from estimators.checks.homogeneity import Disagreement, disagreements_with, misfits, own_fits
 from estimators.checks.residual import Profile, Region, profiles, stand_out
-from estimators.checks.torque_constant import Calibrated, unit_of
+from estimators.checks.torque_constant import unit_of
 from estimators.in_loop.fit import in_loop
+from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import Errors, PreparedData, noise_floor
 from estimators.simulation.free_running import growth, select
@@ -67,6 +68,7 @@ class Comparison:
         regions: where it stands out of the noise, the most telling first.
         disagreements: recordings that show another plant than the model is of, or than the others.
         torque_constant: by which a current was turned into torque, if one was.
+        data: that it was made of, all compared alike.
     """
 
     model: Model
@@ -76,6 +78,7 @@ class Comparison:
     regions: tuple[Region, ...]
     disagreements: tuple[Disagreement, ...] = ()
     torque_constant: TorqueConstant | None = None
+    data: Preprocessed | None = field(default=None, compare=False, repr=False)
 
     @property
     def torque_unit(self) -> str:
@@ -166,7 +169,7 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
         TypeError: if something else is given than a model and recordings.
     """
     model, recordings = model_that_moves(model), chosen_recordings(recordings)
-    recordings = in_units_of(model, recordings)
+    recordings = in_units_of(model, recordings).recordings
     parts = [_prepared(recording, model) for recording in recordings]
     together = joined(parts)
     joint = distance("all", together, model)
@@ -187,6 +190,7 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
         tuple(stand_out(*left)),
         odd,
         recordings[0].torque_constant,
+        Preprocessed(recordings, recordings).holding((together, together)),
     )
 
 
@@ -200,22 +204,21 @@ def _prepared(recording: Recording, model: Model) -> PreparedData:
     return replace(prepared, data=prepared.data.with_impacts(model.terms, model.theta, covariance, inertia))
 
 
-def in_units_of(model: Model, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+def in_units_of(model: Model, recordings: Sequence[Recording]) -> Preprocessed:
     """Recordings with the torque in the unit that a model has it in.
 
     Raises:
         IdentificationError: if a current is to be turned into torque, and nothing tells the torque constant.
         ModelError: if the model is of a current and the recordings are not.
     """
-    unit = unit_of(recordings)
+    unit, known, constant = unit_of(recordings), model.torque_constant, None
     if unit == model.torque_unit:
-        return tuple(recordings)
+        return Preprocessed(tuple(recordings))
     if model.torque_unit != NEWTON_METRE:
         raise ModelError(f"the model is per {model.torque_unit}, and the recordings are in {unit}: read them alike")
-    known = model.torque_constant
     if known is not None and known.unit == f"{NEWTON_METRE}/{unit}":
-        return Calibrated.by(TorqueConstant(known.value, known.std, unit), recordings).recordings
-    calibrated = Calibrated.of(recordings)
-    if calibrated.doubt is not None:
-        raise IdentificationError(f"the model is in N m, but {calibrated.doubt}")
-    return calibrated.recordings
+        constant = TorqueConstant(known.value, known.std, unit)
+    given = Preprocessed.of(recordings, constant=constant)
+    if given.doubt is not None:
+        raise IdentificationError(f"the model is in N m, but {given.doubt}")
+    return given

@@ -12,7 +12,7 @@ from estimators.arms.untold import untold
 from estimators.checks.residual import Region, stand_out
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import KEPT, SETTLED, UNNAMED, Candidate
-from estimators.diagnosis.setting import HELD_OUT
+from estimators.preprocessing import HELD_OUT
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData, inertias

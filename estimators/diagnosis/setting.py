@@ -14,8 +14,6 @@ from estimators.selection.data import PreparedData
 from estimators.selection.models import Models
 from pendulum_env.physics import Term
 
-HELD_OUT = 0.3  # end of each recording that is held out when no recording is
-
 
 @dataclass(frozen=True)
 class Setting:

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 
 from estimators.arguments import chosen_effects, within_limits
-from estimators.checks.alignment import Aligned
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import Doubt, identifiability
 from estimators.checks.residual import stand_out
-from estimators.checks.torque_constant import Calibrated, told
+from estimators.checks.torque_constant import told
 from estimators.diagnosis.addition import add, fit
 from estimators.diagnosis.result import Addition, Diagnosis
-from estimators.diagnosis.run import diagnose, gather
+from estimators.diagnosis.run import diagnose
+from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData, Step
+from estimators.selection.data import Step
 from estimators.signals.measurements import measure_segments
 from pendulum_env._typing import Array
 from pendulum_env.mistake import Mistake
@@ -158,16 +158,13 @@ class Prepared:
     """Recordings that a model can be fitted to.
 
     Attributes:
-        train, holdout: fitted and held-out ones in N m, with their torque in time if that is asked for.
-        timing: what is found of the time between torque and motion.
-        parts: what is fitted and what is held out, as windows and segments.
+        data: in N m, with their torque in time if that is asked for.
+        timed: the same with their torque in time.
         base: the base model, fitted.
     """
 
-    train: tuple[Recording, ...]
-    holdout: tuple[Recording, ...]
-    timing: Aligned
-    parts: tuple[PreparedData, PreparedData]
+    data: Preprocessed
+    timed: Preprocessed
     base: Step
 
 
@@ -182,15 +179,13 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
     train = [one.recording for one in loaded if not one.held_out]
     if not train:
         raise InputError("every recording is held out: keep one to fit the model to" if loaded else NO_RECORDING)
-    calibrated = Calibrated.of(train, [one.recording for one in loaded if one.held_out])
-    if calibrated.doubt is not None:
-        raise InputError(f"{calibrated.doubt}; or give the gain itself")
-    timing = Aligned.of(calibrated.recordings, calibrated.holdout)
-    own = timing if is_aligned else calibrated
-    prepared = gather(own.recordings, own.holdout)
-    base = fit(*prepared, within_limits(terms, {}, **asked.limits)[0])
-    base = replace(base, model=told(base.model, prepared[0].data))
-    return Prepared(own.recordings, own.holdout, timing, prepared, base)
+    given = Preprocessed.of(train, [one.recording for one in loaded if one.held_out])
+    if given.doubt is not None:
+        raise InputError(f"{given.doubt}; or give the gain itself")
+    timed = given.timed()
+    own = timed if is_aligned else given
+    base = fit(*own.parts, within_limits(terms, {}, **asked.limits)[0])
+    return Prepared(own, timed, replace(base, model=told(base.model, own.parts[0].data)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,12 +299,12 @@ class State:
     @property
     def train(self) -> tuple[Recording, ...]:
         """Recordings that are fitted."""
-        return self.prepared.train
+        return self.prepared.data.recordings
 
     @property
     def holdout(self) -> tuple[Recording, ...]:
         """Recordings to check on; empty if the ends of the fitted ones are."""
-        return self.prepared.holdout
+        return self.prepared.data.holdout
 
     @property
     def model(self) -> Model:
@@ -363,25 +358,29 @@ class State:
             return self.diagnosis.disagreements
         if self.trouble:
             return ()
-        parts = self.prepared.parts if self.holdout else self.prepared.parts[:1]
+        parts = self.prepared.data.parts[: 2 if self.holdout else 1]
         return disagreements(own_fits([part.data for part in parts], self.model.terms), only_if_all_fit=True)
 
     @cached_property
     def told(self) -> Diagnosis:
         """What the report tells: the diagnosis if it calls for all that the ladder has and more, else the ladder."""
-        if self.diagnosis is not None and set(self.added) < set(self.called):
-            return replace(self.diagnosis, steps=self.called_for)
-        prepared, model = self.prepared.parts[0], self.model
+        found = self.diagnosis
+        if found is not None and found.data is None:  # of a saved session
+            found = replace(found, data=self.prepared.timed.without([one.recording for one in found.disagreements]))
+        if found is not None and set(self.added) < set(self.called):
+            return replace(found, steps=self.called_for)
+        prepared, model = self.prepared.data.parts[0], self.model
         inertia = abs(model.estimates["inertia"].value) if "inertia" in model.estimates else 0.0
-        floor = prepared.data.noise(inertia) if self.diagnosis is None else self.diagnosis.noise_floor
-        left = self.diagnosis.unexplained if self.diagnosis is not None else ()
-        if self.added != self.called or self.diagnosis is None:
+        floor = prepared.data.noise(inertia) if found is None else found.noise_floor
+        left = found.unexplained if found is not None else ()
+        if self.added != self.called or found is None:
             residual: Array = prepared.watching(model).residual(model.terms, model.theta)
             is_noise = Criterion().is_noise(prepared.data.structure(residual, inertia), floor)
             left = () if is_noise else tuple(stand_out(prepared.samples, residual, floor))
-        if self.diagnosis is not None:
-            return replace(self.diagnosis, steps=self.ladder, unexplained=left)
-        return Diagnosis(self.ladder, (), (), left, floor, tuple(doubt.text for doubt in self.doubts))
+        if found is not None:
+            return replace(found, steps=self.ladder, unexplained=left)
+        doubts = tuple(doubt.text for doubt in self.doubts)
+        return Diagnosis(self.ladder, (), (), left, floor, doubts, data=self.prepared.data)
 
     @property
     def table(self) -> str | None:
@@ -390,19 +389,17 @@ class State:
 
     def report(self) -> str:
         """HTML of the report."""
-        return render(self.train, self.holdout, self.told)
+        return render(self.told)
 
     @cached_property
     def case(self) -> Case:
         """What the sections of the report may look at."""
-        return Case.of(self.train, self.holdout, self.told)
+        return Case(self.told)
 
     @cached_property
     def standing(self) -> Case:
         """The same with all recordings and the ladder as they are, whatever the diagnosis found beyond them."""
-        diagnosis = replace(self.told, steps=self.ladder)
-        parts = self.train, self.holdout or self.train
-        return Case(*parts, not self.holdout, diagnosis, gathered=self.prepared.parts)
+        return Case(replace(self.told, steps=self.ladder, data=self.prepared.data))
 
     @property
     def seconds(self) -> float:

@@ -10,13 +10,13 @@ from estimators.show.story import of_comparison
 from pendulum_env.files import write_whole
 from workbench.inputs import (
     check_outputs,
-    in_time,
     of_pendulums,
     opened,
     take,
     take_recordings,
     take_report,
     take_robot,
+    tell_preprocessed,
     write_json,
     wrote,
 )
@@ -71,18 +71,14 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(
             f"{recordings[0].name}: nobody knows its controller: say it with --drive, or [drive] in a study"
         )
-    recordings = list(in_units_of(model, recordings))
-    if recordings[0].torque_constant is not None:
-        terminal.say(recordings[0].torque_constant.text)
-    terminal.torque_unit = model.torque_unit
-    recordings, _ = in_time(recordings, [], arguments.align, terminal)
+    given = tell_preprocessed(in_units_of(model, recordings), arguments.align, terminal)
     with terminal.progress("comparing"):
-        found = compare(model, recordings)
+        found = compare(model, given.recordings)
     write_json(arguments.json, found.json())
     if arguments.report is not None:
         from workbench.report import render_comparison  # plotly takes a while to import
 
         with terminal.progress("writing the report"):
-            write_whole(arguments.report, render_comparison(found, recordings))
+            write_whole(arguments.report, render_comparison(found))
     tell(of_comparison(found), terminal)
     wrote(outputs, terminal)

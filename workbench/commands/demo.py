@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         found = diagnose([train], [holdout], progress=progress)
     story(found).tell(terminal, arguments.verbose, more=False)
     with terminal.progress("writing the report"):
-        write_report(report, [train], [holdout], found)
+        write_report(report, found)
     reveal(plant.effects, effect(plant.effects[0]).law, plant.estimates, found, terminal)
     wrote([report, *files], terminal)
     terminal.say(f"another pendulum: pendulum-ident demo --seed {arguments.seed + 1}")

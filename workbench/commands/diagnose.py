@@ -89,11 +89,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
     asked = opened(arguments, outputs, terminal)
-    recordings, holdout = asked.in_torque(terminal)
+    given = asked.preprocessed(terminal)
     with terminal.progress("diagnosing") as progress:
         found = diagnose(
-            recordings,
-            holdout,
+            given.recordings,
+            given.holdout,
             asked.model.terms,
             progress,
             by_reference=arguments.instruments is not None,
@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     write_json(arguments.json, found.json())
     if arguments.report is not None:
         with terminal.progress("writing the report"):
-            write_report(arguments.report, recordings, holdout, found)
+            write_report(arguments.report, found)
     story(found, arguments.all).tell(terminal, arguments.verbose or arguments.all, more=arguments.report is None)
     if arguments.experiment is not None and found.suggestion is None:
         terminal.say(f"{arguments.experiment} is not written: there is no experiment")

@@ -14,7 +14,6 @@ from pendulum_env.physics import BASE
 from workbench.inputs import (
     LIMITS,
     argument,
-    in_time,
     of_pendulums,
     opened,
     take,
@@ -51,11 +50,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
     outputs = [arguments.json, arguments.output]
     asked = opened(arguments, outputs, terminal, holdout=False)
-    recordings, _ = asked.in_torque(terminal)
-    if arguments.align:
-        recordings, _ = in_time(recordings, [], True, terminal)
+    given = asked.preprocessed(terminal, True if arguments.align else None)  # what is late is a doubt, else
     with terminal.progress("identifying"):
-        found = identify(recordings, BASE, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
+        found = identify(given.recordings, BASE, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
         model = None
         if arguments.instruments is not None:
             terms, _ = within_limits(BASE, {}, arguments.fixed, arguments.bounds)

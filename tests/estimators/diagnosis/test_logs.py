@@ -7,7 +7,7 @@ import pytest
 
 from estimators import align, identify
 from estimators.arguments import chosen_recordings
-from estimators.diagnosis.run import gather
+from estimators.preprocessing import gather
 from estimators.selection.data import with_impacts
 from estimators.selection.models import Models
 from estimators.weak_form.dataset import prepare

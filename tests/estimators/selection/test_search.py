@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.checks.physical import beyond
-from estimators.diagnosis.run import gather
+from estimators.preprocessing import gather
 from estimators.selection.models import Models
 from estimators.selection.moves import best
 from estimators.selection.search import Selection, select

@@ -34,7 +34,7 @@ WHOLE = (
 BESIDE = f"The recordings are read as {STUDY} says: save it beside them, in the stage Data."
 IMPORTED = {  # names of a snippet, by where they are from
     "pathlib": ("Path",),
-    "estimators": ("Aligned", "add", "diagnose", "fit", "gather"),
+    "estimators": ("Preprocessed", "add", "diagnose", "fit", "gather"),
     "estimators.arguments": ("within_limits",),
     "estimators.arms": ("add_arm", "diagnose_arm", "identify_arm"),
     "pendulum_env.arms": ("ArmModel",),
@@ -129,8 +129,8 @@ def snippet(state: State) -> str:
     if _needs_study(state):
         lines = [f"study = read_study({STUDY!r})", "recordings, holdout = study.fitted, study.held_out"]
     if state.is_aligned:
-        lines.append("aligned = Aligned.of(recordings, holdout)")
-        lines.append("recordings, holdout = aligned.recordings, aligned.holdout")
+        lines.append("given = Preprocessed.of(recordings, holdout).timed()")
+        lines.append("recordings, holdout = given.recordings, given.holdout")
     terms = f"Model.load({state.model_file!r}).terms" if state.model_file else "BASE"
     if limits:
         lines.append(f"terms, _ = within_limits({terms}, {{}}{limits})")
@@ -141,7 +141,7 @@ def snippet(state: State) -> str:
             lines.append(f"model = add(model, {effect!r}, recordings, holdout{limits}).after.model")
         else:
             lines.append(f"found = diagnose(recordings, holdout, model.terms{looked}{limits})")
-            lines.append(f"write_report({REPORT!r}, recordings, holdout, found)")
+            lines.append(f"write_report({REPORT!r}, found)")
     return with_imports([*lines, f"model.save({MODEL!r})"])
 
 
