@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from estimators.arms.diagnosis import models_of_arm, of_arm, parted
 from estimators.arms.identification import ArmStep
-from estimators.checks.physical import objection
 from estimators.diagnosis.result import CHANCE, looks
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.moves import best
+from estimators.selection.physical import objection
 from pendulum_env.arms.joints import kind_at
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording

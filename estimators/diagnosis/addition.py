@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves, within_limits
-from estimators.checks.physical import objection
 from estimators.checks.torque_constant import told
+from estimators.diagnosis.in_loop import Looped
 from estimators.diagnosis.result import CHANCE, Addition
 from estimators.diagnosis.setting import Setting
-from estimators.in_loop.diagnosis import Looped
 from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, no_progress
@@ -20,6 +19,7 @@ from estimators.selection.data import PreparedData, Step, noise_floor
 from estimators.selection.models import Models
 from estimators.selection.motion import refit
 from estimators.selection.moves import best, is_hidden, loosened, settle
+from estimators.selection.physical import objection
 from estimators.selection.search import Selection
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.library import addition

@@ -21,7 +21,6 @@ from estimators.arguments import (
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
 from estimators.checks.identifiability import Doubt, identifiability, is_driven, untold
-from estimators.checks.physical import driving_friction
 from estimators.checks.remedies import wrong_columns
 from estimators.checks.torque_constant import further, told, widened
 from estimators.preprocessing import Preprocessed
@@ -31,6 +30,7 @@ from estimators.regression.normal import quietest_most
 from estimators.regression.recursive import evenly, history
 from estimators.schemes.six import SCHEMES, LowPass, Regressor, Scheme, give
 from estimators.selection.data import PreparedData, fit_terms
+from estimators.selection.physical import driving_friction
 from estimators.signals.measurements import Measurements, measure_segments, remember
 from estimators.weak_form.dataset import Dataset, prepare
 from pendulum_env._typing import JSON, Array, Index, Mask
