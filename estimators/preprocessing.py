@@ -90,8 +90,12 @@ class Preprocessed:
 
     def without(self, odd: Container[int]) -> Self:
         """The same without fitted recordings of the given numbers, counted from 1."""
-        kept = tuple(one for number, one in enumerate(self.recordings, 1) if number not in odd)
-        return self if len(kept) == len(self.recordings) else replace(self, recordings=kept)
+        count = len(self.recordings)
+        kept = [k for k in range(count) if k + 1 not in odd]
+        if len(kept) == count:
+            return self
+        alignments = [self.alignments[k] for k in (*kept, *range(count, len(self.alignments))) if self.alignments]
+        return replace(self, recordings=tuple(self.recordings[k] for k in kept), alignments=tuple(alignments))
 
     def closer(self) -> Self:
         """The same in shorter windows."""

@@ -22,7 +22,6 @@ from estimators.checks.channel import NONE, ChannelFits
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.weak_form.dataset import Dataset
-from estimators.weak_form.windows import Windows
 from pendulum_env.physics import Estimate, Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
@@ -76,7 +75,7 @@ def told(model: Model, data: Dataset, fit: Callable[[Dataset], Model] | None = N
     if constant is None:
         return model.per(recording.torque_unit)
     fit = fit or (lambda own: fit_terms(PreparedData(own, ()), model.terms)[0])
-    return widened(model, constant, fit(data), fit(_scaled(data, 1 + constant.std / constant.value)))
+    return widened(model, constant, fit(data), fit(data.with_scaled_torque(1 + constant.std / constant.value)))
 
 
 def widened(model: Model, constant: TorqueConstant, here: Model, there: Model) -> Model:
@@ -166,14 +165,3 @@ def of_the_drive(model: Model, constant: TorqueConstant, data: Dataset) -> list[
 def driven(data: Dataset) -> float:
     """Share of the motion that the torque pushes along."""
     return float(np.mean(data.torque() * data.samples.velocity > 0))
-
-
-def _scaled(data: Dataset, factor: float) -> Dataset:
-    """Data whose torque is larger by a factor."""
-
-    def scaled(w: Windows) -> Windows:
-        recording = replace(w.recording, torque=factor * w.recording.torque)
-        samples = replace(w.samples, torque=factor * w.samples.torque)
-        return replace(w, recording=recording, samples=samples, torque_noise=factor * w.torque_noise)
-
-    return replace(data, windows=tuple(map(scaled, data.windows)))
