@@ -142,12 +142,13 @@ class Comparison:
 
 
 def distance(name: str, prepared: PreparedData, model: Model) -> Distance:
-    """Errors of a model with inertia on prepared data, as they are."""
+    """Errors of a model with inertia on prepared data, as they are, and in the loop if the recordings have drives."""
     steady = [growth(segments, model.terms, model.theta) < GROWS for segments in prepared.segments]
     kept = tuple(select(*pair) for pair in zip(prepared.segments, steady, strict=True) if pair[1].any())
     errors = (replace(prepared, segments=kept) if kept else prepared).errors(model)
     unstable = 1.0 - float(np.mean(np.concatenate(steady)))
     scatter = prepared.data.noise(abs(model.estimates["inertia"].value))
+    errors = in_loop(model, prepared.recordings, errors)
     return Distance(name, errors, noise_floor(scatter, [errors]), unstable)
 
 
@@ -172,14 +173,11 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     recordings = in_units_of(model, recordings).recordings
     parts = [_prepared(recording, model) for recording in recordings]
     together = joined(parts)
-    joint = distance("all", together, model)
-    joint = replace(joint, errors=in_loop(model, recordings, joint.errors))
+    joint, *distances = (
+        distance(name, part, model)
+        for name, part in zip(("all", *(recording.name for recording in recordings)), (together, *parts), strict=True)
+    )
     left = together.samples, together.residual(model.terms, model.theta), joint.noise_floor
-    distances = [distance(recording.name, part, model) for recording, part in zip(recordings, parts, strict=True)]
-    distances = [
-        replace(own, errors=in_loop(model, [recording], own.errors))
-        for own, recording in zip(distances, recordings, strict=True)
-    ]
     fits = own_fits([together.data], model.terms)
     odd = (*disagreements_with(model, fits), *misfits(fits))
     return Comparison(

@@ -149,7 +149,7 @@ class Preprocessed:
 
     def timing_texts(self, is_late: bool) -> tuple[str, ...]:
         """What was found of torque that is logged late, or of torque that acts late; with names where they differ."""
-        every = zip((*self.recordings, *self.holdout), self.alignments, strict=True)
+        every = zip((*self.recordings, *self.holdout), self.alignments, strict=bool(self.alignments))
         said = {one.text: recording.name for recording, one in every if one.is_late == is_late and one.text}
         if all(one is self.alignments[0] for one in self.alignments):
             return tuple(said)
