@@ -57,6 +57,7 @@ class ChannelFits:
         phi: columns (R, P), weighted; first that of the known loads, where it is there to tell the gain.
         by_torque: their slopes by the torque (R, P).
         where: stretch of each equation for predictions.
+        carried: torque that is known to be taken by loads in all windows [N m], none where the log is no torque.
         is_sampled: whether torque is taken for sampled, else for held.
         torques: weighted torque (R,) that acts in the windows by law of the channel, as far as they were asked for.
     """
@@ -66,6 +67,7 @@ class ChannelFits:
     phi: Array
     by_torque: Array
     where: Blocks
+    carried: Array
     is_sampled: bool = False
     torques: dict[Channel, Array] = field(default_factory=dict)
 
@@ -83,16 +85,17 @@ class ChannelFits:
         fast = float(np.percentile(np.abs(data.samples.velocity), 95))
         known = [term for term in beside if not depends_on_torque(term)]
         laws = (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in SEARCH.friction), *known)
-        gain = [] if is_torque(data) else [LOAD]
-        columns = [*gain, OWN, HUNG] if len(set(loads)) > 1 else [OWN]
-        first = [data.rows.column(column, data.rows.samples) for column in columns]
+        load, *friction = (data.rows.column(column, data.rows.samples) for column in (LOAD, OWN, HUNG))
+        carried, gain = (load, []) if recordings[0].torque_unit == NEWTON_METRE else (0.0 * load, [load])
+        first = [*gain, *friction] if len(set(loads)) > 1 else friction[:1]
         phi = np.column_stack([*first, *(data.columns([law])[0][0] for law in laws)])
         if len(rows) < SEARCH.fewest_equations * phi.shape[1]:
             return None
         stretch, recording = (numbers[rows] for numbers in data.blocks(BLOCK)[:2])
         _, begin, stretch = np.unique(stretch, return_index=True, return_inverse=True)
         where = Blocks(stretch, recording, recording[begin], stretch)
-        return cls(data, rows, phi[rows] * data.weights[rows, None], np.zeros((len(rows), phi.shape[1])), where)
+        weighted = phi[rows] * data.weights[rows, None]
+        return cls(data, rows, weighted, np.zeros_like(weighted), where, carried)
 
     def beside(self, columns: Array, by_torque: Array | None = None) -> Self:
         """The same with more columns (R, P), and their slopes by the torque where they depend on it."""
@@ -119,12 +122,6 @@ class ChannelFits:
         passed = np.concatenate([2 * w.centers / len(w.recording) - 1 for w in self.data.windows])
         base = np.column_stack([self.data.columns([term])[0][0] for term in BASE])
         return self.beside((base * passed[:, None])[self.rows])
-
-    @cached_property
-    def carried(self) -> Array:
-        """Torque that is known to be taken by loads in all windows [N m], none where the log is no torque."""
-        load = self.data.rows.column(LOAD, self.data.rows.samples)
-        return load if is_torque(self.data) else 0.0 * load
 
     @cached_property
     def span(self) -> Array:
@@ -298,11 +295,6 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
     alone = [one if one.is_late or not one.is_found else joint for one in each]  # all have the same drive
     shared = joint.is_found or not any(one.is_found for one in alone)
     return [joint] * len(alone) if shared and all(one.agrees(joint) for one in alone) else alone
-
-
-def is_torque(data: Dataset) -> bool:
-    """Whether torque was logged, and not what it is some gain of."""
-    return data.windows[0].recording.torque_unit == NEWTON_METRE
 
 
 def _clear(w: Windows) -> Mask:
