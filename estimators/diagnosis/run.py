@@ -244,7 +244,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
         forbidden=forbidden,
         table=table,
         inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
-        data=given,
+        data=given.fresh(),
     )
 
 
