@@ -13,11 +13,11 @@ from functools import partial
 from time import perf_counter
 
 import numpy as np
+from estimators.arms.diagnosis import diagnose_arm
 
 from benchmarks import schemes, six_joint
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from benchmarks.parallel import each, peak_memory
-from estimators.arms.diagnosis import diagnose_arm
 from estimators.diagnosis.run import diagnose
 from pendulum_env.arms.joints import joint_effects
 from pendulum_env.recording import Recording

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
 from estimators.arms.diagnosis import diagnose_arm
 from estimators.arms.identification import compare_arm, identify_arm
+
 from estimators.schemes.six import scheme
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.recording import ArmRecording

@@ -18,10 +18,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-
-from benchmarks.six_joint import COULOMB, JOINTS, RATE, ROTORS, STEP, VISCOUS, body, simulate, urdf
 from estimators.arms.balance import measure_arm, motion
 from estimators.arms.identification import identify_arm
+
+from benchmarks.six_joint import COULOMB, JOINTS, RATE, ROTORS, STEP, VISCOUS, body, simulate, urdf
 from estimators.schemes.six import scheme
 from pendulum_env.arms.recording import ArmRecording
 

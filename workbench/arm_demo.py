@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from estimators.arms.diagnosis import diagnose_arm
 from estimators.arms.excitation import design_excitation
 from estimators.arms.following import follow
+from estimators.diagnosis.run import diagnose
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.env import PlanarArm
-from pendulum_env.arms.joints import effect_at, joint_effects
+from pendulum_env.arms.joints import arm_base, effect_at, joint_effects
 from pendulum_env.arms.planar import TWO_LINK, Link, joint_names, urdf
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import MOST_TORQUE
@@ -59,7 +59,7 @@ def run(
     train, holdout = recordings
     terminal.say(f"recorded twice for {seconds:g} s: once to learn from, once to check on")
     with terminal.progress("diagnosing") as progress:
-        found = diagnose_arm(train, body, [holdout], progress)
+        found = diagnose(train, holdout, arm_base(body), progress)
     story(found).tell(terminal, verbose, more=False)
     with terminal.progress("writing the report"):
         write_whole(report, render_arm([train], found.steps, found))

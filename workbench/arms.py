@@ -11,21 +11,25 @@ from pathlib import Path
 
 import numpy as np
 
-from estimators.arms.addition import add_arm
-from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm, parted
 from estimators.arms.excitation import PERIOD, design_excitation
 from estimators.arms.following import follow
 from estimators.arms.gains import in_torque, without_loads
-from estimators.arms.identification import ArmIdentification, ArmStep, JointError, compare_arm, for_arms, identify_arm
 from estimators.arms.payload import Payload, find_payload
 from estimators.arms.standard import nearest_body
 from estimators.arms.transmission import find_transmissions
+from estimators.comparison import compare as compare_models
+from estimators.diagnosis.addition import add as add_effect
+from estimators.diagnosis.arm import parted
+from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.run import diagnose as diagnose_model
 from estimators.regression.equations import IdentificationError
+from estimators.schemes.identification import Identification
+from estimators.schemes.identification import identify as identify_terms
+from estimators.selection.data import Errors, Step
 from estimators.show.story import Part, judged
-from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body, BodyError
 from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
-from pendulum_env.arms.joints import kind_at
+from pendulum_env.arms.joints import arm_base, kind_at
 from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.arms.plane import planar_links
 from pendulum_env.arms.recording import ArmRecording
@@ -40,7 +44,7 @@ from workbench.export.joints import FORMATS
 from workbench.export.request import Request
 from workbench.inputs import check_outputs, given, read_all, sources_of, write_json, write_model, wrote
 from workbench.mistakes import InputError
-from workbench.robot import RobotFile, held_text, loaded_text, looked_for, meaning, straying
+from workbench.robot import RobotFile, held_text, loaded_text, meaning, straying
 from workbench.story import ALL, Story, parameters_line, tell
 from workbench.terminal import Terminal
 
@@ -116,7 +120,7 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
     asked = _given(arguments, outputs, terminal)
     body = asked.body
     with terminal.progress("identifying"):
-        found = identify_arm(asked.recordings, body, schemes=for_arms(arguments.scheme))
+        found = identify_terms(asked.recordings, arm_base(body), arguments.scheme)
     terminal.say(f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters")
     for parameter in body.base:
         if len(parameter.parts) > 1:
@@ -148,7 +152,7 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     sources = [read_as(source, model.log_format, arguments.model) for source in without]
     empty = read_all(sources, terminal, asked.robot.read)
     with terminal.progress("comparing"):
-        errors, carried = compare_arm(model, recordings), None
+        found, carried = compare_models(model, recordings), None
         try:
             carried = find_payload(model, recordings, empty, arguments.payload or None)
         except IdentificationError:
@@ -158,9 +162,10 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
         from workbench.report.arm import render_arm  # plotly takes a while to import
 
         with terminal.progress("writing the report"):
-            write_whole(arguments.report, render_arm(recordings, [ArmStep(None, model, {"holdout": errors})]))
-    content: JSON = {"schema": "pendulum-ident/arm-comparison@1", "joints": [error.json() for error in errors]}
-    tell([Part("Torque errors, clear of stick and reversals", [errors_table([errors], ("torque error",))])], terminal)
+            write_whole(arguments.report, render_arm(recordings, [Step(None, model, {"holdout": found.joint.errors})]))
+    content = found.json()
+    table = errors_table([found.joint.errors], asked.body, ("torque error",))
+    tell([Part("Torque errors, clear of stick and reversals", [table])], terminal)
     if carried is not None and arguments.payload is not None:
         tell(of_payload(carried, asked.body), terminal)
         content["payload"] = carried.json()
@@ -193,10 +198,9 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     outputs = [arguments.json, arguments.report, arguments.output]
     asked = _given(arguments, outputs, terminal, arguments.model)
     body, recordings, held = asked.body, asked.recordings, asked.held
-    terms = ArmModel.load(arguments.model, body).terms[1:] if arguments.model else None
-    library = looked_for(body, arguments.only, arguments.without)
+    terms = ArmModel.load(arguments.model, body).terms if arguments.model else arm_base(body)
     with terminal.progress("diagnosing") as progress:
-        found = diagnose_arm(recordings, body, held, progress, terms=terms, library=library)
+        found = diagnose_model(recordings, held, terms, progress, only=arguments.only, without=arguments.without)
         between = find_transmissions(recordings, body.sliding)
     more = {"transmissions": [one.json() for one in between]} if between else {}
     write_json(arguments.json, found.json() | more)
@@ -219,11 +223,12 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
     model = ArmModel.load(arguments.model, asked.body)
     kind_at(arguments.effect, asked.body)
     with terminal.progress(f"adding {arguments.effect}") as progress:
-        added = add_arm(model, arguments.effect, asked.recordings, asked.held, progress)
+        added = add_effect(model, arguments.effect, asked.recordings, asked.held, progress)
     after = added.after.model
     write_model(after, arguments.output, asked.fitted, terminal)
     fitted, unseen = (
-        errors_table([step.errors[part] for step in (added.before, added.after)]) for part in ("train", "holdout")
+        errors_table([step.errors[part] for step in (added.before, added.after)], asked.body)
+        for part in ("train", "holdout")
     )
     where = "Torque errors on {} data, the model refitted without and with the effect".format
     remarks = [text for text in (added.text, added.looks_like) if text is not None]
@@ -250,7 +255,7 @@ def export(arguments: argparse.Namespace, terminal: Terminal) -> None:
     wrote([arguments.output], terminal)
 
 
-def schemes_table(found: ArmIdentification) -> Table:
+def schemes_table(found: Identification) -> Table:
     """A row a parameter, a column a scheme."""
     models = [one.model.estimates for one in found.schemes.values()]
     rows = [(name, *(own[name].text for own in models), one.unit) for name, one in models[0].items()]
@@ -262,34 +267,37 @@ def schemes_table(found: ArmIdentification) -> Table:
     return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
 
 
-def errors_table(columns: Sequence[Sequence[JointError]], headers: Sequence[str] = ("before", "after")) -> Table:
+def errors_table(columns: Sequence[Errors], body: Body, headers: Sequence[str] = ("before", "after")) -> Table:
     """A row a joint: torque errors of one or more models, and the share of the torque that the last one leaves."""
     rows = [
         (
-            errors[0].joint,
-            *(f"{error.torque_rms:.4g}" for error in errors),
-            errors[-1].unit,
-            "" if errors[-1].share is None else f"{100 * errors[-1].share:.2g} %",
+            at,
+            *(f"{errors.joints[at]:.4g}" for errors in columns),
+            body.worded(at, NEWTON_METRE),
+            "" if share is None else f"{100 * share:.2g} %",
         )
-        for errors in zip(*columns, strict=True)
+        for at, share in columns[-1].shares.items()
     ]
     return Table(("joint", *headers, "unit", "of its torque"), rows, left=("unit",))
 
 
-def story(found: ArmDiagnosis, every: bool = False) -> Story:
+def story(found: Diagnosis, every: bool = False) -> Story:
     """A diagnosis of an arm, with the candidates that matter or every one."""
-    errors, in_units = [step.errors["holdout"] for step in (found.before, found.after)], found.model.body.worded
+    errors, body = [found.steps[k].errors["holdout"] for k in (0, -1)], found.body
+    assert body is not None
+    before, after, in_units = errors[0].joints, errors[1].joints, body.worded
     falls = ", ".join(
-        f"{before.joint} {f'{before.torque_rms:.4g} -> ' if found.selected else ''}{after.torque_rms:.4g} {after.unit}"
-        for before, after in zip(*errors, strict=True)
+        f"{at} {f'{before[at]:.4g} -> ' if found.selected else ''}{after[at]:.4g} {in_units(at, NEWTON_METRE)}"
+        for at in after
     )
     lines = [f"{own.id}: {own.law}" for own in found.model.terms if own.id in found.selected]
-    lines += [f"error held out: {falls}", *parameters_line(found.parameters, bool(found.unexplained))]
-    for joint, size in found.unexplained.items():
-        where = f"; {in_units(joint, found.regions[joint].text)}" if joint in found.regions else ""
-        lines.append(f"left: {size:.2g} {in_units(joint, NEWTON_METRE)} at {joint}{where}")
+    parameters = {name: own for id in found.selected for name, own in found.model.of(id).items()}
+    lines += [f"error held out: {falls}", *parameters_line(parameters, bool(found.unexplained))]
+    for region in found.unexplained:
+        where = f"; {in_units(region.at, region.text)}" if region.text else ""
+        lines.append(f"left: {found.left[region.at]:.2g} {in_units(region.at, NEWTON_METRE)} at {region.at}{where}")
     parts = [
-        Part("Torque errors on held-out data, clear of stick and reversals", [errors_table(errors)]),
+        Part("Torque errors on held-out data, clear of stick and reversals", [errors_table(errors, body)]),
         Part("Parameters", [parameters_table(found.model)]),
         judged(found.candidates, every, ALL),
     ]

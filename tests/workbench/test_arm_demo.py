@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-
 from estimators.arms.diagnosis import ArmDiagnosis
+
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.recording import read_arm_recording
 from workbench import arm_demo

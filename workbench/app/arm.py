@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from estimators.arms.addition import add_arm
-from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm, parted
+from estimators.arguments import chosen_effects
 from estimators.arms.gains import in_torque, without_loads
-from estimators.arms.identification import ArmIdentification, ArmStep, for_arms, identify_arm
-from estimators.progress import Progress
+from estimators.comparison import step_of_arm
+from estimators.diagnosis.addition import add
+from estimators.diagnosis.arm import parted
+from estimators.diagnosis.run import diagnose
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.six import scheme
+from estimators.schemes.identification import Identification, identify
+from estimators.selection.data import Step
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import at_joints, joint_effects, kind_at
+from pendulum_env.arms.joints import Links, arm_base, at_joints, joint_effects, kind_at
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Term
@@ -29,10 +30,10 @@ from workbench.arms import SAVED
 from workbench.mistakes import InputError
 from workbench.processes import Task
 from workbench.report.arm import render_arm
-from workbench.robot import RobotFile, loaded_text, looked_for, meaning, straying
+from workbench.robot import RobotFile, loaded_text, meaning, straying
 
 WEIGHTLESS = "Its torques are without gravity"
-SCHEMES = for_arms([scheme(id) for id in ("dynamic", "filtered_dynamic", "filtered_hamiltonian")])  # the sure ones
+SCHEMES = ("dynamic", "filtered_dynamic", "filtered_hamiltonian")  # the sure ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +48,8 @@ class Fitted:
 
     train: tuple[ArmRecording, ...]
     holdout: tuple[ArmRecording, ...]
-    identification: ArmIdentification
-    base: ArmStep
+    identification: Identification
+    base: Step
 
 
 @lru_cache(maxsize=4)  # states of the same choices share it
@@ -61,8 +62,8 @@ def fit_arm(
         IdentificationError: if there is too little motion.
     """
     fitted, unseen = parted(train, holdout)
-    found = identify_arm(fitted, body, terms or None, SCHEMES)
-    return Fitted(train, holdout, found, ArmStep.of(None, found[SAVED].model, train=fitted, holdout=unseen))
+    found = identify(fitted, (Links(body), *terms) if terms else arm_base(body), SCHEMES)
+    return Fitted(train, holdout, found, step_of_arm(None, found[SAVED].model, train=fitted, holdout=unseen))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +75,6 @@ class ArmState(State):
     """
 
     terms: tuple[Term, ...] = ()
-    grown: tuple[ArmStep, ...] = ()
-    diagnosis: ArmDiagnosis | None = None  # type: ignore[assignment]
-    started: tuple[ArmStep, ...] = ()
     robot: RobotFile = field(kw_only=True)
 
     @property
@@ -129,12 +127,6 @@ class ArmState(State):
             return str(error)
 
     @property
-    def called(self) -> tuple[str, ...]:
-        """Effects that the diagnosis calls for; none before there is one."""
-        started = tuple(step.added for step in self.started if step.added is not None)
-        return (*started, *self.diagnosis.selected) if self.diagnosis is not None else ()
-
-    @property
     def fitted(self) -> Fitted:
         """What models are fitted to; raises InputError as `prepared`."""
         return self.prepared  # type: ignore[return-value]
@@ -147,11 +139,6 @@ class ArmState(State):
             return away
         loaded = loaded_text(self._torques, [*self.train, *self.holdout])  # type: ignore[list-item]
         return [*away, *([loaded] if loaded else []), *meaning(self._torques, self.body, f"press “{WEIGHTLESS}”")]
-
-    @property
-    def rungs(self) -> tuple[ArmStep, ...]:
-        """The ladder."""
-        return self.ladder  # type: ignore[return-value]
 
     @property
     def told(self) -> Any:
@@ -167,8 +154,8 @@ class ArmState(State):
         """HTML of the report: of the diagnosis, else of the comparison with what was held out."""
         train, holdout = parted(self.fitted.train, self.fitted.holdout)
         if self.diagnosis is not None:
-            return render_arm(train, self.diagnosis.steps, self.diagnosis)
-        return render_arm(holdout, self.rungs[-1:])
+            return render_arm(train, [self.diagnosis.steps[0], *self.diagnosis.steps[1:][-1:]], self.diagnosis)
+        return render_arm(holdout, self.ladder[-1:])
 
     @property
     def library(self) -> dict[str, str]:
@@ -187,34 +174,20 @@ class ArmState(State):
         """Refuse what makes no sense, in the words of the command line."""
         if asked.fix or asked.bound:
             raise InputError("values and bounds are known of pendulums alone: leave them out for an arm")
-        looked_for(self.body, asked.effects["only"], asked.effects["without"])
+        chosen_effects(None, **asked.effects, body=self.body)
 
     def searching(self, at_will: bool) -> Task:
         """The search for what the ladder's last model lacks."""
         del at_will  # it suggests no experiment
-        model = self.rungs[-1].model
-        return partial(_diagnose, self.fitted.train, model.body, self.fitted.holdout, model.terms[1:], self.asked)
+        return partial(diagnose, self.fitted.train, self.fitted.holdout, self.model.terms, **self.asked.effects)
 
     def adding(self, id: str) -> Task:
         """The refit with one effect more; raises ValueError if it is none."""
         kind_at(id, self.body)
-        return partial(add_arm, self.rungs[-1].model, id, self.fitted.train, self.fitted.holdout)
+        return partial(add, self.model, id, self.fitted.train, self.fitted.holdout)
 
 
 def called(id: str) -> str:
     """How a page names an effect at a joint."""
     effect, at, joint = id.partition("@")
     return f"{opening(name(effect))} at {joint}" if at else opening(name(effect))
-
-
-def _diagnose(
-    train: Sequence[ArmRecording],
-    body: Body,
-    holdout: Sequence[ArmRecording],
-    terms: tuple[Term, ...],
-    asked: Asked,
-    progress: Progress,
-) -> ArmDiagnosis:
-    """`diagnose_arm` in a worker, to which kinds of terms do not travel."""
-    library = looked_for(body, asked.effects["only"], asked.effects["without"])
-    return diagnose_arm(train, body, holdout, progress, terms=terms, library=library)

@@ -386,7 +386,7 @@ class State:
     @property
     def table(self) -> str | None:
         """A function that no effect is and that would explain what is left."""
-        return self.told.table
+        return next(iter(self.told.tables), None)
 
     def report(self) -> str:
         """HTML of the report."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,9 +20,6 @@ from pendulum_env.words import listing
 from workbench.inputs import check_outputs, take, whole, wrote
 from workbench.story import story
 from workbench.terminal import Terminal
-
-if TYPE_CHECKING:  # Pinocchio is imported by who needs it
-    from estimators.arms.diagnosis import ArmDiagnosis
 
 FOLDER = Path("pendulum-ident-demo")  # made where the command runs, unless another place is named
 SECONDS = 20.0
@@ -93,7 +89,7 @@ def run_once(plant: Model, rng: np.random.Generator, name: str) -> Recording:
 
 
 def reveal(
-    hidden: Sequence[str], law: str, truth: Mapping[str, Estimate], found: Diagnosis | ArmDiagnosis, terminal: Terminal
+    hidden: Sequence[str], law: str, truth: Mapping[str, Estimate], found: Diagnosis, terminal: Terminal
 ) -> None:
     """Print what was hidden, whether it was found, and the true parameters beside the estimates."""
     terminal.heading("The truth")
@@ -112,7 +108,7 @@ def reveal(
     terminal.table(("parameter", "truth", "estimate", "unit"), rows, left=("unit",))
 
 
-def verdict(hidden: Sequence[str], found: Diagnosis | ArmDiagnosis) -> str:
+def verdict(hidden: Sequence[str], found: Diagnosis) -> str:
     """Whether the diagnosis was right, in a sentence."""
     true, named = set(hidden), set(found.selected)
     alike = {effect for group in found.ambiguous if true & set(group) for effect in group} - true

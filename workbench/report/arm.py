@@ -8,11 +8,13 @@ from functools import partial
 
 import numpy as np
 
-from estimators.arms.diagnosis import ArmDiagnosis, gather_arm
-from estimators.arms.identification import ArmStep, JointError
 from estimators.checks.residual import REGIONS, profiles, stand_out
-from estimators.selection.data import PreparedData, inertias
+from estimators.comparison import of_joints
+from estimators.diagnosis.arm import gather_arm
+from estimators.diagnosis.result import Diagnosis
+from estimators.selection.data import Errors, PreparedData, Step, inertias
 from estimators.weak_form.dataset import NEGLIGIBLE
+from pendulum_env.arms.joints import body_of
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import listing, percent
@@ -23,10 +25,10 @@ from workbench.report.sections.failures import key, profile_figure
 from workbench.report.sections.parameters import of_models
 
 SHOWN = ("position", "velocity", "time")  # a strip's plots
-Drawn = tuple[str, str, ArmStep]  # how the page calls a model, the colour of its curves, and its errors
+Drawn = tuple[str, str, Step]  # how the page calls a model, the colour of its curves, and its errors
 
 
-def render_arm(recordings: Sequence[ArmRecording], steps: Sequence[ArmStep], found: ArmDiagnosis | None = None) -> str:
+def render_arm(recordings: Sequence[ArmRecording], steps: Sequence[Step], found: Diagnosis | None = None) -> str:
     """The report as one self-contained HTML page.
 
     Args:
@@ -47,27 +49,30 @@ def render_arm(recordings: Sequence[ArmRecording], steps: Sequence[ArmStep], fou
     return assemble(sections, f"{what} {listing([recording.name for recording in recordings])}")
 
 
-def ends(steps: Sequence[ArmStep], first: str = "base model") -> list[Drawn]:
+def ends(steps: Sequence[Step], first: str = "base model") -> list[Drawn]:
     """The first model and, where effects were added, the last one."""
     return [(first, "--base", steps[0]), ("final model", "--final", steps[-1])][: len(steps)]
 
 
-def worst(errors: Sequence[JointError]) -> str:
+def worst(errors: Errors) -> str:
     """The joint whose torque a model has least, in a headline."""
-    most = max(errors, key=lambda error: error.share or 0.0)
-    return f"The torque of {most.joint} is {percent(most.share or 0.0)} off, the most of {len(errors)} joints"
+    shares = {at: share or 0.0 for at, share in errors.shares.items()}
+    most = max(shares, key=lambda at: shares[at])
+    return f"The torque of {most} is {percent(shares[most])} off, the most of {len(shares)} joints"
 
 
-def joints(models: Sequence[Drawn], measured: str, headline: str, found: ArmDiagnosis | None = None) -> Section:
+def joints(models: Sequence[Drawn], measured: str, headline: str, found: Diagnosis | None = None) -> Section:
     """Torque errors of every joint under each model, on the data that `measured` names, and what a diagnosis found."""
     final = models[-1][2].model
-    selected, left = (found.selected, found.unexplained.items()) if found is not None else ((), ())
+    body = body_of(final.terms)
+    assert body is not None
+    selected, left = (found.selected, found.left.items()) if found is not None else ((), ())
     content = {
         "measured": measured,
         "labels": [label for label, _, _ in models],
-        "rows": list(zip(*(step.errors["holdout"] for _, _, step in models), strict=True)),
+        "rows": list(zip(*(of_joints(step.errors["holdout"], body) for _, _, step in models), strict=True)),
         "laws": [(own.id, own.law, final.of(own.id)) for own in final.terms if own.id in selected],
-        "unexplained": [(joint, size, final.body.worded(joint, NEWTON_METRE)) for joint, size in left],
+        "unexplained": [(joint, size, body.worded(joint, NEWTON_METRE)) for joint, size in left],
         "next_step": found.next_step if found is not None else "",
     }
     return Section("joints", "Result", headline, content)
@@ -77,11 +82,13 @@ def strips(models: Sequence[Drawn], prepared: PreparedData) -> Section:
     """One strip of plots a joint: mean residual over angle, velocity and time, of each model."""
     curves, data = [(label, color) for label, color, _ in models], prepared.data
     last = models[-1][2].model
+    body = body_of(last.terms)
+    assert body is not None
     residuals = [prepared.residual(step.model.terms, step.model.theta) for _, _, step in models]
     inertia = inertias(prepared.screen, last.terms)
     found, standing = [], [False] * len(residuals)
     for k, joint in enumerate(data.joints):
-        part, in_units = data.part(joint), partial(last.body.worded, joint)
+        part, in_units = data.part(joint), partial(body.worded, joint)
         x, noise, lefts = part.samples, part.noise(inertia[joint]), [own[data.where(joint)] for own in residuals]
         negligible = NEGLIGIBLE * float(np.std(part.torque()))
         maps = [profiles(x, left, noise, SHOWN) for left in lefts]
@@ -112,5 +119,6 @@ def strips(models: Sequence[Drawn], prepared: PreparedData) -> Section:
 
 def parameters(models: Sequence[Drawn]) -> Section:
     """Base parameters, and those of what acts at the joints, under each model."""
-    combined = [parameter for parameter in models[-1][2].model.body.base if len(parameter.parts) > 1]
+    body = body_of(models[-1][2].model.terms)
+    combined = [parameter for parameter in (body.base if body is not None else ()) if len(parameter.parts) > 1]
     return of_models([step.model for _, _, step in models], [label for label, _, _ in models], combined)

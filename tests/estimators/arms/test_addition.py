@@ -1,10 +1,10 @@
 """An effect added at a joint, in data from SciPy's integration of the textbook's arm with air drag at the elbow."""
 
 import pytest
-
-from benchmarks.two_link import TwoLink
 from estimators.arms.addition import add_arm
 from estimators.arms.identification import ARM_SCHEMES, identify_arm
+
+from benchmarks.two_link import TwoLink
 from pendulum_env.physics import ModelError
 from tests.two_link import Hidden, recorded
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimators.arms.addition import add_arm
+from estimators.arms.diagnosis import diagnose_arm
+from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
 from scipy.signal import butter, lfilter
 
 from benchmarks import six_joint
 from benchmarks.six_joint import Hidden
-from estimators.arms.addition import add_arm
-from estimators.arms.diagnosis import diagnose_arm
-from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
 from estimators.diagnosis.result import Verdict
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.model import ArmModel

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from benchmarks.two_link import Multisine
 from estimators.arms.diagnosis import diagnose_arm, gather_arm, models_of_arm
 from estimators.arms.identification import identify_arm
+
+from benchmarks.two_link import Multisine
 from estimators.progress import no_progress
 from estimators.selection.candidates import Columns
 from estimators.selection.criterion import Criterion

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from estimators.arms.identification import ARM_SCHEMES, identify_arm
 
 from benchmarks.two_link import TwoLink
 from estimators.arms.excitation import design_excitation
 from estimators.arms.following import Follow, follow
-from estimators.arms.identification import ARM_SCHEMES, identify_arm
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.plane import planar_links
 

@@ -2,10 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from benchmarks.two_link import Multisine, TwoLink
 from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
 from estimators.arms.untold import untold as arms_untold
+
+from benchmarks.two_link import Multisine, TwoLink
 from estimators.checks.identifiability import untold
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.six import PAPER

@@ -5,10 +5,10 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
+from estimators.arms.identification import ARM_SCHEMES, identify_arm
 
 from benchmarks import six_joint
 from benchmarks.two_link import Multisine, TwoLink
-from estimators.arms.identification import ARM_SCHEMES, identify_arm
 from estimators.arms.online import ArmBinner, ArmEstimator
 from estimators.online import Diagnoser, Watch
 from estimators.schemes import six

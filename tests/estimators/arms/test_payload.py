@@ -2,10 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimators.arms.identification import ARM_SCHEMES, identify_arm
 
 from benchmarks import six_joint
 from benchmarks.two_link import TwoLink
-from estimators.arms.identification import ARM_SCHEMES, identify_arm
 from estimators.arms.payload import find_payload
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.recording import ArmRecording

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-
 from estimators.arms.diagnosis import diagnose_arm
-from estimators.arms.excitation import DESIGN, design_excitation
 from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
+
+from estimators.arms.excitation import DESIGN, design_excitation
 from estimators.arms.standard import standard_parameters
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.recording import read_arm_recording

@@ -7,11 +7,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import numpy as np
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from estimators.arms.diagnosis import gather_arm
+from estimators.diagnosis.arm import gather_arm
 from pendulum_env.words import listing, name, number, opening
 from workbench.app import card
 from workbench.app.arm import WEIGHTLESS, ArmState
@@ -64,7 +63,7 @@ def arm_model(session: Session, state: ArmState) -> list[Component]:
     headers = {opening(name(text)): k > 0 and text not in found.left for k, text in enumerate(found.headers)}
     return [
         panel("The model", html.P(about)),
-        panel("Parameters and how sure they are", fragment(parameters(ends(state.rungs)))),
+        panel("Parameters and how sure they are", fragment(parameters(ends(state.ladder)))),
         panel("Schemes side by side", table(headers, found.rows, "Schemes"), html.P(f"{opening(TRUST)}.")),
         model.begin_anew(state),
     ]
@@ -91,7 +90,7 @@ def arm_compare(session: Session, state: ArmState) -> list[Component]:
 def views(state: ArmState, id: str) -> list[Component]:
     """Residuals of a recording, joint by joint, under the ends of the ladder."""
     recording = state.recordings[state.loaded.index(state.find(id))]
-    section = strips(ends(state.rungs), gather_arm([recording], state.model.terms))  # type: ignore[list-item]
+    section = strips(ends(state.ladder), gather_arm([recording], state.model.terms))  # type: ignore[list-item]
     parts = []
     for strip in section.content["strips"]:
         texts: list[Component] = []
@@ -118,7 +117,7 @@ def arm_diagnose(session: Session, state: ArmState) -> list[Component]:
     )
     if found is None:
         return [search]
-    result = joints(ends(state.rungs), "held-out data", found.headline, found)
+    result = joints(ends(state.ladder), "held-out data", found.headline, found)
     return [
         panel(found.headline, fragment(result), className="story found" if found.selected else "story"),
         panel("Ranking", add.calls(state, busy), fragment(ranked(found.candidates)), className="ranking"),
@@ -129,7 +128,7 @@ def arm_diagnose(session: Session, state: ArmState) -> list[Component]:
 def arm_add(session: Session, state: ArmState) -> list[Component]:
     """What could be added, and the errors of the ladder."""
     busy = session.busy()
-    rungs = [("base model" if rung.added is None else f"+ {rung.added}", "", rung) for rung in state.rungs]
+    rungs = [("base model" if rung.added is None else f"+ {rung.added}", "", rung) for rung in state.ladder]
     undo = [button(f"Take {state.added[-1]} out", "undo", disabled=busy)] if state.added else []
     return [
         add.choice(state, busy, state.addable),
@@ -168,19 +167,18 @@ def commands(state: ArmState) -> str:
 def snippet(state: ArmState) -> str:
     """Python that comes to the same model."""
     robot, looked = state.robot, state.asked.effects
-    terms = f"ArmModel.load({state.model_file!r}, body).terms[1:]" if state.model_file else "None"
+    terms = f"ArmModel.load({state.model_file!r}, body).terms" if state.model_file else "arm_base(body)"
     lines = [
         f"robot = RobotFile(Path({robot.file.name!r}), {robot.joints!r}, bolted={robot.bolted}, rotors={robot.rotors}, "
         f"weightless={robot.weightless})",
         f"body, fitted, held_out = robot.read_study({STUDY!r})",
-        f"model = identify_arm(fitted, body, {terms})[{SAVED!r}].model",
+        f"model = identify(fitted, {terms})[{SAVED!r}].model",
     ]
     for effect in export.moves(state):
         if effect:
-            lines.append(f"model = add_arm(model, {effect!r}, fitted, held_out).after.model")
+            lines.append(f"model = add(model, {effect!r}, fitted, held_out).after.model")
         else:
-            lines.append(f"library = looked_for(body, {looked['only']!r}, {looked['without']!r})")
-            lines.append("found = diagnose_arm(fitted, body, held_out, terms=model.terms[1:], library=library)")
+            lines.append(f"found = diagnose(fitted, held_out, model.terms{state.asked.arguments(looked)})")
     return export.with_imports([*lines, f"model.save({export.MODEL!r})"])
 
 
@@ -191,15 +189,16 @@ def told(state: ArmState) -> tuple[str, str, list[Any]]:
     if state.trouble:
         return kicker, "Nothing can be fitted yet", [f"{opening(state.trouble)}."]
     kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {effect}' for effect in state.added)}"
-    first, last = (state.rungs[k].errors["holdout"] for k in (0, -1))
-    left = listing(["–" if one.share is None else f"{number(100 * one.share, 2)} %" for one in last])
+    first, last = (state.ladder[k].errors["holdout"] for k in (0, -1))
+    left = listing(["–" if share is None else f"{number(100 * share, 2)} %" for share in last.shares.values()])
     lead = ["On data it was not fitted to, the model leaves ", html.B(left), " of the joints' torque."]
     if state.diagnosis is not None and (state.found or not state.added):
         return kicker, state.diagnosis.headline, lead
     if not state.added:
         return kicker, worst(last), lead
-    falls = [before.torque_rms / after.torque_rms for before, after in zip(first, last, strict=True)]
-    joint, times = last[int(np.argmax(falls))].joint, f"{number(max(falls), 2)} times smaller"
+    falls = {at: first.joints[at] / last.joints[at] for at in last.joints}
+    joint = max(falls, key=lambda at: falls[at])
+    times = f"{number(falls[joint], 2)} times smaller"
     return kicker, f"With {listing(state.added)} the torque error of {joint} is {times}", lead
 
 

@@ -34,14 +34,13 @@ WHOLE = (
 BESIDE = f"The recordings are read as {STUDY} says: save it beside them, in the stage Data."
 IMPORTED = {  # names of a snippet, by where they are from
     "pathlib": ("Path",),
-    "estimators": ("Aligned", "add", "diagnose", "fit", "gather"),
+    "estimators": ("Aligned", "add", "diagnose", "fit", "gather", "identify"),
     "estimators.arguments": ("within_limits",),
-    "estimators.arms": ("add_arm", "diagnose_arm", "identify_arm"),
-    "pendulum_env.arms": ("ArmModel",),
+    "pendulum_env.arms": ("ArmModel", "arm_base"),
     "pendulum_env.physics": ("BASE", "Model"),
     "pendulum_env.recording": ("read_recording", "read_study"),
     "workbench.report": ("write_report",),
-    "workbench.robot": ("RobotFile", "looked_for"),
+    "workbench.robot": ("RobotFile",),
 }
 
 
