@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
-from estimators.arms.diagnosis import ArmDiagnosis
 
+from estimators import Diagnosis
+from estimators.selection.data import Step
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.recording import read_arm_recording
+from pendulum_env.physics import Model
 from workbench import arm_demo
 from workbench.commands.demo import verdict
 from workbench.terminal import Terminal
@@ -45,5 +47,5 @@ def test_every_effect_that_may_be_hidden_can_be_simulated():
     ],
 )
 def test_the_verdict_is_honest(selected, ambiguous, told):
-    found = ArmDiagnosis(None, None, selected, (), ambiguous, {})
+    found = Diagnosis(tuple(Step(one, Model(), {}) for one in (None, *selected)), (), ambiguous, (), 0.0, ())
     assert verdict(["spring@elbow"], found).startswith(told)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import TwoLink
-from pendulum_env.arms import at_joint, friction
-from pendulum_env.arms.joints import Links
+from pendulum_env.arms import at_joint
+from pendulum_env.arms.joints import Links, arm_base
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics.friction import Stribeck
@@ -179,7 +179,7 @@ def test_a_saved_session_keeps_the_robot_and_the_model_it_began_from(session, tm
     assert replace(empty.robot, file=file) == robot and not empty.loaded
     drop(session, run)
     body = session.state.body
-    begun = ArmModel.build((Links(body), *friction(body), at_joint(Stribeck, "elbow")(0.1)), 1.0)
+    begun = ArmModel.build((*arm_base(body), at_joint(Stribeck, "elbow")(0.1)), 1.0)
     session.act(lambda: session.begin_from("first.json", url(json.dumps(begun.json()).encode())))
     assert session.notice == ""
     again = reopened(session, tmp_path / "again")
