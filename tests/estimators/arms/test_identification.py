@@ -8,7 +8,8 @@ from estimators import compare, identify
 from estimators.checks.identifiability import untold
 from estimators.checks.untold import untold_of_arm
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.six import PAPER
+from estimators.schemes.balance import for_arms
+from estimators.schemes.six import PAPER, SCHEMES
 from estimators.signals.measurements import measure_segments
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.joints import Links, arm_base, friction
@@ -38,7 +39,7 @@ def truth(body):
     return np.concatenate([body.values, np.ravel(np.column_stack([ARM.viscous, ARM.coulomb]))])
 
 
-@pytest.mark.parametrize("scheme", ARM_SCHEMES, ids=lambda scheme: scheme.id)
+@pytest.mark.parametrize("scheme", for_arms(SCHEMES), ids=lambda scheme: scheme.id)
 def test_each_scheme_finds_all_base_parameters_and_frictions_within_one_per_cent(found, truth, scheme):
     theta = found[scheme.id].model.theta
     some = np.abs(truth) > 1e-9

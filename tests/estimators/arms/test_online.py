@@ -12,7 +12,8 @@ from estimators import identify
 from estimators.arms.online import ArmBinner, ArmEstimator
 from estimators.online import Diagnoser, Watch
 from estimators.schemes import six
-from estimators.schemes.six import Integral
+from estimators.schemes.balance import for_arms
+from estimators.schemes.six import SCHEMES, Integral
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import DiagnoseOnline, EstimateArmParameters, EstimateParameters, WatchModel, WatchModelVector
 from pendulum_env import ARM, PENDULUM
@@ -52,7 +53,7 @@ def taken(monitor, time, position, held):
         yield t, said
 
 
-@pytest.mark.parametrize("scheme", ARM_SCHEMES, ids=lambda scheme: scheme.id)
+@pytest.mark.parametrize("scheme", for_arms(SCHEMES), ids=lambda scheme: scheme.id)
 def test_online_and_offline_agree(body, recording, scheme):
     online = fed(ArmEstimator(body, RATE, scheme=scheme), recording)
     truth = np.concatenate([body.values, np.ravel(np.column_stack([TWO.viscous, TWO.coulomb]))])
@@ -206,7 +207,7 @@ def test_a_diagnosis_knows_the_arms_effects_and_takes_one_in():
     )
     assert driven(env, 3000)[0]["diagnosis"].group == ("cogging@elbow",)
     assert env.add("cogging@elbow").id == "cogging@elbow" and env.diagnoser.said.added == ("cogging@elbow",)
-    with pytest.raises(ValueError, match="unknown effect 'stribek': did you mean stribeck"):
+    with pytest.raises(ValueError, match="unknown effect of joints 'stribek': did you mean stribeck"):
         DiagnoseOnline(gym.make(ARM), candidates="stribek")
 
 
