@@ -101,9 +101,8 @@ class Comparison:
     @property
     def headline(self) -> str:
         """The result in one sentence."""
-        if shares := {at: share or 0.0 for at, share in self.joint.errors.shares.items()}:
-            most = max(shares, key=lambda at: shares[at])
-            return f"The torque of {most} is {percent(shares[most])} off, the most of {len(shares)} joints"
+        if self.joint.errors.shares:
+            return worst(self.joint.errors)
         torque, position = self.joint.errors.torque_rms, self.joint.errors.position_rms
         times = torque / max(self.joint.noise_floor, 1e-300)
         return (
@@ -231,6 +230,13 @@ def torque_errors(model: Model, recordings: Sequence[Recording]) -> Errors:
 def step_of_arm(added: str | None, model: Model, **parts: Sequence[Recording]) -> Step:
     """A model of an arm with its torque errors on parts of the data, `train` and `holdout`; raises as they do."""
     return Step(added, model_of(model), {part: torque_errors(model, own) for part, own in parts.items()})
+
+
+def worst(errors: Errors) -> str:
+    """The joint of an arm whose torque a model has least, in a headline."""
+    shares = {at: share or 0.0 for at, share in errors.shares.items()}
+    most = max(shares, key=lambda at: shares[at])
+    return f"The torque of {most} is {percent(shares[most])} off, the most of {len(shares)} joints"
 
 
 def of_joints(errors: Errors, body: Body) -> list[JSON]:

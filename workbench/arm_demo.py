@@ -23,9 +23,9 @@ from pendulum_env.physics import Estimate
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import draw_effect
 from pendulum_env.recording import write_recording
-from workbench.arms import story
 from workbench.commands.demo import reveal
 from workbench.inputs import check_outputs, wrote
+from workbench.story import story
 from workbench.terminal import Terminal
 
 SPREAD = 0.25  # of what nobody told, to either side
@@ -36,7 +36,7 @@ def run(
     report: Path, files: Sequence[Path], seconds: float, seed: int, terminal: Terminal, verbose: bool = False
 ) -> None:
     """Hide an effect at a joint, record, diagnose, report, reveal."""
-    from workbench.report.arm import render_arm  # plotly takes a while to import
+    from workbench.report import write_report  # plotly takes a while to import
 
     robot, truth = (report.with_name(f"{report.stem}.{part}.urdf") for part in ("robot", "truth"))
     check_outputs([str(path) for path in (report, truth, robot, *files)])
@@ -62,7 +62,7 @@ def run(
         found = diagnose(train, holdout, arm_base(body), progress)
     story(found).tell(terminal, verbose, more=False)
     with terminal.progress("writing the report"):
-        write_whole(report, render_arm([train], found.steps, found))
+        write_report(report, train, holdout, found)
     at = hidden.partition(":")[0]
     parameters = {
         one.name: Estimate(value, 0.0, one.unit) for one, value in zip(true.base, true.values.tolist(), strict=True)

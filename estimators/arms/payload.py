@@ -23,10 +23,10 @@ from estimators.schemes.balance import ARM_SCHEMES, measure_arm
 from estimators.schemes.fitting import by_joint, regressions, stack
 from pendulum_env._typing import JSON, Array
 from pendulum_env.arms.body import STANDARD
-from pendulum_env.arms.model import ArmModel
+from pendulum_env.arms.joints import links_of
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.lookup import find
-from pendulum_env.physics import Estimate
+from pendulum_env.physics import Estimate, Model
 
 SCHEME = ARM_SCHEMES[1]  # filtered dynamic: the torque of each joint, without differentiating noise
 HIDDEN = 1e-6  # share of a direction that no motion of the joints shows, from which a parameter is unknown
@@ -78,7 +78,7 @@ class Payload:
 
 
 def find_payload(
-    model: ArmModel,
+    model: Model,
     carrying: Sequence[ArmRecording],
     without: Sequence[ArmRecording] = (),
     joint: str | None = None,
@@ -97,7 +97,7 @@ def find_payload(
         IdentificationError: if there is too little motion.
         ValueError: if there is no such joint.
     """
-    body = model.body
+    body = links_of(model.terms)
     joint = joint or body.joints[-1]
     k = body.links.index(find("joint", joint, {name: name for name in body.joints}))
     combine = body.combine[:, 10 * k : 10 * (k + 1)]  # (P, 10)

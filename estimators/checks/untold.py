@@ -6,7 +6,7 @@ import numpy as np
 
 from estimators.checks.identifiability import TELLING, is_told
 from pendulum_env._typing import Array
-from pendulum_env.arms.joints import DRAWS, body_of
+from pendulum_env.arms.joints import DRAWS, links_of
 from pendulum_env.physics import Model
 
 PLACES = 50  # instants at which the joints' inertia is looked at
@@ -18,8 +18,7 @@ def untold_of_arm(model: Model, position: Array, velocity: Array, torque: Array)
     An error is large if at some joint it is more torque, at the speeds that were seen and at any angle, than was
     recorded; or as much of the inertia, which cannot be nothing, as leaves that open.
     """
-    body = body_of(model.terms)
-    assert body is not None
+    body = links_of(model.terms)
     base = len(body.base)
     largest, fastest = np.abs(torque).max(axis=0), np.abs(velocity).max(axis=0)
     largest = np.where(largest > 0, largest, largest.max())  # of a joint without a motor

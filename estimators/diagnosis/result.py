@@ -167,6 +167,12 @@ class Diagnosis:
         return tuple(step.added for step in self.steps if step.added is not None)
 
     @property
+    def laws(self) -> list[str]:
+        """Laws of the effects found to be missing: `stribeck: fs exp(-|q'/vs|^n) sgn q'`."""
+        known = {term.id: term.law for term in self.model.terms}
+        return [f"{id}: {known[id]}" for id in self.selected if id in known]
+
+    @property
     def headline(self) -> str:
         """The result in one sentence: `Stribeck friction is missing`; of an arm `Missing: stribeck@elbow`."""
         if self.body is not None:
@@ -191,6 +197,13 @@ class Diagnosis:
         if self.left:
             return f"Something is missing at {where}, and no known effect explains it"
         return "No effect of the library is missing at any joint"
+
+    def told_of(self, region: Region) -> str:
+        """What is left unexplained in a region, in words; of an arm at its joint, with how much that is."""
+        if self.body is None:
+            return region.text
+        left = f"{self.left[region.at]:.2g} {self.body.worded(region.at, NEWTON_METRE)} at {region.at}"
+        return f"{left}; {self.body.worded(region.at, region.text)}" if region.text else left
 
     @property
     def next_step(self) -> str:

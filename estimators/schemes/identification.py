@@ -46,6 +46,7 @@ from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import json_per, listing, per
 
 SCHEMA, ARM_SCHEMA = "pendulum-ident/identification@1", "pendulum-ident/arm-identification@1"
+SAVED = "filtered_dynamic"  # scheme whose model of an arm is the one to go on with
 APART = 5.0  # standard errors between two schemes, to which noise alone does not bring them: 2.3 is the most seen,
 COARSE = 0.05  # and share of a parameter, to which slow sampling does not: 0.034 is what 50 Hz do
 FEWEST = 10  # that hold motion, below which standard errors mean little
@@ -138,6 +139,11 @@ class Identification:
     torque_constant: TorqueConstant | None = None
     data: Dataset | None = field(default=None, repr=False)
 
+    @property
+    def of_arm(self) -> bool:
+        """Whether the recordings are of an arm."""
+        return any(one.units for one in self.schemes.values())
+
     def __getitem__(self, scheme: str) -> Identified:
         return find("scheme", scheme, self.schemes)
 
@@ -169,7 +175,7 @@ class Identification:
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         return {
-            "schema": ARM_SCHEMA if any(one.units for one in self.schemes.values()) else SCHEMA,
+            "schema": ARM_SCHEMA if self.of_arm else SCHEMA,
             "recordings": list(self.recordings),
             "torque_unit": self.torque_unit,
             "torque_constant": self.torque_constant.json() if self.torque_constant is not None else None,

@@ -170,6 +170,13 @@ def body_of(terms: Sequence[object]) -> Body | None:
     return terms[0].body if terms and isinstance(terms[0], Links) else None
 
 
+def links_of(terms: Sequence[object]) -> Body:
+    """The same of an arm, which the caller knows it to be."""
+    body = body_of(terms)
+    assert body is not None
+    return body
+
+
 def joint_effects() -> dict[str, type[Term]]:
     """Effects of the library that can sit at a joint of an arm, and the coupling of two, by id."""
     more = (Coupling, TemperatureDependentFriction)

@@ -9,12 +9,12 @@ from typing import Any
 
 from estimators.arguments import chosen_effects
 from estimators.arms.gains import in_torque, without_loads
-from estimators.comparison import step_of_arm
+from estimators.comparison import compare, step_of_arm
 from estimators.diagnosis.addition import add
 from estimators.diagnosis.arm import parted
 from estimators.diagnosis.run import diagnose
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.identification import Identification, identify
+from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.selection.data import Step
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Links, arm_base, at_joints, joint_effects, kind_at
@@ -26,10 +26,9 @@ from pendulum_env.recording import Recording, Source
 from pendulum_env.words import name, opening
 from workbench.app import uploads
 from workbench.app.state import NO_RECORDING, Asked, State
-from workbench.arms import SAVED
 from workbench.mistakes import InputError
 from workbench.processes import Task
-from workbench.report.arm import render_arm
+from workbench.report import render, render_comparison
 from workbench.robot import RobotFile, loaded_text, meaning, straying
 
 WEIGHTLESS = "Its torques are without gravity"
@@ -152,10 +151,10 @@ class ArmState(State):
 
     def report(self) -> str:
         """HTML of the report: of the diagnosis, else of the comparison with what was held out."""
-        train, holdout = parted(self.fitted.train, self.fitted.holdout)
         if self.diagnosis is not None:
-            return render_arm(train, [self.diagnosis.steps[0], *self.diagnosis.steps[1:][-1:]], self.diagnosis)
-        return render_arm(holdout, self.ladder[-1:])
+            return render(self.train, self.holdout, self.diagnosis)
+        _, holdout = parted(self.fitted.train, self.fitted.holdout)
+        return render_comparison(compare(self.model, holdout), holdout)
 
     @property
     def library(self) -> dict[str, str]:

@@ -43,9 +43,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect; print both."""
-    refuse_joint(arguments.effect)
+    refuse_joint(arguments.effect, arguments.robot)
     asked = opened(arguments, [arguments.output], terminal)
-    recordings, holdout = in_time(*asked.in_torque(terminal), arguments.align, terminal)
+    recordings, holdout = asked.in_torque(terminal)
+    if asked.body is None:
+        recordings, holdout = in_time(recordings, holdout, arguments.align, terminal)
     with terminal.progress(f"adding {arguments.effect}") as progress:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
         added = add(asked.model, arguments.effect, recordings, holdout, progress, **limits)

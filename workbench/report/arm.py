@@ -9,17 +9,16 @@ from functools import partial
 import numpy as np
 
 from estimators.checks.residual import REGIONS, profiles, stand_out
-from estimators.comparison import of_joints
+from estimators.comparison import Comparison, of_joints
 from estimators.diagnosis.arm import gather_arm
 from estimators.diagnosis.result import Diagnosis
-from estimators.selection.data import Errors, PreparedData, Step, inertias
+from estimators.selection.data import PreparedData, Step, inertias
 from estimators.weak_form.dataset import NEGLIGIBLE
-from pendulum_env.arms.joints import body_of
+from pendulum_env.arms.joints import body_of, links_of
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.words import listing, percent
+from pendulum_env.words import percent
 from workbench.report.figure import Section
-from workbench.report.page import assemble
 from workbench.report.sections.candidates import ranked
 from workbench.report.sections.failures import key, profile_figure
 from workbench.report.sections.parameters import of_models
@@ -28,44 +27,35 @@ SHOWN = ("position", "velocity", "time")  # a strip's plots
 Drawn = tuple[str, str, Step]  # how the page calls a model, the colour of its curves, and its errors
 
 
-def render_arm(recordings: Sequence[ArmRecording], steps: Sequence[Step], found: Diagnosis | None = None) -> str:
-    """The report as one self-contained HTML page.
+def sections(found: Diagnosis | Comparison, recordings: Sequence[ArmRecording]) -> list[Section]:
+    """What a report tells of an arm.
 
     Args:
+        found: by a diagnosis, or by a comparison.
         recordings: what is drawn: those that were fitted, or that the model was compared with.
-        steps: the base model and perhaps others, with their held-out errors.
-        found: by a diagnosis; None for a comparison.
     """
-    models = ends(steps, "model" if found is None else "base model")
-    measured = "held-out data" if found is not None else "the recordings compared with"
-    headline = found.headline if found is not None else worst(steps[-1].errors["holdout"])
-    sections = [
-        joints(models, measured, headline, found),
-        strips(models, gather_arm(recordings, steps[-1].model.terms)),
-        *([ranked(found.candidates)] if found is not None else []),
+    if isinstance(found, Diagnosis):
+        models, first = ends(found.steps), joints(ends(found.steps), "held-out data", found.headline, found)
+    else:
+        models = [("model", "--base", Step(None, found.model, {"holdout": found.joint.errors}))]
+        first = joints(models, "the recordings compared with", found.headline)
+    return [
+        first,
+        strips(models, gather_arm(recordings, found.model.terms)),
+        *([ranked(found.candidates)] if isinstance(found, Diagnosis) else []),
         parameters(models),
     ]
-    what = "diagnosis of" if found is not None else "comparison with"
-    return assemble(sections, f"{what} {listing([recording.name for recording in recordings])}")
 
 
-def ends(steps: Sequence[Step], first: str = "base model") -> list[Drawn]:
+def ends(steps: Sequence[Step]) -> list[Drawn]:
     """The first model and, where effects were added, the last one."""
-    return [(first, "--base", steps[0]), ("final model", "--final", steps[-1])][: len(steps)]
-
-
-def worst(errors: Errors) -> str:
-    """The joint whose torque a model has least, in a headline."""
-    shares = {at: share or 0.0 for at, share in errors.shares.items()}
-    most = max(shares, key=lambda at: shares[at])
-    return f"The torque of {most} is {percent(shares[most])} off, the most of {len(shares)} joints"
+    return [("base model", "--base", steps[0]), ("final model", "--final", steps[-1])][: len(steps)]
 
 
 def joints(models: Sequence[Drawn], measured: str, headline: str, found: Diagnosis | None = None) -> Section:
     """Torque errors of every joint under each model, on the data that `measured` names, and what a diagnosis found."""
     final = models[-1][2].model
-    body = body_of(final.terms)
-    assert body is not None
+    body = links_of(final.terms)
     selected, left = (found.selected, found.left.items()) if found is not None else ((), ())
     content = {
         "measured": measured,
@@ -82,8 +72,7 @@ def strips(models: Sequence[Drawn], prepared: PreparedData) -> Section:
     """One strip of plots a joint: mean residual over angle, velocity and time, of each model."""
     curves, data = [(label, color) for label, color, _ in models], prepared.data
     last = models[-1][2].model
-    body = body_of(last.terms)
-    assert body is not None
+    body = links_of(last.terms)
     residuals = [prepared.residual(step.model.terms, step.model.theta) for _, _, step in models]
     inertia = inertias(prepared.screen, last.terms)
     found, standing = [], [False] * len(residuals)

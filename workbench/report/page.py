@@ -14,10 +14,14 @@ from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
 from estimators.arguments import Recordings, chosen_recordings
 from estimators.comparison import Comparison, in_units_of, joined
+from estimators.diagnosis.arm import parted
 from estimators.diagnosis.result import Diagnosis
 from estimators.selection.data import PreparedData, Step
 from pendulum_env import words
+from pendulum_env.arms.joints import body_of
+from pendulum_env.arms.recording import of_arms
 from pendulum_env.files import write_whole
+from workbench.report import arm
 from workbench.report.case import Case
 from workbench.report.figure import Section
 from workbench.report.sections import SECTIONS
@@ -59,6 +63,10 @@ def plotly() -> str:
 
 def render(recordings: Recordings, holdout: Recordings, diagnosis: Diagnosis) -> str:
     """HTML of the report; see `write_report`."""
+    if (body := diagnosis.body) is not None:
+        fitted, unseen = chosen_recordings(recordings, body=body), chosen_recordings(holdout, empty=True, body=body)
+        train, _ = parted(of_arms(fitted), of_arms(unseen))
+        return assemble(arm.sections(diagnosis, train), f"diagnosis of {words.listing([own.name for own in train])}")
     fitted, unseen = chosen_recordings(recordings), chosen_recordings(holdout, empty=True)
     case = Case.of(fitted, unseen, diagnosis)
     if diagnosis.is_in_loop:
@@ -118,6 +126,9 @@ def write_report(path: str | Path, recordings: Recordings, holdout: Recordings, 
 
 def render_comparison(compared: Comparison, recordings: Recordings) -> str:
     """HTML of what `compare` found of recordings, as one self-contained page like that of a diagnosis."""
+    if (body := body_of(compared.model.terms)) is not None:
+        arms = of_arms(chosen_recordings(recordings, body=body))
+        return assemble(arm.sections(compared, arms), f"comparison with {words.listing([one.name for one in arms])}")
     case = _case(compared, recordings)
     headline = words.opening(compared.headline).replace(" N m", "\u00a0N\u00a0m").replace(" rad", "\u00a0rad")
     distances = Section("distances", "Result", headline, {"compared": compared})

@@ -10,7 +10,10 @@ from typing import Any
 from dash import dcc, html
 from dash.development.base_component import Component
 
+from estimators.comparison import worst
 from estimators.diagnosis.arm import gather_arm
+from estimators.schemes.identification import SAVED
+from estimators.show.story import TRUST, schemes_table
 from pendulum_env.words import listing, name, number, opening
 from workbench.app import card
 from workbench.app.arm import WEIGHTLESS, ArmState
@@ -20,8 +23,7 @@ from workbench.app.saved import STUDY
 from workbench.app.session import Session
 from workbench.app.stages import add, data, diagnose, export, model
 from workbench.app.state import NOTHING
-from workbench.arms import SAVED, TRUST, schemes_table
-from workbench.report.arm import ends, joints, parameters, strips, worst
+from workbench.report.arm import ends, joints, parameters, strips
 from workbench.report.sections.candidates import ranked
 from workbench.robot import held_text
 
