@@ -241,7 +241,7 @@ class Page:
 
     def __init__(self) -> None:
         from workbench.app import live
-        from workbench.app.server import make_app
+        from workbench.app.page.server import make_app
         from workbench.app.session import Session
 
         def idle(*_: object) -> None:

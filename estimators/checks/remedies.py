@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from estimators.checks.identifiability import TELLING
-from estimators.checks.physical import surely_negative
+from estimators.selection.physical import surely_negative
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.origin import Origin

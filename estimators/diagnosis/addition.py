@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves, within_limits
-from estimators.checks.physical import objection
 from estimators.checks.torque_constant import Calibrated, told
 from estimators.comparison import step_of_arm
 from estimators.diagnosis.arm import models_of_arm, parted
+from estimators.diagnosis.in_loop import Looped
 from estimators.diagnosis.result import CHANCE, Addition
 from estimators.diagnosis.run import gather
 from estimators.diagnosis.setting import Setting
-from estimators.in_loop.diagnosis import Looped
 from estimators.in_loop.rollouts import are_driven
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
@@ -23,6 +22,7 @@ from estimators.selection.data import PreparedData, Step, noise_floor, with_impa
 from estimators.selection.models import Models
 from estimators.selection.motion import refit
 from estimators.selection.moves import best, is_hidden, loosened, settle
+from estimators.selection.physical import objection
 from estimators.selection.search import Selection
 from pendulum_env.arms.joints import body_of, kind_at
 from pendulum_env.arms.recording import ArmRecording, of_arms

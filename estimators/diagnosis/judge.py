@@ -9,12 +9,12 @@ from itertools import pairwise
 import numpy as np
 
 from estimators.checks.identifiability import Doubt
-from estimators.checks.physical import objection
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.selection.data import Step, error_at
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.moves import alternatives, candidates, is_hidden, rivals
+from estimators.selection.physical import objection
 from estimators.selection.score import Gain
 from estimators.selection.search import Selection
 

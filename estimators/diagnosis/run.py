@@ -13,17 +13,16 @@ from estimators.checks.alignment import Aligned
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import disagreements, own_fits
 from estimators.checks.identifiability import identifiability, untold
-from estimators.checks.physical import impossible
 from estimators.checks.remedies import remedies, turned_round
 from estimators.checks.residual import Region, everywhere, stand_out
 from estimators.checks.torque_constant import Calibrated, of_the_drive, told
 from estimators.diagnosis.arm import examine_arm
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
+from estimators.diagnosis.in_loop import diagnose_in_loop
 from estimators.diagnosis.judge import doubted, judge
 from estimators.diagnosis.result import KEPT, UNNAMED, Diagnosis
 from estimators.diagnosis.sensitivity import detectable
 from estimators.diagnosis.setting import HELD_OUT, Setting
-from estimators.in_loop.diagnosis import diagnose_in_loop
 from estimators.in_loop.rollouts import are_driven
 from estimators.progress import Progress, forward, no_progress
 from estimators.regression.equations import IdentificationError
@@ -32,6 +31,7 @@ from estimators.selection.data import PreparedData, fit_terms, noise_floor, with
 from estimators.selection.models import Models, held_out_cost
 from estimators.selection.motion import is_misfit, refine, refit, reselect_transmission
 from estimators.selection.moves import explaining, ids, settle
+from estimators.selection.physical import impossible
 from estimators.selection.search import Selection, select
 from estimators.signals.measurements import measure_segments
 from estimators.weak_form.dataset import choose_half_width, prepare

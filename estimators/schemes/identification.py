@@ -22,7 +22,6 @@ from estimators.checks.alignment import Aligned
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
 from estimators.checks.identifiability import Doubt, identifiability, inseparable, is_driven, untold
-from estimators.checks.physical import driving_friction
 from estimators.checks.remedies import wrong_columns
 from estimators.checks.torque_constant import Calibrated, further, told, widened
 from estimators.checks.untold import untold_of_arm
@@ -31,6 +30,7 @@ from estimators.schemes.balance import for_arms, measure_arm, series
 from estimators.schemes.fitting import Convergence, Segments, fitted, regressions, stack
 from estimators.schemes.six import SCHEMES, LowPass, Regressor, Scheme
 from estimators.selection.data import PreparedData, fit_terms
+from estimators.selection.physical import driving_friction
 from estimators.signals.measurements import Measurements, measure_segments, remember
 from estimators.weak_form.dataset import Dataset, prepare
 from pendulum_env._typing import JSON

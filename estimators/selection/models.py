@@ -10,12 +10,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.checks.physical import impossible, objection
 from estimators.kept import kept
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData, Step, fit_terms
 from estimators.selection.left import Left, Terms, drifting_in
+from estimators.selection.physical import impossible, objection
 from estimators.selection.score import BLOCK, Blocks, Bootstrap, Gain, cross_validated, predicted
 from estimators.simulation import output_error
 from estimators.simulation.multiple_shooting import has_link

@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     survey = None if arguments.fleet is None else Path(arguments.fleet)
     if survey is not None and not is_survey(survey):
         raise InputError(f"{survey}: holds no survey: name what `survey` wrote with -o")
-    from workbench.app.server import Server  # dash takes a while to import
+    from workbench.app.page.server import Server  # dash takes a while to import
 
     recordings = (*asked.fitted, *asked.held_out)
     server = Server(arguments.port, recordings=recordings, rig=rig, survey=survey, robot=robot)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.checks.physical import beyond
 from estimators.diagnosis.run import gather
 from estimators.selection.models import Models
 from estimators.selection.moves import best
+from estimators.selection.physical import beyond
 from estimators.selection.search import Selection, select
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording

@@ -74,7 +74,7 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     session.act(lambda: add.start(session, "torque_offset@elbow"))
     work(session)
     state = session.state
-    before, after = (rung.errors["holdout"][1].torque_rms for rung in state.rungs)
+    before, after = (rung.errors["holdout"][1].torque_rms for rung in state.ladder)
     assert state.added == ("torque_offset@elbow",) and not state.found and after < 0.2 * before
     for stage in arm.STAGES.values():
         assert stage(session, state)
@@ -219,7 +219,7 @@ def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):
     assert "--only=torque_offset,spring@elbow --without=torque_offset@shoulder" in second
     snippet = arm.snippet(session.state)
     assert "RobotFile(Path('arm.urdf'), None, bolted=True, rotors=True, weightless=True)" in snippet
-    assert "looked_for(body, ['torque_offset', 'spring@elbow'], ['torque_offset@shoulder'])" in snippet
+    assert "only=['torque_offset', 'spring@elbow'], without=['torque_offset@shoulder'])" in snippet
 
 
 def test_lines_to_copy_come_to_the_model_of_currents_with_a_known_load(session, tmp_path, monkeypatch):

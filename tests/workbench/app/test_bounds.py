@@ -17,8 +17,9 @@ from plotly.utils import PlotlyJSONEncoder
 
 from tests.fuzzing import Page
 from tests.workbench.app.plants import files_of, limited, upload
-from workbench.app import server, uploads
 from workbench.app import session as session_module
+from workbench.app import uploads
+from workbench.app.page import server
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import data
 

@@ -12,7 +12,7 @@ from workbench.survey import Dataset, Fleet
 
 pytest.importorskip("dash")
 
-from workbench.app.server import make_app
+from workbench.app.page.server import make_app
 
 OTHERS = ({"Host": "rebound.example"}, {"Origin": "https://other.example"}, {"Origin": "null"})
 

@@ -42,10 +42,10 @@ from dash import html
 from plotly.utils import PlotlyJSONEncoder
 
 from workbench.app.card import Choice, understood
+from workbench.app.page.server import make_app
 from workbench.app.parts import UNWRAP
 from workbench.app.recorder import options
 from workbench.app.saved import study
-from workbench.app.server import make_app
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import compare, data, export, live
 from workbench.app.stages.compare import MAP, PHASE, TIME, inside, lit, within

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimators.checks.physical import driving_friction, impossible
+from estimators.selection.physical import driving_friction, impossible
 from pendulum_env.arms.joints import coupled, placed
 from pendulum_env.physics import BASE, Model, Samples, Term, effect
 from pendulum_env.physics.actuation import ActuatorLag

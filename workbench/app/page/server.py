@@ -18,7 +18,8 @@ from werkzeug.exceptions import HTTPException
 from werkzeug.serving import WSGIRequestHandler, make_server
 
 from pendulum_env.recording import Source
-from workbench.app import layout, uploads
+from workbench.app import uploads
+from workbench.app.page import layout
 from workbench.app.session import Sessions
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.report import fleet
@@ -55,7 +56,7 @@ def make_app(
     """
     app = Dash(
         "pendulum-ident",
-        assets_folder=str(Path(__file__).with_name("assets")),
+        assets_folder=str(Path(__file__).parents[1] / "assets"),
         index_string=layout.index(),
         title="pendulum-ident",
         update_title="",
