@@ -96,7 +96,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         write_report(report, train, holdout, found)
     reveal(hidden, found, terminal)
     wrote([report, *robots, *files], terminal)
-    terminal.say(f"{another} --seed {arguments.seed + 1}")
+    another = (
+        "pendulum: pendulum-ident demo" if arguments.robot is None else "arm: pendulum-ident demo --robot two-link"
+    )
+    terminal.say(f"another {another} --seed {arguments.seed + 1}")
 
 
 def hidden_pendulum(rng: np.random.Generator) -> Hidden:
