@@ -62,13 +62,13 @@ def tell(parts: Sequence[Part], terminal: Terminal) -> None:
 
 def story(found: Diagnosis, every: bool = False) -> Story:
     """A diagnosis, with the candidates that matter or every one; of an arm, which has many, parameters of effects."""
-    estimates, left = found.model.readable, found.unexplained[:1]
+    estimates = found.model.readable
     if found.body is not None:
         estimates = {name: own for id in found.selected for name, own in found.model.of(id).items()}
-        left = found.unexplained
     lines = [*found.laws, errors_line(found)]
     lines += parameters_line(estimates, bool(found.unexplained))
-    lines += [f"left: {found.told_of(region)}" for region in left if region.text != found.next_step]
+    first = found.unexplained[:1]
+    lines += [f"left: {found.told_of(region)}" for region in first if region.text != found.next_step]
     lines += [f"{one.text}, and is not fitted: diagnose it on its own" for one in found.disagreements]
     return Story(found.headline, lines, found.next_step, of_diagnosis(found, every, ALL), found.remarks)
 

@@ -11,7 +11,7 @@ import numpy as np
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.checks.residual import Region
-from estimators.comparison import of_joints
+from estimators.comparison import of_joints, worst
 from estimators.diagnosis.likeness import likenesses
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.selection.criterion import Criterion
@@ -191,6 +191,8 @@ class Diagnosis:
     @property
     def _headline_of_arm(self) -> str:
         where = listing(list(self.left))
+        if not self.candidates:  # nobody has looked yet
+            return worst(self.steps[-1].errors["holdout"])
         if self.selected:
             more = f", and more at {where} that no known effect explains" if where else ""
             return f"Missing: {listing(self.selected)}{more}"

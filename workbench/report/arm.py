@@ -42,7 +42,7 @@ def sections(found: Diagnosis | Comparison, recordings: Sequence[ArmRecording]) 
     return [
         first,
         strips(models, gather_arm(recordings, found.model.terms)),
-        *([ranked(found.candidates)] if isinstance(found, Diagnosis) else []),
+        *([ranked(found.candidates)] if isinstance(found, Diagnosis) and found.candidates else []),
         parameters(models),
     ]
 

@@ -36,7 +36,7 @@ class Case:
     holdout: tuple[Recording, ...]
     is_split: bool
     diagnosis: Diagnosis
-    gathered: tuple[PreparedData, PreparedData] | None = None
+    gathered: tuple[PreparedData, ...] | None = None
     first: str = "base model"
 
     @classmethod
@@ -55,7 +55,7 @@ class Case:
         return cls(fitted, tuple(holdout) or fitted, not holdout, diagnosis)
 
     @cached_property
-    def _prepared(self) -> tuple[PreparedData, PreparedData]:
+    def _prepared(self) -> tuple[PreparedData, ...]:
         if self.gathered is not None:
             return self.gathered
         found = self.diagnosis

@@ -157,7 +157,7 @@ def test_the_terms_beside_which_end_stops_were_found_come_back(worked, tmp_path)
     state = worked.state
     assert state.diagnosis is not None
     session = Session(tmp_path / "first")
-    beside = (*state.terms, HardStop())
+    beside = (*state.base_terms, HardStop())
     session.state = replace(state, diagnosis=replace(state.diagnosis, impacts_beside=beside))
     found = opened(tmp_path, pack(session.state)).state.diagnosis
     assert found is not None and found.impacts_beside is not None
