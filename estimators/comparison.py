@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -11,8 +11,9 @@ import numpy as np
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves
 from estimators.checks.homogeneity import Disagreement, disagreements_with, misfits, own_fits
 from estimators.checks.residual import Profile, Region, profiles, stand_out
-from estimators.checks.torque_constant import Calibrated, unit_of
+from estimators.checks.torque_constant import unit_of
 from estimators.in_loop.fit import in_loop
+from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import ARM_SCHEMES, measure_arm, series
 from estimators.schemes.fitting import regressions, stack
@@ -74,6 +75,7 @@ class Comparison:
         regions: where it stands out of the noise, the most telling first.
         disagreements: recordings that show another plant than the model is of, or than the others.
         torque_constant: by which a current was turned into torque, if one was.
+        data: that it was made of, all compared alike.
     """
 
     model: Model
@@ -83,6 +85,7 @@ class Comparison:
     regions: tuple[Region, ...]
     disagreements: tuple[Disagreement, ...] = ()
     torque_constant: TorqueConstant | None = None
+    data: Preprocessed | None = field(default=None, compare=False, repr=False)
 
     @property
     def torque_unit(self) -> str:
@@ -150,12 +153,13 @@ class Comparison:
 
 
 def distance(name: str, prepared: PreparedData, model: Model) -> Distance:
-    """Errors of a model with inertia on prepared data, as they are."""
+    """Errors of a model with inertia on prepared data, as they are, and in the loop if the recordings have drives."""
     steady = [growth(segments, model.terms, model.theta) < GROWS for segments in prepared.segments]
     kept = tuple(select(*pair) for pair in zip(prepared.segments, steady, strict=True) if pair[1].any())
     errors = (replace(prepared, segments=kept) if kept else prepared).errors(model)
     unstable = 1.0 - float(np.mean(np.concatenate(steady)))
     scatter = prepared.data.noise(abs(model.estimates["inertia"].value))
+    errors = in_loop(model, prepared.recordings, errors)
     return Distance(name, errors, noise_floor(scatter, [errors]), unstable)
 
 
@@ -180,18 +184,16 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     model = model_that_moves(model)
     recordings = chosen_recordings(recordings, body=body_of(model.terms))
     if body_of(model.terms) is not None:
-        return Comparison(model, (), Distance("all", torque_errors(model, recordings), np.nan), (), ())
-    recordings = in_units_of(model, recordings)
+        given, errors = Preprocessed(recordings), torque_errors(model, recordings)
+        return Comparison(model, (), Distance("all", errors, np.nan), (), (), data=given)
+    recordings = in_units_of(model, recordings).recordings
     parts = [_prepared(recording, model) for recording in recordings]
     together = joined(parts)
-    joint = distance("all", together, model)
-    joint = replace(joint, errors=in_loop(model, recordings, joint.errors))
+    joint, *distances = (
+        distance(name, part, model)
+        for name, part in zip(("all", *(recording.name for recording in recordings)), (together, *parts), strict=True)
+    )
     left = together.samples, together.residual(model.terms, model.theta), joint.noise_floor
-    distances = [distance(recording.name, part, model) for recording, part in zip(recordings, parts, strict=True)]
-    distances = [
-        replace(own, errors=in_loop(model, [recording], own.errors))
-        for own, recording in zip(distances, recordings, strict=True)
-    ]
     fits = own_fits([together.data], model.terms)
     odd = (*disagreements_with(model, fits), *misfits(fits))
     return Comparison(
@@ -202,6 +204,7 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
         tuple(stand_out(*left)),
         odd,
         recordings[0].torque_constant,
+        Preprocessed(recordings, recordings).holding((together, together)),
     )
 
 
@@ -257,22 +260,21 @@ def _prepared(recording: Recording, model: Model) -> PreparedData:
     return replace(prepared, data=prepared.data.with_impacts(model.terms, model.theta, covariance, inertia))
 
 
-def in_units_of(model: Model, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+def in_units_of(model: Model, recordings: Sequence[Recording]) -> Preprocessed:
     """Recordings with the torque in the unit that a model has it in.
 
     Raises:
         IdentificationError: if a current is to be turned into torque, and nothing tells the torque constant.
         ModelError: if the model is of a current and the recordings are not.
     """
-    unit = unit_of(recordings)
+    unit, known, constant = unit_of(recordings), model.torque_constant, None
     if unit == model.torque_unit:
-        return tuple(recordings)
+        return Preprocessed(tuple(recordings))
     if model.torque_unit != NEWTON_METRE:
         raise ModelError(f"the model is per {model.torque_unit}, and the recordings are in {unit}: read them alike")
-    known = model.torque_constant
     if known is not None and known.unit == f"{NEWTON_METRE}/{unit}":
-        return Calibrated.by(TorqueConstant(known.value, known.std, unit), recordings).recordings
-    calibrated = Calibrated.of(recordings)
-    if calibrated.doubt is not None:
-        raise IdentificationError(f"the model is in N m, but {calibrated.doubt}")
-    return calibrated.recordings
+        constant = TorqueConstant(known.value, known.std, unit)
+    given = Preprocessed.of(recordings, constant=constant)
+    if given.doubt is not None:
+        raise IdentificationError(f"the model is in N m, but {given.doubt}")
+    return given

@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from estimators.arguments import model_that_moves
-from estimators.checks.alignment import Aligned
-from estimators.checks.torque_constant import Calibrated
 from estimators.diagnosis.result import SCHEMA
 from estimators.diagnosis.suggestion import Suggestion
+from estimators.preprocessing import Preprocessed
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
@@ -373,14 +372,21 @@ ROBOT = ("--rotors", "--joints", "--base", "--no-gravity")
 LIMITS = ("--fix", "--bound")  # parameters that are known or bounded
 
 
-def in_time(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], align: bool, terminal: Terminal
-) -> tuple[list[Recording], list[Recording]]:
-    """Say of torque that is logged late or filtered that it is, and correct it if that is asked for."""
-    aligned = Aligned.of(recordings, holdout)
-    for text in aligned.texts(True):
+def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Terminal) -> Preprocessed:
+    """Say the torque constant if it is known, else we speak of currents; say what is logged late, and correct it.
+
+    Args:
+        given: recordings, not yet in time.
+        align: whether torque that is logged late or filtered is corrected, or only said; None: nobody looks.
+        terminal: where it is said.
+    """
+    if given.constant is not None:
+        terminal.say(given.constant.text)
+    terminal.torque_unit = given.unit
+    timed = given if align is None else given.timed()
+    for text in timed.timing_texts(True):
         terminal.say(f"{text}: corrected" if align else f"warning: {text}: correct it with --align", style="yellow")
-    return (list(aligned.recordings), list(aligned.holdout)) if align else (list(recordings), list(holdout))
+    return timed if align else given
 
 
 @dataclass(frozen=True)
@@ -504,15 +510,11 @@ class Opened:
         """The links of an arm; None of a pendulum."""
         return body_of(self.model.terms)
 
-    def in_torque(self, terminal: Terminal) -> tuple[list[Recording], list[Recording]]:
-        """Recordings in torque where known loads tell the torque constant, which is said; else we speak of currents."""
+    def preprocessed(self, terminal: Terminal, align: bool | None = None) -> Preprocessed:
+        """Recordings in torque where known loads tell the torque constant, see `tell_preprocessed`."""
         if self.body is not None:  # those of an arm are by now
-            return self.recordings, self.holdout
-        calibrated = Calibrated.of(self.recordings, self.holdout)
-        if calibrated.constant is not None:
-            terminal.say(calibrated.constant.text)
-        terminal.torque_unit = calibrated.unit
-        return list(calibrated.recordings), list(calibrated.holdout)
+            return Preprocessed(tuple(self.recordings), tuple(self.holdout))
+        return tell_preprocessed(Preprocessed.of(self.recordings, self.holdout), align, terminal)
 
 
 def opened(

@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves, within_limits
-from estimators.checks.torque_constant import Calibrated, told
+from estimators.checks.torque_constant import told
 from estimators.comparison import step_of_arm
 from estimators.diagnosis.arm import models_of_arm, parted
 from estimators.diagnosis.in_loop import Looped
 from estimators.diagnosis.result import CHANCE, Addition
-from estimators.diagnosis.run import gather
 from estimators.diagnosis.setting import Setting
 from estimators.in_loop.rollouts import are_driven
+from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
-from estimators.selection.data import PreparedData, Step, noise_floor, with_impacts
+from estimators.selection.data import PreparedData, Step, noise_floor
 from estimators.selection.models import Models
 from estimators.selection.motion import refit
 from estimators.selection.moves import best, is_hidden, loosened, settle
@@ -82,10 +82,10 @@ def add(
         before, longer, against = _searched(servos.models, kind)
         shown, after = servos.sharpened(before), servos.sharpened(longer)
         against = objection(after, shown, servos.models.train.motions) or against
-        return Addition(shown, after, servos.floor(after), against, servos.calibrated.doubt)
+        return Addition(shown, after, servos.floor(after), against, servos.given.doubt)
     progress("reading the motion", 0.0)
-    calibrated = Calibrated.of(recordings, holdout)
-    models = setting.models(with_impacts(gather(calibrated.recordings, calibrated.holdout), model.terms))
+    given = Preprocessed.of(recordings, holdout).with_impacts(model.terms)
+    models = setting.models(given.parts)
     before, longer, against = _searched(models, kind)
     progress("refitting", 0.9)
     (shown,) = refit(Selection(models, [before]), model).steps
@@ -95,7 +95,7 @@ def add(
     against = objection(after, shown, models.train.motions) or (None if is_hidden(more) else against)  # motion tells it
     shown, after = (replace(step, model=told(step.model, models.train.data)) for step in (shown, after))
     floor = noise_floor(models.left.floor, after.errors.values())
-    return Addition(shown, after, floor, against, calibrated.doubt)
+    return Addition(shown, after, floor, against, given.doubt)
 
 
 def _added_at_joint(

@@ -12,7 +12,8 @@ from estimators.checks.untold import untold_of_arm
 from estimators.comparison import step_of_arm
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import KEPT, UNNAMED, Diagnosis
-from estimators.diagnosis.setting import HELD_OUT, Setting
+from estimators.diagnosis.setting import Setting
+from estimators.preprocessing import HELD_OUT, Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData, inertias
 from estimators.selection.left import Terms
@@ -103,6 +104,7 @@ def examine_arm(
         advice=tuple(said_of_slow_motion(joint, times) for joint, times in heavier.items()),
         forbidden=what_is_open(groups, tables, bool(left), body),
         tables=tables,
+        data=Preprocessed(tuple(train), tuple(held)),
         left=left,
         heavier=heavier,
     )

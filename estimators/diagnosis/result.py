@@ -14,6 +14,7 @@ from estimators.checks.residual import Region
 from estimators.comparison import of_joints, worst
 from estimators.diagnosis.likeness import likenesses
 from estimators.diagnosis.suggestion import Suggestion
+from estimators.preprocessing import Preprocessed
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Step
 from estimators.selection.score import Gain
@@ -21,7 +22,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.notebook import shown
-from pendulum_env.physics import Model, Term
+from pendulum_env.physics import Model
 from pendulum_env.physics.term import loads
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import along, json_per, listing, name, opening
@@ -114,14 +115,13 @@ class Diagnosis:
         forbidden: why no experiment settles what is open or left, above all the limits of the rig; None if nothing is.
         tables: what would keep a function that explains what is left, and that no effect is: one, or one of each joint.
         inseparable: groups that no torque would tell apart, whatever it was.
-        window_share: length of the windows used, relative to the length that the noise asks for.
-        impacts_beside: terms of the model beside which turns that miss torque are among these; None where they are not.
         disagreements: recordings that show another plant than the others; fitted ones among them are set apart.
         alignments: time between torque and motion in each recording, fitted ones first; torque that was logged late or
             filtered was corrected by it.
         detectable: what would have shown, where nothing is missing.
         torque_unit: `N m`, or that of a current in whose stead parameters and errors are per unit of it.
         torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
+        data: that it was made of, without recordings that disagree; None of a diagnosis that was read from a file.
         left: of an arm, torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
         heavier: of an arm, joints that feel heavier in slow motion than in all, and how many times.
     """
@@ -136,13 +136,12 @@ class Diagnosis:
     forbidden: str | None = None
     tables: tuple[str, ...] = ()
     inseparable: tuple[tuple[str, ...], ...] = ()
-    window_share: float = 1.0
-    impacts_beside: tuple[Term, ...] | None = None
     disagreements: tuple[Disagreement, ...] = ()
     alignments: tuple[Alignment, ...] = ()
     detectable: tuple[Detectable, ...] = ()
     torque_unit: str = NEWTON_METRE
     torque_constant: TorqueConstant | None = None
+    data: Preprocessed | None = field(default=None, compare=False, repr=False)
     left: Mapping[str, float] = field(default_factory=dict)
     heavier: Mapping[str, float] = field(default_factory=dict)
 

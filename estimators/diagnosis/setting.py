@@ -16,8 +16,6 @@ from pendulum_env.arms.joints import at_joints, body_of
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import COMPETING, TABLES
 
-HELD_OUT = 0.3  # end of each recording that is held out when no recording is
-
 
 @dataclass(frozen=True)
 class Setting:

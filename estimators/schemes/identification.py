@@ -18,13 +18,13 @@ from estimators.arguments import (
     chosen_terms,
     within_limits,
 )
-from estimators.checks.alignment import Aligned
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
 from estimators.checks.identifiability import Doubt, identifiability, inseparable, is_driven, untold
 from estimators.checks.remedies import wrong_columns
-from estimators.checks.torque_constant import Calibrated, further, told, widened
+from estimators.checks.torque_constant import further, told, widened
 from estimators.checks.untold import untold_of_arm
+from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import for_arms, measure_arm, series
 from estimators.schemes.fitting import Convergence, Segments, fitted, regressions, stack
@@ -222,8 +222,8 @@ def identify(
     terms, _ = within_limits(terms, {}, fixed, bounds)
     if (body := body_of(terms)) is not None:
         return _of_arm(recordings, terms, chosen, body)
-    calibrated = Calibrated.of(recordings)
-    recordings = calibrated.recordings
+    given = Preprocessed.of(recordings)
+    recordings = given.recordings
     segments = _measured(recordings, terms, measured)
     measurements = [m for own in segments for (m,) in own]
     if not any(is_driven(m) for m in measurements):
@@ -234,30 +234,30 @@ def identify(
     doubts = (*identifiability(measurements, terms), *slowed)
     results = _by_schemes(chosen, segments, terms, recordings)
     first = next(iter(results.values())).model
-    if calibrated.constant is not None:
+    if given.constant is not None:
         moved = _measured(further(recordings), terms, measured)
         there = _by_schemes(chosen, moved, terms, recordings)
-        results = {id: own.calibrated(calibrated.constant, there[id].model) for id, own in results.items()}
+        results = {id: own.calibrated(given.constant, there[id].model) for id, own in results.items()}
     else:
-        results = {id: own.per(calibrated.unit) for id, own in results.items()}
+        results = {id: own.per(given.unit) for id, own in results.items()}
     results, doubts = _withheld(results, measurements, doubts)
     mistakes = wrong_columns(first, recordings) or driving_friction(first)
     data = None
     try:
         data = prepare(recordings)
         fits = own_fits([data], terms)
-        mistakes = [*mistakes, *_mistakes(recordings, fits, terms)] or _lacking(list(results.values()), fits)
+        mistakes = [*mistakes, *_mistakes(given, fits, terms)] or _lacking(list(results.values()), fits)
     except IdentificationError:  # windows need more motion than some schemes
         pass
-    unknown = (calibrated.doubt,) if calibrated.doubt is not None else ()
+    unknown = (given.doubt,) if given.doubt is not None else ()
     ends = tuple(np.cumsum([sum(len(m) * m.period for (m,) in own) for own in segments]).tolist())
     return Identification(
         results,
         (*doubts, *(Doubt(text) for text in (*unknown, *mistakes))),
         tuple(recording.name for recording in recordings),
         ends,
-        calibrated.unit,
-        calibrated.constant,
+        given.unit,
+        given.constant,
         data,
     )
 
@@ -370,13 +370,13 @@ def _units(scheme: Regressor, body: Body) -> tuple[str, ...]:
     return (scheme.unit,) if is_sum else tuple(body.worded(at, scheme.unit) for at in body.joints)
 
 
-def _mistakes(recordings: Sequence[Recording], fits: Sequence[Own], terms: Sequence[Term]) -> list[str]:
+def _mistakes(given: Preprocessed, fits: Sequence[Own], terms: Sequence[Term]) -> list[str]:
     """What seems to be wrong with the recordings themselves: torque out of time, another plant."""
-    aligned = Aligned.of(recordings)
+    timed = given.timed()
     return [
-        *(f"{text}: correct it with --align (`Aligned.of` in Python)" for text in aligned.texts(True)),
-        *(loop.text for loop in feedback(recordings)),
-        *(aligned.texts(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
+        *(f"{text}: correct it with --align (`Preprocessed` in Python)" for text in timed.timing_texts(True)),
+        *(loop.text for loop in feedback(given.recordings)),
+        *(timed.timing_texts(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
         *(
             f"{one.text}: leave it out, or find out what was changed"
             for one in disagreements(fits, only_if_all_fit=True)

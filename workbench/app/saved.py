@@ -109,7 +109,7 @@ def opened(folder: Path) -> State:
         state.asked.check(terms)
         if not state.trouble:
             state.told.json()  # what a page would stumble over
-            state.standing.residuals(state.prepared.parts[0])
+            state.standing.residuals(state.prepared.data.parts[0])
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise Unreadable(f"{CONTENTS} makes no sense ({type(error).__name__}: {error}); {HINT}") from None
     return state
@@ -147,7 +147,7 @@ def _plain(record: Any) -> Any:
         return _of((record,)).json()
     if isinstance(record, tuple(SIGNALS.values())):
         return signal_json(cast(Excitation, record))
-    return {field.name: getattr(record, field.name) for field in fields(record)}
+    return {field.name: getattr(record, field.name) for field in fields(record) if field.compare}
 
 
 def _typed(kind: Any, content: Any) -> Any:
@@ -163,7 +163,8 @@ def _typed(kind: Any, content: Any) -> Any:
         return signal_from_json(content)
     if is_dataclass(kind):
         hints, make = get_type_hints(kind), cast(Any, kind)
-        known = [field.name for field in fields(kind) if field.name in content]  # others are as they begin
+        kept = [field.name for field in fields(kind) if field.compare]
+        known = [name for name in kept if name in content]  # others are as they begin
         return make(**{name: _typed(hints[name], content[name]) for name in known})
     if get_origin(kind) is tuple:
         each = [parts[0]] * len(content) if parts[-1] is Ellipsis else parts

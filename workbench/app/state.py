@@ -13,20 +13,20 @@ import numpy as np
 
 from estimators.arguments import chosen_effects, within_limits
 from estimators.arms.gains import in_torque, without_loads
-from estimators.checks.alignment import Aligned
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import Doubt, identifiability
 from estimators.checks.residual import stand_out
-from estimators.checks.torque_constant import Calibrated, told
+from estimators.checks.torque_constant import told
 from estimators.comparison import step_of_arm
 from estimators.diagnosis.addition import add, fit
 from estimators.diagnosis.arm import parted
 from estimators.diagnosis.result import Addition, Diagnosis
-from estimators.diagnosis.run import diagnose, gather
+from estimators.diagnosis.run import diagnose
+from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData, Step
+from estimators.selection.data import Step
 from estimators.signals.measurements import measure_segments
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
@@ -168,17 +168,14 @@ class Prepared:
     """Recordings that a model can be fitted to.
 
     Attributes:
-        train, holdout: fitted and held-out ones in N m, with their torque in time if that is asked for.
-        timing: what is found of the time between torque and motion; nothing of an arm.
-        parts: what is fitted and what is held out, as windows and segments; empty of an arm.
+        data: in N m, with their torque in time if that is asked for.
+        timed: the same with their torque in time.
         base: the base model, fitted.
         schemes: what some schemes find of an arm.
     """
 
-    train: tuple[Recording, ...]
-    holdout: tuple[Recording, ...]
-    timing: Aligned
-    parts: tuple[PreparedData, ...]
+    data: Preprocessed
+    timed: Preprocessed
     base: Step
     schemes: Identification | None = None
 
@@ -193,15 +190,13 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
     """
     train = [one.recording for one in loaded if not one.held_out]
     _refuse_none(train, loaded)
-    calibrated = Calibrated.of(train, [one.recording for one in loaded if one.held_out])
-    if calibrated.doubt is not None:
-        raise InputError(f"{calibrated.doubt}; or give the gain itself")
-    timing = Aligned.of(calibrated.recordings, calibrated.holdout)
-    own = timing if is_aligned else calibrated
-    prepared = gather(own.recordings, own.holdout)
-    base = fit(*prepared, within_limits(terms, {}, **asked.limits)[0])
-    base = replace(base, model=told(base.model, prepared[0].data))
-    return Prepared(own.recordings, own.holdout, timing, prepared, base)
+    given = Preprocessed.of(train, [one.recording for one in loaded if one.held_out])
+    if given.doubt is not None:
+        raise InputError(f"{given.doubt}; or give the gain itself")
+    timed = given.timed()
+    own = timed if is_aligned else given
+    base = fit(*own.parts, within_limits(terms, {}, **asked.limits)[0])
+    return Prepared(own, timed, replace(base, model=told(base.model, own.parts[0].data)))
 
 
 @lru_cache(maxsize=4)
@@ -213,7 +208,8 @@ def prepare_arm(
     fitted, unseen = parted(train, holdout)
     found = identify(fitted, (Links(body), *terms) if terms else arm_base(body), SCHEMES)
     base = step_of_arm(None, found[SAVED].model, train=fitted, holdout=unseen)
-    return Prepared(train, holdout, Aligned((), (), ()), (), base, found)
+    data = Preprocessed(train, holdout)
+    return Prepared(data, data, base, found)
 
 
 def _refuse_none(train: Sequence[Recording], loaded: Sequence[object]) -> None:
@@ -373,12 +369,12 @@ class State:
     @property
     def train(self) -> tuple[Recording, ...]:
         """Recordings that are fitted."""
-        return self.prepared.train
+        return self.prepared.data.recordings
 
     @property
     def holdout(self) -> tuple[Recording, ...]:
         """Recordings to check on; empty if the ends of the fitted ones are."""
-        return self.prepared.holdout
+        return self.prepared.data.holdout
 
     @property
     def model(self) -> Model:
@@ -432,7 +428,7 @@ class State:
             return self.diagnosis.disagreements
         if self.trouble:
             return ()
-        parts = self.prepared.parts if self.holdout else self.prepared.parts[:1]
+        parts = self.prepared.data.parts[: 2 if self.holdout else 1]
         return disagreements(own_fits([part.data for part in parts], self.model.terms), only_if_all_fit=True)
 
     @cached_property
@@ -441,21 +437,25 @@ class State:
 
         Of an arm, the diagnosis if there is one.
         """
+        found = self.diagnosis
         if self.body is not None:
-            return self.diagnosis or Diagnosis(self.ladder, (), (), (), np.nan, ())
-        if self.diagnosis is not None and set(self.added) < set(self.called):
-            return replace(self.diagnosis, steps=self.called_for)
-        prepared, model = self.prepared.parts[0], self.model
+            return found or Diagnosis(self.ladder, (), (), (), np.nan, (), data=self.prepared.data)
+        if found is not None and found.data is None:  # of a saved session
+            found = replace(found, data=self.prepared.timed.without([one.recording for one in found.disagreements]))
+        if found is not None and set(self.added) < set(self.called):
+            return replace(found, steps=self.called_for)
+        prepared, model = self.prepared.data.parts[0], self.model
         inertia = abs(model.estimates["inertia"].value) if "inertia" in model.estimates else 0.0
-        floor = prepared.data.noise(inertia) if self.diagnosis is None else self.diagnosis.noise_floor
-        left = self.diagnosis.unexplained if self.diagnosis is not None else ()
-        if self.added != self.called or self.diagnosis is None:
+        floor = prepared.data.noise(inertia) if found is None else found.noise_floor
+        left = found.unexplained if found is not None else ()
+        if self.added != self.called or found is None:
             residual: Array = prepared.watching(model).residual(model.terms, model.theta)
             is_noise = Criterion().is_noise(prepared.data.structure(residual, inertia), floor)
             left = () if is_noise else tuple(stand_out(prepared.samples, residual, floor))
-        if self.diagnosis is not None:
-            return replace(self.diagnosis, steps=self.ladder, unexplained=left)
-        return Diagnosis(self.ladder, (), (), left, floor, tuple(doubt.text for doubt in self.doubts))
+        if found is not None:
+            return replace(found, steps=self.ladder, unexplained=left)
+        doubts = tuple(doubt.text for doubt in self.doubts)
+        return Diagnosis(self.ladder, (), (), left, floor, doubts, data=self.prepared.data)
 
     @property
     def table(self) -> str | None:
@@ -464,19 +464,17 @@ class State:
 
     def report(self) -> str:
         """HTML of the report."""
-        return render(self.train, self.holdout, self.told)
+        return render(self.told)
 
     @cached_property
     def case(self) -> Case:
         """What the sections of the report may look at."""
-        return Case.of(self.train, self.holdout, self.told)
+        return Case(self.told)
 
     @cached_property
     def standing(self) -> Case:
         """The same with all recordings and the ladder as they are, whatever the diagnosis found beyond them."""
-        diagnosis = replace(self.told, steps=self.ladder)
-        parts = self.train, self.holdout or self.train
-        return Case(*parts, not self.holdout, diagnosis, gathered=self.prepared.parts)
+        return Case(replace(self.told, steps=self.ladder, data=self.prepared.data))
 
     @property
     def seconds(self) -> float:

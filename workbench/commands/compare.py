@@ -11,13 +11,13 @@ from pendulum_env.arms.joints import links_of
 from pendulum_env.files import write_whole
 from workbench.inputs import (
     check_outputs,
-    in_time,
     of_pendulums,
     opened,
     take,
     take_recordings,
     take_report,
     take_robot,
+    tell_preprocessed,
     write_json,
     wrote,
 )
@@ -75,11 +75,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             f"{recordings[0].name}: nobody knows its controller: say it with --drive, or [drive] in a study"
         )
     if asked.body is None:
-        recordings = list(in_units_of(model, recordings))
-        if recordings[0].torque_constant is not None:
-            terminal.say(recordings[0].torque_constant.text)
-        terminal.torque_unit = model.torque_unit
-        recordings, _ = in_time(recordings, [], arguments.align, terminal)
+        given = tell_preprocessed(in_units_of(model, recordings), arguments.align, terminal)
+        recordings = list(given.recordings)
     with terminal.progress("comparing"):
         found = compare(model, recordings)
     payload, suspected = None, None
@@ -93,7 +90,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         from workbench.report import render_comparison  # plotly takes a while to import
 
         with terminal.progress("writing the report"):
-            write_whole(arguments.report, render_comparison(found, recordings))
+            write_whole(arguments.report, render_comparison(found))
     tell(of_comparison(found), terminal)
     if payload is not None:
         tell(of_payload(payload, links_of(model.terms)), terminal)

@@ -93,7 +93,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         found = diagnose(train, holdout, hidden.terms, progress)
     story(found).tell(terminal, arguments.verbose, more=False)
     with terminal.progress("writing the report"):
-        write_report(report, train, holdout, found)
+        write_report(report, found)
     reveal(hidden, found, terminal)
     wrote([report, *robots, *files], terminal)
     another = (

@@ -92,11 +92,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
     asked = opened(arguments, outputs, terminal)
-    recordings, holdout = asked.in_torque(terminal)
+    given = asked.preprocessed(terminal)
     with terminal.progress("diagnosing") as progress:
         found = diagnose(
-            recordings,
-            holdout,
+            given.recordings,
+            given.holdout,
             asked.model.terms,
             progress,
             by_reference=arguments.instruments is not None,
@@ -106,12 +106,12 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         write_whole(arguments.experiment, found.suggestion.csv())
     between: Sequence[Transmission] = ()
     if asked.body is not None:
-        between = find_transmissions(of_arms(recordings), asked.body.sliding)
+        between = find_transmissions(of_arms(asked.recordings), asked.body.sliding)
     more = {"transmissions": [one.json() for one in between]} if between else {}
     write_json(arguments.json, found.json() | more)
     if arguments.report is not None:
         with terminal.progress("writing the report"):
-            write_report(arguments.report, recordings, holdout, found)
+            write_report(arguments.report, found)
     for one in between:
         terminal.say(one.text)
     story(found, arguments.all).tell(terminal, arguments.verbose or arguments.all, more=arguments.report is None)

@@ -99,7 +99,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     exported = export(model, arguments.to, request)
     if sources:
         sources = tuple(read_as(source, model.log_format, arguments.model) for source in sources)
-        _check(model, exported, request, arguments.to, in_units_of(model, read_recordings(sources, terminal)), terminal)
+        given = in_units_of(model, read_recordings(sources, terminal))
+        _check(model, exported, request, arguments.to, given.recordings, terminal)
     if arguments.output is not None:
         write_whole(arguments.output, exported.content)
         for note in exported.notes:

@@ -15,7 +15,6 @@ from pendulum_env.physics import BASE, Model
 from workbench.inputs import (
     LIMITS,
     argument,
-    in_time,
     of_pendulums,
     opened,
     take,
@@ -52,12 +51,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
     outputs = [arguments.json, arguments.output]
     asked = opened(arguments, outputs, terminal, holdout=False)
-    recordings, _ = asked.in_torque(terminal)
-    if arguments.align:
-        recordings, _ = in_time(recordings, [], True, terminal)
+    given = asked.preprocessed(terminal, True if arguments.align else None)  # what is late is a doubt, else
     terms, body = asked.model.terms, asked.body
     with terminal.progress("identifying"):
-        found = identify(recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
+        found = identify(given.recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
         one = found.schemes.get(SAVED, next(iter(found.schemes.values())))
         nearest = nearest_body(one.model) if body is not None else None
         model = one.model if body is not None else _over_windows(found, arguments)

@@ -9,15 +9,16 @@ from functools import partial
 import numpy as np
 
 from estimators.checks.residual import REGIONS, profiles, stand_out
-from estimators.comparison import Comparison, of_joints
+from estimators.comparison import of_joints
 from estimators.diagnosis.arm import gather_arm
 from estimators.diagnosis.result import Diagnosis
 from estimators.selection.data import PreparedData, Step, inertias
 from estimators.weak_form.dataset import NEGLIGIBLE
 from pendulum_env.arms.joints import body_of, links_of
-from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.arms.recording import of_arms
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import percent
+from workbench.report.case import Case
 from workbench.report.figure import Section
 from workbench.report.sections.candidates import ranked
 from workbench.report.sections.failures import key, profile_figure
@@ -27,29 +28,21 @@ SHOWN = ("position", "velocity", "time")  # a strip's plots
 Drawn = tuple[str, str, Step]  # how the page calls a model, the colour of its curves, and its errors
 
 
-def sections(found: Diagnosis | Comparison, recordings: Sequence[ArmRecording]) -> list[Section]:
-    """What a report tells of an arm.
-
-    Args:
-        found: by a diagnosis, or by a comparison.
-        recordings: what is drawn: those that were fitted, or that the model was compared with.
-    """
-    if isinstance(found, Diagnosis):
-        models, first = ends(found.steps), joints(ends(found.steps), "held-out data", found.headline, found)
-    else:
-        models = [("model", "--base", Step(None, found.model, {"holdout": found.joint.errors}))]
-        first = joints(models, "the recordings compared with", found.headline)
+def sections(case: Case) -> list[Section]:
+    """What a report tells of an arm: of a diagnosis, or of a comparison, in which nobody has looked for effects."""
+    found, models = case.diagnosis, ends(case.diagnosis.steps, case.first)
+    measured = "held-out data" if found.candidates else "the recordings compared with"
     return [
-        first,
-        strips(models, gather_arm(recordings, found.model.terms)),
-        *([ranked(found.candidates)] if isinstance(found, Diagnosis) and found.candidates else []),
+        joints(models, measured, found.headline, found if found.candidates else None),
+        strips(models, gather_arm(of_arms(case.train), found.model.terms)),
+        *([ranked(found.candidates)] if found.candidates else []),
         parameters(models),
     ]
 
 
-def ends(steps: Sequence[Step]) -> list[Drawn]:
+def ends(steps: Sequence[Step], first: str = "base model") -> list[Drawn]:
     """The first model and, where effects were added, the last one."""
-    return [("base model", "--base", steps[0]), ("final model", "--final", steps[-1])][: len(steps)]
+    return [(first, "--base", steps[0]), ("final model", "--final", steps[-1])][: len(steps)]
 
 
 def joints(models: Sequence[Drawn], measured: str, headline: str, found: Diagnosis | None = None) -> Section:

@@ -157,7 +157,7 @@ def _share_in_stick(state: Work) -> dict[int, float]:
     """Share of each recording at rest, by its identity; where windows are cut from two parts of it, of the first."""
     if state.trouble:
         return {}
-    training, testing = state.prepared.parts
+    training, testing = state.prepared.data.parts
     windows = [*testing.data.windows, *training.data.windows]
     return {id(w.recording): 1.0 - float(np.mean(w.moving)) for w in windows}
 
@@ -178,7 +178,7 @@ def timing(state: Work) -> list[Component]:
     """What was found, in the words of the command line; nothing where torque and motion are in time."""
     if state.trouble:
         return []
-    late, acts = (state.prepared.timing.texts(is_late) for is_late in (True, False))
+    late, acts = (state.prepared.timed.timing_texts(is_late) for is_late in (True, False))
     if late and state.is_aligned:
         said = [html.P(f"{opening(text)}: corrected in all that follows.") for text in late]
         press = [button("Take it as it was logged", "align-back")]

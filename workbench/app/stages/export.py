@@ -35,7 +35,7 @@ WHOLE = (
 BESIDE = f"The recordings are read as {STUDY} says: save it beside them, in the stage Data."
 IMPORTED = {  # names of a snippet, by where they are from
     "pathlib": ("Path",),
-    "estimators": ("Aligned", "add", "diagnose", "fit", "gather", "identify"),
+    "estimators": ("Preprocessed", "add", "diagnose", "fit", "gather", "identify"),
     "estimators.arguments": ("within_limits",),
     "pendulum_env.arms": ("ArmModel", "arm_base"),
     "pendulum_env.physics": ("BASE", "Model"),
@@ -140,8 +140,8 @@ def snippet(state: State) -> str:
             f"body, recordings, holdout = robot.read_study({STUDY!r})",
         ]
     if state.is_aligned:
-        lines.append("aligned = Aligned.of(recordings, holdout)")
-        lines.append("recordings, holdout = aligned.recordings, aligned.holdout")
+        lines.append("given = Preprocessed.of(recordings, holdout).timed()")
+        lines.append("recordings, holdout = given.recordings, given.holdout")
     terms = f"Model.load({state.model_file!r}).terms" if state.model_file else "BASE"
     if robot is not None:
         terms = f"ArmModel.load({state.model_file!r}, body).terms" if state.model_file else "arm_base(body)"
@@ -157,7 +157,7 @@ def snippet(state: State) -> str:
             lines.append(f"model = add(model, {effect!r}, recordings, holdout{limits}).after.model")
         else:
             lines.append(f"found = diagnose(recordings, holdout, model.terms{looked}{limits})")
-            lines.append(f"write_report({REPORT!r}, recordings, holdout, found)")
+            lines.append(f"write_report({REPORT!r}, found)")
     return with_imports([*lines, f"model.save({MODEL!r})"])
 
 
