@@ -71,14 +71,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs([str(path) for path in (report, *files, *robots)])
     from workbench.report import write_report  # plotly takes a while to import
 
-    rng, another = np.random.default_rng(arguments.seed), "another pendulum: pendulum-ident demo"
+    rng = np.random.default_rng(arguments.seed)
     if arguments.robot is not None:
         from workbench.arm_demo import hidden_arm  # Pinocchio is imported by who needs it
 
-        hidden, another = (
-            hidden_arm(robots[0], robots[1], rng, SECONDS),
-            "another arm: pendulum-ident demo --robot two-link",
-        )
+        hidden = hidden_arm(robots[0], robots[1], rng, SECONDS)
     else:
         hidden = hidden_pendulum(rng)
     terminal.heading(hidden.title)
@@ -96,10 +93,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         write_report(report, found)
     reveal(hidden, found, terminal)
     wrote([report, *robots, *files], terminal)
-    another = (
-        "pendulum: pendulum-ident demo" if arguments.robot is None else "arm: pendulum-ident demo --robot two-link"
-    )
-    terminal.say(f"another {another} --seed {arguments.seed + 1}")
+    kind, how = ("pendulum", "") if arguments.robot is None else ("arm", f" --robot {arguments.robot}")
+    terminal.say(f"another {kind}: pendulum-ident demo{how} --seed {arguments.seed + 1}")
 
 
 def hidden_pendulum(rng: np.random.Generator) -> Hidden:
