@@ -120,7 +120,7 @@ def show_comparison(found: Comparison) -> str:
         *_constant(found.torque_constant),
         *_parts(of_comparison(found, is_drawn=True)),
         *plots,
-        note("The band is two standard errors of noise."),
+        note("The band is two standard errors of noise." if plots else ""),
     )
     return per(shown, found.torque_unit)
 

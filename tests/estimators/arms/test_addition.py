@@ -32,6 +32,8 @@ def test_the_hidden_effect_lowers_both_errors_and_its_size_is_found(recording, l
     biased = added.before.model.estimates["viscous@elbow"].value
     assert abs(biased / TwoLink().viscous[1] - 1) > 0.1
     assert added.objection is None and "lowers the held-out torque error of elbow to" in added.text
+    page = added._repr_html_()
+    assert added.text in page and "Torque errors on held-out data" in page and "nan" not in page
 
 
 def test_an_effect_that_is_not_there_is_objected_to(recording, lacking):

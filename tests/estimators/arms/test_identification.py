@@ -100,6 +100,26 @@ def test_torque_of_another_run_is_predicted(found, body, tmp_path):
     assert np.array_equal(ArmModel.load(tmp_path / "arm.json", body).theta, model.theta)
 
 
+def test_results_show_themselves_joint_by_joint(found, recording):
+    page = found._repr_html_()
+    assert "errors, times the least" in page and "coulomb@elbow" in page
+    compared = compare(found["filtered_dynamic"].model, recording)
+    page = compared._repr_html_()
+    assert compared.headline in page and "Torque errors" in page and "nan" not in page
+
+
+def test_recordings_of_another_plant_are_refused(recording, body):
+    with pytest.raises(TypeError, match=r"run 0: is of an arm: give the terms of one, such as arm_base\(body\)"):
+        identify(recording)
+    alone, other = recording.joints[0], replace(recording, names=("hip", "knee"))
+    with pytest.raises(TypeError, match="is of a pendulum: give the terms of one, such as BASE"):
+        identify(alone, arm_base(body))
+    with pytest.raises(ValueError, match="has joints hip, knee, and .* shoulder, elbow"):
+        identify(other, arm_base(body))
+    with pytest.raises(ValueError, match="known of pendulums alone"):
+        identify(recording, arm_base(body), fixed={"viscous@elbow": 0.3})
+
+
 def test_a_model_of_another_arm_is_refused(found, body, tmp_path):
     path = tmp_path / "arm.json"
     found["dynamic"].model.save(path)
