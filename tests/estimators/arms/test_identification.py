@@ -114,7 +114,7 @@ def test_recordings_of_another_plant_are_refused(recording, body):
     alone, other = recording.joints[0], replace(recording, names=("hip", "knee"))
     with pytest.raises(TypeError, match="is of a pendulum: give the terms of one, such as BASE"):
         identify(alone, arm_base(body))
-    with pytest.raises(ValueError, match="has joints hip, knee, and .* shoulder, elbow"):
+    with pytest.raises(ValueError, match=r"has joints hip, knee, and .* shoulder, elbow"):
         identify(other, arm_base(body))
     with pytest.raises(ValueError, match="known of pendulums alone"):
         identify(recording, arm_base(body), fixed={"viscous@elbow": 0.3})
