@@ -111,6 +111,11 @@ class Preprocessed:
         vars(self)["parts"] = parts  # where the property would keep them
         return self
 
+    def fresh(self) -> Self:
+        """The same without what a search has kept with the parts: all columns that it tried."""
+        train, holdout = map(replace, self.parts)
+        return replace(self).holding((train, holdout))
+
     @cached_property
     def parts(self) -> Parts:
         """Fitted and held-out data as windows and segments.

@@ -256,7 +256,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
         forbidden=forbidden,
         tables=() if table is None else (table,),
         inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
-        data=given,
+        data=given.fresh(),
     )
 
 
