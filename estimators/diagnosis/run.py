@@ -14,6 +14,7 @@ from estimators.checks.identifiability import identifiability, untold
 from estimators.checks.remedies import remedies, turned_round
 from estimators.checks.residual import Region, everywhere, stand_out
 from estimators.checks.torque_constant import of_the_drive, told
+from estimators.diagnosis.arm import examine_arm
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.in_loop import diagnose_in_loop
 from estimators.diagnosis.judge import doubted, judge
@@ -34,6 +35,8 @@ from estimators.signals.measurements import measure_segments
 from estimators.weak_form.instruments import fit_by_reference
 from estimators.weak_form.windows import SLOWEST
 from pendulum_env._typing import Array
+from pendulum_env.arms.joints import body_of
+from pendulum_env.arms.recording import of_arms
 from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording.record import NEWTON_METRE
@@ -68,11 +71,14 @@ def diagnose(
     the others are named and not fitted: no effect of one plant explains two plants. Known loads are no part of the
     model; where a current was logged, they tell the torque constant, and without them all is per ampere.
 
+    Of an arm, effects are looked for at its joints, by torque alone: nothing is corrected, simulated or suggested.
+
     Args:
         recordings: fitted jointly.
         holdout: recordings to confirm on; without them the last 30 % of each recording is held out, or of its motion
             where it hardly moves before.
-        base: terms of the model to start from, at least one, as they are or by id; a loaded model's terms will do.
+        base: terms of the model to start from, at least one, as they are or by id; a loaded model's terms will do. Of
+            an arm `arm_base(body)`, or `Links(body)` and terms at its joints.
         progress: called with what is being done and the share that is done.
         max_torque: bound of the torque in the experiment that is suggested [N m]; without it the paper's 6 N m, but no
             more than ten times the largest recorded, and no less than that.
@@ -80,7 +86,8 @@ def diagnose(
             that were recorded, or any within the same number of turns where the joint turned.
         max_speed: bound of its speed [rad/s]; without it the highest that was recorded.
         library: effects that may be named, by id; all that are known if it is not given.
-        only: ids of the effects of the library that are looked for; all if it is not given.
+        only: ids of the effects of the library that are looked for; all if it is not given. Of an arm `stribeck` is at
+            every joint, `stribeck@elbow` at that one.
         without: ids of effects that the joint cannot have.
         fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
         bounds: of other parameters: `{"stribeck": (0.0, 0.5), "cogging.order": (10, 14)}`.
@@ -90,14 +97,17 @@ def diagnose(
             looked for, and fitted, by least squares all the same.
 
     Raises:
-        IdentificationError: if the recordings hold too little motion, or no reference that instruments need.
+        IdentificationError: if the recordings hold too little motion, as of one joint of an arm, or no reference that
+            instruments need.
         ValueError: if a name is unknown.
         TypeError: if something else is given than recordings and terms.
     """
-    chosen = chosen_effects(library, only, without)
-    terms, chosen = within_limits(chosen_terms(base), chosen, fixed, bounds)
+    terms = chosen_terms(base)
+    body = body_of(terms)
+    chosen = chosen_effects(library, only, without, body)
+    terms, chosen = within_limits(terms, chosen, fixed, bounds)
     progress = forward(progress)
-    fitted, unseen = chosen_recordings(recordings), chosen_recordings(holdout, empty=True)
+    fitted, unseen = chosen_recordings(recordings, body=body), chosen_recordings(holdout, empty=True, body=body)
     setting = Setting(
         terms,
         chosen,
@@ -107,6 +117,8 @@ def diagnose(
         Limits(max_torque or USUAL, max_angle, max_speed),
         by_reference=by_reference,
     )
+    if body is not None:
+        return examine_arm(of_arms(fitted), of_arms(unseen), setting, body)
     if are_driven([*fitted, *unseen]):
         return diagnose_in_loop(fitted, unseen, setting)
     progress("reading the motion", 0.0)
@@ -242,7 +254,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
         detectable=() if left or len(final) > len(models.base) else detectable(models, tuple(final), models.library),
         suggestion=suggestion,
         forbidden=forbidden,
-        table=table,
+        tables=() if table is None else (table,),
         inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
         data=given.fresh(),
     )

@@ -42,7 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect; print both."""
-    refuse_joint(arguments.effect)
+    refuse_joint(arguments.effect, arguments.robot)
     asked = opened(arguments, [arguments.output], terminal)
     given = asked.preprocessed(terminal, arguments.align)
     with terminal.progress(f"adding {arguments.effect}") as progress:

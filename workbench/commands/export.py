@@ -81,6 +81,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Export, perhaps check, and say what the form does not hold."""
+    if arguments.robot is not None:
+        from workbench.arms import export_arm  # who has no arm does not wait for it
+
+        return export_arm(arguments, terminal)
     sources = _checked(arguments)
     outputs = [arguments.output, arguments.callback]
     check_outputs(outputs, [arguments.model, *(str(source.file) for source in sources)])

@@ -17,6 +17,7 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.selection.data import Step
 from pendulum_env import words
 from pendulum_env.files import write_whole
+from workbench.report import arm
 from workbench.report.case import Case
 from workbench.report.figure import Section
 from workbench.report.sections import SECTIONS
@@ -59,7 +60,9 @@ def plotly() -> str:
 def render(diagnosis: Diagnosis) -> str:
     """HTML of the report; see `write_report`."""
     case = Case(diagnosis)
-    if diagnosis.is_in_loop:
+    if diagnosis.body is not None:
+        sections = arm.sections(case)
+    elif diagnosis.is_in_loop:
         sections = [of_diagnosis(case), candidates(case), parameters(case)]
     else:
         sections = [section for make in SECTIONS if (section := make(case)) is not None]
@@ -114,13 +117,15 @@ def write_report(path: str | Path, diagnosis: Diagnosis) -> None:
 def render_comparison(compared: Comparison) -> str:
     """HTML of what `compare` found of recordings, as one self-contained page like that of a diagnosis."""
     case = _case(compared)
+    subject = f"comparison with {words.listing([recording.name for recording in case.train])}"
+    if case.diagnosis.body is not None:
+        return assemble(arm.sections(case), subject)
     headline = words.opening(compared.headline).replace(" N m", "\u00a0N\u00a0m").replace(" rad", "\u00a0rad")
     distances = Section("distances", "Result", headline, {"compared": compared})
     sections = [distances, comparison(case), failures(case), parameters(case)]
     if compared.told_in_loop is not None:
         sections.insert(1, loop(compared.told_in_loop, [("model", compared.model)], case.train))
-    page = assemble(sections, f"comparison with {words.listing([recording.name for recording in case.train])}")
-    return words.per(page, compared.torque_unit)
+    return words.per(assemble(sections, subject), compared.torque_unit)
 
 
 def _case(compared: Comparison) -> Case:
