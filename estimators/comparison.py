@@ -13,7 +13,8 @@ from estimators.checks.residual import Profile, Region, profiles, stand_out
 from estimators.checks.torque_constant import Calibrated, unit_of
 from estimators.in_loop.fit import in_loop
 from estimators.regression.equations import IdentificationError
-from estimators.selection.data import Errors, PreparedData, noise_floor
+from estimators.selection.data import PreparedData
+from estimators.selection.errors import Errors, noise_floor
 from estimators.simulation.free_running import growth, select
 from estimators.simulation.multiple_shooting import has_link
 from estimators.weak_form.dataset import dataset

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from estimators.diagnosis.result import Diagnosis
-from estimators.selection.data import Step
+from estimators.selection.errors import Step
 from estimators.show.story import Part, of_diagnosis
 from pendulum_env.physics import Estimate, effect
 from pendulum_env.words import Table

@@ -15,7 +15,7 @@ from estimators.diagnosis.result import KEPT, SETTLED, UNNAMED, Candidate
 from estimators.diagnosis.setting import HELD_OUT
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
-from estimators.selection.data import PreparedData, inertias
+from estimators.selection.data import PreparedData
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.moves import explaining
@@ -131,7 +131,8 @@ class ArmDiagnosis:
 
 def where_it_stands_out(models: Models, terms: Terms, joints: Sequence[str]) -> dict[str, Region]:
     """Where what terms leave stands out most of the noise, of the joints where it does."""
-    data, residual = models.train.data, models.screen.residual(terms)
+    assert isinstance(models.train, PreparedData)
+    data, residual = models.train.data, models.regression.residual(terms)
     found = {
         at: stand_out(data.part(at).samples, residual[data.where(at)], models.left.noise_of(models.train, at), most=1)
         for at in joints
@@ -193,7 +194,7 @@ def models_of_arm(
 def heavier_when_slow(models: Models, train: Sequence[ArmRecording], joints: Collection[str]) -> dict[str, float]:
     """Of some joints those that feel surely heavier in the longest windows, and how many times."""
     try:
-        slow = inertias(gather_arm(train, models.base, HALF_WIDTHS[-1]).screen, models.base)
+        slow = gather_arm(train, models.base, HALF_WIDTHS[-1]).inertias(models.base)
     except IdentificationError:  # they are too few
         return {}
     times = {at: slow[at] / max(models.left.inertia[at], 1e-300) for at in joints}
@@ -237,6 +238,7 @@ def diagnose_arm(
     found = select(models)
     candidates, groups = judge(found, found.terms)
     left, _ = models.left.structures(found.terms)
+    assert isinstance(models.train, PreparedData)
     data = models.train.data
     negligible = {at: max(NEGLIGIBLE * float(np.std(data.part(at).torque())), data.least()) for at in data.joints}
     unexplained = {

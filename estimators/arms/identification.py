@@ -24,7 +24,7 @@ from estimators.schemes.identification import (
     converge,
 )
 from estimators.schemes.six import SCHEMES, Regression, Regressor, Scheme, give
-from estimators.selection.data import Step
+from estimators.selection.errors import Step
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Links, check_places, friction

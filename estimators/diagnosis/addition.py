@@ -15,7 +15,8 @@ from estimators.diagnosis.run import gather
 from estimators.diagnosis.setting import Setting
 from estimators.in_loop.rollouts import are_driven
 from estimators.progress import Progress, no_progress
-from estimators.selection.data import PreparedData, Step, noise_floor, with_impacts
+from estimators.selection.data import PreparedData, with_impacts
+from estimators.selection.errors import Step, noise_floor
 from estimators.selection.models import Models
 from estimators.selection.motion import refit
 from estimators.selection.moves import best, is_hidden, loosened, settle
@@ -75,7 +76,8 @@ def add(
         return Addition(shown, after, servos.floor(after), against, servos.calibrated.doubt)
     progress("reading the motion", 0.0)
     calibrated = Calibrated.of(recordings, holdout)
-    models = setting.models(with_impacts(gather(calibrated.recordings, calibrated.holdout), model.terms))
+    prepared = with_impacts(gather(calibrated.recordings, calibrated.holdout), model.terms)
+    models = setting.models(prepared)
     before, longer, against = _searched(models, kind)
     progress("refitting", 0.9)
     (shown,) = refit(Selection(models, [before]), model).steps
@@ -83,7 +85,7 @@ def add(
     start = Model.build((*shown.model.terms, more), np.append(shown.model.theta, np.zeros(len(more.columns))))
     *_, after = refit(Selection(models, [before, longer]), start).steps
     against = objection(after, shown, models.train.motions) or (None if is_hidden(more) else against)  # motion tells it
-    shown, after = (replace(step, model=told(step.model, models.train.data)) for step in (shown, after))
+    shown, after = (replace(step, model=told(step.model, prepared[0].data)) for step in (shown, after))
     floor = noise_floor(models.left.floor, after.errors.values())
     return Addition(shown, after, floor, against, calibrated.doubt)
 

@@ -26,11 +26,13 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.progress import Progress, forward, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData, fit_terms, noise_floor, with_impacts
+from estimators.selection.data import PreparedData, fit_terms, with_impacts
+from estimators.selection.errors import noise_floor
 from estimators.selection.models import Models, held_out_cost
 from estimators.selection.motion import is_misfit, refine, refit, reselect_transmission
 from estimators.selection.moves import explaining, ids, settle
 from estimators.selection.physical import impossible
+from estimators.selection.prepared import Comparable
 from estimators.selection.search import Selection, select
 from estimators.signals.measurements import measure_segments
 from estimators.weak_form.dataset import choose_half_width, prepare
@@ -275,7 +277,7 @@ def _examine(
 ) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
     models = setting.models(prepared)
-    followed = fit_by_reference(models.train.data, setting.base) if setting.by_reference else None
+    followed = fit_by_reference(prepared[0].data, setting.base) if setting.by_reference else None
     wrong = turned_round(fit_terms(prepared[0], setting.base)[0], recordings)
     if wrong is not None:
         return _mislogged(models, setting.base, wrong)
@@ -417,7 +419,7 @@ def _held_out(models: Models) -> str:
     return listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
 
 
-def _nowhere(models: Models, part: PreparedData, left: Array) -> list[Region]:
+def _nowhere(models: Models, part: Comparable, left: Array) -> list[Region]:
     """What is said of a residual (R,) that stands out nowhere: nothing, unless it is too much for noise."""
     size, floor = float(np.sqrt(np.mean(left**2))), models.left.noise_of(part)
     if size <= models.criterion.misfit * floor:

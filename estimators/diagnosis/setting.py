@@ -10,8 +10,8 @@ import numpy as np
 from estimators.diagnosis.experiment import USUAL, Limits
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData
 from estimators.selection.models import Models
+from estimators.selection.prepared import Comparable
 from pendulum_env.physics import Term
 
 HELD_OUT = 0.3  # end of each recording that is held out when no recording is
@@ -41,6 +41,6 @@ class Setting:
     usual: float = USUAL
     by_reference: bool = False
 
-    def models(self, prepared: tuple[PreparedData, PreparedData]) -> Models:
+    def models(self, prepared: tuple[Comparable, Comparable]) -> Models:
         """What some data say of models."""
         return Models(*prepared, self.progress, self.library, self.criterion, self.rng, tuple(self.base))

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.in_loop.rollouts import FINE, Rollouts, are_driven, with_gain
-from estimators.selection.candidates import bounds
-from estimators.selection.data import Errors
+from estimators.selection.columns import bounds
+from estimators.selection.errors import Errors
 from estimators.selection.score import NU
 from estimators.simulation.output_error import Point
 from estimators.weak_form.shapes import continuous
@@ -53,6 +53,11 @@ def likelihood(rollouts: Rollouts, errors: Array) -> Array:
     """Log density of errors of V models (R, V) with the scales that fit them, but for a constant (V,) [nat]."""
     square = squared_scales(rollouts, errors)
     return np.asarray(-np.sum(0.5 * np.log(square) + (NU + 1) / 2 * np.log1p(errors**2 / (NU * square)), axis=0))
+
+
+def scale_of(rollouts: Rollouts, error: Array) -> float:
+    """Geometric mean of the scales that fit errors (R,), heavy tails included [rad]: smaller is likelier."""
+    return float(np.exp(-likelihood(rollouts, error[:, None])[0] / len(error)))
 
 
 @dataclass(frozen=True)

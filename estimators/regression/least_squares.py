@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -301,31 +301,39 @@ class Balance:
         both: dict[str, Any] = {name: np.concatenate([getattr(kept, name), more]) for name, more in added.items()}
         return replace(kept, **both)
 
-    def beside(self, own: Columns, here: slice, least: Array, most: Array, pushes: Array) -> Balance:
-        """The equations with the columns of one more term on some of them, `here`.
+    @classmethod
+    def of(cls, y: Array, weights: Array) -> Balance:
+        """Equations of a left-hand side (R,) that no term explains yet, with weights (R,)."""
+        return cls(np.empty((len(y), 0)), y, np.empty((len(y), 0)), np.empty(0), np.empty(0), weights)
 
-        Its parameters have the bounds `least` and `most`; `pushes` are of the torque (R, J), where its law is bent.
+    def beside(
+        self, parts: Sequence[tuple[slice, Columns]], least: Array, most: Array, pushes: Array | None = None
+    ) -> Balance:
+        """The equations with the columns of more terms, each on some of them.
+
+        Their parameters have the bounds `least` and `most`; `pushes` are of the torque (R, J), where a law is bent.
         """
-        y, passed = self.y.copy(), np.broadcast_to(self.passed, self.y.shape).copy()
-        y[here] -= own.fixed
-        passed[here] *= own.passed
-        linear, slope = np.zeros((2, len(y), len(least)))
-        linear[here], slope[here] = own.linear, own.slope
-        whole = replace(
+        count = len(self.y)
+        y, passed = self.y.copy(), np.broadcast_to(self.passed, count).copy()
+        response, known = self.response, self.pushes
+        for here, own in parts:
+            y[here] -= own.fixed
+            passed[here] *= own.passed
+            if own.taken is not None and pushes is not None:
+                response, known = (pushes if response is None else response).copy(), pushes
+                response[here] -= own.taken
+        return replace(
             self,
-            phi=np.column_stack([self.phi, linear]),
+            phi=np.column_stack([self.phi, placed(count, [(here, own.linear) for here, own in parts])]),
             y=y,
-            by_torque=np.column_stack([self.by_torque, slope]),
+            by_torque=np.column_stack([self.by_torque, placed(count, [(here, own.slope) for here, own in parts])]),
             least=np.append(self.least, least),
             most=np.append(self.most, most),
-            passed=passed,
+            response=response,
+            pushes=known,
+            passed=1.0 if (passed == 1.0).all() else passed,
             recorded=None,
         )
-        if own.taken is None:
-            return whole
-        response = (pushes if self.response is None else self.response).copy()
-        response[here] -= own.taken
-        return replace(whole, response=response, pushes=pushes)
 
     def _smaller(self) -> Balance:
         """The same without what needs no iteration, where that is much."""
@@ -422,6 +430,16 @@ class Balance:
         return theta
 
 
+def placed(count: int, parts: Sequence[tuple[slice, Array]]) -> Array:
+    """Columns side by side (R, P), each on its rows of R = `count` equations, zero elsewhere."""
+    if all(len(own) == count for _, own in parts):
+        return np.column_stack([np.empty((count, 0)), *(own for _, own in parts)])
+    whole, first = np.zeros((count, sum(own.shape[1] for _, own in parts))), 0
+    for here, own in parts:
+        whole[here, first : (first := first + own.shape[1])] = own
+    return whole
+
+
 class Tangent(NamedTuple):
     """Errors of the predicted torque near some parameters, to first order.
 
@@ -480,6 +498,15 @@ def solved(gram: Array, least: Array, most: Array) -> Array | None:
 
     free = np.ones(len(size), dtype=bool)
     return within_bounds(solve, np.zeros(len(size)), free, least * size, most * size)[0] / size
+
+
+def quietest_most(squares: Array, counts: Index, least: float) -> Array:
+    """Weight of each recording (E,) by the sum of its squared residuals (E,): the quietest counts most.
+
+    Some may have no equations, by their counts (E,); below the level `least`, all are as quiet.
+    """
+    levels = np.maximum(np.sqrt(squares / np.maximum(counts, 1)), least) + 1e-300
+    return np.where(counts > 0, levels[counts > 0].min() / levels, 0.0)
 
 
 def information(covariance: Array) -> Array:

@@ -25,8 +25,7 @@ from estimators.checks.identifiability import Doubt, identifiability, is_driven,
 from estimators.checks.remedies import wrong_columns
 from estimators.checks.torque_constant import Calibrated, further, told, widened
 from estimators.regression.equations import Equations, IdentificationError
-from estimators.regression.least_squares import Fit, solve
-from estimators.regression.normal import quietest_most
+from estimators.regression.least_squares import Fit, quietest_most, solve
 from estimators.regression.recursive import evenly, history
 from estimators.schemes.six import SCHEMES, LowPass, Regressor, Scheme, give
 from estimators.selection.data import PreparedData, fit_terms

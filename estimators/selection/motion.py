@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.selection.candidates import complexity
-from estimators.selection.data import Step
+from estimators.selection.columns import complexity
+from estimators.selection.errors import Step
 from estimators.selection.models import Models, has_transmission, held_out_cost
 from estimators.selection.moves import best, has_bristles
 from estimators.selection.search import Selection
@@ -183,6 +183,6 @@ def _starts(models: Models, last: Step, start: Point) -> list[Point]:
         trial = best(models, terms, kind)
         variants: list[Term] = [trial.terms[-1]] if trial is not None else []
         if kind.kind == "dissipative" and kind.shapes:  # friction near reversals, which windows hardly see
-            variants += list(kind.grid(models.train.samples, models.screen.residual(terms)))[::2]
+            variants += list(kind.grid(models.train.samples, models.regression.residual(terms)))[::2]
         points += [Point((*start.terms, v), np.append(start.theta, np.zeros(len(v.columns)))) for v in variants]
     return points

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
 
-from estimators.selection.data import Step
+from estimators.selection.errors import Step
 from estimators.selection.left import Terms
 from estimators.selection.models import Models, held_out_cost
 from estimators.selection.moves import (

@@ -13,7 +13,7 @@ from estimators.checks.residual import SYMBOLS, Profile
 from estimators.comparison import Comparison
 from estimators.diagnosis.result import Addition, Candidate, Detectable, Diagnosis, Verdict
 from estimators.schemes.identification import Identification
-from estimators.selection.data import Step
+from estimators.selection.errors import Step
 from pendulum_env.physics import Model
 from pendulum_env.words import BIASED, Table, bar, listing, parameters_table
 

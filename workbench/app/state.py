@@ -22,7 +22,8 @@ from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.diagnosis.run import diagnose, gather
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData, Step
+from estimators.selection.data import PreparedData
+from estimators.selection.errors import Step
 from estimators.signals.measurements import measure_segments
 from pendulum_env._typing import Array
 from pendulum_env.mistake import Mistake

@@ -11,7 +11,7 @@ import numpy as np
 from estimators.arms.diagnosis import ArmDiagnosis, gather_arm
 from estimators.arms.identification import ArmStep, JointError
 from estimators.checks.residual import REGIONS, profiles, stand_out
-from estimators.selection.data import PreparedData, inertias
+from estimators.selection.data import PreparedData
 from estimators.weak_form.dataset import NEGLIGIBLE
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.recording.record import NEWTON_METRE
@@ -78,7 +78,7 @@ def strips(models: Sequence[Drawn], prepared: PreparedData) -> Section:
     curves, data = [(label, color) for label, color, _ in models], prepared.data
     last = models[-1][2].model
     residuals = [prepared.residual(step.model.terms, step.model.theta) for _, _, step in models]
-    inertia = inertias(prepared.screen, last.terms)
+    inertia = prepared.inertias(last.terms)
     found, standing = [], [False] * len(residuals)
     for k, joint in enumerate(data.joints):
         part, in_units = data.part(joint), partial(last.body.worded, joint)

@@ -15,7 +15,8 @@ from plotly.offline import get_plotlyjs, get_plotlyjs_version
 from estimators.arguments import Recordings, chosen_recordings
 from estimators.comparison import Comparison, in_units_of, joined
 from estimators.diagnosis.result import Diagnosis
-from estimators.selection.data import PreparedData, Step
+from estimators.selection.data import PreparedData
+from estimators.selection.errors import Step
 from pendulum_env import words
 from pendulum_env.files import write_whole
 from workbench.report.case import Case
