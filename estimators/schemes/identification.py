@@ -225,43 +225,53 @@ def identify(
     segments = [[remember(m, terms) for m in measured(recording)] for recording in recordings]
     measurements = [m for own in segments for m in own]
     names = ", ".join(recording.name for recording in recordings)
-    if not any(is_driven(m) for m in measurements):
-        raise IdentificationError(
-            f"{names}: torque is never applied: only ratios of parameters are known, record with torque"
-        )
-    doubts = identifiability(measurements, terms)
+    _check_driven(measurements, names)
     rate = min(m.rate for m in measurements)
-    if any(_slowed(scheme, rate) != scheme for scheme in chosen):
-        text = f"at {rate:.4g} Hz the filters would pass everything: their cutoff is lowered to {rate:.4g} rad/s"
-        doubts, chosen = (*doubts, Doubt(text)), tuple(_slowed(scheme, rate) for scheme in chosen)
+    slowed = tuple(_slowed(scheme, rate) for scheme in chosen)
+    text = f"at {rate:.4g} Hz the filters would pass everything: their cutoff is lowered to {rate:.4g} rad/s"
+    doubts = (*identifiability(measurements, terms), *([Doubt(text)] if slowed != chosen else []))
+    chosen = slowed
     results = _by_schemes(chosen, segments, terms, names)
     first = next(iter(results.values())).model
-    if calibrated.constant is not None:
+    if calibrated.constant is None:
+        results = {id: own.per(calibrated.unit) for id, own in results.items()}
+    else:
         moved = [[remember(m, terms) for m in measured(recording)] for recording in further(recordings)]
         there = _by_schemes(chosen, moved, terms, names)
         results = {id: own.calibrated(calibrated.constant, there[id].model) for id, own in results.items()}
-    else:
-        results = {id: own.per(calibrated.unit) for id, own in results.items()}
     results, doubts = _withheld(results, measurements, doubts)
-    mistakes = wrong_columns(first, recordings) or driving_friction(first)
-    data = None
-    try:
-        data = prepare(recordings)
-        fits = own_fits([data], terms)
-        mistakes = [*mistakes, *_mistakes(recordings, fits, terms)] or _lacking(list(results.values()), fits)
-    except IdentificationError:  # windows need more motion than some schemes
-        pass
-    unknown = (calibrated.doubt,) if calibrated.doubt is not None else ()
+    data, mistakes = _mistaken(recordings, terms, first, list(results.values()))
+    doubts = (*doubts, *map(Doubt, (*filter(None, [calibrated.doubt]), *mistakes)))
     ends = tuple(np.cumsum([sum(len(m) * m.period for m in own) for own in segments]).tolist())
     return Identification(
         results,
-        (*doubts, *(Doubt(text) for text in (*unknown, *mistakes))),
+        doubts,
         tuple(recording.name for recording in recordings),
         ends,
         calibrated.unit,
         calibrated.constant,
         data,
     )
+
+
+def _check_driven(measurements: Sequence[Measurements], names: str) -> None:
+    if not any(is_driven(m) for m in measurements):
+        raise IdentificationError(
+            f"{names}: torque is never applied: only ratios of parameters are known, record with torque"
+        )
+
+
+def _mistaken(
+    recordings: Sequence[Recording], terms: Sequence[Term], first: Model, results: Sequence[Identified]
+) -> tuple[Dataset | None, list[str]]:
+    """Windows of the recordings, where they move enough, and what seems wrong with the columns or the model."""
+    mistakes = wrong_columns(first, recordings) or driving_friction(first)
+    try:
+        data = prepare(recordings)
+        fits = own_fits([data], terms)
+        return data, [*mistakes, *_mistakes(recordings, fits, terms)] or _lacking(results, fits)
+    except IdentificationError:  # windows need more motion than some schemes
+        return None, mistakes
 
 
 def _withheld(
