@@ -24,7 +24,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.special import ndtri
 
-from estimators.regression.least_squares import Balance
+from estimators.regression.balance import Balance
 from estimators.selection.columns import depends_on_torque
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import BLOCK, Blocks, cross_validated

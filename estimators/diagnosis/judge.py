@@ -18,8 +18,6 @@ from estimators.selection.physical import objection
 from estimators.selection.score import Gain
 from estimators.selection.search import Selection
 
-SEEN = 1e-3  # share of an effect's torque that the other terms cannot imitate, below which the data do not show it
-
 
 def judge(found: Selection, final: Terms) -> tuple[list[Candidate], list[tuple[str, ...]]]:
     """Verdict on every effect of the library, and groups that these data cannot tell apart, a selected one first.
@@ -138,7 +136,7 @@ def is_excited(models: Models, longer: Terms) -> bool:
     own = own * models.regression.weights(others)[:, None]
     frame = models.regression.frame(others)
     left = own - frame @ (frame.T @ own)
-    return float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(own, axis=0))) > SEEN
+    return float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(own, axis=0))) > models.criterion.seen
 
 
 def _falls(before: Step, after: Step) -> str:

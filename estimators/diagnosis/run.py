@@ -45,8 +45,7 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import listing
 
-CLOSER = 0.5  # share of the windows' length at a second look,
-SHORTEST = 0.25  # and the least, where longer windows are too few
+SHORTEST = 0.25  # share of the windows' length, the least, where longer windows are too few
 BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
 PLENTY = 40  # stretches of motion, below which little can be told
 MOTION = 0.5  # of the motion, that has to come before what is held out of the end of recordings
@@ -75,7 +74,7 @@ def gather(
     except IdentificationError:
         if shorter <= SHORTEST:
             raise
-        return gather(recordings, holdout, CLOSER * shorter)  # through more noise, but there are more of them
+        return gather(recordings, holdout, Criterion.closer * shorter)  # through more noise, but there are more of them
 
 
 def _gather(
@@ -342,12 +341,12 @@ def _looked_closer(
     What happens near turns shows in windows that come closer to them, if through more noise, and in those near turns
     that miss more torque than dry friction can be.
     """
-    rough, window_share, beside = refine(select(models)), 1.0, None
+    rough, window_share, beside, closer = refine(select(models)), 1.0, None, models.criterion.closer
     if rough.models.left.are_noise(rough.terms)[0] and is_misfit(rough.models, rough.steps[-1]):
-        found = refine(select(setting.models(gather(recordings, holdout, CLOSER))))
+        found = refine(select(setting.models(gather(recordings, holdout, closer))))
         if len(found.steps) > 1 and held_out_cost(found.steps[-1]) < held_out_cost(rough.steps[-1]):
-            rough, window_share = found, CLOSER
-    impacts = with_impacts(rough.models.parts, rough.terms)
+            rough, window_share = found, closer
+    impacts = with_impacts(rough.models.parts, rough.terms, models.criterion.repeated)
     if impacts is not rough.models.parts:
         found = refine(select(setting.models(impacts)))
         before = found.models.with_errors(None, rough.steps[-1].model)

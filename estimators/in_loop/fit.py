@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.in_loop.rollouts import FINE, Rollouts, are_driven, with_gain
+from estimators.regression.gauss_newton import Near, Rule, gauss_newton
 from estimators.selection.columns import bounds
 from estimators.selection.errors import Errors
 from estimators.selection.score import NU
@@ -100,31 +101,6 @@ def linear(rollouts: Rollouts, point: Point, typical: Array, shapes: bool) -> Li
     return Linear(point, errors[:, 0], slopes, weights)
 
 
-def _steps(near: Linear, typical: Array) -> list[Array]:
-    """Parameters (P + S,) a Gauss-Newton step away, one for each damping (Levenberg and Marquardt)."""
-    size, count = sizes(near.point, typical), near.slopes.shape[1]
-    values = near.point.values
-    rows = near.weights[:, None] * near.slopes * size[:count]
-    scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-    rows = rows / scale
-    gram, told = rows.T @ rows, -rows.T @ (near.weights * near.error)
-    low, high = bounds_of(near.point)
-    found = []
-    for damping in DAMPINGS:
-        step, free = np.zeros(len(values)), np.ones(count, dtype=bool)
-        for _ in range(count):  # what would leave its bounds stays where it is
-            own = np.ix_(free, free)
-            step[:count] = 0.0
-            step[:count][free] = np.linalg.solve(gram[own] + damping * np.eye(int(free.sum())), told[free])
-            step[:count] *= size[:count] / scale
-            out = ((values <= low) & (step < 0)) | ((values >= high) & (step > 0))
-            if not out[:count].any():
-                break
-            free &= ~out[:count]
-        found.append(values + step * min(1.0, LEAP / float(np.abs(step / size).max(initial=1e-300))))
-    return found
-
-
 def bounds_of(point: Point) -> tuple[Array, Array]:
     """Least and largest value of each free parameter (P + S,)."""
     shapes = [shape for term in point.terms for shape in continuous(term)]
@@ -142,22 +118,41 @@ def fit(rollouts: Rollouts, point: Point, typical: Array, shapes: bool = False, 
         shapes: whether continuous shape parameters are fitted as well.
         share: of what it has gained, at which it ends.
     """
-    near = linear(rollouts, point, typical, shapes)
-    best = first = float(likelihood(rollouts, near.error[:, None])[0])
-    polled = 0
-    for _ in range(TURNS):
-        moved, gain = likeliest(rollouts, [near.point.at(values) for values in _steps(near, typical)])
-        enough = max(ENOUGH, share * (best - first))
-        if gain < best + enough and polled < (0 if share else POLLS):
-            polled += 1
-            other, more = likeliest(rollouts, [near.point.at(values) for values in _around(near, typical)])
-            moved, gain = (other, more) if more > gain else (moved, gain)
-        if gain <= best:
-            break
-        near, gained, best = linear(rollouts, moved, typical, shapes), gain - best, gain
-        if gained < enough:
-            break
-    return near
+    made: list[Near[Linear]] = []
+
+    def near(point: Point) -> Near[Linear]:
+        local = linear(rollouts, point, typical, shapes)
+        values, (low, high) = point.values, bounds_of(point)
+        count, size = local.slopes.shape[1], sizes(point, typical)
+        cost = -float(likelihood(rollouts, local.error[:, None])[0])
+        slopes = local.weights[:, None] * local.slopes * size[:count]
+        at_least, at_most = (values <= low)[:count], (values >= high)[:count]
+        made.append(Near(local, cost, local.weights * local.error, slopes, at_least, at_most))
+        return made[-1]
+
+    polls = iter(range(0 if share else POLLS))
+
+    def best(near: Near[Linear], steps: list[Array]) -> tuple[Point, float]:
+        moved = [step / max(1.0, float(np.abs(step).max(initial=0.0)) / LEAP) for step in steps]
+        found = _likeliest_of(rollouts, near, moved, typical)
+        if found[1] > near.cost - rule.enough(made[0].cost, near.cost) and next(polls, None) is not None:
+            found = min(found, _likeliest_of(rollouts, near, _around(near.slopes), typical), key=lambda one: one[1])
+        return found
+
+    rule = Rule(TURNS, DAMPINGS, least=ENOUGH, of_fall=share)
+    found = gauss_newton(point, near, best, rule)
+    last = made[-1].known
+    return last if last.point is found else linear(rollouts, found, typical, shapes)
+
+
+def _likeliest_of(
+    rollouts: Rollouts, near: Near[Linear], steps: Sequence[Array], typical: Array
+) -> tuple[Point, float]:
+    """The likeliest of the points that are some steps (S,) away in sizes of parameters, and its negative density."""
+    point = near.known.point
+    values, size, rest = point.values, sizes(point, typical), len(point.values) - near.slopes.shape[1]
+    found, gain = likeliest(rollouts, [point.at(values + np.pad(step, (0, rest)) * size) for step in steps])
+    return found, -gain
 
 
 def likeliest(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float]:
@@ -166,15 +161,12 @@ def likeliest(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float
     return points[int(np.argmax(told))], float(told.max())
 
 
-def _around(near: Linear, typical: Array) -> list[Array]:
-    """Parameters (P + S,) moved one by one, and along what the data tell least: ways on where slopes tell of a kink."""
-    values, size = near.point.values, sizes(near.point, typical)
-    count = near.slopes.shape[1]
-    rows = near.weights[:, None] * near.slopes * size[:count]
-    directions = np.vstack([np.eye(count), np.linalg.eigh(rows.T @ rows)[1].T[: count // 2]])
+def _around(slopes: Array) -> list[Array]:
+    """Steps (S,) of one parameter after the other, and along what the data tell least: where slopes tell of a kink."""
+    count = slopes.shape[1]
+    directions = np.vstack([np.eye(count), np.linalg.eigh(slopes.T @ slopes)[1].T[: count // 2]])
     directions /= np.abs(directions).max(axis=1, keepdims=True)
-    perturbations = [sign * share * own for own in directions for share in POLL for sign in (1, -1)]
-    return [values + np.pad(perturbation * size[:count], (0, len(values) - count)) for perturbation in perturbations]
+    return [sign * share * own for own in directions for share in POLL for sign in (1, -1)]
 
 
 def likelier(model: Model, recordings: Sequence[Recording]) -> tuple[Rollouts, Array]:

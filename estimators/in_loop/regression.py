@@ -14,7 +14,7 @@ import numpy as np
 from estimators.in_loop.fit import ROUGHLY, Linear, fit, likeliest, likelihood, linear, scale_of
 from estimators.in_loop.rollouts import Rollouts
 from estimators.kept import kept
-from estimators.regression.least_squares import Balance, Columns
+from estimators.regression.balance import Balance, Columns
 from estimators.selection.columns import bounds
 from estimators.selection.data import PreparedData
 from estimators.selection.score import BLOCK, FOLDS

@@ -13,12 +13,13 @@ from functools import cache
 import numpy as np
 
 from estimators.kept import kept
-from estimators.regression.least_squares import RIDGE, Balance, Columns, Tangent
+from estimators.regression.balance import Balance, Columns, Tangent
+from estimators.regression.least_squares import RIDGE
 from estimators.selection.columns import bounds, complexity, depends_on_torque, is_known
 from estimators.selection.prepared import Trial
 from estimators.selection.regression import Regression
 from estimators.weak_form.dataset import Dataset
-from estimators.weak_form.shapes import Residuals, cross_entropy, gauss_newton, scan
+from estimators.weak_form.shapes import Residuals, cross_entropy, refined, scan
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import Table
@@ -141,8 +142,8 @@ class Screen:
         niches = [[v for v in variants if v.shape[effect.multimodal] == place] for place in sorted(places)]
         found = [self.trial((*terms, cross_entropy(niche, residuals))) for niche in niches]
         best = min(found, key=lambda trial: trial.fitted_rms)
-        refined = self.trial((*terms, gauss_newton(best.terms[-1], residuals)))
-        return [min(best, refined, key=lambda trial: trial.fitted_rms)]
+        closer = self.trial((*terms, refined(best.terms[-1], residuals)))
+        return [min(best, closer, key=lambda trial: trial.fitted_rms)]
 
     def refine(self, trial: Trial, id: str) -> Trial:
         """Search the continuous shape parameters of one term of a trial from where they are."""
@@ -157,10 +158,10 @@ class Screen:
             known = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))
             term = replace(term, **{s.name: float(known[s.follows]) for s in following if s.follows in known})
         residuals, samples = self._residuals(others), self.data.part(term.at).samples
-        found = scan(gauss_newton(term, residuals), residuals, REACH * float(np.ptp(samples.time)))
-        refined = self.trial((*trial.terms[:place], found, *trial.terms[place + 1 :]))
-        worse = refined.fitted_rms > trial.fitted_rms and not following
-        return trial if worse or not found.possible(samples) else refined
+        found = scan(refined(term, residuals), residuals, REACH * float(np.ptp(samples.time)))
+        closer = self.trial((*trial.terms[:place], found, *trial.terms[place + 1 :]))
+        worse = closer.fitted_rms > trial.fitted_rms and not following
+        return trial if worse or not found.possible(samples) else closer
 
     def _residuals(self, terms: Sequence[Term]) -> Residuals:
         """Function that gives the weighted residual (R,) of the best fit of the terms with each of several variants.

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from estimators.kept import kept
-from estimators.regression.least_squares import Columns
+from estimators.regression.balance import Columns
 from estimators.weak_form.dataset import Dataset
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term

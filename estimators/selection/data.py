@@ -11,6 +11,7 @@ import numpy as np
 
 from estimators.regression.least_squares import Fit
 from estimators.selection.candidates import Screen
+from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Errors
 from estimators.selection.prepared import Comparable, Fits
 from estimators.selection.regression import Regression
@@ -23,7 +24,6 @@ from pendulum_env.physics import BASE, Model, Samples, Term
 from pendulum_env.physics.term import loads
 from pendulum_env.recording import Recording
 
-REPEATED = 2  # impacts, least number: a single one may be an accident
 PLACES = (1e-3, 10.0)  # [s], trial displacements of an instant, for its standard error
 
 
@@ -155,15 +155,19 @@ def base_inertia(regression: Regression) -> float:
 
 @overload
 def with_impacts(
-    prepared: tuple[PreparedData, PreparedData], terms: Sequence[Term]
+    prepared: tuple[PreparedData, PreparedData], terms: Sequence[Term], repeated: int = ...
 ) -> tuple[PreparedData, PreparedData]: ...
 @overload
-def with_impacts(prepared: tuple[Comparable, Comparable], terms: Sequence[Term]) -> tuple[Comparable, Comparable]: ...
-def with_impacts(prepared: tuple[Comparable, Comparable], terms: Sequence[Term]) -> tuple[Comparable, Comparable]:
+def with_impacts(
+    prepared: tuple[Comparable, Comparable], terms: Sequence[Term], repeated: int = ...
+) -> tuple[Comparable, Comparable]: ...
+def with_impacts(
+    prepared: tuple[Comparable, Comparable], terms: Sequence[Term], repeated: int = Criterion.repeated
+) -> tuple[Comparable, Comparable]:
     """Training and held-out data with impacts at reversals, see `Dataset.with_impacts`.
 
-    Data with fewer than two impacts stay as they are, since a single one may be an accident, and so do data for a model
-    with a link, which has impacts of its own, and rollouts, which leave none out.
+    Data with fewer impacts than `repeated` stay as they are, since a single one may be an accident, and so do data for
+    a model with a link, which has impacts of its own, and rollouts, which leave none out.
     """
     train, holdout = prepared
     if has_link(terms) or not (isinstance(train, PreparedData) and isinstance(holdout, PreparedData)):
@@ -172,7 +176,7 @@ def with_impacts(prepared: tuple[Comparable, Comparable], terms: Sequence[Term])
     count = len(fit.theta)
     known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(train.regression)
     first, second = (replace(part, data=part.data.with_impacts(*known)) for part in (train, holdout))
-    return (first, second) if first.data.impacts >= REPEATED else prepared
+    return (first, second) if first.data.impacts >= repeated else prepared
 
 
 def _placement(regression: Fits, weights: Array, term: Term, name: str, own: Array, noise: Array) -> float:

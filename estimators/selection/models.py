@@ -26,8 +26,6 @@ from pendulum_env.physics import BASE, Model, Term, effects
 from pendulum_env.physics.table import COMPETING, ByTime
 from pendulum_env.physics.term import loads
 
-MOMENT = 0.2  # [s], over which a drifting torque hardly changes
-
 
 @dataclass
 class Models:
@@ -63,7 +61,7 @@ class Models:
         self.tables = [table for table in self.tables if table.id not in known]
         self.left = Left(self.train, self.holdout, self.criterion, self.base)
         self._where = [_blocks(part, BLOCK) for part in self.parts]
-        self._finer = [_blocks(part, MOMENT) for part in self.parts]
+        self._finer = [_blocks(part, self.criterion.moment) for part in self.parts]
         self._in_motion: dict[Terms, Step] = {}
         first, second = (where.of_block for where in self._where)
         same = self.train.recordings == self.holdout.recordings  # parts of the same recordings

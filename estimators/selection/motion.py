@@ -22,8 +22,6 @@ from pendulum_env.physics import Model, Term
 
 SEGMENT = 0.5  # [s], segment length, short enough for errors to grow as linearised
 FEWEST = 2  # segments per parameter
-SIMULATED = 6  # most promising starts, from which effects are fitted to the segments
-FINEST = 1e-3  # share of the motion, the accuracy of initial states and integration
 
 
 def refine(found: Selection) -> Selection:
@@ -55,7 +53,7 @@ def is_misfit(models: Models, step: Step) -> bool:
         return False
     segments, point = models.train.segments, Point.of(step.model)
     motion = np.concatenate([segment.position.ravel() for segment in segments])
-    least, misfit = FINEST * float(np.std(motion)), models.criterion.misfit
+    least, misfit = models.criterion.finest * float(np.std(motion)), models.criterion.misfit
     if step.errors["train"].position_rms <= misfit * max(least, position_noise(segments, point.terms, point.theta)):
         return False
     noise = max(least, output_error.noise(segments, point))
@@ -156,7 +154,7 @@ def _best_simulated(models: Models, last: Step) -> Step | None:
         ranked.append((output_error.promise(segments, point, weights), complexity(point.terms[-1]), point))
     ranked.sort(key=lambda entry: entry[:2])
     found, least = None, np.inf
-    for promised, _, point in ranked[:SIMULATED]:
+    for promised, _, point in ranked[: models.criterion.simulated]:
         if promised > least:
             break  # another effect already has a smaller error
         models.progress(f"fitting the segments with {point.terms[-1].id}", 0.9)

@@ -14,7 +14,6 @@ from estimators.weak_form.shapes import bound, freed
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import Table
 
-UNLIKELY = 0.5  # p-value of an effect's gain, above which its shape is not searched further
 SAME = 1e-6  # of a torque, numerical difference of equal laws
 
 
@@ -47,7 +46,7 @@ def promising(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
         if not ranked:
             return None
         if (
-            models.gain(ranked[0].terms, terms).chance > UNLIKELY
+            models.gain(ranked[0].terms, terms).chance > models.criterion.unlikely
             or models.left.explained(ranked[0].terms, terms) < models.criterion.glimpse
         ):
             return ranked[0]

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from estimators.regression.least_squares import Balance, Columns
+from estimators.regression.balance import Balance, Columns
 from estimators.selection.errors import Errors
 from estimators.simulation.free_running import Segments
 from estimators.weak_form.dataset import Structure

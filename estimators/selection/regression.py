@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.kept import kept
-from estimators.regression.least_squares import Balance, Columns, Tangent, placed, quietest_most
+from estimators.regression.balance import Balance, Columns, Tangent, condensed, placed
+from estimators.regression.least_squares import quietest_most
 from estimators.selection.columns import ColumnCutter, bounds
 from estimators.selection.score import BLOCK, FOLDS
 from estimators.weak_form.dataset import Dataset
@@ -96,7 +97,7 @@ class Regression:
         elsewhere = np.ones(len(pushes), dtype=bool)
         elsewhere[here] = False
         if elsewhere.any() and first.unbent[elsewhere].all():
-            first, own_pushes = first.condensed(elsewhere), pushes[here]
+            first, own_pushes = condensed(first, elsewhere), pushes[here]
             wide = np.tile(pushes.max(axis=0), (len(first.y) - len(own_pushes), 1))
             here, pushes = slice(0, len(own_pushes)), np.concatenate([own_pushes, wide])
         return lambda variant, own: first.beside([(here, own)], *bounds([variant]), pushes)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
 from estimators.regression.least_squares import robust_covariance
 from estimators.simulation.free_running import Segments, cut_segments, periods, simulated, spans, start_memory
 from estimators.simulation.output_error import SMALLEST, Point, grain_of, named, trust
@@ -42,6 +43,7 @@ TURNS, TRIAL_TURNS, FINE_TURNS = 25, 6, 8
 STIFFER = (1.0, 1.8)  # times the contact's stiffness: starts of a fit
 CLIMBS, CLIMB = 4, 0.9  # trials of a stiffer and wider play, and ratio of errors that each has to reach
 GAIN = 0.01  # share by which an iteration has to lower the squared error
+DAMPED = 1e-4  # damping of a step of the parameters
 STEEP = 10.0  # times the usual slope: beyond it a segment nearly misses a contact, and its weight is reduced
 
 
@@ -262,37 +264,45 @@ def _project(error: Array, by_parameter: Array, by_state: Array) -> tuple[Array,
     return both[:, :, 0], both[:, :, 1:]
 
 
-def fit(every: Sequence[Shooting], point: Point, turns: int = TURNS) -> tuple[Point, list[Shooting], float]:
-    """Parameters and states that fit the segments of all recordings best, and their squared error."""
-    every, stalled, cost = list(every), 0, np.inf
-    for _ in range(turns):
-        values, slopes = point.values, _linearise(every, point)
-        size = np.maximum(np.abs(values), SMALLEST)
-        damping = np.diag(0.01 * np.linalg.norm(slopes.by_parameter, axis=0) + 1e-12)
-        target = np.concatenate([-slopes.error, np.zeros(len(values))])
-        step = np.linalg.lstsq(np.vstack([slopes.by_parameter, damping]), target, rcond=None)[0]
-        step = np.clip(step, -LARGEST, LARGEST)
-        points = [point.at(values + share * step * size) for share in SHARES]
-        tried = [_follow(shooting, points, step, move) for shooting, move in zip(every, slopes.parts, strict=True)]
-        costs = [w @ squares.T for (_, _, squares), w in zip(tried, slopes.weights, strict=True)]
-        best = int(np.argmin(np.sum(costs, axis=0)))
-        cost = float(np.sum(costs, axis=0)[best])
-        before = sum(
+@dataclass(frozen=True)
+class Fitted:
+    """Parameters, the segments of all recordings with the states that go with them, and their squared error."""
+
+    point: Point
+    every: tuple[Shooting, ...]
+    cost: float = np.inf
+
+
+def fit(every: Sequence[Shooting], point: Point, turns: int = TURNS) -> Fitted:
+    """Parameters and states that fit the segments of all recordings best."""
+
+    def near(place: Fitted) -> Near[tuple[Fitted, Slopes]]:
+        slopes = _linearise(place.every, place.point)
+        cost = sum(
             float(w @ np.sum(move[0] ** 2, axis=1)) for w, move in zip(slopes.weights, slopes.parts, strict=True)
         )
-        point = points[best]
+        return Near((place, slopes), cost, slopes.error, slopes.by_parameter)
+
+    def best(near: Near[tuple[Fitted, Slopes]], steps: list[Array]) -> tuple[Fitted, float]:
+        place, slopes = near.known
+        values, step = place.point.values, np.clip(steps[0], -LARGEST, LARGEST)
+        size = np.maximum(np.abs(values), SMALLEST)
+        points = [place.point.at(values + share * step * size) for share in SHARES]
+        tried = [_follow(own, points, step, move) for own, move in zip(place.every, slopes.parts, strict=True)]
+        costs = np.sum([w @ own.T for (_, _, own), w in zip(tried, slopes.weights, strict=True)], axis=0)
+        k, cost = least_of(range(len(points)), costs)
         every = [
-            replace(shooting, states=states[best], damping=damped[best])
-            for shooting, (states, damped, _) in zip(every, tried, strict=True)
+            replace(own, states=states[k], damping=damped[k])
+            for own, (states, damped, _) in zip(place.every, tried, strict=True)
         ]
-        if cost > before * (1 - GAIN):
-            initialised = [initialise(shooting, point) for shooting in every]
-            every = [shooting for shooting, _ in initialised]
-            anew = sum(float(w @ squares) for w, (_, squares) in zip(slopes.weights, initialised, strict=True))
-            stalled = stalled + 1 if anew > cost * (1 - GAIN) else 0
-            if stalled == 2:
-                break
-    return point, every, cost
+        if cost > near.cost * (1 - GAIN):
+            anew = [initialise(own, points[k]) for own in every]
+            every = [own for own, _ in anew]
+            cost = sum(float(w @ own) for w, (_, own) in zip(slopes.weights, anew, strict=True))
+        return Fitted(points[k], tuple(every), cost), cost
+
+    rule = Rule(turns, (DAMPED,), of_cost=GAIN, patience=2)
+    return gauss_newton(Fitted(point, tuple(every)), near, best, rule)
 
 
 def _follow(
@@ -324,7 +334,7 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
         return model
     thinned = -(-sum(len(one) for one in first) // MOST)
 
-    def fitted(point: Point, step: int, turns: int = TURNS) -> tuple[Point, list[Shooting], float]:
+    def fitted(point: Point, step: int, turns: int = TURNS) -> Fitted:
         return fit(
             [initialise(cut(w, point, one[::step]), point)[0] for w, one in zip(every, first, strict=True)],
             point,
@@ -334,22 +344,21 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
     multimodal = link_of(model.terms).multimodal
     if multimodal:  # a loose contact has local minima at several stiffnesses, and windows favour a soft one
 
-        def tried(starts: Sequence[Point]) -> tuple[Point, float]:
-            found = [fitted(start, 3 * thinned, TRIAL_TURNS) for start in starts]
-            best, _, cost = min(found, key=lambda one: one[2])
-            return best, cost
+        def tried(starts: Sequence[Point]) -> Fitted:
+            return min((fitted(start, 3 * thinned, TRIAL_TURNS) for start in starts), key=lambda one: one.cost)
 
-        point, cost = tried([changed(start, {multimodal: f}) for start in (point, hung(point)) for f in STIFFER])
+        found = tried([changed(start, {multimodal: f}) for start in (point, hung(point)) for f in STIFFER])
         for _ in range(CLIMBS):
-            other, lower = tried([changed(point, {multimodal: 1.5, "gap": wider}) for wider in (1.0, 1.4)])
-            if lower > cost * CLIMB:
+            other = tried([changed(found.point, {multimodal: 1.5, "gap": wider}) for wider in (1.0, 1.4)])
+            if other.cost > found.cost * CLIMB:
                 break
-            point, cost = other, lower
-    point, shooting, _ = fitted(point, thinned)
+            found = other
+        point = found.point
+    found = fitted(point, thinned)
     if multimodal:
-        point, shooting, _ = fit([replace(one, step=FINE) for one in shooting], point, FINE_TURNS)
-    slopes = _linearise(shooting, point)
-    return named(point, robust_covariance(slopes.by_parameter, slopes.error, slopes.segment))
+        found = fit([replace(one, step=FINE) for one in found.every], found.point, FINE_TURNS)
+    slopes = _linearise(found.every, found.point)
+    return named(found.point, robust_covariance(slopes.by_parameter, slopes.error, slopes.segment))
 
 
 def changed(point: Point, factors: Mapping[str, float]) -> Point:

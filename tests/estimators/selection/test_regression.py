@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.diagnosis.run import gather
-from estimators.regression.least_squares import Balance
+from estimators.regression.balance import Balance
 from estimators.selection.columns import depends_on_torque
 from estimators.selection.models import Models
 from estimators.selection.regression import Regression
