@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, overload
+from typing import ClassVar
 
 import numpy as np
 
@@ -153,29 +153,20 @@ def base_inertia(regression: Regression) -> float:
     return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 
 
-@overload
 def with_impacts(
-    prepared: tuple[PreparedData, PreparedData], terms: Sequence[Term], repeated: int = ...
-) -> tuple[PreparedData, PreparedData]: ...
-@overload
-def with_impacts(
-    prepared: tuple[Comparable, Comparable], terms: Sequence[Term], repeated: int = ...
-) -> tuple[Comparable, Comparable]: ...
-def with_impacts(
-    prepared: tuple[Comparable, Comparable], terms: Sequence[Term], repeated: int = Criterion.repeated
-) -> tuple[Comparable, Comparable]:
+    prepared: tuple[PreparedData, PreparedData], terms: Sequence[Term], repeated: int = Criterion.repeated
+) -> tuple[PreparedData, PreparedData]:
     """Training and held-out data with impacts at reversals, see `Dataset.with_impacts`.
 
     Data with fewer impacts than `repeated` stay as they are, since a single one may be an accident, and so do data for
-    a model with a link, which has impacts of its own, and rollouts, which leave none out.
+    a model with a link, which has impacts of its own.
     """
-    train, holdout = prepared
-    if has_link(terms) or not (isinstance(train, PreparedData) and isinstance(holdout, PreparedData)):
+    if has_link(terms):
         return prepared
-    fit = fit_terms(train, terms)[1]
+    fit = fit_terms(prepared[0], terms)[1]
     count = len(fit.theta)
-    known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(train.regression)
-    first, second = (replace(part, data=part.data.with_impacts(*known)) for part in (train, holdout))
+    known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(prepared[0].regression)
+    first, second = (replace(part, data=part.data.with_impacts(*known)) for part in prepared)
     return (first, second) if first.data.impacts >= repeated else prepared
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.diagnosis.run import gather
+from estimators.preprocessing import gather
 from estimators.regression.balance import Balance
 from estimators.selection.columns import depends_on_torque
 from estimators.selection.models import Models

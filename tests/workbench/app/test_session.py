@@ -422,7 +422,7 @@ def worked(state: State) -> dict[str, State]:
     begun = state.anew(terms=drag.terms, model_file="start.json")
     states = {}
     for name, one in (("paper", state), ("file", begun)):
-        named = one.diagnosed(diagnosed(one.train, base=one.terms))
+        named = one.diagnosed(diagnosed(one.train, base=one.base_terms))
         states[name] = named.with_step(add(one.model, "stribeck", one.train))
     return states
 
