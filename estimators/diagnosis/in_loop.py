@@ -17,6 +17,7 @@ from estimators.checks.torque_constant import widened
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import UNNAMED, Diagnosis
 from estimators.diagnosis.setting import Setting
+from estimators.in_loop.fit import LOOP
 from estimators.in_loop.prepared import InLoop
 from estimators.in_loop.rollouts import FINE, Rollouts, with_gain
 from estimators.preprocessing import HELD_OUT, Preprocessed
@@ -32,8 +33,6 @@ from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
-
-NEEDED = 0.3  # of what the others leave, that an effect has to explain: a small error makes a servo stick elsewhere
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ class Looped:
             check,
             setting.progress,
             {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"},
-            replace(setting.criterion, share=NEEDED, needed=NEEDED),
+            replace(setting.criterion, share=LOOP.needed, needed=LOOP.needed),
             setting.rng,
             base,
             tables=(),

@@ -24,14 +24,27 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 
-TURNS = 30
-DAMPINGS = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of normalised slopes' squares
-DIFFERENCE = 1e-2  # of a parameter, for derivatives
-LEAP = 1.0  # of a parameter, the largest step of any
-POLLS, POLL = 5, (0.1, 0.4)  # times that each parameter is tried by itself, and shares by which it is moved
-ENOUGH = 0.3  # [nat], gain of a turn at which a fit ends,
-ROUGHLY = 0.05  # or share of what it has gained so far, where models are only compared
-SCALES = 20  # turns of the fixed point for a scale
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """Numbers of fits in the loop, and of a search that stands on them."""
+
+    turns: int = 30  # largest number
+    dampings: tuple[float, ...] = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of the steps of each turn
+    difference: float = 1e-2  # of a parameter, for derivatives
+    leap: float = 1.0  # of a parameter, the largest step of any
+    polls: int = 5  # times that each parameter is tried by itself,
+    poll: tuple[float, ...] = (0.1, 0.4)  # and shares by which it is moved
+    enough: float = 0.3  # [nat], gain of a turn at which a fit ends,
+    roughly: float = 0.05  # or share of what it has gained so far, where models are only compared
+    scales: int = 20  # turns of the fixed point for a scale
+    typical: float = 0.05  # of the torque, a size at which a parameter matters
+    hopeless: float = 15.0  # [nat], gain that linear equations foresee, below which a single turn says enough
+    most: int = 24  # variants of a grid, from the best of which continuous shape parameters are fitted
+    needed: float = 0.3  # of what the others leave, that an effect has to explain: a small error sticks elsewhere
+
+
+LOOP = LoopSettings()
 
 
 def squared_scales(rollouts: Rollouts, errors: Array) -> Array:
@@ -45,7 +58,7 @@ def squared_scales(rollouts: Rollouts, errors: Array) -> Array:
         return np.maximum(np.add.reduceat(values, starts) / number, least**2)
 
     square = mean(squares)
-    for _ in range(SCALES):
+    for _ in range(LOOP.scales):
         square = mean((NU + 1) * squares / (NU + squares / np.repeat(square, number[:, 0], axis=0)))
     return np.asarray(square[owner])
 
@@ -91,7 +104,7 @@ def linear(rollouts: Rollouts, point: Point, typical: Array, shapes: bool) -> Li
     values, size = point.values, sizes(point, typical)
     count = len(values) if shapes else len(point.theta)
     _, high = bounds_of(point)
-    steps = DIFFERENCE * size[:count]
+    steps = LOOP.difference * size[:count]
     steps = np.where(values[:count] + steps > high[:count], -steps, steps)  # what is at its bound has a slope, too
     nearby = [point.at(values + own) for own in np.eye(count, len(values)) * steps[:, None]]
     errors = rollouts.misses([point, *nearby])
@@ -108,7 +121,7 @@ def bounds_of(point: Point) -> tuple[Array, Array]:
     return np.r_[least, [shape.low for shape in shapes]], np.r_[most, [shape.high for shape in shapes]]
 
 
-def fit(rollouts: Rollouts, point: Point, typical: Array, shapes: bool = False, share: float = ROUGHLY) -> Linear:
+def fit(rollouts: Rollouts, point: Point, typical: Array, shapes: bool = False, share: float = LOOP.roughly) -> Linear:
     """Errors around the likeliest parameters near a point.
 
     Args:
@@ -130,16 +143,16 @@ def fit(rollouts: Rollouts, point: Point, typical: Array, shapes: bool = False, 
         made.append(Near(local, cost, local.weights * local.error, slopes, at_least, at_most))
         return made[-1]
 
-    polls = iter(range(0 if share else POLLS))
+    polls = iter(range(0 if share else LOOP.polls))
 
     def best(near: Near[Linear], steps: list[Array]) -> tuple[Point, float]:
-        moved = [step / max(1.0, float(np.abs(step).max(initial=0.0)) / LEAP) for step in steps]
+        moved = [step / max(1.0, float(np.abs(step).max(initial=0.0)) / LOOP.leap) for step in steps]
         found = _likeliest_of(rollouts, near, moved, typical)
         if found[1] > near.cost - rule.enough(made[0].cost, near.cost) and next(polls, None) is not None:
             found = min(found, _likeliest_of(rollouts, near, _around(near.slopes), typical), key=lambda one: one[1])
         return found
 
-    rule = Rule(TURNS, DAMPINGS, least=ENOUGH, of_fall=share)
+    rule = Rule(LOOP.turns, LOOP.dampings, least=LOOP.enough, of_fall=share)
     found = gauss_newton(point, near, best, rule)
     last = made[-1].known
     return last if last.point is found else linear(rollouts, found, typical, shapes)
@@ -166,7 +179,7 @@ def _around(slopes: Array) -> list[Array]:
     count = slopes.shape[1]
     directions = np.vstack([np.eye(count), np.linalg.eigh(slopes.T @ slopes)[1].T[: count // 2]])
     directions /= np.abs(directions).max(axis=1, keepdims=True)
-    return [sign * share * own for own in directions for share in POLL for sign in (1, -1)]
+    return [sign * share * own for own in directions for share in LOOP.poll for sign in (1, -1)]
 
 
 def likelier(model: Model, recordings: Sequence[Recording]) -> tuple[Rollouts, Array]:

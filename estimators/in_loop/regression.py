@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.in_loop.fit import ROUGHLY, Linear, fit, likeliest, likelihood, linear, scale_of
+from estimators.in_loop.fit import LOOP, Linear, fit, likeliest, likelihood, linear, scale_of
 from estimators.in_loop.rollouts import Rollouts
 from estimators.kept import kept
 from estimators.regression.balance import Balance, Columns
@@ -24,8 +24,6 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 
 Terms = tuple[Term, ...]
-TYPICAL = 0.05  # of the torque, a size at which a parameter matters
-HOPELESS = 15.0  # [nat], as far as linear equations foresee it
 
 
 @dataclass(eq=False)
@@ -53,7 +51,7 @@ class LoopRegression:
             if self.guide is not None:
                 self._linear[key] = linear(self.data, self.guide.near(key).point, self.typical(key), False)
             else:
-                share = 1.0 if self._is_hopeless(key) else ROUGHLY
+                share = 1.0 if self._is_hopeless(key) else LOOP.roughly
                 self._keep(key, fit(self.data, self._begin(key), self.typical(key), share=share))
         return self._linear[key]
 
@@ -64,7 +62,7 @@ class LoopRegression:
             return False
         best = self._promised[others, last.id]
         gain = len(self.data.position) * np.log(scale_of(self.data, self.near(others).error) / best)
-        return bool(gain < HOPELESS)
+        return bool(gain < LOOP.hopeless)
 
     def _keep(self, terms: Terms, found: Linear) -> None:
         """Know a fit by the terms that it was asked for, and by those that it has: some shapes follow parameters."""
@@ -103,7 +101,7 @@ class LoopRegression:
     def _typical_of(self, term: Term) -> Array:
         rms = np.sqrt(np.mean(self.windows.data.torque() ** 2))
         own = np.sqrt(np.mean(self.windows.data.columns([term])[0][0] ** 2, axis=0))
-        return np.asarray(TYPICAL * rms / np.maximum(own, 1e-9))
+        return np.asarray(LOOP.typical * rms / np.maximum(own, 1e-9))
 
     def _begin(self, terms: Terms) -> Point:
         """Where a fit begins: the likeliest of what is known of models that are nearly the same."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from estimators.in_loop.fit import scale_of
+from estimators.in_loop.fit import LOOP, scale_of
 from estimators.in_loop.regression import LoopRegression
 from estimators.kept import kept
 from estimators.selection.candidates import best_of_forms, ranked
 from estimators.selection.prepared import Trial
 from pendulum_env.physics import Term
-
-MOST = 24  # variants of a grid, from the best of which continuous shape parameters are fitted
 
 
 @dataclass(eq=False)
@@ -37,8 +35,8 @@ class LoopScreen:
     def grid(self, terms: Sequence[Term], effect: type[Term]) -> list[Term]:
         """Variants of an effect beside the terms, from which a search starts."""
         variants = self.regression.windows.screen.grid(terms, effect)
-        coarse = any(not shape.integer for shape in effect.shapes) and len(variants) > MOST
-        return variants[:: -(-len(variants) // MOST)] if coarse else variants
+        coarse = any(not shape.integer for shape in effect.shapes) and len(variants) > LOOP.most
+        return variants[:: -(-len(variants) // LOOP.most)] if coarse else variants
 
     def looked_at(self, terms: Sequence[Term], effect: type[Term]) -> int:
         """Number of variants among which `grid` chose."""
