@@ -28,7 +28,7 @@ from estimators.selection.criterion import Criterion
 from estimators.selection.data import fit_terms
 from estimators.selection.errors import noise_floor
 from estimators.selection.models import Models, held_out_cost
-from estimators.selection.motion import is_misfit, refine, refit, reselect_transmission
+from estimators.selection.motion import is_misfit, refine, refit
 from estimators.selection.moves import explaining, ids, settle
 from estimators.selection.physical import impossible
 from estimators.selection.prepared import Comparable, Data
@@ -212,7 +212,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
         return _mislogged(given, models, setting.base, wrong)
     rough, given = _looked_closer(given, models, setting)
     setting.progress("refitting", 0.93)
-    found = reselect_transmission(refit(rough))
+    found = refit(rough)
     models, steps = found.models, found.steps
     if followed is not None:
         steps = [models.with_errors(None, followed), *steps[1:]]

@@ -76,6 +76,11 @@ class Models:
         train, holdout = (part.watching(linked.model) for part in self.parts)
         return replace(self, train=train, holdout=holdout, linked=linked, drawn=self.bootstrap)
 
+    @property
+    def cost_with_link(self) -> float:
+        """Held-out cost of the model by which the link's state is estimated."""
+        return np.inf if self.linked is None else held_out_cost(self.linked)
+
     @kept
     def density(self, terms: Terms) -> Array:
         """Log predictive density of every block, those of the training data first, (S,) [nat]."""

@@ -111,28 +111,6 @@ def _with_link(models: Models, last: Step, start: Model) -> Step:
     return min(last, *no_worse, key=held_out_cost) if no_worse else last
 
 
-def reselect_transmission(selection: Selection) -> Selection:
-    """Replace the transmission by the other kind alone if the model does not fit and the other has lower errors.
-
-    Behind a wide play, a link's state propagated along the measured motion is soon lost, so that an elastic
-    transmission with compensating effects may leave less torque. With estimated link states, the loose one fits better.
-    """
-    models, first, last = selection.models, selection.steps[0], selection.steps[-1]
-    if not has_link(last.model.terms) or models.left.fits(last.model.terms):
-        return selection
-    present = {term.id for term in last.model.terms}
-    found = last
-    for kind in (kind for kind in models.library.values() if kind.link and kind.id not in present):
-        models.progress(f"watching the link of {kind.id}", 0.94)
-        trial = best(models, first.model.terms, kind)
-        if trial is not None:
-            step = models.step(kind.id, trial.terms)
-            found = better(found, _with_link(models, step, step.model))
-    if found is last or not models.is_confirmed(found, first):
-        return selection
-    return replace(selection, steps=[first, found])
-
-
 def grow_by_simulation(models: Models, steps: list[Step]) -> list[Step]:
     """Add effects that only free-running simulation shows, where the torque is too noisy."""
     while len(steps) <= models.criterion.most and is_misfit(models, steps[-1]):

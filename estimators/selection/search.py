@@ -127,7 +127,7 @@ def add(models: Models, terms: Terms) -> tuple[Models, Terms] | None:
         longer = settle(models, longer)
         models.progress(f"confirming {', '.join(sorted(one[0] for one in forms(longer) - forms(terms)))}", 0.9)
         if has_link(longer) and not has_link(terms) and not models.train.in_loop:
-            watched = watch(models, longer, terms) if not confirmed else None
+            watched = linked(models, longer, terms) if not confirmed else None
             if watched is not None:
                 return watched
         elif models.lowers_errors(longer, terms) or refines(models, longer, terms):
@@ -145,6 +145,21 @@ def refines(models: Models, longer: Terms, terms: Terms) -> bool:
         return False
     after, before = (models.step(None, one).errors["holdout"].torque_rms for one in (longer, terms))
     return after < before and models.lowers_errors(longer, tuple(term for term in longer if term.id not in changed))
+
+
+def linked(models: Models, longer: Terms, terms: Terms) -> tuple[Models, Terms] | None:
+    """A model with a link, or with one of another kind where the most promising leaves structure and costs more.
+
+    Behind a wide play, the link's state propagated along the measured motion is soon lost, so that an elastic
+    transmission may promise less torque. With estimated states, the loose one fits better.
+    """
+    found = watch(models, longer, terms)
+    if found is None or found[0].left.fits(found[1]):
+        return found
+    kinds = [kind for kind in models.library.values() if kind.link and kind.id != longer[-1].id]
+    trials = [trial for trial in (best(models, terms, kind) for kind in kinds) if trial is not None]
+    others = [watch(models, trial.terms, terms) for trial in trials]
+    return min([found, *(one for one in others if one is not None)], key=lambda one: one[0].cost_with_link)
 
 
 def watch(models: Models, longer: Terms, terms: Terms) -> tuple[Models, Terms] | None:
