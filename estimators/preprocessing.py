@@ -97,9 +97,9 @@ class Preprocessed:
         alignments = [self.alignments[k] for k in (*kept, *range(count, len(self.alignments))) if self.alignments]
         return replace(self, recordings=tuple(self.recordings[k] for k in kept), alignments=tuple(alignments))
 
-    def closer(self) -> Self:
+    def closer(self, share: float = Criterion.closer) -> Self:
         """The same in shorter windows."""
-        return replace(self, window_share=Criterion.closer)
+        return replace(self, window_share=share)
 
     def with_impacts(self, terms: Sequence[Term]) -> Self:
         """The same with the turns that miss torque beside some terms, as it is where these are too few."""

@@ -270,7 +270,7 @@ def _looked_closer(given: Preprocessed, models: Models, setting: Setting) -> tup
     """
     rough = refine(select(models))
     if rough.models.left.are_noise(rough.terms)[0] and is_misfit(rough.models, rough.steps[-1]):
-        closer = given.closer()
+        closer = given.closer(models.criterion.closer)
         found = refine(select(setting.models(closer.parts)))
         if len(found.steps) > 1 and held_out_cost(found.steps[-1]) < held_out_cost(rough.steps[-1]):
             rough, given = found, closer

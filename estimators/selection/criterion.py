@@ -26,7 +26,6 @@ class Criterion:
         unlikely: p-value of an effect on a coarse grid of shapes, above which these are not searched further.
         tried: effects that are tried, the most promising first, until one is confirmed.
         ordered: effects up to which every order of their steps is tried: six orders at most.
-        repeated: least number of impacts that are looked at: a single one may be an accident.
         seen: share of an effect's torque that the others cannot imitate, below which the data do not show it.
         moment: pieces in which a drifting torque, which hardly changes within one, is predicted from the others [s].
         closer: share of the windows' length at a second look, where motion shows more than torque.
@@ -48,7 +47,6 @@ class Criterion:
     unlikely: float = 0.5
     tried: int = 8
     ordered: int = 3
-    repeated: int = 2
     seen: float = 0.001
     moment: float = 0.2
     closer: float = 0.5

@@ -11,7 +11,6 @@ import numpy as np
 
 from estimators.regression.least_squares import Fit
 from estimators.selection.candidates import Screen
-from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Errors
 from estimators.selection.prepared import Comparable, Fits
 from estimators.selection.regression import Regression
@@ -24,6 +23,7 @@ from pendulum_env.physics import BASE, Model, Samples, Term
 from pendulum_env.physics.term import loads
 from pendulum_env.recording import Recording
 
+REPEATED = 2  # impacts, least number: a single one may be an accident
 PLACES = (1e-3, 10.0)  # [s], trial displacements of an instant, for its standard error
 
 
@@ -154,7 +154,7 @@ def base_inertia(regression: Regression) -> float:
 
 
 def with_impacts(
-    prepared: tuple[PreparedData, PreparedData], terms: Sequence[Term], repeated: int = Criterion.repeated
+    prepared: tuple[PreparedData, PreparedData], terms: Sequence[Term], repeated: int = REPEATED
 ) -> tuple[PreparedData, PreparedData]:
     """Training and held-out data with impacts at reversals, see `Dataset.with_impacts`.
 
