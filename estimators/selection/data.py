@@ -83,7 +83,8 @@ class PreparedData:
         """Inertia that each joint feels under a base model, by the joint's name [kg m^2]."""
         first, data = base[0], self.data
         if first.id not in data.given:
-            return {at: base_inertia(self.regression.at(at)) for at in data.joints}
+            of_one = {at: self.regression if len(data.joints) == 1 else Regression(data.part(at)) for at in data.joints}
+            return {at: base_inertia(own) for at, own in of_one.items()}
         theta = self.regression.solve(base)[: len(first.columns)]
         return dict(zip(data.joints, np.abs(data.given[first.id].inertia @ theta).tolist(), strict=True))
 

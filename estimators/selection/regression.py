@@ -35,14 +35,6 @@ class Regression:
         self._owner = data.recording_of_window
         self._fold: Index = data.blocks(BLOCK)[0] % FOLDS
 
-    def at(self, joint: str) -> Regression:
-        """Fits to the data of a joint; these for what is at no one joint."""
-        return self if self.data.part(joint) is self.data else self._of_joint(joint)
-
-    @kept
-    def _of_joint(self, joint: str) -> Regression:
-        return Regression(self.data.part(joint))
-
     def columns(self, variants: Sequence[Term]) -> list[Columns]:
         """Windowed columns of each variant of one effect, on the rows of its joint."""
         return self._cutter.columns(variants)
