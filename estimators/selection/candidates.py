@@ -24,10 +24,18 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import Table
 
-REACH = 0.03  # of the recording, range of the scan for an instant
-TRIED = 3  # most promising variants of a law of the torque, which are fitted exactly
-STARTS = 2  # variants of the grid from which a search over shape parameters starts
-FOLLOWS = 3  # iterations that set a shape parameter to the parameter that it follows
+
+@dataclass(frozen=True)
+class ScreenSettings:
+    """How far the variants of an effect are searched."""
+
+    starts: int = 2  # variants of the grid from which a search over shape parameters starts
+    exact: int = 3  # most promising variants of a law of the torque, which are fitted exactly
+    reach: float = 0.03  # of the recording, range of the scan for an instant
+    follows: int = 3  # iterations that set a shape parameter to the parameter that it follows
+
+
+SCREEN = ScreenSettings()
 
 
 @dataclass(eq=False)
@@ -87,7 +95,7 @@ class Screen:
         here = self.data.where(pairs[0][0].at)
         moved = [own._replace(linear=own.linear - near.error[here, None] * own.slope) for _, own in pairs]
         promises = (plain, squared_errors(_grams(near, moved, w, here))[0])
-        tried = np.unique([np.argsort(promise)[:TRIED] for promise in promises])
+        tried = np.unique([np.argsort(promise)[: SCREEN.exact] for promise in promises])
         squares = np.array([exact(*pairs[k]) for k in tried.tolist()])
         found = np.maximum(plain, squares.min())
         found[tried] = squares
@@ -153,12 +161,12 @@ class Screen:
             return trial
         others = (*trial.terms[:place], *trial.terms[place + 1 :])
         following = [shape for shape in term.shapes if shape.follows]
-        for _ in range(FOLLOWS if following else 0):
+        for _ in range(SCREEN.follows if following else 0):
             theta = self.regression.solve((*others, term))
             known = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))
             term = replace(term, **{s.name: float(known[s.follows]) for s in following if s.follows in known})
         residuals, samples = self._residuals(others), self.data.part(term.at).samples
-        found = scan(refined(term, residuals), residuals, REACH * float(np.ptp(samples.time)))
+        found = scan(refined(term, residuals), residuals, SCREEN.reach * float(np.ptp(samples.time)))
         closer = self.trial((*trial.terms[:place], found, *trial.terms[place + 1 :]))
         worse = closer.fitted_rms > trial.fitted_rms and not following
         return trial if worse or not found.possible(samples) else closer
@@ -226,7 +234,8 @@ def best_of_forms(ranked: Sequence[Trial], effect: type[Term], refine: Callable[
         last = trial.terms[-1]
         forms.setdefault((last.free, len(last.columns)), []).append(trial)
     ends = [
-        min((refine(t, effect.id) for t in few[:STARTS]), key=lambda trial: trial.fitted_rms) for few in forms.values()
+        min((refine(t, effect.id) for t in few[: SCREEN.starts]), key=lambda trial: trial.fitted_rms)
+        for few in forms.values()
     ]
     return sorted(ends, key=lambda trial: (complexity(trial.terms[-1]), trial.fitted_rms))
 
