@@ -1,8 +1,11 @@
+from functools import partial
+
 import numpy as np
 import pytest
 
-from estimators.arms.diagnosis import ArmDiagnosis
+from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
 from pendulum_env.arms.env import PlanarArm
+from pendulum_env.arms.joints import joint_effects
 from pendulum_env.arms.recording import read_arm_recording
 from workbench import arm_demo
 from workbench.commands.demo import verdict
@@ -11,7 +14,9 @@ from workbench.terminal import Terminal
 ALIKE = ("stribeck@elbow", "spring@elbow")
 
 
-def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, capsys):
+def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, capsys, monkeypatch):
+    few = {id: joint_effects()[id] for id in ("load_dependent_friction", "stribeck", "spring")}  # else it takes long
+    monkeypatch.setattr(arm_demo, "diagnose_arm", partial(diagnose_arm, library=few))
     report, files = tmp_path / "r.html", [tmp_path / "a.csv", tmp_path / "b.csv"]
     arm_demo.run(report, files, 8.0, 2, Terminal())
     told = capsys.readouterr().out
