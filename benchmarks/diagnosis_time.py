@@ -17,9 +17,8 @@ import numpy as np
 from benchmarks import schemes, six_joint
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from benchmarks.parallel import each, peak_memory
-from estimators.arms.diagnosis import diagnose_arm
-from estimators.diagnosis.run import diagnose
-from pendulum_env.arms.joints import joint_effects
+from estimators import diagnose
+from pendulum_env.arms.joints import arm_base, joint_effects
 from pendulum_env.recording import Recording
 from workbench.terminal import Terminal
 
@@ -66,7 +65,7 @@ def time_arm(case: tuple[str, float, int]) -> Timing:
     body, recording = six_joint.body(), six_joint.simulate(100, six_joint.Hidden("stribeck", 0), seconds)
     library = dict(list(joint_effects().items())[:count])
     begin = perf_counter()
-    found = diagnose_arm(recording, body, library=library)
+    found = diagnose(recording, (), arm_base(body), library=library)
     return Timing(label, seconds, perf_counter() - begin, peak_memory(), found.selected)
 
 

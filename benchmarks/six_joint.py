@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from estimators.arms.diagnosis import diagnose_arm
-from estimators.arms.identification import compare_arm, identify_arm
+from estimators import compare, diagnose, identify
 from estimators.schemes.six import scheme
 from pendulum_env.arms.body import Body, read_body
+from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import ArmRecording
 
 JOINTS = ("base", "shoulder", "elbow", "roll", "pitch", "flange")
@@ -229,12 +229,12 @@ def main(arguments: Sequence[str] = ()) -> int:
     arm = body()
     fitted, unseen = simulate(1), simulate(2)
     began = time.process_time()
-    found = identify_arm(fitted, arm, schemes=[scheme("filtered_dynamic")])
-    errors = compare_arm(found["filtered_dynamic"].model, unseen)
+    found = identify(fitted, arm_base(arm), [scheme("filtered_dynamic")])
+    errors = compare(found["filtered_dynamic"].model, unseen).joint.errors
     print(
         f"{len(arm.base)} base parameters in {time.process_time() - began:.1f} s; held-out torque error of RMS torque:"
     )
-    print("  " + ", ".join(f"{error.joint} {100 * error.share:.2f} %" for error in errors))
+    print("  " + ", ".join(f"{joint} {100 * share:.2f} %" for joint, share in errors.shares.items()))
     right = alarms = 0
     longest = 0.0
     hidden_ones = [Hidden(EFFECTS[run % 6], (run + run // 6) % 6) for run in range(runs)]
@@ -242,12 +242,12 @@ def main(arguments: Sequence[str] = ()) -> int:
     for run, hidden in enumerate(hidden_ones):
         recording = simulate(100 + run, hidden, rubs=drawn(run))
         began = time.process_time()
-        diagnosis = diagnose_arm(recording, arm)
+        diagnosis = diagnose(recording, (), arm_base(arm))
         longest = max(longest, time.process_time() - began)
         right += diagnosis.selected == (recording.name,)
         print(f"{recording.name:32s} {', '.join(diagnosis.selected) or 'nothing'}", flush=True)
     for run in range(runs // 3):
-        diagnosis = diagnose_arm(simulate(200 + run, rubs=drawn(100 + run)), arm)
+        diagnosis = diagnose(simulate(200 + run, rubs=drawn(100 + run)), (), arm_base(arm))
         alarms += bool(diagnosis.selected)
         print(f"{'nothing':32s} {', '.join(diagnosis.selected) or 'nothing'}", flush=True)
     print(f"named right: {right} of {len(hidden_ones)}; false alarms: {alarms} of {runs // 3}")

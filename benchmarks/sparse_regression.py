@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from benchmarks.scoring import Exact, compare
 from benchmarks.truth import Truth, read_pair
-from estimators.diagnosis.run import gather
+from estimators.preprocessing import gather
 from estimators.selection.models import Models
 from estimators.selection.moves import candidates
 from estimators.weak_form.dataset import Dataset

@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.six_joint import COULOMB, JOINTS, RATE, ROTORS, STEP, VISCOUS, body, simulate, urdf
-from estimators.arms.balance import measure_arm, motion
-from estimators.arms.identification import identify_arm
+from estimators import identify
+from estimators.schemes.balance import measure_arm, motion
 from estimators.schemes.six import scheme
+from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import ArmRecording
 
 TRUTH = {"armature": np.array(ROTORS), "damping": np.array(VISCOUS), "frictionloss": np.array(COULOMB)}
@@ -32,7 +33,7 @@ PIECE = 0.5  # [s] of one simulation
 def ours(recording: ArmRecording) -> dict[str, np.ndarray]:
     """Each quantity of each joint (6,)."""
     arm = body()
-    estimates = identify_arm(recording, arm, schemes=[scheme("filtered_dynamic")])["filtered_dynamic"].model.estimates
+    estimates = identify(recording, arm_base(arm), [scheme("filtered_dynamic")])["filtered_dynamic"].model.estimates
     links = [estimates[name] for name in arm.names]
     weights = 1.0 / np.array([estimate.std for estimate in links])
     off = np.array([estimate.value for estimate in links]) - arm.values

@@ -21,7 +21,7 @@ from estimators.arms.online import ArmBinner
 from estimators.online import Verdict, Watch
 from estimators.signals.measurements import Smoothing
 from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.joints import Links, friction
+from pendulum_env.arms.joints import arm_base
 
 RATE, SUBSTEPS, CHANGE, SECONDS, COUNTS, NOISE = 500.0, 8, 10.0, 20.0, 65_536, 0.02
 UPPER = 0.45  # [m], length of the upper arm
@@ -83,7 +83,7 @@ def simulate(cases: Sequence[tuple[str, int]]) -> tuple[np.ndarray, np.ndarray, 
 
 def watched(body: Body, time: np.ndarray, position: np.ndarray, torque: np.ndarray) -> tuple[float | None, Verdict]:
     """Time of the first alarm [s] and the last verdict on one arm: positions (N, 2), torques held from then on."""
-    terms, smoothing = (Links(body), *friction(body)), Smoothing.of_encoder(COUNTS, RATE)
+    terms, smoothing = arm_base(body), Smoothing.of_encoder(COUNTS, RATE)
     watch, alarm = Watch(RATE, terms, binner=ArmBinner(terms, smoothing, RATE)), None
     for k in range(len(time)):
         applied = torque[max(0, k - 1)][None]

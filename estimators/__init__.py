@@ -1,10 +1,12 @@
 """What learns from measurements: six schemes, recursive least squares, comparison and diagnosis."""
 
-from estimators.checks.alignment import Aligned, Alignment, align
+from estimators.checks.alignment import Alignment
+from estimators.checks.channel import align
 from estimators.comparison import Comparison, compare
 from estimators.diagnosis.addition import add, fit
 from estimators.diagnosis.result import Addition, Diagnosis, Verdict
-from estimators.diagnosis.run import diagnose, gather
+from estimators.diagnosis.run import diagnose
+from estimators.preprocessing import Preprocessed, gather
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import SCHEMES, scheme
@@ -15,7 +17,6 @@ from estimators.show import notebook as notebook  # teaches results to show them
 __all__ = [
     "SCHEMES",
     "Addition",
-    "Aligned",
     "Alignment",
     "Comparison",
     "Criterion",
@@ -24,6 +25,7 @@ __all__ = [
     "Identification",
     "IdentificationError",
     "PreparedData",
+    "Preprocessed",
     "Verdict",
     "add",
     "align",

@@ -7,6 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 from estimators.schemes.six import SCHEMES, Regressor, scheme
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import at_joints, body_of, check_places, joint_effects, kinds_at, placed
+from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, ModelError, Term, effects
@@ -20,24 +23,33 @@ Terms = str | Sequence[str | Term]
 Schemes = str | Sequence[str | Regressor]
 
 
-def chosen_recordings(given: Recordings, *, empty: bool = False) -> tuple[Recording, ...]:
+def chosen_recordings(given: Recordings, *, empty: bool = False, body: Body | None = None) -> tuple[Recording, ...]:
     """One recording, or several; time counts from the start of each: logs often have seconds since 1970.
 
     Args:
         given: what the caller has.
         empty: whether there may be none.
+        body: of the arm that they are of; None of a pendulum.
 
     Raises:
-        TypeError: if it is something else, such as a file's name.
-        ValueError: if there is none.
+        TypeError: if it is something else, such as a file's name, or a recording of an arm where its links are not
+            known, or of a pendulum where they are.
+        ValueError: if there is none, or one is of an arm with other joints.
     """
     several = (given,) if isinstance(given, Recording) else _listed(given)
     for item in several:
-        if not isinstance(item, Recording) or item.position.ndim > 1:  # of an arm
+        if not isinstance(item, Recording):
             raise TypeError(
                 f"{shown(item)} is not a recording: read a file with pendulum_env.recording.read_recording, or make "
                 "one of arrays with Recording"
             )
+        if isinstance(item, ArmRecording) != (body is not None):
+            raise TypeError(
+                f"{item.name}: {'is of a pendulum' if body else 'is of an arm'}: give the terms of one, such as "
+                f"{'BASE' if body else 'arm_base(body)'}"
+            )
+        if body is not None and isinstance(item, ArmRecording) and item.names != body.joints:
+            raise Mistake(f"{item.name}: has joints {', '.join(item.names)}, and {body.name} {', '.join(body.joints)}")
     if not several and not empty:
         raise ValueError("there is no recording to work on: give one or several")
     return tuple(one if one.time[0] == 0.0 else replace(one, time=one.time - one.time[0]) for one in several)
@@ -46,33 +58,55 @@ def chosen_recordings(given: Recordings, *, empty: bool = False) -> tuple[Record
 def chosen_terms(given: Terms | None) -> tuple[Term, ...]:
     """Terms as they are, or by id with their default shape parameters; None are the paper's four.
 
+    Behind the links of an arm are those at its joints, by id as in `stribeck@elbow`.
+
     Raises:
-        ValueError: if there is no term of a name, or no term at all.
+        ValueError: if there is no term of a name, no term at all, or one at no joint of the arm.
         TypeError: if something is no term, such as a model.
     """
     if given is None:
         return BASE
     if isinstance(given, Model):
         raise TypeError("a model is not a list of terms: pass model.terms")
-    terms = tuple(term(item)() if isinstance(item, str) else item for item in _listed(given))
+    listed = _listed(given)
+    body = body_of(listed)
+    terms = tuple(_term(item, body) if isinstance(item, str) else item for item in listed)
     for item in terms:
         if not isinstance(item, Term):
             raise TypeError(f"{shown(item)} is not a term: give its id, such as 'stribeck', or Stribeck()")
     if not terms:
         raise ValueError("a model needs at least one term: leave the terms out for the paper's four")
+    if body is not None:
+        check_places(terms[1:], body.joints)
     return terms
 
 
+def _term(text: str, body: Body | None) -> Term:
+    id, _, joint = text.partition("@")
+    if body is None or joint not in body.joints:
+        return term(text if body is None else id)()
+    return placed(term(id)(), joint, body.slides[body.joints.index(joint)])
+
+
 def chosen_effects(
-    library: Mapping[str, type[Term]] | None, only: Iterable[str] | None, without: Iterable[str]
+    library: Mapping[str, type[Term]] | None,
+    only: Iterable[str] | None,
+    without: Iterable[str],
+    body: Body | None = None,
 ) -> dict[str, type[Term]]:
     """Effects that may be named: of a library, or of all that are known, only some, or all but some.
+
+    Of an arm, `stribeck` is at every joint where it makes sense, `stribeck@elbow` at that one.
 
     Raises:
         ValueError: if an id is unknown, or none is left.
     """
-    known = effects() if library is None else dict(library)
-    barred, allowed = ({id: find("effect", id, known) for id in _listed(ids)} for ids in (without, only or ()))
+    if body is not None:
+        known = {kind.id: kind for kind in at_joints((joint_effects() if library is None else library).values(), body)}
+        barred, allowed = ({kind.id: kind for kind in kinds_at(_listed(ids), body)} for ids in (without, only or ()))
+    else:
+        known = effects() if library is None else dict(library)
+        barred, allowed = ({id: find("effect", id, known) for id in _listed(ids)} for ids in (without, only or ()))
     chosen = {id: kind for id, kind in (known if only is None else allowed).items() if id not in barred}
     if not chosen and known:
         raise Mistake("no effect is left to look for: leave out fewer, or look for more")
@@ -86,10 +120,13 @@ def within_limits(
 
     Raises:
         LimitsError: if no term has such a parameter, or its bounds leave nothing.
+        ValueError: if the terms are of an arm.
     """
     limits = limits_of(fixed or {}, bounds or {})
     if not limits:
         return tuple(terms), dict(library)
+    if body_of(terms) is not None:
+        raise Mistake("values and bounds are known of pendulums alone: leave them out for an arm")
     check_names(limits, (*(type(item) for item in terms), *effects().values(), *library.values()))
     return (
         tuple(limited_term(item, limits) for item in terms),
@@ -121,7 +158,7 @@ def chosen_schemes(given: Schemes) -> tuple[Regressor, ...]:
 
 
 def model_that_moves(given: Model) -> Model:
-    """A model with inertia.
+    """A model with inertia, or of an arm.
 
     Raises:
         TypeError: if it is no model, such as a file's name.
@@ -129,7 +166,7 @@ def model_that_moves(given: Model) -> Model:
     """
     if not isinstance(given, Model):
         raise TypeError(f"{shown(given)} is not a model: read a file with Model.load, or take the model of a result")
-    if "inertia" not in given.estimates:
+    if "inertia" not in given.estimates and body_of(given.terms) is None:
         raise ModelError("the model lacks the term inertia, without which nothing moves")
     return given
 

@@ -3,28 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves
 from estimators.checks.homogeneity import Disagreement, disagreements_with, misfits, own_fits
 from estimators.checks.residual import Profile, Region, profiles, stand_out
-from estimators.checks.torque_constant import Calibrated, unit_of
+from estimators.checks.torque_constant import unit_of
 from estimators.in_loop.fit import in_loop
+from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
-from estimators.selection.data import Errors, PreparedData, noise_floor
+from estimators.schemes.balance import ARM_SCHEMES, measure_arm, series
+from estimators.schemes.fitting import regressions, stack
+from estimators.selection.data import Errors, PreparedData, Step, noise_floor
 from estimators.simulation.free_running import growth, select
 from estimators.simulation.multiple_shooting import has_link
 from estimators.weak_form.dataset import dataset
 from pendulum_env._typing import JSON
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import body_of
+from pendulum_env.arms.model import model_of
+from pendulum_env.arms.recording import of_arms
 from pendulum_env.notebook import shown
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import json_per, percent
 
-SCHEMA = "pendulum-ident/comparison@1"
+SCHEMA, ARM_SCHEMA = "pendulum-ident/comparison@1", "pendulum-ident/arm-comparison@1"
 GROWS = 10.0  # times, that an error of the initial position grows in a window of free run where the motion is unstable
 
 
@@ -35,7 +43,7 @@ class Distance:
     Attributes:
         name: of the recording.
         errors: in torque and in free-running position.
-        noise_floor: torque error that measurement noise alone gives [N m].
+        noise_floor: torque error that measurement noise alone gives [N m]; NaN of an arm, for which nobody has counted.
         unstable: share of the one-second windows in which a small error grows tenfold, as with the arm balanced
             upright; they are not counted in the error of position, unless there are no others.
     """
@@ -61,12 +69,13 @@ class Comparison:
 
     Attributes:
         model: as it came; nothing is fitted.
-        distances: one a recording.
+        distances: one a recording; empty of an arm, of which nothing but `joint` and the model is known.
         joint: all recordings together.
         profiles: residual torque over position, velocity, torque, time and frequency, all recordings together.
         regions: where it stands out of the noise, the most telling first.
         disagreements: recordings that show another plant than the model is of, or than the others.
         torque_constant: by which a current was turned into torque, if one was.
+        data: that it was made of, all compared alike.
     """
 
     model: Model
@@ -76,6 +85,7 @@ class Comparison:
     regions: tuple[Region, ...]
     disagreements: tuple[Disagreement, ...] = ()
     torque_constant: TorqueConstant | None = None
+    data: Preprocessed | None = field(default=None, compare=False, repr=False)
 
     @property
     def torque_unit(self) -> str:
@@ -94,6 +104,8 @@ class Comparison:
     @property
     def headline(self) -> str:
         """The result in one sentence."""
+        if self.joint.errors.shares:
+            return worst(self.joint.errors)
         torque, position = self.joint.errors.torque_rms, self.joint.errors.position_rms
         times = torque / max(self.joint.noise_floor, 1e-300)
         return (
@@ -116,6 +128,8 @@ class Comparison:
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
+        if (body := body_of(self.model.terms)) is not None:
+            return {"schema": ARM_SCHEMA, "joints": of_joints(self.joint.errors, body)}
         data = {
             "schema": SCHEMA,
             "torque_constant": self.torque_constant.json() if self.torque_constant is not None else None,
@@ -139,12 +153,13 @@ class Comparison:
 
 
 def distance(name: str, prepared: PreparedData, model: Model) -> Distance:
-    """Errors of a model with inertia on prepared data, as they are."""
+    """Errors of a model with inertia on prepared data, as they are, and in the loop if the recordings have drives."""
     steady = [growth(segments, model.terms, model.theta) < GROWS for segments in prepared.segments]
     kept = tuple(select(*pair) for pair in zip(prepared.segments, steady, strict=True) if pair[1].any())
     errors = (replace(prepared, segments=kept) if kept else prepared).errors(model)
     unstable = 1.0 - float(np.mean(np.concatenate(steady)))
     scatter = prepared.data.noise(abs(model.estimates["inertia"].value))
+    errors = in_loop(model, prepared.recordings, errors)
     return Distance(name, errors, noise_floor(scatter, [errors]), unstable)
 
 
@@ -159,24 +174,26 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     """Compare a model with recordings, as it is: torque residual and free-running simulation.
 
     Where a current was logged, the model's own torque constant turns it into torque, or else their known loads do.
+    Of an arm, the errors are those of the torque of each joint, clear of stick and reversals.
 
     Raises:
-        IdentificationError: if one of the recordings holds too little motion.
+        IdentificationError: if one of the recordings holds too little motion, or a joint is never clear of stick.
         ModelError: if the model has no inertia, or is of a current and the recordings are not.
         TypeError: if something else is given than a model and recordings.
     """
-    model, recordings = model_that_moves(model), chosen_recordings(recordings)
-    recordings = in_units_of(model, recordings)
+    model = model_that_moves(model)
+    recordings = chosen_recordings(recordings, body=body_of(model.terms))
+    if body_of(model.terms) is not None:
+        given, errors = Preprocessed(recordings), torque_errors(model, recordings)
+        return Comparison(model, (), Distance("all", errors, np.nan), (), (), data=given)
+    recordings = in_units_of(model, recordings).recordings
     parts = [_prepared(recording, model) for recording in recordings]
     together = joined(parts)
-    joint = distance("all", together, model)
-    joint = replace(joint, errors=in_loop(model, recordings, joint.errors))
+    joint, *distances = (
+        distance(name, part, model)
+        for name, part in zip(("all", *(recording.name for recording in recordings)), (together, *parts), strict=True)
+    )
     left = together.samples, together.residual(model.terms, model.theta), joint.noise_floor
-    distances = [distance(recording.name, part, model) for recording, part in zip(recordings, parts, strict=True)]
-    distances = [
-        replace(own, errors=in_loop(model, [recording], own.errors))
-        for own, recording in zip(distances, recordings, strict=True)
-    ]
     fits = own_fits([together.data], model.terms)
     odd = (*disagreements_with(model, fits), *misfits(fits))
     return Comparison(
@@ -187,7 +204,50 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
         tuple(stand_out(*left)),
         odd,
         recordings[0].torque_constant,
+        Preprocessed(recordings, recordings).holding((together, together)),
     )
+
+
+def torque_errors(model: Model, recordings: Sequence[Recording]) -> Errors:
+    """Torque errors of a model of an arm on recordings, joint by joint: the paper's norm (10), clear of stick.
+
+    Raises:
+        IdentificationError: if a recording is too short, or a joint is never clear of stick.
+    """
+    segments = [measure_arm(recording) for recording in of_arms(recordings)]
+    data = stack(segments, partial(regressions(model.terms), ARM_SCHEMES[0]))
+    left = data.equations.y - data.equations.phi @ model.theta
+    torque = np.concatenate([series(joints, "torque")[0].ravel() for own in segments for joints in own])
+    body, errors, shares = body_of(model.terms), {}, {}
+    for k, joint in enumerate(body.joints if body is not None else ()):
+        own = data.usable & (data.joint == k)
+        if not own.any():
+            raise IdentificationError(
+                f"{recordings[0].name}: joint '{joint}' is never clear of stick and reversals: its error cannot be told"
+            )
+        errors[joint], size = (float(np.sqrt(np.mean(values[own] ** 2))) for values in (left, torque))
+        shares[joint] = errors[joint] / size if size else None
+    return Errors(float(np.sqrt(np.mean(np.square(list(errors.values()))))), np.nan, joints=errors, shares=shares)
+
+
+def step_of_arm(added: str | None, model: Model, **parts: Sequence[Recording]) -> Step:
+    """A model of an arm with its torque errors on parts of the data, `train` and `holdout`; raises as they do."""
+    return Step(added, model_of(model), {part: torque_errors(model, own) for part, own in parts.items()})
+
+
+def worst(errors: Errors) -> str:
+    """The joint of an arm whose torque a model has least, in a headline."""
+    shares = {at: share or 0.0 for at, share in errors.shares.items()}
+    most = max(shares, key=lambda at: shares[at])
+    return f"The torque of {most} is {percent(shares[most])} off, the most of {len(shares)} joints"
+
+
+def of_joints(errors: Errors, body: Body) -> list[JSON]:
+    """Torque errors of an arm, joint by joint, as plain dictionaries for JSON."""
+    return [
+        {"joint": at, "torque_rms": error, "share": errors.shares[at], "unit": body.worded(at, NEWTON_METRE)}
+        for at, error in errors.joints.items()
+    ]
 
 
 def _prepared(recording: Recording, model: Model) -> PreparedData:
@@ -200,22 +260,21 @@ def _prepared(recording: Recording, model: Model) -> PreparedData:
     return replace(prepared, data=prepared.data.with_impacts(model.terms, model.theta, covariance, inertia))
 
 
-def in_units_of(model: Model, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+def in_units_of(model: Model, recordings: Sequence[Recording]) -> Preprocessed:
     """Recordings with the torque in the unit that a model has it in.
 
     Raises:
         IdentificationError: if a current is to be turned into torque, and nothing tells the torque constant.
         ModelError: if the model is of a current and the recordings are not.
     """
-    unit = unit_of(recordings)
+    unit, known, constant = unit_of(recordings), model.torque_constant, None
     if unit == model.torque_unit:
-        return tuple(recordings)
+        return Preprocessed(tuple(recordings))
     if model.torque_unit != NEWTON_METRE:
         raise ModelError(f"the model is per {model.torque_unit}, and the recordings are in {unit}: read them alike")
-    known = model.torque_constant
     if known is not None and known.unit == f"{NEWTON_METRE}/{unit}":
-        return Calibrated.by(TorqueConstant(known.value, known.std, unit), recordings).recordings
-    calibrated = Calibrated.of(recordings)
-    if calibrated.doubt is not None:
-        raise IdentificationError(f"the model is in N m, but {calibrated.doubt}")
-    return calibrated.recordings
+        constant = TorqueConstant(known.value, known.std, unit)
+    given = Preprocessed.of(recordings, constant=constant)
+    if given.doubt is not None:
+        raise IdentificationError(f"the model is in N m, but {given.doubt}")
+    return given

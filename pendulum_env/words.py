@@ -29,8 +29,9 @@ class Table(NamedTuple):
 
 
 def name(effect: str) -> str:
-    """Name of an effect within a sentence."""
-    return NAMES.get(effect, effect.replace("_", " "))
+    """Name of an effect within a sentence, `Stribeck friction`; of an arm `Stribeck friction at elbow`."""
+    id, at, joint = effect.partition("@")
+    return NAMES.get(id, id.replace("_", " ")) + (f" at {joint}" if at else "")
 
 
 def opening(text: str) -> str:

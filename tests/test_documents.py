@@ -9,7 +9,7 @@ from dataclasses import asdict
 
 import pytest
 
-from estimators.diagnosis import run
+from estimators import preprocessing
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import CUTOFF, GUARD, SCHEMES, Integral
 from estimators.selection import models, motion, score
@@ -107,7 +107,7 @@ def test_numbers_in_the_prose_are_those_of_the_code():
         f"windows of {SECONDS:.0f} second".replace("1", "one"),
     ):
         assert told in theory
-    assert (Criterion().share, run.CLOSER, PRIOR) == (0.2, 0.5, 1e7)  # a fifth, half the length, 10^7
+    assert (Criterion().share, preprocessing.CLOSER, PRIOR) == (0.2, 0.5, 1e7)  # a fifth, half the length, 10^7
 
 
 def test_the_page_on_theory_has_every_number_that_decides():

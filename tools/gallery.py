@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from estimators.checks.residual import AXES, Profile, profiles
-from estimators.diagnosis.run import gather
+from estimators.preprocessing import gather
 from estimators.selection.data import fit_terms
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation

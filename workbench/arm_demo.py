@@ -1,19 +1,18 @@
-"""The demo of an arm: a hidden effect found at its joint, end to end."""
+"""The demo of an arm: links of which a file tells the lengths, with an effect hidden at a joint."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from estimators.arms.diagnosis import diagnose_arm
 from estimators.arms.excitation import design_excitation
 from estimators.arms.following import follow
+from estimators.progress import Progress
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.env import PlanarArm
-from pendulum_env.arms.joints import effect_at, joint_effects
+from pendulum_env.arms.joints import arm_base, effect_at, joint_effects
 from pendulum_env.arms.planar import TWO_LINK, Link, joint_names, urdf
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import MOST_TORQUE
@@ -22,56 +21,39 @@ from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.physics import Estimate
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import draw_effect
-from pendulum_env.recording import write_recording
-from workbench.arms import story
-from workbench.commands.demo import reveal
-from workbench.inputs import check_outputs, wrote
-from workbench.terminal import Terminal
+from pendulum_env.recording import Recording
+from workbench.commands.demo import Hidden
 
 SPREAD = 0.25  # of what nobody told, to either side
 JOINTS = joint_names(len(TWO_LINK))
 
 
-def run(
-    report: Path, files: Sequence[Path], seconds: float, seed: int, terminal: Terminal, verbose: bool = False
-) -> None:
-    """Hide an effect at a joint, record, diagnose, report, reveal."""
-    from workbench.report.arm import render_arm  # plotly takes a while to import
-
-    robot, truth = (report.with_name(f"{report.stem}.{part}.urdf") for part in ("robot", "truth"))
-    check_outputs([str(path) for path in (report, truth, robot, *files)])
-    rng = np.random.default_rng(seed)
+def hidden_arm(robot: Path, truth: Path, rng: np.random.Generator, seconds: float) -> Hidden:
+    """An arm like that of a file with one effect hidden in it; writes the file, and another one of the true arm."""
     links, hidden = tuple(draw_link(link, rng) for link in TWO_LINK), hide_somewhere(rng)
     write_whole(robot, urdf(TWO_LINK, JOINTS))  # of the right lengths, with masses and inertias as somebody drew them
     write_whole(truth, urdf(links, JOINTS))
     body, true = read_body(robot), read_body(truth)
     arm = PlanarArm(links, effects=hidden, max_torque=MOST_TORQUE, torque_noise=TORQUE_NOISE, velocity="ideal")
-    terminal.heading(
-        "An arm of two links, of which a file tells the lengths, with one effect at a joint that nobody told"
-    )
-    recordings = []
-    for file in files:
+
+    def record(name: str, progress: Progress) -> Recording:
         motion = design_excitation(body, max_torque=MAX_TORQUE, rng=rng)  # less than may be asked for, as of a motor
-        with terminal.progress(f"recording {file.name}") as tell:
-            samples = round(seconds * arm.rate)
-            recordings.append(follow(arm, motion, samples, MAX_TORQUE, rng=rng, name=file.stem, progress=tell))
-        write_recording(recordings[-1], file)
-    train, holdout = recordings
-    terminal.say(f"recorded twice for {seconds:g} s: once to learn from, once to check on")
-    with terminal.progress("diagnosing") as progress:
-        found = diagnose_arm(train, body, [holdout], progress)
-    story(found).tell(terminal, verbose, more=False)
-    with terminal.progress("writing the report"):
-        write_whole(report, render_arm([train], found.steps, found))
+        return follow(arm, motion, round(seconds * arm.rate), MAX_TORQUE, rng=rng, name=name, progress=progress)
+
     at = hidden.partition(":")[0]
     parameters = {
         one.name: Estimate(value, 0.0, one.unit) for one, value in zip(true.base, true.values.tolist(), strict=True)
     }
     for joint, model in zip(JOINTS, arm.models, strict=True):
         parameters |= {f"{name}@{joint}": own for name, own in model.estimates.items()}
-    reveal([at], effect_at(at, JOINTS)[0].law, parameters, found, terminal)
-    wrote([report, truth, robot, *files], terminal)
-    terminal.say(f"another arm: pendulum-ident demo --robot two-link --seed {seed + 1}")
+    return Hidden(
+        "An arm of two links, of which a file tells the lengths, with one effect at a joint that nobody told",
+        at,
+        effect_at(at, JOINTS)[0].law,
+        parameters,
+        arm_base(body),
+        record,
+    )
 
 
 def draw_link(link: Link, rng: np.random.Generator) -> Link:

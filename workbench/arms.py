@@ -1,4 +1,4 @@
-"""Commands of an arm: what `record`, `identify`, `compare`, `diagnose` and `add` do where `--robot` names its links."""
+"""What commands do of an arm alone, where `--robot` names its links: read and record it, tell a payload, export it."""
 
 from __future__ import annotations
 
@@ -6,47 +6,37 @@ import argparse
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from estimators.arms.addition import add_arm
-from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm, parted
 from estimators.arms.excitation import PERIOD, design_excitation
 from estimators.arms.following import follow
 from estimators.arms.gains import in_torque, without_loads
-from estimators.arms.identification import ArmIdentification, ArmStep, JointError, compare_arm, for_arms, identify_arm
 from estimators.arms.payload import Payload, find_payload
-from estimators.arms.standard import nearest_body
-from estimators.arms.transmission import find_transmissions
 from estimators.regression.equations import IdentificationError
-from estimators.show.story import Part, judged
-from pendulum_env._typing import JSON
+from estimators.show.story import Part
 from pendulum_env.arms.body import Body, BodyError
 from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
-from pendulum_env.arms.joints import kind_at
+from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.arms.plane import planar_links
-from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
-from pendulum_env.recording import write_recording
+from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.recording.study import Source, read_as
-from pendulum_env.words import Table, listing, parameters_table, plus_minus
+from pendulum_env.words import Table, listing, plus_minus
 from workbench.export.joints import FORMATS
 from workbench.export.request import Request
-from workbench.inputs import check_outputs, given, read_all, sources_of, write_json, write_model, wrote
+from workbench.inputs import Opened, check_outputs, given, read_all, sources_of, wrote
 from workbench.mistakes import InputError
-from workbench.robot import RobotFile, held_text, loaded_text, looked_for, meaning, straying
-from workbench.story import ALL, Story, parameters_line, tell
+from workbench.robot import RobotFile, held_text, loaded_text, meaning, straying
 from workbench.terminal import Terminal
 
-SAVED = "filtered_dynamic"  # whose model is written, or the base model
-TIMES = "errors, times the least"  # a row that tells which schemes to trust
-TRUST = f"{TIMES}: how large a scheme's standard errors are beside the smallest, trust those near 1"
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
 
 
@@ -54,7 +44,7 @@ def record(
     arguments: argparse.Namespace, seconds: float, samples: int, rng: np.random.Generator, terminal: Terminal
 ) -> None:
     """Design a motion, let the simulated arm follow it, and write what it did."""
-    _refuse(arguments)
+    refuse(arguments)
     for name, own in (("excitation", ("multisine",)), ("backend", ("pymunk", "mujoco"))):
         if (asked := getattr(arguments, name)) not in (None, *own):
             raise InputError(f"--{name} {asked} is for pendulums: arms know {' and '.join(own)} alone")
@@ -110,65 +100,19 @@ def _simulated(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
     return SpatialArm(body, **seen)
 
 
-def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Print base parameters and friction as each scheme finds them."""
-    outputs = [arguments.json, arguments.output]
-    asked = _given(arguments, outputs, terminal)
-    body = asked.body
-    with terminal.progress("identifying"):
-        found = identify_arm(asked.recordings, body, schemes=for_arms(arguments.scheme))
-    terminal.say(f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters")
-    for parameter in body.base:
-        if len(parameter.parts) > 1:
-            terminal.say(f"  {parameter.name} stands for {parameter.text}")
-    chosen = found.schemes.get(SAVED, next(iter(found.schemes.values())))
-    nearest = nearest_body(chosen.model)
-    warnings = [f"warning: {doubt.text}" for doubt in found.doubts]
-    trust = [TRUST] * (len(found.schemes) > 1)
-    content: list[Table | str | tuple[str, ...]] = [
-        schemes_table(found),
-        *trust,
-        *warnings,
-        f"{chosen.scheme}: {nearest.text}",
-    ]
-    tell([Part("Estimates ± standard errors", content)], terminal)
-    write_json(arguments.json, found.json() | {"nearest_body": nearest.json()})
-    write_model(chosen.model, arguments.output, asked.fitted, terminal)
-    wrote(outputs, terminal)
-
-
-def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Print how far the torque of a model is from recordings, joint by joint."""
-    if arguments.without and arguments.payload is None:
-        raise InputError("--without is of the arm without its payload: say --payload, too")
-    outputs = [arguments.json, arguments.report]
-    asked = _given(arguments, outputs, terminal, arguments.model)
-    recordings, model = [*asked.recordings, *asked.held], ArmModel.load(arguments.model, asked.body)
-    without = [source for name in arguments.without for source in sources_of(name, arguments)]
-    sources = [read_as(source, model.log_format, arguments.model) for source in without]
-    empty = read_all(sources, terminal, asked.robot.read)
-    with terminal.progress("comparing"):
-        errors, carried = compare_arm(model, recordings), None
-        try:
-            carried = find_payload(model, recordings, empty, arguments.payload or None)
-        except IdentificationError:
-            if arguments.payload is not None:
-                raise
-    if arguments.report is not None:
-        from workbench.report.arm import render_arm  # plotly takes a while to import
-
-        with terminal.progress("writing the report"):
-            write_whole(arguments.report, render_arm(recordings, [ArmStep(None, model, {"holdout": errors})]))
-    content: JSON = {"schema": "pendulum-ident/arm-comparison@1", "joints": [error.json() for error in errors]}
-    tell([Part("Torque errors, clear of stick and reversals", [errors_table([errors], ("torque error",))])], terminal)
-    if carried is not None and arguments.payload is not None:
-        tell(of_payload(carried, asked.body), terminal)
-        content["payload"] = carried.json()
-    elif carried is not None and carried.stands_out:
-        mass = carried.estimates["m"].text
-        terminal.say(f"\nA payload of {mass} kg behind {carried.joint} would explain most of it: see --payload")
-    write_json(arguments.json, content)
-    wrote(outputs, terminal)
+def carried(
+    arguments: argparse.Namespace, asked: Opened, recordings: Sequence[Recording], terminal: Terminal
+) -> Payload | None:
+    """What the arm carries in recordings beside a model; None where they do not tell and nobody asked."""
+    sources = [source for name in arguments.without for source in sources_of(name, arguments)]
+    sources = [read_as(own, asked.model.log_format, arguments.model) for own in sources]
+    without = of_arms(read_all(sources, terminal, asked.read))
+    try:
+        return find_payload(asked.model, of_arms(recordings), without, arguments.payload or None)
+    except IdentificationError:
+        if arguments.payload is not None:
+            raise
+        return None
 
 
 def of_payload(found: Payload, body: Body) -> list[Part]:
@@ -188,53 +132,9 @@ def of_payload(found: Payload, body: Body) -> list[Part]:
     ]
 
 
-def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Print which effects are missing at which joints."""
-    outputs = [arguments.json, arguments.report, arguments.output]
-    asked = _given(arguments, outputs, terminal, arguments.model)
-    body, recordings, held = asked.body, asked.recordings, asked.held
-    terms = ArmModel.load(arguments.model, body).terms[1:] if arguments.model else None
-    library = looked_for(body, arguments.only, arguments.without)
-    with terminal.progress("diagnosing") as progress:
-        found = diagnose_arm(recordings, body, held, progress, terms=terms, library=library)
-        between = find_transmissions(recordings, body.sliding)
-    more = {"transmissions": [one.json() for one in between]} if between else {}
-    write_json(arguments.json, found.json() | more)
-    write_model(found.model, arguments.output, asked.fitted, terminal)
-    if arguments.report is not None:
-        from workbench.report.arm import render_arm  # plotly takes a while to import
-
-        with terminal.progress("writing the report"):
-            write_whole(arguments.report, render_arm(parted(recordings, held)[0], found.steps, found))
-    for one in between:
-        terminal.say(one.text)
-    story(found, arguments.all).tell(terminal, arguments.verbose or arguments.all, more=arguments.report is None)
-    wrote(outputs, terminal)
-
-
-def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Refit a model without and with one more effect at a joint."""
-    outputs = [arguments.output]
-    asked = _given(arguments, outputs, terminal, arguments.model)
-    model = ArmModel.load(arguments.model, asked.body)
-    kind_at(arguments.effect, asked.body)
-    with terminal.progress(f"adding {arguments.effect}") as progress:
-        added = add_arm(model, arguments.effect, asked.recordings, asked.held, progress)
-    after = added.after.model
-    write_model(after, arguments.output, asked.fitted, terminal)
-    fitted, unseen = (
-        errors_table([step.errors[part] for step in (added.before, added.after)]) for part in ("train", "holdout")
-    )
-    where = "Torque errors on {} data, the model refitted without and with the effect".format
-    remarks = [text for text in (added.text, added.looks_like) if text is not None]
-    parts = [Part(where("fitted"), [fitted]), Part(where("held-out"), [unseen, *remarks])]
-    tell([*parts, Part("Parameters", [parameters_table(after)])], terminal)
-    wrote(outputs, terminal)
-
-
-def export(arguments: argparse.Namespace, terminal: Terminal) -> None:
+def export_arm(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Write a model as MuJoCo's XML or as a robot description."""
-    _refuse(arguments)
+    refuse(arguments)
     if arguments.to not in FORMATS:
         raise InputError(f"an arm is exported to {listing(list(FORMATS))}, not to {arguments.to}")
     check_outputs([arguments.output], [arguments.model, arguments.robot])
@@ -250,71 +150,17 @@ def export(arguments: argparse.Namespace, terminal: Terminal) -> None:
     wrote([arguments.output], terminal)
 
 
-def schemes_table(found: ArmIdentification) -> Table:
-    """A row a parameter, a column a scheme."""
-    models = [one.model.estimates for one in found.schemes.values()]
-    rows = [(name, *(own[name].text for own in models), one.unit) for name, one in models[0].items()]
-    rows.append(("condition", *(f"{one.condition:.3g}" for one in found.schemes.values()), ""))
-    if len(models) > 1:
-        errors = np.array([[one.std for one in own.values()] for own in models])
-        times = np.median(errors / np.maximum(errors.min(axis=0), 1e-300), axis=1)
-        rows.append((TIMES, *(f"{own:.2g}" for own in times.tolist()), ""))
-    return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
+def opened_arm(arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal) -> Opened:
+    """What a command was given of an arm, read: in N m, and without known loads, which tell gains of currents.
 
-
-def errors_table(columns: Sequence[Sequence[JointError]], headers: Sequence[str] = ("before", "after")) -> Table:
-    """A row a joint: torque errors of one or more models, and the share of the torque that the last one leaves."""
-    rows = [
-        (
-            errors[0].joint,
-            *(f"{error.torque_rms:.4g}" for error in errors),
-            errors[-1].unit,
-            "" if errors[-1].share is None else f"{100 * errors[-1].share:.2g} %",
-        )
-        for errors in zip(*columns, strict=True)
-    ]
-    return Table(("joint", *headers, "unit", "of its torque"), rows, left=("unit",))
-
-
-def story(found: ArmDiagnosis, every: bool = False) -> Story:
-    """A diagnosis of an arm, with the candidates that matter or every one."""
-    errors, in_units = [step.errors["holdout"] for step in (found.before, found.after)], found.model.body.worded
-    falls = ", ".join(
-        f"{before.joint} {f'{before.torque_rms:.4g} -> ' if found.selected else ''}{after.torque_rms:.4g} {after.unit}"
-        for before, after in zip(*errors, strict=True)
-    )
-    lines = [f"{own.id}: {own.law}" for own in found.model.terms if own.id in found.selected]
-    lines += [f"error held out: {falls}", *parameters_line(found.parameters, bool(found.unexplained))]
-    for joint, size in found.unexplained.items():
-        where = f"; {in_units(joint, found.regions[joint].text)}" if joint in found.regions else ""
-        lines.append(f"left: {size:.2g} {in_units(joint, NEWTON_METRE)} at {joint}{where}")
-    parts = [
-        Part("Torque errors on held-out data, clear of stick and reversals", [errors_table(errors)]),
-        Part("Parameters", [parameters_table(found.model)]),
-        judged(found.candidates, every, ALL),
-    ]
-    return Story(found.headline, [*lines, *found.remarks], found.next_step, parts)
-
-
-@dataclass(frozen=True)
-class _Given:
-    """The arm that a command was given, with recordings to fit and to hold out."""
-
-    robot: RobotFile
-    body: Body
-    recordings: list[ArmRecording]
-    held: list[ArmRecording]
-    fitted: tuple[Source, ...]
-
-
-def _given(
-    arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, model: str | None = None
-) -> _Given:
-    _refuse(arguments)
-    asked = given(arguments)
+    Raises:
+        BodyError, IdentificationError, InputError, ModelError, RecordingError, StudyError: if something cannot be used.
+    """
+    refuse(arguments)
+    asked, path = given(arguments), getattr(arguments, "model", None) or ""
     check_outputs(outputs, [*asked.files, arguments.robot])
-    made = Asked.of_model(model) if model else Asked()
-    asked = asked.read_as(made.log_format, model or "")
+    made = Asked.of_model(path) if path else Asked()
+    asked = asked.read_as(made.log_format, path)
     sources = (*asked.fitted, *asked.held_out)
     named = {arguments.joints, *(source.joints for source in sources)} - {None}
     if len(named) > 1:
@@ -334,7 +180,9 @@ def _given(
     fitted, held_out = without_loads(torques.recordings[:count], torques.recordings[count:])
     if text := loaded_text(torques.recordings, [*fitted, *held_out]):
         terminal.say(text)
-    return _Given(robot, body, fitted, held_out, tuple(_with_gains(source, torques.gains) for source in asked.fitted))
+    model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
+    sources = tuple(_with_gains(source, torques.gains) for source in asked.fitted)
+    return Opened(model, sources, list(fitted), list(held_out), robot.read)
 
 
 def _with_gains(source: Source, gains: Mapping[str, TorqueConstant]) -> Source:
@@ -359,7 +207,7 @@ def _tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Termina
         terminal.say(f"warning: {text}", style="yellow")
 
 
-def _refuse(arguments: argparse.Namespace) -> None:
+def refuse(arguments: argparse.Namespace) -> None:
     """Refuse options that say nothing of an arm."""
     for option in arguments.of_pendulums:
         if getattr(arguments, option) not in (None, False, {}):

@@ -8,14 +8,13 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import NoReturn, TextIO
 
 from pendulum_env.lookup import find
 from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import fault
-from workbench.commands import COMMANDS, OF_ARMS, load
+from workbench.commands import COMMANDS, load
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.terminal import Terminal
 
@@ -109,10 +108,7 @@ def _run(argv: Sequence[str]) -> None:
         if not done.code and fault(done) is None:  # argparse leaves so after --help
             return
         raise
-    run = arguments.run
-    if arguments.command in OF_ARMS and arguments.robot is not None:
-        run = getattr(import_module("workbench.arms"), arguments.command)  # Pinocchio is imported by who needs it
-    run(arguments, Terminal())
+    arguments.run(arguments, Terminal())
 
 
 def _complain(message: str, code: int) -> int:

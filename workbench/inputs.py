@@ -14,11 +14,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from estimators.arguments import model_that_moves
-from estimators.checks.alignment import Aligned
-from estimators.checks.torque_constant import Calibrated
 from estimators.diagnosis.result import SCHEMA
 from estimators.diagnosis.suggestion import Suggestion
+from estimators.preprocessing import Preprocessed
 from pendulum_env._typing import JSON
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import body_of
 from pendulum_env.files import check_output, write_whole
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model, ModelError, Term, effect
@@ -119,13 +120,13 @@ def plant_of(arguments: argparse.Namespace) -> Model:
     return plant
 
 
-def refuse_joint(effect: str) -> None:
+def refuse_joint(effect: str, robot: str | None = None) -> None:
     """Refuse an effect at a joint where there is no arm.
 
     Raises:
         InputError: if it is one.
     """
-    if "@" in effect:
+    if "@" in effect and robot is None:
         raise InputError(f"{effect}: is an effect at a joint of an arm, which takes --robot; a pendulum has one joint")
 
 
@@ -193,7 +194,7 @@ def take_robot(
 
 
 def of_pendulums(parser: argparse.ArgumentParser, *options: str) -> None:
-    """Declare, once all options are, which of them say nothing of an arm: see `arms._refuse`."""
+    """Declare, once all options are, which of them say nothing of an arm: see `arms.refuse`."""
     for action in parser._actions:
         if action.dest in options:
             action.help = f"{action.help} [not with --robot]"
@@ -371,14 +372,21 @@ ROBOT = ("--rotors", "--joints", "--base", "--no-gravity")
 LIMITS = ("--fix", "--bound")  # parameters that are known or bounded
 
 
-def in_time(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], align: bool, terminal: Terminal
-) -> tuple[list[Recording], list[Recording]]:
-    """Say of torque that is logged late or filtered that it is, and correct it if that is asked for."""
-    aligned = Aligned.of(recordings, holdout)
-    for text in aligned.texts(True):
+def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Terminal) -> Preprocessed:
+    """Say the torque constant if it is known, else we speak of currents; say what is logged late, and correct it.
+
+    Args:
+        given: recordings, not yet in time.
+        align: whether torque that is logged late or filtered is corrected, or only said; None: nobody looks.
+        terminal: where it is said.
+    """
+    if given.constant is not None:
+        terminal.say(given.constant.text)
+    terminal.torque_unit = given.unit
+    timed = given if align is None else given.timed()
+    for text in timed.timing_texts(True):
         terminal.say(f"{text}: corrected" if align else f"warning: {text}: correct it with --align", style="yellow")
-    return (list(aligned.recordings), list(aligned.holdout)) if align else (list(recordings), list(holdout))
+    return timed if align else given
 
 
 @dataclass(frozen=True)
@@ -482,20 +490,31 @@ def read_model(path: str) -> Model:
 
 @dataclass(frozen=True)
 class Opened:
-    """What a command was given, read: its model, sources of what is fitted, and recordings to fit and to hold out."""
+    """What a command was given, read.
+
+    Attributes:
+        model: that is named, or else one without parameters to start from.
+        fitted: sources of what is fitted.
+        recordings, holdout: to fit and to hold out.
+        read: how another recording is read.
+    """
 
     model: Model
     fitted: tuple[Source, ...]
     recordings: list[Recording]
     holdout: list[Recording]
+    read: Callable[[Source], Recording] = Source.read
 
-    def in_torque(self, terminal: Terminal) -> tuple[list[Recording], list[Recording]]:
-        """Recordings in torque where known loads tell the torque constant, which is said; else we speak of currents."""
-        calibrated = Calibrated.of(self.recordings, self.holdout)
-        if calibrated.constant is not None:
-            terminal.say(calibrated.constant.text)
-        terminal.torque_unit = calibrated.unit
-        return list(calibrated.recordings), list(calibrated.holdout)
+    @property
+    def body(self) -> Body | None:
+        """The links of an arm; None of a pendulum."""
+        return body_of(self.model.terms)
+
+    def preprocessed(self, terminal: Terminal, align: bool | None = None) -> Preprocessed:
+        """Recordings in torque where known loads tell the torque constant, see `tell_preprocessed`."""
+        if self.body is not None:  # those of an arm are by now
+            return Preprocessed(tuple(self.recordings), tuple(self.holdout))
+        return tell_preprocessed(Preprocessed.of(self.recordings, self.holdout), align, terminal)
 
 
 def opened(
@@ -504,15 +523,19 @@ def opened(
     """Refuse what could not be written; read the model, if one is named, and recordings in the format it knows.
 
     Raises:
-        InputError, ModelError, RecordingError, StudyError: if something cannot be used.
+        InputError, ModelError, RecordingError, StudyError: if something cannot be used; of an arm as `opened_arm`.
     """
+    if arguments.robot is not None:
+        from workbench.arms import opened_arm  # who has no arm does not wait for it
+
+        return opened_arm(arguments, outputs, terminal)
     asked = given(arguments)
     check_outputs(outputs, asked.files)
     path = getattr(arguments, "model", None) or ""
     model = read_model(path) if path else Model()
     asked = asked.read_as(model.log_format, path)
-    parts = (asked.fitted, asked.held_out if holdout else ())
-    return Opened(model, asked.fitted, *(read_recordings(part, terminal) for part in parts))
+    fitted = read_recordings(asked.fitted, terminal)
+    return Opened(model, asked.fitted, fitted, read_recordings(asked.held_out if holdout else (), terminal))
 
 
 def read_suggestion(path: str) -> Suggestion:

@@ -13,11 +13,8 @@ import numpy as np
 from estimators.arms.gains import in_torque, without_loads
 from estimators.arms.meaning import shares
 from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.joints import joint_effects, kinds_at
 from pendulum_env.arms.recording import ArmRecording, read_arm_source
 from pendulum_env.arms.robot import pinocchio
-from pendulum_env.mistake import Mistake
-from pendulum_env.physics import Term
 from pendulum_env.recording import Source
 from pendulum_env.recording.study import read_sources
 from pendulum_env.words import listing
@@ -132,23 +129,3 @@ def loaded_text(recordings: Sequence[ArmRecording], left: Sequence[ArmRecording]
     """Which recordings are left out for their loads; empty if none is."""
     names = [one.name for one in recordings if one not in left]
     return f"left out, as a known load is no part of the arm: {listing(names)}" if names else ""
-
-
-def looked_for(body: Body, only: Sequence[str] | None, without: Sequence[str] = ()) -> dict[str, type[Term]]:
-    """Effects that a diagnosis looks for at the joints of a robot, by id: all, or only some, or all but some.
-
-    Args:
-        body: its links.
-        only: ids, at every joint (`stribeck`) or at one (`stribeck@elbow`).
-        without: ids, likewise.
-
-    Raises:
-        ValueError: if one is unknown, or none is left.
-    """
-    what = "effect of joints"
-    barred = {kind.id for kind in kinds_at(without, body, what)}
-    wanted = kinds_at(joint_effects() if only is None else only, body, what)
-    found = {kind.id: kind for kind in wanted if kind.id not in barred}
-    if not found:
-        raise Mistake("no effect is left to look for: leave out fewer, or look for more")
-    return found

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from estimators.diagnosis.result import Diagnosis
-from estimators.selection.data import Step
-from estimators.show.story import Part, of_diagnosis
-from pendulum_env.physics import Estimate, effect
+from estimators.show.story import Part, ends, of_diagnosis
+from pendulum_env.physics import Estimate
+from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import Table
 from workbench.terminal import Terminal
 
@@ -61,22 +61,29 @@ def tell(parts: Sequence[Part], terminal: Terminal) -> None:
 
 
 def story(found: Diagnosis, every: bool = False) -> Story:
-    """A diagnosis of a pendulum, with the candidates that matter or every one."""
-    lines = [f"{id}: {effect(id).law}" for id in found.selected]
-    lines += [errors_line(found.steps, found.noise_floor)]
-    lines += parameters_line(found.model.readable, bool(found.unexplained))
-    lines += [f"left: {region.text}" for region in found.unexplained[:1] if region.text != found.next_step]
+    """A diagnosis, with the candidates that matter or every one; of an arm, which has many, parameters of effects."""
+    estimates = found.model.readable
+    if found.body is not None:
+        estimates = {name: own for id in found.selected for name, own in found.model.of(id).items()}
+    lines = [*found.laws, errors_line(found)]
+    lines += parameters_line(estimates, bool(found.unexplained))
+    first = found.unexplained[:1]
+    lines += [f"left: {found.told_of(region)}" for region in first if region.text != found.next_step]
     lines += [f"{one.text}, and is not fitted: diagnose it on its own" for one in found.disagreements]
     return Story(found.headline, lines, found.next_step, of_diagnosis(found, every, ALL), found.remarks)
 
 
-def errors_line(steps: Sequence[Step], floor: float) -> str:
+def errors_line(found: Diagnosis) -> str:
     """Held-out errors before and after, and what noise alone would leave."""
-    first, last = (step.errors["holdout"] for step in (steps[0], steps[-1]))
+    (first, last), floor, body = ends(found.steps), found.noise_floor, found.body
 
     def fall(before: float, after: float, unit: str) -> str:
-        return f"{f'{before:.4g} -> ' if len(steps) > 1 else ''}{after:.4g} {unit}"
+        return f"{f'{before:.4g} -> ' if len(found.steps) > 1 else ''}{after:.4g} {unit}"
 
+    if body is not None:
+        units = {at: body.worded(at, NEWTON_METRE) for at in body.joints}
+        falls = [f"{at} {fall(first.joints[at], own, units[at])}" for at, own in last.joints.items()]
+        return f"error held out: {', '.join(falls)}"
     if last.is_in_loop:
         return f"error held out: in the loop {fall(first.in_loop, last.in_loop, 'rad')} (encoder alone {floor:.2g})"
     return (

@@ -10,16 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from estimators.arms.balance import VIEWS, rows
-from estimators.arms.identification import ARM_SCHEMES, stack
 from estimators.regression.equations import IdentificationError
+from estimators.schemes.balance import ARM_SCHEMES
+from estimators.schemes.fitting import regressions, stack
 from estimators.signals.measurements import measure_joints
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import STANDARD, Body
-from pendulum_env.arms.joints import Links, friction
+from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.arms.robot import pinocchio
 from pendulum_env.recording.record import RecordingError, TorqueConstant
@@ -55,10 +56,9 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
     asked = _units(recordings)
     if not asked or len({recording.carried for recording in recordings}) < 2:
         return Torques(tuple(recordings), {})
-    parts = [measure_joints(recording.joints) for recording in recordings]
-    measured = [m for part in parts for m in part]
-    data = stack(SCHEME, measured, [rows(m, (Links(body), *friction(body)), VIEWS[SCHEME.view]) for m in measured])
-    of = np.repeat(np.arange(len(parts)), [sum(len(m[0]) * len(m) for m in part) for part in parts])
+    segments = [measure_joints(recording.joints) for recording in recordings]
+    data = stack(segments, partial(regressions(arm_base(body)), SCHEME))
+    of = data.recording
     carried = [body.combine @ _standard(recording.carried, body) for recording in recordings]  # (P,) each
     weighs = np.einsum("rp,rp->r", data.equations.phi[:, : len(body.base)], np.array(carried)[of])
     gains = {}

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.arms.balance import measure_arm, series
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import solve
+from estimators.schemes.balance import measure_arm, series
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.recording import ArmRecording
 

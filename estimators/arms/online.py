@@ -1,4 +1,4 @@
-"""An arm while it runs: the rows that `identify_arm` uses, as soon as they are known, and what takes them in."""
+"""An arm while it runs: the rows that `identify` uses, as soon as they are known, and what takes them in."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.arms.balance import VIEWS, Joints, rows
-from estimators.arms.identification import ARM_SCHEMES, through
 from estimators.online.binning import BIN, MARGIN, Bin, BinSource
 from estimators.online.clock import Clock
 from estimators.regression.recursive import PRIOR, State, start, step
+from estimators.schemes.balance import ARM_SCHEMES, Joints, rows, through
 from estimators.schemes.six import GUARD, Regression, Scheme, scheme
 from estimators.signals.measurements import Smoothing, measure
 from pendulum_env._typing import Array, Mask
@@ -94,8 +93,7 @@ class ArmStream:
         end = len(m[0]) - (self._after - self._smoothing.reach)
         first = max(0, end - self._waiting if self._begun else self._memory)
         self._waiting, self._begun = 0, True
-        balances = rows(m, self._terms, VIEWS[self._scheme.view])
-        return Known(m, [through(self._scheme, own, m, k) for k, own in enumerate(balances)], first, end)
+        return Known(m, through(self._scheme, rows(m, self._terms, self._scheme.view), m), first, end)
 
 
 class ArmBinner(BinSource):

@@ -11,20 +11,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.linalg import null_space
 
-from estimators.arms.balance import VIEWS, measure_arm, rows
-from estimators.arms.identification import ARM_SCHEMES, stack, weighted
 from estimators.arms.standard import pseudo_inertia
 from estimators.regression.equations import Equations, IdentificationError
+from estimators.regression.least_squares import solve
+from estimators.schemes.balance import ARM_SCHEMES, measure_arm
+from estimators.schemes.fitting import by_joint, regressions, stack
 from pendulum_env._typing import JSON, Array
 from pendulum_env.arms.body import STANDARD
-from pendulum_env.arms.model import ArmModel
+from pendulum_env.arms.joints import links_of
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.lookup import find
-from pendulum_env.physics import Estimate
+from pendulum_env.physics import Estimate, Model
 
 SCHEME = ARM_SCHEMES[1]  # filtered dynamic: the torque of each joint, without differentiating noise
 HIDDEN = 1e-6  # share of a direction that no motion of the joints shows, from which a parameter is unknown
@@ -76,7 +78,7 @@ class Payload:
 
 
 def find_payload(
-    model: ArmModel,
+    model: Model,
     carrying: Sequence[ArmRecording],
     without: Sequence[ArmRecording] = (),
     joint: str | None = None,
@@ -95,17 +97,15 @@ def find_payload(
         IdentificationError: if there is too little motion.
         ValueError: if there is no such joint.
     """
-    body = model.body
+    body = links_of(model.terms)
     joint = joint or body.joints[-1]
     k = body.links.index(find("joint", joint, {name: name for name in body.joints}))
     combine = body.combine[:, 10 * k : 10 * (k + 1)]  # (P, 10)
     unseen = null_space(combine, rcond=HIDDEN)
     shown = null_space(unseen.T) if unseen.size else np.eye(len(STANDARD))  # (10, r)
-    parts = [measure_arm(recording) for recording in (*without, *carrying)]
-    measured = [m for part in parts for m in part]
-    data = stack(SCHEME, measured, [rows(m, model.terms, VIEWS[SCHEME.view]) for m in measured])
-    lengths = [sum(len(m[0]) * len(m) for m in part) for part in parts]
-    loaded = np.repeat([False] * len(without) + [True] * len(carrying), lengths)
+    segments = [measure_arm(recording) for recording in (*without, *carrying)]
+    data = stack(segments, partial(regressions(model.terms), SCHEME))
+    loaded = data.recording >= len(without)
     of_base, of_friction = np.split(data.equations.phi, [len(combine)], axis=1)
     extra = np.where(loaded[:, None], of_base @ combine @ shown, 0.0)
     if without:
@@ -115,10 +115,9 @@ def find_payload(
     use = data.usable
     if not (use & loaded).any():
         raise IdentificationError(f"{carrying[0].name}: too little motion clear of reversals to tell a payload")
-    empty, fit = (
-        weighted(Equations(np.column_stack(columns)[use], y[use]), data.joint[use], data.clusters[use])[0]
-        for columns in (known, [*known, extra])
-    )
+    clusters = np.unique(data.clusters[use], return_inverse=True)[1]
+    each = [Equations(np.column_stack(columns)[use], y[use]) for columns in (known, [*known, extra])]
+    empty, fit = (solve(equations, by_joint(equations, data.joint[use]), clusters) for equations in each)
     size = shown.shape[1]
     values, covariance = shown @ fit.theta[-size:], shown @ fit.covariance[-size:, -size:] @ shown.T
     std = np.sqrt(np.diag(covariance))

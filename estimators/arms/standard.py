@@ -17,8 +17,8 @@ from scipy.optimize import least_squares
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.model import ArmModel
-from pendulum_env.physics import Estimate
+from pendulum_env.arms.joints import links_of
+from pendulum_env.physics import Estimate, Model
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,9 @@ class Nearest:
         return {"distance": self.distance, "farthest": self.farthest, "theta": theta}
 
 
-def nearest_body(model: ArmModel) -> Nearest:
+def nearest_body(model: Model) -> Nearest:
     """The links whose base parameters are the model's; where no body has those, the nearest."""
-    body = model.body
+    body = links_of(model.terms)
     count = len(body.base)
     theta, std = model.theta[:count], np.array([model.estimates[name].std for name in body.names])
     std = np.maximum(std, NEAREST.least * np.maximum(np.abs(theta), 1e-3 * np.abs(theta).max()))
@@ -90,7 +90,7 @@ def nearest_body(model: ArmModel) -> Nearest:
     return Nearest(parameters, float(off.max()), body.names[int(off.argmax())])
 
 
-def standard_parameters(model: ArmModel) -> dict[str, Estimate]:
+def standard_parameters(model: Model) -> dict[str, Estimate]:
     """Standard parameters of the nearest body by name, `m@elbow`."""
     return dict(nearest_body(model).parameters)
 

@@ -51,7 +51,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class Region:
-    """A stretch of one axis in which the residual stands out, in numbers and words."""
+    """A stretch of one axis in which the residual stands out, in numbers and words; of an arm, at a joint."""
 
     axis: str
     low: float
@@ -59,11 +59,13 @@ class Region:
     residual: float  # mean [N m]
     significance: float  # in standard errors of the noise
     text: str
+    at: str = ""
 
     def json(self) -> JSON:
         """Plain dictionary for JSON; null stands for no limit."""
         limits = {"low": self.low, "high": self.high}
-        return asdict(self) | {name: limit if np.isfinite(limit) else None for name, limit in limits.items()}
+        data = asdict(self) | {name: limit if np.isfinite(limit) else None for name, limit in limits.items()}
+        return {name: value for name, value in data.items() if name != "at"}
 
 
 def everywhere(text: str, x: Samples | None = None, size: float = 0.0, floor: float = 1.0) -> Region:

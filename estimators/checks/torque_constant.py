@@ -14,15 +14,14 @@ known payloads).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from estimators.checks.channel_fits import NONE, ChannelFits
+from estimators.checks.channel import NONE, ChannelFits
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.weak_form.dataset import Dataset
-from estimators.weak_form.windows import Windows
 from pendulum_env.physics import Estimate, Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
@@ -31,54 +30,6 @@ from pendulum_env.words import plus_minus
 DRIVEN = 0.9  # share of the motion that the motor drives, from which nothing tells what it loses in the gears
 LEAST = 5.0  # standard errors that the constant has to be from none
 LOGGED = {"A": "a current", "V": "a voltage", "duty": "a duty cycle"}
-
-
-@dataclass(frozen=True)
-class Calibrated:
-    """Recordings in N m, where their known loads tell the torque constant; else as they are, in the unit of the log.
-
-    Attributes:
-        recordings, holdout: each with `torque_constant`, if its torque was a current.
-        doubt: why the torque constant is not known, in a sentence; None if it is, or nobody asks.
-    """
-
-    recordings: tuple[Recording, ...]
-    holdout: tuple[Recording, ...]
-    doubt: str | None = None
-
-    @classmethod
-    def of(cls, recordings: Sequence[Recording], holdout: Sequence[Recording] = ()) -> Calibrated:
-        """Recordings in N m, those that are so already as they are. Held-out ones have no say in the constant.
-
-        Torque that is logged a little late is no hindrance: to first order, what comes of it is odd in the velocity.
-
-        Raises:
-            IdentificationError: if units differ, or if the recordings hold too little motion to tell anything.
-        """
-        if unit_of((*recordings, *holdout)) == NEWTON_METRE:
-            return cls(tuple(recordings), tuple(holdout))
-        found = torque_constant(recordings)
-        if isinstance(found, TorqueConstant):
-            return cls.by(found, recordings, holdout)
-        return cls(tuple(recordings), tuple(holdout), found)
-
-    @classmethod
-    def by(
-        cls, constant: TorqueConstant | None, recordings: Sequence[Recording], holdout: Sequence[Recording] = ()
-    ) -> Calibrated:
-        """Recordings by a constant that is known; those in N m already, and all without one, are left as they are."""
-        fitted, held_out = (tuple(_turned(recording, constant) for recording in part) for part in (recordings, holdout))
-        return cls(fitted, held_out)
-
-    @property
-    def constant(self) -> TorqueConstant | None:
-        """By which currents were turned into torque; None if they were not."""
-        return self.recordings[0].torque_constant
-
-    @property
-    def unit(self) -> str:
-        """Of the torque: `N m`, or that of what was logged."""
-        return self.recordings[0].torque_unit
 
 
 def unit_of(recordings: Sequence[Recording]) -> str:
@@ -95,13 +46,6 @@ def unit_of(recordings: Sequence[Recording]) -> str:
             "with *? for the torque"
         )
     return units[0]
-
-
-def _turned(recording: Recording, constant: TorqueConstant | None) -> Recording:
-    if constant is None or recording.torque_unit != constant.of:
-        return recording
-    torque = constant.value * recording.torque
-    return replace(recording, torque=torque, torque_unit=NEWTON_METRE, torque_constant=constant)
 
 
 def further(recordings: Sequence[Recording]) -> list[Recording]:
@@ -131,7 +75,7 @@ def told(model: Model, data: Dataset, fit: Callable[[Dataset], Model] | None = N
     if constant is None:
         return model.per(recording.torque_unit)
     fit = fit or (lambda own: fit_terms(PreparedData(own, ()), model.terms)[0])
-    return widened(model, constant, fit(data), fit(_scaled(data, 1 + constant.std / constant.value)))
+    return widened(model, constant, fit(data), fit(data.with_scaled_torque(1 + constant.std / constant.value)))
 
 
 def widened(model: Model, constant: TorqueConstant, here: Model, there: Model) -> Model:
@@ -221,14 +165,3 @@ def of_the_drive(model: Model, constant: TorqueConstant, data: Dataset) -> list[
 def driven(data: Dataset) -> float:
     """Share of the motion that the torque pushes along."""
     return float(np.mean(data.torque() * data.samples.velocity > 0))
-
-
-def _scaled(data: Dataset, factor: float) -> Dataset:
-    """Data whose torque is larger by a factor."""
-
-    def scaled(w: Windows) -> Windows:
-        recording = replace(w.recording, torque=factor * w.recording.torque)
-        samples = replace(w.samples, torque=factor * w.samples.torque)
-        return replace(w, recording=recording, samples=samples, torque_noise=factor * w.torque_noise)
-
-    return replace(data, windows=tuple(map(scaled, data.windows)))

@@ -8,19 +8,24 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves, within_limits
-from estimators.checks.torque_constant import Calibrated, told
+from estimators.checks.torque_constant import told
+from estimators.comparison import step_of_arm
+from estimators.diagnosis.arm import models_of_arm, parted
 from estimators.diagnosis.in_loop import Looped
 from estimators.diagnosis.result import CHANCE, Addition
-from estimators.diagnosis.run import gather
 from estimators.diagnosis.setting import Setting
 from estimators.in_loop.rollouts import are_driven
+from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, no_progress
-from estimators.selection.data import PreparedData, Step, noise_floor, with_impacts
+from estimators.regression.equations import IdentificationError
+from estimators.selection.data import PreparedData, Step, noise_floor
 from estimators.selection.models import Models
 from estimators.selection.motion import refit
 from estimators.selection.moves import best, is_hidden, loosened, settle
 from estimators.selection.physical import objection
 from estimators.selection.search import Selection
+from pendulum_env.arms.joints import body_of, kind_at
+from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.library import addition
 
@@ -41,11 +46,12 @@ def add(
     fixed: Mapping[str, float] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> Addition:
-    """Refit a model's terms, then with one more effect.
+    """Refit a model's terms, then with one more effect; of an arm, shape parameters of its terms stay.
 
     Args:
         model: to start from.
-        id: of the effect, or of a function to be kept as a table, such as `torque_by_angle`.
+        id: of the effect, or of a function to be kept as a table, such as `torque_by_angle`; of an arm at one of its
+            joints, `stribeck@elbow`.
         recordings: fitted jointly.
         holdout: recordings to confirm on; without them the last 30 % of each recording is held out.
         progress: called with what is being done and the share that is done.
@@ -53,29 +59,33 @@ def add(
         bounds: of other parameters: `{"stribeck": (0.0, 0.5)}`.
 
     Raises:
-        ValueError: if the effect or a parameter is unknown.
+        ValueError: if the effect, its joint or a parameter is unknown.
         ModelError: if the model has it already, or has no inertia.
-        IdentificationError: if the recordings hold too little motion.
+        IdentificationError: if the recordings hold too little motion, or that of an arm does not show the effect.
         TypeError: if something else is given than a model, an id and recordings.
     """
-    model, recordings = model_that_moves(model), chosen_recordings(recordings)
-    holdout = chosen_recordings(holdout, empty=True)
+    model = model_that_moves(model)
+    body = body_of(model.terms)
+    recordings = chosen_recordings(recordings, body=body)
+    holdout = chosen_recordings(holdout, empty=True, body=body)
     if not isinstance(id, str):
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
-    kind = addition(id)
+    kind = addition(id) if body is None else kind_at(id, body)
     model.add(kind())  # raises if it is there already
-    terms, library = within_limits(model.terms, {id: kind}, fixed, bounds)
-    model, kind = replace(model, terms=terms), library[id]
+    terms, library = within_limits(model.terms, {kind.id: kind}, fixed, bounds)
+    model, kind = replace(model, terms=terms), library[kind.id]
     setting = Setting(model.terms, library, progress=progress)
+    if body is not None:
+        return _added_at_joint(of_arms(recordings), of_arms(holdout), setting, kind)
     if are_driven([*recordings, *holdout]):
         servos = Looped.of(recordings, holdout, setting)
         before, longer, against = _searched(servos.models, kind)
         shown, after = servos.sharpened(before), servos.sharpened(longer)
         against = objection(after, shown, servos.models.train.motions) or against
-        return Addition(shown, after, servos.floor(after), against, servos.calibrated.doubt)
+        return Addition(shown, after, servos.floor(after), against, servos.given.doubt)
     progress("reading the motion", 0.0)
-    calibrated = Calibrated.of(recordings, holdout)
-    models = setting.models(with_impacts(gather(calibrated.recordings, calibrated.holdout), model.terms))
+    given = Preprocessed.of(recordings, holdout).with_impacts(model.terms)
+    models = setting.models(given.parts)
     before, longer, against = _searched(models, kind)
     progress("refitting", 0.9)
     (shown,) = refit(Selection(models, [before]), model).steps
@@ -85,7 +95,25 @@ def add(
     against = objection(after, shown, models.train.motions) or (None if is_hidden(more) else against)  # motion tells it
     shown, after = (replace(step, model=told(step.model, models.train.data)) for step in (shown, after))
     floor = noise_floor(models.left.floor, after.errors.values())
-    return Addition(shown, after, floor, against, calibrated.doubt)
+    return Addition(shown, after, floor, against, given.doubt)
+
+
+def _added_at_joint(
+    recordings: Sequence[ArmRecording], holdout: Sequence[ArmRecording], setting: Setting, kind: type[Term]
+) -> Addition:
+    """An effect added at a joint of an arm."""
+    train, held = parted(recordings, holdout)
+    models = models_of_arm(train, held, setting)
+    trial = best(models, models.base, kind)
+    if trial is None:
+        names = ", ".join(recording.name for recording in train)
+        raise IdentificationError(f"{names}: the motion does not show {kind.id} at all: record another one")
+    without, with_it = models.report(None, models.base), models.report(kind.id, trial.terms)
+    against = objection(with_it, without, models.train.motions)
+    if against is None and not models.is_significant(trial.terms, models.base):
+        against = CHANCE
+    before, after = (step_of_arm(own.added, own.model, train=train, holdout=held) for own in (without, with_it))
+    return Addition(before, after, np.nan, against)
 
 
 def _searched(models: Models, kind: type[Term]) -> tuple[Step, Step, str | None]:

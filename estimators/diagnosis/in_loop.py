@@ -14,12 +14,13 @@ import numpy as np
 
 from estimators.checks.remedies import remedies
 from estimators.checks.residual import Region, everywhere
-from estimators.checks.torque_constant import Calibrated, widened
+from estimators.checks.torque_constant import widened
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import UNNAMED, Diagnosis
-from estimators.diagnosis.setting import HELD_OUT, Setting
+from estimators.diagnosis.setting import Setting
 from estimators.in_loop.rollouts import FINE, Rollouts, with_gain
 from estimators.in_loop.screen import InLoop
+from estimators.preprocessing import HELD_OUT, Preprocessed
 from estimators.selection.data import PreparedData, Step, fit_terms
 from estimators.selection.models import Models
 from estimators.selection.moves import ids
@@ -42,13 +43,13 @@ class Looped:
     Attributes:
         models: what the recordings say of models.
         train, check: fitted and held-out recordings.
-        calibrated: the same in the unit of their torque.
+        given: the same in the unit of their torque.
     """
 
     models: Models
     train: InLoop
     check: InLoop
-    calibrated: Calibrated
+    given: Preprocessed
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Looped:
@@ -58,10 +59,8 @@ class Looped:
             IdentificationError: if the recordings hold too little motion to begin with.
         """
         setting.progress("reading the motion", 0.0)
-        calibrated = _calibrated(recordings, holdout)
-        fitted, unseen = (
-            tuple(with_gain(recording) for recording in part) for part in (calibrated.recordings, calibrated.holdout)
-        )
+        given = _calibrated(recordings, holdout)
+        fitted, unseen = (tuple(map(with_gain, part)) for part in (given.recordings, given.holdout))
         first, last = (WHOLE, WHOLE) if unseen else ((0.0, 1 - HELD_OUT), (1 - HELD_OUT, 1.0))
         unseen = unseen or fitted
         base, windows = base_of(setting.base, fitted), PreparedData.of(fitted, part=first)
@@ -79,7 +78,7 @@ class Looped:
             base,
             tables=(),
         )
-        return cls(models, train, check, calibrated)
+        return cls(models, train, check, given)
 
     def sharpened(self, step: Step) -> Step:
         """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
@@ -90,9 +89,9 @@ class Looped:
 
     def _in_unit(self, model: Model) -> Model:
         """A model in the unit of the torque, with its constant, by whose error all parameters may be off alike."""
-        constant = self.calibrated.constant
+        constant = self.given.constant
         if constant is None:
-            return model.per(self.calibrated.unit)
+            return model.per(self.given.unit)
         larger = 1.0 + constant.std / constant.value
         there = {
             name: replace(own, value=larger * own.value) if own.unit.startswith((NEWTON_METRE, "kg")) else own
@@ -112,7 +111,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         IdentificationError: if the recordings hold too little motion to begin with.
     """
     servos = Looped.of(recordings, holdout, setting)
-    models, calibrated = servos.models, servos.calibrated
+    models, given = servos.models, servos.given
     found = select(models)
     setting.progress("judging", 0.93)
     found = replace(found, steps=[servos.sharpened(step) for step in found.steps])
@@ -127,10 +126,11 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         ambiguous=tuple(groups),
         unexplained=tuple(left),
         noise_floor=servos.floor(last),
-        advice=(*remedies(model, recordings, groups), *filter(None, [calibrated.doubt])),
+        advice=(*remedies(model, recordings, groups), *filter(None, [given.doubt])),
         forbidden=UNNAMED if left else None,
-        torque_unit=calibrated.unit,
-        torque_constant=calibrated.constant,
+        torque_unit=given.unit,
+        torque_constant=given.constant,
+        data=given,
     )
 
 
@@ -152,7 +152,7 @@ def _timed(model: Model, servos: InLoop) -> Model:
     return replace(model, estimates={**model.estimates, **wider}).correlated(names, covariance)
 
 
-def _calibrated(recordings: Sequence[Recording], holdout: Sequence[Recording]) -> Calibrated:
+def _calibrated(recordings: Sequence[Recording], holdout: Sequence[Recording]) -> Preprocessed:
     """Recordings in N m, if known loads tell the gain; not of a controller whose integral is no part of the torque."""
     every = (*recordings, *holdout)
     if any(own.drive is not None and own.drive.ki and own.torque_unit != NEWTON_METRE for own in every):
@@ -161,8 +161,8 @@ def _calibrated(recordings: Sequence[Recording], holdout: Sequence[Recording]) -
             f"every parameter is per {unit}: what a controller with an integral asked for is not known well enough to "
             "find its gain from known loads; give the drive a gain"
         )
-        return Calibrated(tuple(recordings), tuple(holdout), doubt)
-    return Calibrated.of(recordings, holdout)
+        return Preprocessed(tuple(recordings), tuple(holdout), doubt)
+    return Preprocessed.of(recordings, holdout)
 
 
 def likelier(ways: Sequence[InLoop], base: Sequence[Term]) -> InLoop:

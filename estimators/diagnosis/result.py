@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -10,18 +11,23 @@ import numpy as np
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.checks.residual import Region
+from estimators.comparison import of_joints, worst
 from estimators.diagnosis.likeness import likenesses
 from estimators.diagnosis.suggestion import Suggestion
+from estimators.preprocessing import Preprocessed
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Step
 from estimators.selection.score import Gain
 from pendulum_env._typing import JSON
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import body_of
 from pendulum_env.notebook import shown
-from pendulum_env.physics import Model, Term
+from pendulum_env.physics import Model
+from pendulum_env.physics.term import loads
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import along, json_per, listing, name, opening
 
-SCHEMA = "pendulum-ident/diagnosis@1"
+SCHEMA, ARM_SCHEMA = "pendulum-ident/diagnosis@1", "pendulum-ident/arm-diagnosis@2"
 SETTLED = "nothing is left open that an experiment would settle"
 CHANCE = "lowers the held-out errors by no more than chance would"
 SURE = 3.0  # times its standard errors, from which a table has a shape
@@ -101,21 +107,23 @@ class Diagnosis:
         steps: the base model, then one entry for each effect added.
         candidates: every effect of the library, selected ones first.
         ambiguous: groups of effects that these data cannot tell apart.
-        unexplained: regions whose residual no candidate explains, empty when the noise floor is reached.
-        noise_floor: torque error that measurement noise alone gives [N m].
+        unexplained: regions whose residual no candidate explains, empty when the noise floor is reached; of an arm one
+            of each joint that leaves more than noise, without a text where it stands out nowhere.
+        noise_floor: torque error that measurement noise alone gives [N m]; NaN of an arm.
         advice: experiments that would settle what is open, in words.
         suggestion: the experiment that would settle most of what is open, None if nothing is, or none would.
         forbidden: why no experiment settles what is open or left, above all the limits of the rig; None if nothing is.
-        table: what would keep a function that explains what is left, and that no effect is; None if there is none.
+        tables: what would keep a function that explains what is left, and that no effect is: one, or one of each joint.
         inseparable: groups that no torque would tell apart, whatever it was.
-        window_share: length of the windows used, relative to the length that the noise asks for.
-        impacts_beside: terms of the model beside which turns that miss torque are among these; None where they are not.
         disagreements: recordings that show another plant than the others; fitted ones among them are set apart.
         alignments: time between torque and motion in each recording, fitted ones first; torque that was logged late or
             filtered was corrected by it.
         detectable: what would have shown, where nothing is missing.
         torque_unit: `N m`, or that of a current in whose stead parameters and errors are per unit of it.
         torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
+        data: that it was made of, without recordings that disagree; None of a diagnosis that was read from a file.
+        left: of an arm, torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
+        heavier: of an arm, joints that feel heavier in slow motion than in all, and how many times.
     """
 
     steps: tuple[Step, ...]
@@ -126,20 +134,26 @@ class Diagnosis:
     advice: tuple[str, ...]
     suggestion: Suggestion | None = None
     forbidden: str | None = None
-    table: str | None = None
+    tables: tuple[str, ...] = ()
     inseparable: tuple[tuple[str, ...], ...] = ()
-    window_share: float = 1.0
-    impacts_beside: tuple[Term, ...] | None = None
     disagreements: tuple[Disagreement, ...] = ()
     alignments: tuple[Alignment, ...] = ()
     detectable: tuple[Detectable, ...] = ()
     torque_unit: str = NEWTON_METRE
     torque_constant: TorqueConstant | None = None
+    data: Preprocessed | None = field(default=None, compare=False, repr=False)
+    left: Mapping[str, float] = field(default_factory=dict)
+    heavier: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def model(self) -> Model:
         """The final model."""
         return self.steps[-1].model
+
+    @property
+    def body(self) -> Body | None:
+        """The links of an arm; None of a pendulum."""
+        return body_of(self.model.terms)
 
     @property
     def is_in_loop(self) -> bool:
@@ -152,8 +166,16 @@ class Diagnosis:
         return tuple(step.added for step in self.steps if step.added is not None)
 
     @property
+    def laws(self) -> list[str]:
+        """Laws of the effects found to be missing: `stribeck: fs exp(-|q'/vs|^n) sgn q'`."""
+        known = {term.id: term.law for term in self.model.terms}
+        return [f"{id}: {known[id]}" for id in self.selected if id in known]
+
+    @property
     def headline(self) -> str:
-        """The result in one sentence: `Stribeck friction is missing`."""
+        """The result in one sentence: `Stribeck friction is missing`; of an arm `Missing: stribeck@elbow`."""
+        if self.body is not None:
+            return self._headline_of_arm
         rivals = {group[0]: group for group in self.ambiguous}
         found = [listing([name(id) for id in rivals.get(effect, (effect,))], "or") for effect in self.selected]
         if found:
@@ -164,6 +186,25 @@ class Diagnosis:
         if self.unexplained:
             return "Something is missing, and no known effect explains it"
         return "Nothing is missing"
+
+    @property
+    def _headline_of_arm(self) -> str:
+        where = listing(list(self.left))
+        if not self.candidates:  # nobody has looked yet
+            return worst(self.steps[-1].errors["holdout"])
+        if self.selected:
+            more = f", and more at {where} that no known effect explains" if where else ""
+            return f"Missing: {listing(self.selected)}{more}"
+        if self.left:
+            return f"Something is missing at {where}, and no known effect explains it"
+        return "No effect of the library is missing at any joint"
+
+    def told_of(self, region: Region) -> str:
+        """What is left unexplained in a region, in words; of an arm at its joint, with how much that is."""
+        if self.body is None:
+            return region.text
+        left = f"{self.left[region.at]:.2g} {self.body.worded(region.at, NEWTON_METRE)} at {region.at}"
+        return f"{left}; {self.body.worded(region.at, region.text)}" if region.text else left
 
     @property
     def next_step(self) -> str:
@@ -187,6 +228,8 @@ class Diagnosis:
 
     def json(self) -> JSON:
         """Plain dictionary for JSON, as the design of the command line fixes it."""
+        if self.body is not None:
+            return self._json_of_arm(self.body)
         base = self.steps[0].model
         data = {
             "schema": SCHEMA,
@@ -209,7 +252,7 @@ class Diagnosis:
             "advice": list(self.advice),
             "suggestion": self.suggestion.json() if self.suggestion is not None else None,
             "forbidden": self.forbidden,
-            "table": self.table,
+            "table": next(iter(self.tables), None),
             "inseparable": [list(group) for group in self.inseparable],
             "disagreements": [disagreement.json() for disagreement in self.disagreements],
             "alignments": [alignment.json() for alignment in self.alignments],
@@ -217,6 +260,21 @@ class Diagnosis:
         }
         worded = ("candidates", "unexplained", "regions", "advice", "forbidden", "disagreements", "detectable")
         return data | json_per({key: data[key] for key in worded}, self.torque_unit)
+
+    def _json_of_arm(self, body: Body) -> JSON:
+        ends = {"before": self.steps[0], "after": self.steps[-1]}
+        return {
+            "schema": ARM_SCHEMA,
+            "selected": list(self.selected),
+            "ambiguous": [list(group) for group in self.ambiguous],
+            "candidates": [candidate.json() for candidate in self.candidates],
+            "errors": {name: of_joints(step.errors["holdout"], body) for name, step in ends.items()},
+            "unexplained": dict(self.left),
+            "regions": {region.at: region.json() for region in self.unexplained if region.text},
+            "tables": list(self.tables),
+            "heavier": dict(self.heavier),
+            "model": self.model.json(),
+        }
 
 
 def looks(step: Step) -> str | None:
@@ -239,7 +297,7 @@ class Addition:
     Attributes:
         before: the model refitted without the effect, and its errors.
         after: the same with the effect.
-        noise_floor: torque error that measurement noise alone gives [N m].
+        noise_floor: torque error that measurement noise alone gives [N m]; NaN of an arm.
         objection: what speaks against the effect, None if nothing does.
         doubt: why the torque constant of a current is not known; None if it is, or torque was logged.
     """
@@ -260,6 +318,10 @@ class Addition:
             return (
                 f"{self.after.added} lowers the held-out error in the loop to {new.in_loop / old.in_loop:.1%} of before"
             )
+        if new.shares:
+            joint = next(iter(loads((self.after.added or "").partition("@")[2])))
+            share = new.joints[joint] / old.joints[joint]
+            return f"{self.after.added} lowers the held-out torque error of {joint} to {share:.1%} of before"
         torque, position = new.torque_rms / old.torque_rms, new.position_rms / old.position_rms
         falls = f"torque to {torque:.1%}, position to {position:.1%} of before"
         return f"{self.after.added} lowers the held-out errors: {falls}"

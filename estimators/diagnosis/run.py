@@ -2,97 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from estimators.arguments import Recordings, Terms, chosen_effects, chosen_recordings, chosen_terms, within_limits
-from estimators.checks.alignment import Aligned
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import disagreements, own_fits
 from estimators.checks.identifiability import identifiability, untold
 from estimators.checks.remedies import remedies, turned_round
 from estimators.checks.residual import Region, everywhere, stand_out
-from estimators.checks.torque_constant import Calibrated, of_the_drive, told
+from estimators.checks.torque_constant import of_the_drive, told
+from estimators.diagnosis.arm import examine_arm
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.in_loop import diagnose_in_loop
 from estimators.diagnosis.judge import doubted, judge
 from estimators.diagnosis.result import KEPT, UNNAMED, Diagnosis
 from estimators.diagnosis.sensitivity import detectable
-from estimators.diagnosis.setting import HELD_OUT, Setting
+from estimators.diagnosis.setting import Setting
 from estimators.in_loop.rollouts import are_driven
+from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, forward, no_progress
-from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData, fit_terms, noise_floor, with_impacts
+from estimators.selection.data import PreparedData, fit_terms, noise_floor
 from estimators.selection.models import Models, held_out_cost
 from estimators.selection.motion import is_misfit, refine, refit, reselect_transmission
 from estimators.selection.moves import explaining, ids, settle
 from estimators.selection.physical import impossible
 from estimators.selection.search import Selection, select
 from estimators.signals.measurements import measure_segments
-from estimators.weak_form.dataset import choose_half_width, prepare
 from estimators.weak_form.instruments import fit_by_reference
 from estimators.weak_form.windows import SLOWEST
 from pendulum_env._typing import Array
+from pendulum_env.arms.joints import body_of
+from pendulum_env.arms.recording import of_arms
 from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.table import TABLES
-from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import listing
 
-CLOSER = 0.5  # share of the windows' length at a second look,
-SHORTEST = 0.25  # and the least, where longer windows are too few
 BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
 PLENTY = 40  # stretches of motion, below which little can be told
-MOTION = 0.5  # of the motion, that has to come before what is held out of the end of recordings
-
-
-def gather(
-    recordings: Sequence[Recording], holdout: Sequence[Recording] = (), shorter: float = 1.0
-) -> tuple[PreparedData, PreparedData]:
-    """Training and held-out data, prepared; without held-out recordings, the end of each recording is held out.
-
-    Args:
-        recordings: to fit.
-        holdout: to check on.
-        shorter: factor on the lengths of the windows, which are shorter still where they would be too few.
-
-    Raises:
-        IdentificationError: if a part holds too little motion, or torque is never applied.
-    """
-    if not any(recording.torque.any() for recording in recordings):
-        names = ", ".join(recording.name for recording in recordings)
-        raise IdentificationError(
-            f"{names}: torque is never applied, so that only ratios of parameters are known: record with torque"
-        )
-    try:
-        return _gather(recordings, holdout, shorter)
-    except IdentificationError:
-        if shorter <= SHORTEST:
-            raise
-        return gather(recordings, holdout, CLOSER * shorter)  # through more noise, but there are more of them
-
-
-def _gather(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float
-) -> tuple[PreparedData, PreparedData]:
-    widths = [shorter * choose_half_width(recording) for recording in recordings]
-    if holdout:
-        return PreparedData.of(recordings, widths), PreparedData.of(
-            holdout, [shorter * choose_half_width(r) for r in holdout]
-        )
-
-    def split(share: float) -> tuple[PreparedData, PreparedData]:
-        return PreparedData.of(recordings, widths, (0.0, share)), PreparedData.of(recordings, widths, (share, 1.0))
-
-    motion = np.concatenate([w.centers / len(w.recording) for w in prepare(recordings, widths).windows])
-    if np.mean(motion < 1 - HELD_OUT) >= MOTION:
-        with suppress(IdentificationError):  # the end may be at rest
-            return split(1 - HELD_OUT)
-    return split(float(np.quantile(motion, 1 - HELD_OUT)))  # of the motion, not of the time
 
 
 def diagnose(
@@ -120,11 +71,14 @@ def diagnose(
     the others are named and not fitted: no effect of one plant explains two plants. Known loads are no part of the
     model; where a current was logged, they tell the torque constant, and without them all is per ampere.
 
+    Of an arm, effects are looked for at its joints, by torque alone: nothing is corrected, simulated or suggested.
+
     Args:
         recordings: fitted jointly.
         holdout: recordings to confirm on; without them the last 30 % of each recording is held out, or of its motion
             where it hardly moves before.
-        base: terms of the model to start from, at least one, as they are or by id; a loaded model's terms will do.
+        base: terms of the model to start from, at least one, as they are or by id; a loaded model's terms will do. Of
+            an arm `arm_base(body)`, or `Links(body)` and terms at its joints.
         progress: called with what is being done and the share that is done.
         max_torque: bound of the torque in the experiment that is suggested [N m]; without it the paper's 6 N m, but no
             more than ten times the largest recorded, and no less than that.
@@ -132,7 +86,8 @@ def diagnose(
             that were recorded, or any within the same number of turns where the joint turned.
         max_speed: bound of its speed [rad/s]; without it the highest that was recorded.
         library: effects that may be named, by id; all that are known if it is not given.
-        only: ids of the effects of the library that are looked for; all if it is not given.
+        only: ids of the effects of the library that are looked for; all if it is not given. Of an arm `stribeck` is at
+            every joint, `stribeck@elbow` at that one.
         without: ids of effects that the joint cannot have.
         fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
         bounds: of other parameters: `{"stribeck": (0.0, 0.5), "cogging.order": (10, 14)}`.
@@ -142,14 +97,17 @@ def diagnose(
             looked for, and fitted, by least squares all the same.
 
     Raises:
-        IdentificationError: if the recordings hold too little motion, or no reference that instruments need.
+        IdentificationError: if the recordings hold too little motion, as of one joint of an arm, or no reference that
+            instruments need.
         ValueError: if a name is unknown.
         TypeError: if something else is given than recordings and terms.
     """
-    chosen = chosen_effects(library, only, without)
-    terms, chosen = within_limits(chosen_terms(base), chosen, fixed, bounds)
+    terms = chosen_terms(base)
+    body = body_of(terms)
+    chosen = chosen_effects(library, only, without, body)
+    terms, chosen = within_limits(terms, chosen, fixed, bounds)
     progress = forward(progress)
-    fitted, unseen = chosen_recordings(recordings), chosen_recordings(holdout, empty=True)
+    fitted, unseen = chosen_recordings(recordings, body=body), chosen_recordings(holdout, empty=True, body=body)
     setting = Setting(
         terms,
         chosen,
@@ -159,85 +117,66 @@ def diagnose(
         Limits(max_torque or USUAL, max_angle, max_speed),
         by_reference=by_reference,
     )
+    if body is not None:
+        return examine_arm(of_arms(fitted), of_arms(unseen), setting, body)
     if are_driven([*fitted, *unseen]):
         return diagnose_in_loop(fitted, unseen, setting)
-    given = Prepared.of(fitted, unseen, progress)
-    usual = given.usual_torque
+    progress("reading the motion", 0.0)
+    calibrated = Preprocessed.of(fitted, unseen)
+    progress("timing the torque", 0.0)
+    given = calibrated.timed()
+    usual = _usual_torque(given)
     setting = replace(setting, usual=usual, limits=replace(setting.limits, torque=max_torque or usual))
     found = _of_one_plant(given, setting)
-    if given.aligned.has_moved:  # what an effect does may look like torque that is logged late
+    if given.has_moved:  # what an effect does may look like torque that is logged late
         beside = [term for term in found.model.terms if term.id not in ids(BASE)]
-        again = Prepared.timed(given.calibrated, beside)
-        if not again.aligned.agrees(given.aligned):
+        again = calibrated.timed(beside)
+        if not again.agrees(given):
             given, found = again, _of_one_plant(again, setting)
     progress("done", 1.0)
-    return given.told(found)
+    return _with_channel(found, given)
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """Recordings whose torque is calibrated and timed, and the data prepared of them, fitted and held out."""
-
-    calibrated: Calibrated
-    aligned: Aligned
-    parts: tuple[PreparedData, PreparedData]
-
-    @classmethod
-    def of(cls, recordings: Sequence[Recording], holdout: Sequence[Recording], progress: Progress) -> Prepared:
-        """Calibrate and time the torque of recordings."""
-        progress("reading the motion", 0.0)
-        calibrated = Calibrated.of(recordings, holdout)
-        progress("timing the torque", 0.0)
-        return cls.timed(calibrated)
-
-    @classmethod
-    def timed(cls, calibrated: Calibrated, beside: Sequence[Term] = ()) -> Prepared:
-        """Time the torque, beside effects that the joint has."""
-        aligned = Aligned.of(calibrated.recordings, calibrated.holdout, beside)
-        return cls(calibrated, aligned, gather(aligned.recordings, aligned.holdout))
-
-    @property
-    def usual_torque(self) -> float:
-        """Torque that an experiment may ask of the motor where no bound is given, in the unit of the recordings."""
-        largest = max(float(np.abs(recording.torque).max()) for recording in self.aligned.recordings)
-        trusted = min(USUAL, BOLDER * largest) if self.calibrated.unit == NEWTON_METRE else 0.0
-        return max(trusted, largest)
-
-    def told(self, found: Diagnosis) -> Diagnosis:
-        """A diagnosis with what was found of the torque channel."""
-        constant, recordings = self.calibrated.constant, self.aligned.recordings
-        wrong = remedies(found.model, recordings, found.ambiguous)
-        return replace(
-            found,
-            torque_unit=self.calibrated.unit,
-            torque_constant=constant,
-            alignments=self.aligned.alignments,
-            advice=(
-                *wrong,
-                *filter(None, [self.calibrated.doubt]),
-                *(of_the_drive(found.model, constant, self.parts[0].data) if constant is not None else ()),
-                *_of_timing(self, found),
-                *(loop.text for loop in feedback(recordings)),
-                *(text for text in found.advice if text not in wrong),
-            ),
-        )
+def _usual_torque(given: Preprocessed) -> float:
+    """Torque that an experiment may ask of the motor where no bound is given, in the unit of the recordings."""
+    largest = max(float(np.abs(recording.torque).max()) for recording in given.recordings)
+    trusted = min(USUAL, BOLDER * largest) if given.unit == NEWTON_METRE else 0.0
+    return max(trusted, largest)
 
 
-def _of_one_plant(given: Prepared, setting: Setting) -> Diagnosis:
+def _with_channel(found: Diagnosis, given: Preprocessed) -> Diagnosis:
+    """A diagnosis with what was found of the torque channel."""
+    wrong = remedies(found.model, given.recordings, found.ambiguous)
+    constant = given.constant
+    return replace(
+        found,
+        torque_unit=given.unit,
+        torque_constant=constant,
+        alignments=given.alignments,
+        advice=(
+            *wrong,
+            *filter(None, [given.doubt]),
+            *(of_the_drive(found.model, constant, given.parts[0].data) if constant is not None else ()),
+            *_of_timing(given, found),
+            *(loop.text for loop in feedback(given.recordings)),
+            *(text for text in found.advice if text not in wrong),
+        ),
+    )
+
+
+def _of_one_plant(given: Preprocessed, setting: Setting) -> Diagnosis:
     """Find the effects that the recordings of one plant call for, and which recordings are another plant's."""
-    recordings, holdout, everything = given.aligned.recordings, given.aligned.holdout, given.parts
-    datasets = [part.data for part in (everything if holdout else everything[:1])]
+    datasets = [part.data for part in (given.parts if given.holdout else given.parts[:1])]
     odd = {one.recording: one for one in disagreements(own_fits(datasets, setting.base), only_if_all_fit=True)}
     while True:
-        kept = agreeing(recordings, odd)
-        prepared = everything if len(kept) == len(recordings) else gather(kept, holdout)
-        found = _examine(kept, holdout, prepared, setting)
+        kept = given.without(odd)
+        found = _examine(kept, setting)
         named = odd | {one.recording: one for one in disagreements(own_fits(datasets, found.model.terms))}
-        left = agreeing(recordings, named)
+        left = len(given.without(named).recordings)
         odd = named if left else odd  # where every recording would be another plant's, what was said before stands
-        if len(left) in (0, len(kept)):
+        if left in (0, len(kept.recordings)):
             break
-    *others, last = (replace(step, model=told(step.model, prepared[0].data)) for step in found.steps)
+    *others, last = (replace(step, model=told(step.model, kept.parts[0].data)) for step in found.steps)
     return replace(
         found,
         steps=(*others, replace(last, model=last.model.biased()) if found.unexplained else last),
@@ -245,41 +184,31 @@ def _of_one_plant(given: Prepared, setting: Setting) -> Diagnosis:
     )
 
 
-def _of_timing(given: Prepared, found: Diagnosis) -> list[str]:
+def _of_timing(given: Preprocessed, found: Diagnosis) -> list[str]:
     """What is said of the time between torque and motion: what was corrected, and what the drive may have done.
 
     The latter is asked again beside the effects that were found, and not at all where they explain everything: then
     what looked like a delay of the drive was theirs.
     """
     mended = "this diagnosis has corrected it, other steps do where that is asked for (--align)"
-    corrected = [f"{text}: {mended}" for text in given.aligned.texts(True)]
+    corrected = [f"{text}: {mended}" for text in given.timing_texts(True)]
     named = {*found.selected, *(id for group in found.ambiguous for id in group)}
     if named & {"dead_time", "actuator_lag"}:
-        return [*corrected, *given.aligned.texts(False)]
-    if not (found.unexplained and given.aligned.texts(False)):
+        return [*corrected, *given.timing_texts(False)]
+    if not (found.unexplained and given.timing_texts(False)):
         return corrected
     beside = [term for term in found.model.terms if term.id in found.selected]
-    return [*corrected, *Aligned.of(given.aligned.recordings, given.aligned.holdout, beside).texts(False)]
+    return [*corrected, *given.timed(beside).timing_texts(False)]
 
 
-def agreeing(recordings: Sequence[Recording], odd: Container[int]) -> list[Recording]:
-    """Fitted recordings without those of the given numbers."""
-    return [recording for number, recording in enumerate(recordings, 1) if number not in odd]
-
-
-def _examine(
-    recordings: Sequence[Recording],
-    holdout: Sequence[Recording],
-    prepared: tuple[PreparedData, PreparedData],
-    setting: Setting,
-) -> Diagnosis:
+def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
-    models = setting.models(prepared)
-    followed = fit_by_reference(models.train.data, setting.base) if setting.by_reference else None
-    wrong = turned_round(fit_terms(prepared[0], setting.base)[0], recordings)
+    first = models = setting.models(given.parts)
+    followed = fit_by_reference(first.train.data, setting.base) if setting.by_reference else None
+    wrong = turned_round(fit_terms(first.train, setting.base)[0], given.recordings)
     if wrong is not None:
-        return _mislogged(models, setting.base, wrong)
-    rough, window_share, beside = _looked_closer(models, recordings, holdout, setting)
+        return _mislogged(given, models, setting.base, wrong)
+    rough, given = _looked_closer(given, models, setting)
     setting.progress("refitting", 0.93)
     found = reselect_transmission(refit(rough))
     models, steps = found.models, found.steps
@@ -287,7 +216,7 @@ def _examine(
         steps = [models.with_errors(None, followed), *steps[1:]]
     final = (rough.steps if ids(rough.terms) == ids(steps[-1].model.terms) else steps)[-1].model.terms
     candidates, groups = judge(replace(found, steps=steps), final)
-    measured = [m for recording in recordings for m in measure_segments(recording)]
+    measured = [m for recording in given.recordings for m in measure_segments(recording)]
     doubts = identifiability(measured, steps[-1].model.terms)
     doubts = (*doubts, *untold(steps[-1].model, measured, doubts))
     setting.progress("looking for the next experiment", 0.95)
@@ -315,9 +244,9 @@ def _examine(
         noise_floor=noise_floor(models.left.floor, steps[-1].errors.values()),
         advice=(
             *look_alike,
-            *_of_little(prepared[0]),
+            *_of_little(first.train),
             *(doubt.text for doubt in doubts),
-            *filter(None, (term.beyond(*prepared[0].reach) for term in steps[-1].model.terms)),
+            *filter(None, (term.beyond(*first.train.reach) for term in steps[-1].model.terms)),
             *([suggestion.text] if suggestion else []),
             *([forbidden] if forbidden else []),
             *([kept] if kept and kept != forbidden else []),
@@ -325,33 +254,31 @@ def _examine(
         detectable=() if left or len(final) > len(models.base) else detectable(models, tuple(final), models.library),
         suggestion=suggestion,
         forbidden=forbidden,
-        table=table,
+        tables=() if table is None else (table,),
         inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
-        window_share=window_share,
-        impacts_beside=beside,
+        data=given.fresh(),
     )
 
 
-def _looked_closer(
-    models: Models, recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting
-) -> tuple[Selection, float, tuple[Term, ...] | None]:
-    """What was found, the share of the windows' length, and the terms beside which impacts were looked at.
+def _looked_closer(given: Preprocessed, models: Models, setting: Setting) -> tuple[Selection, Preprocessed]:
+    """What was found, and the data in which it was.
 
     What happens near turns shows in windows that come closer to them, if through more noise, and in those near turns
     that miss more torque than dry friction can be.
     """
-    rough, window_share, beside = refine(select(models)), 1.0, None
+    rough = refine(select(models))
     if rough.models.left.are_noise(rough.terms)[0] and is_misfit(rough.models, rough.steps[-1]):
-        found = refine(select(setting.models(gather(recordings, holdout, CLOSER))))
+        closer = given.closer()
+        found = refine(select(setting.models(closer.parts)))
         if len(found.steps) > 1 and held_out_cost(found.steps[-1]) < held_out_cost(rough.steps[-1]):
-            rough, window_share = found, CLOSER
-    impacts = with_impacts(rough.models.parts, rough.terms)
-    if impacts is not rough.models.parts:
-        found = refine(select(setting.models(impacts)))
+            rough, given = found, closer
+    struck = given.with_impacts(rough.terms)
+    if struck is not given:
+        found = refine(select(setting.models(struck.parts)))
         before = found.models.with_errors(None, rough.steps[-1].model)
         if len(found.steps) > 1 and found.models.is_confirmed(found.steps[-1], before):
-            rough, beside = found, rough.terms
-    return rough, window_share, beside
+            rough, given = found, struck
+    return rough, given
 
 
 def _of_little(fitted: PreparedData) -> list[str]:
@@ -368,11 +295,11 @@ def _of_held_out(models: Models, final: Sequence[Term]) -> str | None:
     return f"what was fitted is explained, and what was held out ({_held_out(models)}) is not: fit that, too"
 
 
-def _mislogged(models: Models, base: Sequence[Term], text: str) -> Diagnosis:
+def _mislogged(given: Preprocessed, models: Models, base: Sequence[Term], text: str) -> Diagnosis:
     """What is said of torque that is logged turned round: no effect is named before that is mended."""
     step = models.report(None, settle(models, tuple(base)))
     region = Region("time", 0.0, float(models.train.samples.time.max()), 0.0, 0.0, text)
-    return Diagnosis((step,), (), (), (region,), models.left.floor, (text,), forbidden=text)
+    return Diagnosis((step,), (), (), (region,), models.left.floor, (text,), forbidden=text, data=given)
 
 
 def unexplained(found: Selection) -> list[Region]:

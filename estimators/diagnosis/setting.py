@@ -12,9 +12,9 @@ from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData
 from estimators.selection.models import Models
+from pendulum_env.arms.joints import at_joints, body_of
 from pendulum_env.physics import Term
-
-HELD_OUT = 0.3  # end of each recording that is held out when no recording is
+from pendulum_env.physics.table import COMPETING, TABLES
 
 
 @dataclass(frozen=True)
@@ -42,5 +42,7 @@ class Setting:
     by_reference: bool = False
 
     def models(self, prepared: tuple[PreparedData, PreparedData]) -> Models:
-        """What some data say of models."""
-        return Models(*prepared, self.progress, self.library, self.criterion, self.rng, tuple(self.base))
+        """What some data say of models; at the joints of an arm, any table may compete."""
+        body = body_of(self.base)
+        tables = COMPETING if body is None else at_joints(TABLES.values(), body)
+        return Models(*prepared, self.progress, self.library, self.criterion, self.rng, tuple(self.base), tables)

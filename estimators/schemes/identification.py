@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 
 import numpy as np
@@ -18,56 +18,38 @@ from estimators.arguments import (
     chosen_terms,
     within_limits,
 )
-from estimators.checks.alignment import Aligned
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
-from estimators.checks.identifiability import Doubt, identifiability, is_driven, untold
+from estimators.checks.identifiability import Doubt, identifiability, inseparable, is_driven, untold
 from estimators.checks.remedies import wrong_columns
-from estimators.checks.torque_constant import Calibrated, further, told, widened
-from estimators.regression.equations import Equations, IdentificationError
-from estimators.regression.least_squares import Fit, solve
-from estimators.regression.normal import quietest_most
-from estimators.regression.recursive import evenly, history
-from estimators.schemes.six import SCHEMES, LowPass, Regressor, Scheme, give
+from estimators.checks.torque_constant import further, told, widened
+from estimators.checks.untold import untold_of_arm
+from estimators.preprocessing import Preprocessed
+from estimators.regression.equations import IdentificationError
+from estimators.schemes.balance import for_arms, measure_arm, series
+from estimators.schemes.fitting import Convergence, Segments, fitted, regressions, stack
+from estimators.schemes.six import SCHEMES, LowPass, Regressor, Scheme
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.physical import driving_friction
 from estimators.signals.measurements import Measurements, measure_segments, remember
 from estimators.weak_form.dataset import Dataset, prepare
-from pendulum_env._typing import JSON, Array, Index, Mask
+from pendulum_env._typing import JSON
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import body_of
+from pendulum_env.arms.model import model_of
+from pendulum_env.arms.recording import of_arms
 from pendulum_env.lookup import find
 from pendulum_env.notebook import shown
-from pendulum_env.physics import BASE, Estimate, Model, Term
-from pendulum_env.physics.term import zero
+from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import json_per, listing, per
 
-SCHEMA = "pendulum-ident/identification@1"
-POINTS = 200  # of the history
-CLUSTER = 0.5  # [s], longer than residuals stay correlated, except those that drift; shorter in short recordings
-CLUSTERS = 30  # at least, in all recordings together
+SCHEMA, ARM_SCHEMA = "pendulum-ident/identification@1", "pendulum-ident/arm-identification@1"
+SAVED = "filtered_dynamic"  # scheme whose model of an arm is the one to go on with
 APART = 5.0  # standard errors between two schemes, to which noise alone does not bring them: 2.3 is the most seen,
 COARSE = 0.05  # and share of a parameter, to which slow sampling does not: 0.034 is what 50 Hz do
 FEWEST = 10  # that hold motion, below which standard errors mean little
-
-
-@dataclass(frozen=True, eq=False)
-class Convergence:
-    """How the estimates settle: the paper's recursion at K moments.
-
-    Attributes:
-        time: seconds of recording taken in, one recording after the other (K,) [s].
-        theta: (K, P), in the order of the model's columns; what was given stays as it is.
-        std: standard errors (K, P), in the proportions of the recursion's P and ending at those of the model.
-    """
-
-    time: Array
-    theta: Array
-    std: Array
-
-    def json(self) -> JSON:
-        """Plain dictionary for JSON."""
-        return {"time": self.time.tolist(), "theta": self.theta.tolist(), "std": self.std.tolist()}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,6 +64,8 @@ class Identified:
         unit: of y and the residual.
         condition: condition number of the regressor, columns scaled to equal length.
         used: equations that were used, of all there are.
+        residuals: the norm of each joint of an arm, or of all together, in `units`; empty of a pendulum.
+        units: of these.
     """
 
     scheme: str
@@ -91,6 +75,8 @@ class Identified:
     unit: str
     condition: float
     used: tuple[int, int]
+    residuals: tuple[float, ...] = ()
+    units: tuple[str, ...] = ()
 
     @property
     def withheld(self) -> frozenset[str]:
@@ -121,9 +107,10 @@ class Identified:
             name: {"value": None, "std": None, "unit": estimate.unit} if estimate.is_unknown else estimate.json()
             for name, estimate in self.model.estimates.items()
         }
+        joints = {"rms": list(self.residuals), "units": list(self.units)}
         return {
             "theta": theta,
-            "residual": {"rms": self.residual_rms, "unit": self.unit},
+            "residual": joints if self.units else {"rms": self.residual_rms, "unit": self.unit},
             "condition": self.condition,
             "used": list(self.used),
             "convergence": self.convergence.json(),
@@ -141,7 +128,7 @@ class Identification:
         ends: seconds of recording taken in at the end of each recording; empty where nobody has counted [s].
         torque_unit: `N m`, or that of a current in whose stead parameters are per unit of it.
         torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
-        data: windows of the recordings; None where too little of the motion is clear of stick for any.
+        data: windows of the recordings; None where too little of the motion is clear of stick for any, and of an arm.
     """
 
     schemes: Mapping[str, Identified]
@@ -151,6 +138,11 @@ class Identification:
     torque_unit: str = NEWTON_METRE
     torque_constant: TorqueConstant | None = None
     data: Dataset | None = field(default=None, repr=False)
+
+    @property
+    def of_arm(self) -> bool:
+        """Whether the recordings are of an arm."""
+        return any(one.units for one in self.schemes.values())
 
     def __getitem__(self, scheme: str) -> Identified:
         return find("scheme", scheme, self.schemes)
@@ -183,7 +175,7 @@ class Identification:
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         return {
-            "schema": SCHEMA,
+            "schema": ARM_SCHEMA if self.of_arm else SCHEMA,
             "recordings": list(self.recordings),
             "torque_unit": self.torque_unit,
             "torque_constant": self.torque_constant.json() if self.torque_constant is not None else None,
@@ -206,63 +198,118 @@ def identify(
     Parameters are those of the joint without the known loads of the recordings. Where a current was logged, these tell
     the torque constant; where they do not, parameters are per ampere, and a doubt says why.
 
+    Of an arm, they are the base parameters of its links and those of what acts at its joints. A sample in which a joint
+    sticks is left out of the row of that joint alone, and joints with less noise count more.
+
     Args:
         recordings: one or more; filters start anew with each, and noisier ones count less.
-        terms: of the model, with their shape parameters set, or by id.
-        schemes: which to use, as they are or by id; one that borrows its inertia comes after the scheme that lends it.
+        terms: of the model, with their shape parameters set, or by id; of an arm `arm_base(body)`, or `Links(body)` and
+            terms at its joints.
+        schemes: which to use, as they are or by id; one that borrows its inertia, or what makes the momentum of an arm,
+            comes after the scheme that lends it.
         fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
         bounds: of other parameters: `{"viscous": (0.0, 0.5)}`; an estimate that would leave them stays at the bound.
         measured: how motion and torque are taken from the segments of a recording.
 
     Raises:
         IdentificationError: if there is too little motion, or no torque at all.
-        ValueError: if a name is unknown, or a scheme borrows from one that was not used before.
+        ValueError: if a name is unknown, a term is at no joint of an arm, or a scheme borrows from one that was not
+            used before.
         TypeError: if something else is given than recordings, terms and schemes.
     """
-    recordings, terms, chosen = chosen_recordings(recordings), chosen_terms(terms), chosen_schemes(schemes)
+    terms, chosen = chosen_terms(terms), chosen_schemes(schemes)
+    recordings = chosen_recordings(recordings, body=body_of(terms))
     terms, _ = within_limits(terms, {}, fixed, bounds)
-    calibrated = Calibrated.of(recordings)
-    recordings = calibrated.recordings
-    segments = [[remember(m, terms) for m in measured(recording)] for recording in recordings]
-    measurements = [m for own in segments for m in own]
-    names = ", ".join(recording.name for recording in recordings)
+    if (body := body_of(terms)) is not None:
+        return _of_arm(recordings, terms, chosen, body)
+    given = Preprocessed.of(recordings)
+    recordings = given.recordings
+    segments = _measured(recordings, terms, measured)
+    measurements = [m for own in segments for (m,) in own]
     if not any(is_driven(m) for m in measurements):
         raise IdentificationError(
-            f"{names}: torque is never applied: only ratios of parameters are known, record with torque"
+            f"{_names(recordings)}: torque is never applied: only ratios of parameters are known, record with torque"
         )
-    doubts = identifiability(measurements, terms)
-    rate = min(m.rate for m in measurements)
-    if any(_slowed(scheme, rate) != scheme for scheme in chosen):
-        text = f"at {rate:.4g} Hz the filters would pass everything: their cutoff is lowered to {rate:.4g} rad/s"
-        doubts, chosen = (*doubts, Doubt(text)), tuple(_slowed(scheme, rate) for scheme in chosen)
-    results = _by_schemes(chosen, segments, terms, names)
+    chosen, slowed = _at_rate(chosen, segments)
+    doubts = (*identifiability(measurements, terms), *slowed)
+    results = _by_schemes(chosen, segments, terms, recordings)
     first = next(iter(results.values())).model
-    if calibrated.constant is not None:
-        moved = [[remember(m, terms) for m in measured(recording)] for recording in further(recordings)]
-        there = _by_schemes(chosen, moved, terms, names)
-        results = {id: own.calibrated(calibrated.constant, there[id].model) for id, own in results.items()}
+    if given.constant is not None:
+        moved = _measured(further(recordings), terms, measured)
+        there = _by_schemes(chosen, moved, terms, recordings)
+        results = {id: own.calibrated(given.constant, there[id].model) for id, own in results.items()}
     else:
-        results = {id: own.per(calibrated.unit) for id, own in results.items()}
+        results = {id: own.per(given.unit) for id, own in results.items()}
     results, doubts = _withheld(results, measurements, doubts)
     mistakes = wrong_columns(first, recordings) or driving_friction(first)
     data = None
     try:
         data = prepare(recordings)
         fits = own_fits([data], terms)
-        mistakes = [*mistakes, *_mistakes(recordings, fits, terms)] or _lacking(list(results.values()), fits)
+        mistakes = [*mistakes, *_mistakes(given, fits, terms)] or _lacking(list(results.values()), fits)
     except IdentificationError:  # windows need more motion than some schemes
         pass
-    unknown = (calibrated.doubt,) if calibrated.doubt is not None else ()
-    ends = tuple(np.cumsum([sum(len(m) * m.period for m in own) for own in segments]).tolist())
+    unknown = (given.doubt,) if given.doubt is not None else ()
+    ends = tuple(np.cumsum([sum(len(m) * m.period for (m,) in own) for own in segments]).tolist())
     return Identification(
         results,
         (*doubts, *(Doubt(text) for text in (*unknown, *mistakes))),
         tuple(recording.name for recording in recordings),
         ends,
-        calibrated.unit,
-        calibrated.constant,
+        given.unit,
+        given.constant,
         data,
     )
+
+
+def _of_arm(
+    recordings: Sequence[Recording], terms: Sequence[Term], schemes: Sequence[Regressor], body: Body
+) -> Identification:
+    """The same of an arm: its first term are the links."""
+    segments = [measure_arm(recording) for recording in of_arms(recordings)]
+    measured = [joints for own in segments for joints in own]
+    for k, joint in enumerate(body.joints):
+        if not any(joints[k].moving.any() for joints in measured):
+            raise IdentificationError(
+                f"{_names(recordings)}: joint '{joint}' never moves: record with all joints moving"
+            )
+    chosen, slowed = _at_rate(for_arms(schemes), segments)
+    results = _by_schemes(chosen, segments, terms, recordings)
+    first = stack(segments, partial(regressions(terms), chosen[0]))
+    phi, columns = first.equations.phi, [column.name for term in terms for column in term.columns]
+    doubts = [*slowed, *inseparable(phi[first.usable], columns, np.any(phi, axis=0))]
+    parts = [series(joints, "position", "velocity", "held") for joints in measured]
+    seen = [np.concatenate(each) for each in zip(*parts, strict=True)]
+    alike = {name for doubt in doubts for name in doubt.withheld}
+    unknown = {id: untold_of_arm(one.model, *seen) for id, one in results.items()}
+    if alone := sorted(frozenset.intersection(*unknown.values()) - alike):  # by no scheme; others show no number for it
+        text = f"{listing(alone)} cannot be told: these data hardly depend on {'it' if len(alone) == 1 else 'them'}"
+        doubts.append(Doubt(f"{text}, move all joints faster, wider and together", tuple(alone)))
+    results = {id: replace(one, model=one.model.withholding(unknown[id] | alike)) for id, one in results.items()}
+    return Identification(results, tuple(doubts), tuple(recording.name for recording in recordings))
+
+
+def _names(recordings: Sequence[Recording]) -> str:
+    return ", ".join(recording.name for recording in recordings)
+
+
+def _measured(
+    recordings: Sequence[Recording],
+    terms: Sequence[Term],
+    measured: Callable[[Recording], Sequence[Measurements]],
+) -> Segments:
+    """Measurements of the one joint of a pendulum, with the states of the terms along them."""
+    return [[(remember(m, terms),) for m in measured(recording)] for recording in recordings]
+
+
+def _at_rate(schemes: Sequence[Regressor], segments: Segments) -> tuple[tuple[Regressor, ...], tuple[Doubt, ...]]:
+    """Schemes whose filters these samples allow, and a doubt where one had to be slowed down."""
+    rate = min(joints[0].rate for own in segments for joints in own)
+    slowed = tuple(_slowed(scheme, rate) for scheme in schemes)
+    if slowed == tuple(schemes):
+        return slowed, ()
+    text = f"at {rate:.4g} Hz the filters would pass everything: their cutoff is lowered to {rate:.4g} rad/s"
+    return slowed, (Doubt(text),)
 
 
 def _withheld(
@@ -281,34 +328,55 @@ def _withheld(
 
 
 def _by_schemes(
-    schemes: Sequence[Regressor],
-    segments: Sequence[Sequence[Measurements]],
-    terms: Sequence[Term],
-    names: str,
+    schemes: Sequence[Regressor], segments: Segments, terms: Sequence[Term], recordings: Sequence[Recording]
 ) -> dict[str, Identified]:
     """What each scheme finds in the segments of recordings, by its id."""
+    of, body, names = regressions(terms), body_of(terms), _names(recordings)
     results: dict[str, Identified] = {}
     for scheme in schemes:
-        data = _stack(scheme, segments, terms)
+        data = stack(segments, partial(of, scheme))
         if len(np.unique(data.clusters[data.usable])) < FEWEST:
             raise IdentificationError(
                 f"{names}: too little of the motion is clear of stick and reversals: record longer, faster or wider "
                 "motion"
             )
+        hidden = np.setdiff1d(data.joint, data.joint[data.usable])
+        if len(hidden) and body is not None:
+            raise IdentificationError(
+                f"{names}: joint '{body.joints[hidden[0]]}' is never clear of stick and reversals: record longer, "
+                "faster or wider motion of it"
+            )
         if scheme.borrows is not None and scheme.borrows not in results:
-            raise ValueError(f"{scheme.id} borrows the inertia of {scheme.borrows}: put {scheme.borrows} before it")
+            raise ValueError(f"{scheme.id} borrows from {scheme.borrows}: put {scheme.borrows} before it")
         lender = results[scheme.borrows].model if scheme.borrows is not None else None
-        results[scheme.id] = _fit(scheme, data, terms, lender)
+        found = fitted(data, terms, lender, drifts=scheme.drifts)
+        results[scheme.id] = Identified(
+            scheme=scheme.id,
+            model=model_of(found.model),
+            convergence=found.convergence,
+            residual_rms=found.fit.rms,
+            unit=scheme.unit,
+            condition=found.fit.condition,
+            used=(int(data.usable.sum()), len(data.usable)),
+            residuals=found.residuals if body is not None else (),
+            units=_units(scheme, body) if body is not None else (),
+        )
     return results
 
 
-def _mistakes(recordings: Sequence[Recording], fits: Sequence[Own], terms: Sequence[Term]) -> list[str]:
+def _units(scheme: Regressor, body: Body) -> tuple[str, ...]:
+    """Units of the residuals of an arm's joints, or of all together."""
+    is_sum = isinstance(scheme, Scheme) and scheme.adds_up
+    return (scheme.unit,) if is_sum else tuple(body.worded(at, scheme.unit) for at in body.joints)
+
+
+def _mistakes(given: Preprocessed, fits: Sequence[Own], terms: Sequence[Term]) -> list[str]:
     """What seems to be wrong with the recordings themselves: torque out of time, another plant."""
-    aligned = Aligned.of(recordings)
+    timed = given.timed()
     return [
-        *(f"{text}: correct it with --align (`Aligned.of` in Python)" for text in aligned.texts(True)),
-        *(loop.text for loop in feedback(recordings)),
-        *(aligned.texts(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
+        *(f"{text}: correct it with --align (`Preprocessed` in Python)" for text in timed.timing_texts(True)),
+        *(loop.text for loop in feedback(given.recordings)),
+        *(timed.timing_texts(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
         *(
             f"{one.text}: leave it out, or find out what was changed"
             for one in disagreements(fits, only_if_all_fit=True)
@@ -346,131 +414,3 @@ def _slowed(scheme: Regressor, rate: float) -> Regressor:
     if isinstance(operator, LowPass) and operator.cutoff >= np.pi * rate:
         return replace(scheme, operator=replace(operator, cutoff=rate))  # type: ignore[type-var]
     return scheme
-
-
-@dataclass(frozen=True, eq=False)
-class _Stack:
-    """Equations of all recordings in a row (R,), and where each of their segments starts."""
-
-    equations: Equations
-    usable: Mask
-    weights: Array
-    clusters: Index  # short stretches of time, never across recordings
-    time: Array  # seconds of recording taken in [s]
-    starts: tuple[int, ...]
-
-
-def _stack(scheme: Regressor, segments: Sequence[Sequence[Measurements]], terms: Sequence[Term]) -> _Stack:
-    """Equations of every segment of each recording, recordings weighted by what they leave unexplained."""
-    measurements = [m for own in segments for m in own]
-    parts = [scheme.regression(m, terms) for m in measurements]
-    length = min(CLUSTER, sum(len(m) * m.period for m in measurements) / CLUSTERS)
-    clusters, times, seconds, count = [], [], 0.0, 0
-    for m in measurements:
-        elapsed = np.arange(1, len(m) + 1) * m.period
-        cluster = np.minimum((elapsed / length).astype(np.intp), max(0, round(elapsed[-1] / length) - 1))
-        clusters.append(count + cluster)
-        times.append(seconds + elapsed)
-        seconds, count = seconds + float(elapsed[-1]), count + int(cluster[-1]) + 1
-    equations = Equations(
-        np.concatenate([part.equations.phi for part in parts]), np.concatenate([part.equations.y for part in parts])
-    )
-    usable = np.concatenate([part.usable for part in parts])
-    weights = np.ones(len(usable))
-    if len(segments) > 1:
-        theta = np.linalg.lstsq(equations.phi[usable], equations.y[usable], rcond=None)[0]
-        residual = (equations.y - equations.phi @ theta) * usable
-        owner = np.repeat(np.arange(len(segments)), [sum(len(m) for m in own) for own in segments])
-        weights = quietest_most(
-            np.asarray(np.bincount(owner, residual**2), dtype=float), np.bincount(owner, usable), 0.0
-        )[owner]
-    starts = tuple(np.cumsum([0, *(len(m) for m in measurements[:-1])]).tolist())
-    return _Stack(equations, usable, weights, np.concatenate(clusters), np.concatenate(times), starts)
-
-
-def _fit(scheme: Regressor, data: _Stack, terms: Sequence[Term], lender: Model | None) -> Identified:
-    """Batch estimate with honest standard errors, and the recursion on its way there."""
-    columns = [column for term in terms for column in term.columns]
-    loans = {
-        j: lender.estimates[column.name]
-        for j, column in enumerate(columns)
-        if lender is not None and column.mass is not zero
-    }
-    known = {j: Estimate(column.least, 0.0, column.unit) for j, column in enumerate(columns) if column.is_known}
-    loans = {j: loan for j, loan in loans.items() if j not in known}
-    use = data.usable
-    clusters = np.unique(data.clusters[use], return_inverse=True)[1]
-    while True:
-        given = loans | known
-        free = [j for j in range(len(columns)) if j not in given]
-        lent = np.array([estimate.value for estimate in given.values()])
-        equations = give(data.equations, list(given), lent)
-        # What was lent comes from the same data: its uncertainty widens that of the others
-        jacobian = data.equations.phi[use][:, list(loans)] if loans else None
-        fit = solve(Equations(equations.phi[use], equations.y[use]), data.weights[use], clusters, jacobian)
-        values = dict(zip(free, fit.theta.tolist(), strict=True))
-        left = [j for j, value in values.items() if not columns[j].allows(value)]
-        if not left:
-            break
-        known |= {j: Estimate(columns[j].nearest(values[j]), 0.0, columns[j].unit) for j in left}  # stays at its bound
-    if scheme.drifts:
-        fit = replace(fit, covariance=_random_walk_covariance(equations, data, fit.theta))
-
-    theta, std = np.empty(len(columns)), np.empty(len(columns))
-    count = len(free)
-    theta[free], theta[list(given)] = fit.theta, lent
-    std[free], std[list(given)] = fit.std[: len(free)], [estimate.std for estimate in given.values()]
-    return Identified(
-        scheme=scheme.id,
-        model=Model.build(terms, theta, std).correlated(
-            [columns[j].name for j in free], fit.covariance[:count, :count]
-        ),
-        convergence=converge(
-            equations, data.weights, use, data.time, fit, free, theta, std, evenly(len(data.time), POINTS)
-        ),
-        residual_rms=fit.rms,
-        unit=scheme.unit,
-        condition=fit.condition,
-        used=(int(use.sum()), len(use)),
-    )
-
-
-def _random_walk_covariance(equations: Equations, data: _Stack, theta: Array) -> Array:
-    """Covariance (F, F) of a least-squares fit whose errors are running sums of independent increments.
-
-    theta - truth = (phi' phi)^-1 sum_k phi_k e_k with e_k = sum_{j <= k} d_j, and so = (phi' phi)^-1 sum_j d_j S_j with
-    S_j the sum of phi from j to the end of the recording: one score for each cluster of increments.
-    """
-    weights = (data.weights * data.usable)[:, None]
-    phi, error = equations.phi * weights, (equations.y - equations.phi @ theta) * data.usable
-    ends = [*data.starts[1:], len(error)]
-    rest, increment = np.empty_like(phi), np.empty_like(error)
-    for begin, end in zip(data.starts, ends, strict=True):
-        rest[begin:end] = np.cumsum((phi * weights)[begin:end][::-1], axis=0)[::-1]
-        increment[begin:end] = np.diff(error[begin:end], prepend=0.0)
-    scores = np.zeros((int(data.clusters.max()) + 1, phi.shape[1]))
-    np.add.at(scores, data.clusters, rest * increment[:, None])
-    bread = np.linalg.pinv(phi.T @ phi, hermitian=True)
-    covariance: Array = bread @ (scores.T @ scores) @ bread * (len(scores) / max(1, len(scores) - phi.shape[1]))
-    return covariance
-
-
-def converge(
-    equations: Equations,
-    weights: Array,
-    usable: Mask,
-    time: Array,
-    fit: Fit,
-    free: Sequence[int] | Index,
-    theta: Array,
-    std: Array,
-    points: Index,
-) -> Convergence:
-    """The recursion's history at some points, with P scaled so that its errors end at the batch estimate's."""
-    weighted = Equations(equations.phi * weights[:, None], equations.y * weights)
-    course = history(weighted, usable, points)
-    spread = np.sqrt(np.diagonal(course.P, axis1=1, axis2=2))  # (K, F)
-    thetas, stds = np.tile(theta, (len(spread), 1)), np.tile(std, (len(spread), 1))
-    thetas[:, free] = course.theta
-    stds[:, free] = spread * fit.std[: len(free)] / spread[-1]
-    return Convergence(time[course.points], thetas, stds)

@@ -233,6 +233,11 @@ class Scheme:
         return "N m" if self.view != "energy" else "J" if isinstance(self.operator, Integral) else "W"
 
     @property
+    def adds_up(self) -> bool:
+        """Whether the balances of an arm's joints make one."""
+        return self.view == "energy"
+
+    @property
     def drifts(self) -> bool:
         """Whether the balance is summed from the start."""
         return isinstance(self.operator, Integral) and self.operator.window is None

@@ -35,6 +35,7 @@ class Errors:
             0 a constant would do as well [%]. NaN where nobody has counted.
         position_fit: the same of position in free run, relative to the deviation in each one-second window [%].
         joints: torque errors of the joints by name [N m].
+        shares: of an arm, what these are of the root mean square of the joint's torque; None without a motor.
         in_loop: mean absolute error of whole recordings that are simulated with their controller in the loop [rad].
         in_loop_rms: root mean square of the same [rad].
 
@@ -46,6 +47,7 @@ class Errors:
     torque_fit: float = np.nan
     position_fit: float = np.nan
     joints: Mapping[str, float] = field(default_factory=dict)
+    shares: Mapping[str, float | None] = field(default_factory=dict)
     in_loop: float = np.nan
     in_loop_rms: float = np.nan
 

@@ -11,6 +11,7 @@ from estimators.comparison import Comparison
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.schemes.identification import Identification, Identified
 from estimators.show.story import (
+    TRUST,
     Part,
     disagreeing,
     kin,
@@ -36,7 +37,6 @@ from pendulum_env.notebook import (
     shown,
     table,
 )
-from pendulum_env.physics import effects
 from pendulum_env.recording.record import TorqueConstant
 from pendulum_env.words import Table, listing, opening, per, plus_minus, unit
 
@@ -56,6 +56,7 @@ def show_identification(found: Identification) -> str:
         *_constant(found.torque_constant),
         table(schemes_table(found)),
         note("± is one standard error of noise: where schemes differ by more, the model lacks something."),
+        note(TRUST if found.of_arm else ""),
         bullets(f"warning: {doubt.text}" for doubt in found.doubts),
         folded(
             "how the estimates settle",
@@ -119,7 +120,7 @@ def show_comparison(found: Comparison) -> str:
         *_constant(found.torque_constant),
         *_parts(of_comparison(found, is_drawn=True)),
         *plots,
-        note("The band is two standard errors of noise."),
+        note("The band is two standard errors of noise." if plots else ""),
     )
     return per(shown, found.torque_unit)
 
@@ -127,8 +128,7 @@ def show_comparison(found: Comparison) -> str:
 @shown.register
 def show_diagnosis(found: Diagnosis) -> str:
     """The story of a diagnosis: what is missing, how far the errors fall, parameters, ranking, what stays open."""
-    library = effects()
-    laws = tuple(f"{id}: {library[id].law}" for id in found.selected if id in library)
+    laws = tuple(found.laws)
     advice = (found.next_step, *found.remarks) if found.candidates else found.advice
     parts = [
         *disagreeing(found.disagreements),
@@ -142,7 +142,7 @@ def show_diagnosis(found: Diagnosis) -> str:
 @shown.register
 def show_addition(found: Addition) -> str:
     """Errors before and after, what follows from them, and the parameters."""
-    noise = note(noise_text(found.noise_floor))
+    noise = note(noise_text(found.noise_floor) if np.isfinite(found.noise_floor) else "")
     title = f"The model with {found.after.added}"
     return per(card(title, noise, *_parts(of_addition(found))), found.after.model.torque_unit)
 

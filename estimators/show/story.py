@@ -13,8 +13,11 @@ from estimators.checks.residual import SYMBOLS, Profile
 from estimators.comparison import Comparison
 from estimators.diagnosis.result import Addition, Candidate, Detectable, Diagnosis, Verdict
 from estimators.schemes.identification import Identification
-from estimators.selection.data import Step
+from estimators.selection.data import Errors, Step
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import body_of
 from pendulum_env.physics import Model
+from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import BIASED, Table, bar, listing, parameters_table
 
 RUNNERS_UP = 5  # rejected candidates that are shown
@@ -26,6 +29,9 @@ _DISTANCES = ("recording", "torque [N m]", "fit [%]", "noise floor [N m]", "free
 ERRORS = {"in_loop": ("in the loop", "rad"), "torque_rms": ("torque", "N m"), "position_rms": ("position", "rad")}
 _IN_LOOP = ("in the loop, mean [rad]", "RMS [rad]")
 FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
+TIMES = "errors, times the least"  # a row that tells which schemes to trust
+TRUST = f"{TIMES}: how large a scheme's standard errors are beside the smallest, trust those near 1"
+CLEAR = "clear of stick and reversals"
 FOLLOWED = 80.0  # [%] of the motion in free runs, below which torque alone does not make a good model
 
 Content = Sequence[Table | str | tuple[str, ...]]  # a tuple is a list of points
@@ -40,18 +46,27 @@ class Part(NamedTuple):
 
 
 def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[Part]:
-    """A diagnosis of a pendulum, with the candidates that matter or every one; `how` the others are shown."""
-    noise = noise_text(found.noise_floor, found.is_in_loop)
+    """A diagnosis, with the candidates that matter or every one; `how` the others are shown."""
+    if found.body is not None:
+        errors = Part(f"Torque errors on held-out data, {CLEAR}", [joints_table(ends(found.steps), found.body)])
+    else:
+        noise = noise_text(found.noise_floor, found.is_in_loop)
+        errors = Part("Errors", [errors_table(found.steps), fit_text(found.steps), noise])
     parts = [
-        Part("Errors", [errors_table(found.steps), fit_text(found.steps), noise]),
+        errors,
         Part("Parameters", [parameters_table(found.model), *([BIASED] if found.unexplained else [])]),
         judged(found.candidates, every, how),
     ]
     if found.detectable:
         parts.append(Part("What would have shown", [detectable_table(found.detectable)], brief=False))
-    if found.unexplained:
-        parts.append(Part("Left unexplained", [tuple(region.text for region in found.unexplained)]))
+    if left := tuple(map(found.told_of, found.unexplained)):
+        parts.append(Part("Left unexplained", [left]))
     return parts
+
+
+def ends(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors, Errors]:
+    """Errors of the first and the last model."""
+    return steps[0].errors[part], steps[-1].errors[part]
 
 
 def judged(candidates: Sequence[Candidate], every: bool, how: str = "") -> Part:
@@ -74,17 +89,24 @@ def of_addition(found: Addition) -> list[Part]:
         )
     if found.doubt is not None:
         sentences.append(f"warning: {found.doubt}")
+    title, steps, parameters = "the model refitted without and with the effect", (found.before, found.after), []
+    parameters = [Part("Parameters", [parameters_table(found.model)])]
+    body = body_of(found.model.terms)
+    if body is None:
+        return [Part(f"Errors, {title}", [errors_table(steps), *sentences]), *parameters]
+    fitted, unseen = (joints_table(ends(steps, part), body) for part in ("train", "holdout"))
     return [
-        Part(
-            "Errors, the model refitted without and with the effect",
-            [errors_table((found.before, found.after)), *sentences],
-        ),
-        Part("Parameters", [parameters_table(found.after.model)]),
+        Part(f"Torque errors on fitted data, {title}", [fitted]),
+        Part(f"Torque errors on held-out data, {title}", [unseen, *sentences]),
+        *parameters,
     ]
 
 
 def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
     """Errors of a model, and where it fails: a profile as a table, unless it is drawn."""
+    if (body := body_of(found.model.terms)) is not None:
+        table = joints_table((found.joint.errors,), body, ("torque error",))
+        return [Part(f"Torque errors, {CLEAR}", [table])]
     several = len(found.distances)
     where: list[Table | str | tuple[str, ...]] = [tuple(region.text for region in found.regions)]
     axes = [region.axis for region in found.regions if region.axis != "frequency"]
@@ -110,6 +132,20 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
         *disagreeing(found.disagreements),
         Part(f"Where, all {several} recordings together" if several > 1 else "Where", where),
     ]
+
+
+def joints_table(columns: Sequence[Errors], body: Body, headers: Sequence[str] = ("before", "after")) -> Table:
+    """A row a joint: torque errors of one or more models, and the share of the torque that the last one leaves."""
+    rows = [
+        (
+            at,
+            *(f"{errors.joints[at]:.4g}" for errors in columns),
+            body.worded(at, NEWTON_METRE),
+            "" if share is None else f"{100 * share:.2g} %",
+        )
+        for at, share in columns[-1].shares.items()
+    ]
+    return Table(("joint", *headers, "unit", "of its torque"), rows, left=("unit",))
 
 
 def errors_table(steps: Sequence[Step]) -> Table:
@@ -160,8 +196,25 @@ def detectable_table(found: Sequence[Detectable]) -> Table:
     return Table(("effect", "would have shown"), [(one.effect, one.text) for one in found], left=("would have shown",))
 
 
+def schemes_of_arm(found: Identification) -> Table:
+    """Estimates of every scheme, a row a parameter, a column a scheme."""
+    models = [one.model.estimates for one in found.schemes.values()]
+    rows = [(name, *(own[name].text for own in models), one.unit) for name, one in models[0].items()]
+    rows.append(("condition", *(f"{one.condition:.3g}" for one in found.schemes.values()), ""))
+    if len(models) > 1:
+        errors = np.array([[one.std for one in own.values()] for own in models])
+        times = np.median(errors / np.maximum(errors.min(axis=0), 1e-300), axis=1)
+        rows.append((TIMES, *(f"{own:.2g}" for own in times.tolist()), ""))
+    return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
+
+
 def schemes_table(found: Identification, model: Model | None = None, label: str = "windows") -> Table:
-    """Estimates of every scheme, one a row; a model that was fitted besides is the last, under its label."""
+    """Estimates of every scheme, one a row; a model that was fitted besides is the last, under its label.
+
+    Of an arm, which has many parameters, they stand in the rows.
+    """
+    if found.of_arm:
+        return schemes_of_arm(found)
     columns = next(iter(found.schemes.values())).model.columns
     names = [column.name for column in columns]
     rows = []

@@ -187,6 +187,11 @@ class Windows:
         parts = np.tile(kernel, count), place.ravel(), length * np.arange(count + 1)
         return csr_array(parts, shape=(count, len(self.moving)))
 
+    def under(self, torque: Array) -> Windows:
+        """The same motion under another torque (N,) [N m]."""
+        samples = replace(self.samples, torque=held(torque))
+        return replace(self, recording=replace(self.recording, torque=torque), samples=samples)
+
     def average(self, series: Array) -> Array:
         """Averages (R,) of a series (N,) over the windows."""
         return np.asarray(self.rows.narrow @ series)
@@ -209,15 +214,9 @@ class Windows:
     def absorbed(self, term: Term) -> float:
         """Variance of white torque noise that the term's fixed columns absorb in the windows [(N m)^2]."""
         noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
-        held = noise.copy()
-        held[1:] = 0.5 * (noise[1:] + noise[:-1])
-        noisier = replace(
-            self,
-            recording=replace(self.recording, torque=self.recording.torque + noise),
-            samples=replace(self.samples, torque=self.samples.torque + held),
-        )
+        noisier = self.under(self.recording.torque + noise)
         ((_, more),), ((_, taken),) = noisier.columns([term]), self.columns([term])
-        raw = self.average(held)
+        raw = self.average(held(noise))
         return float(np.var(raw) - np.var(raw - (more - taken)))
 
     def torque(self) -> Array:
@@ -246,6 +245,13 @@ class Windows:
     def _moved(self, inertia: float) -> float:
         """Inertia with that of the known load [kg m^2]."""
         return inertia + float(np.max(self.samples.load.inertia))
+
+
+def held(torque: Array) -> Array:
+    """A torque (N,) that is held from sample to sample, averaged over the triangle about each sample."""
+    averages = torque.copy()
+    averages[1:] = 0.5 * (torque[1:] + torque[:-1])
+    return averages
 
 
 def known_load(recording: Recording) -> KnownLoad:
@@ -310,8 +316,6 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     measured = from_velocity(recording, window, smoothing)
     if measured and measured.acceleration_noise < 0.7 * motion.acceleration_noise:
         motion = measured
-    torque = recording.torque.copy()
-    torque[1:] = 0.5 * (recording.torque[1:] + recording.torque[:-1])
     v = motion.velocity
     moving = np.abs(v) > max(SLOWEST, 5 * motion.velocity_noise)
     guard = m + 1 + smoothing // 3  # the smoothed velocity may cross zero a little off the true one
@@ -324,14 +328,13 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     candidates = candidates[~outside[candidates]]
     stuck = near[candidates]
     mostly_moving = sliding_window_view(moving, len(window))[candidates - m] @ window > 0.5
-    held = np.convolve(window, [0.5, 0.5])
     return Windows(
         recording=recording,
         samples=Samples(
             recording.time,
             motion.position,
             v,
-            torque,
+            held(recording.torque),
             load=known_load(recording),
             temperature=ROOM if recording.temperature is None else recording.temperature,
         ),
@@ -340,7 +343,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
         centers=candidates[~stuck],
         turning=candidates[stuck & mostly_moving],
         moving=moving,
-        torque_noise=white_noise(recording.torque) * float(np.linalg.norm(held)),
+        torque_noise=white_noise(recording.torque) * float(np.linalg.norm(np.convolve(window, [0.5, 0.5]))),
         acceleration_noise=motion.acceleration_noise,
         acceleration_shared=shared(motion.noise_weights, m),
         velocity_noise=motion.velocity_noise,

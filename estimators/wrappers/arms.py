@@ -12,9 +12,9 @@ import gymnasium as gym
 from estimators.arguments import chosen_terms
 from estimators.wrappers.options import AnyEnv, is_arm
 from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.joints import Coupling, Links, check_places, friction, joint_effects, kinds_at, placed
+from pendulum_env.arms.joints import Coupling, Links, arm_base, joint_effects, kinds_at
 from pendulum_env.physics import Term
-from pendulum_env.physics.library import effect, term
+from pendulum_env.physics.library import effect
 
 
 def terms_of(body: Body | None, terms: Sequence[str | Term] | None) -> tuple[Term, ...]:
@@ -25,17 +25,7 @@ def terms_of(body: Body | None, terms: Sequence[str | Term] | None) -> tuple[Ter
     """
     if body is None:
         return chosen_terms(terms)
-    if terms is None:
-        return (Links(body), *friction(body))
-    slides = dict(zip(body.joints, body.slides, strict=True))
-    chosen = []
-    for own in terms:
-        if isinstance(own, str):
-            id, _, joint = own.partition("@")
-            own = placed(term(id)(), joint, slides.get(joint, False)) if joint else term(id)()
-        chosen.append(own)
-    check_places(chosen, body.joints)
-    return (Links(body), *chosen)
+    return arm_base(body) if terms is None else chosen_terms((Links(body), *terms))
 
 
 def effects_of(body: Body | None, names: Sequence[str] | None) -> dict[str, type[Term]] | None:

@@ -8,8 +8,8 @@ from typing import Any
 import gymnasium as gym
 
 from estimators.arguments import chosen_schemes
-from estimators.arms.identification import for_arms
 from estimators.arms.online import ArmEstimator
+from estimators.schemes.balance import for_arms
 from estimators.wrappers.arms import body_of, terms_of
 from estimators.wrappers.measuring import Measuring
 from estimators.wrappers.options import rate_of

@@ -1,7 +1,7 @@
 """Arms of n joints: bodies from files, terms at joints, recordings, and a planar arm as an environment."""
 
 from pendulum_env.arms.body import BaseParameter, Body, BodyError, read_body
-from pendulum_env.arms.joints import at_joint, friction, joint_effects, placed
+from pendulum_env.arms.joints import Links, arm_base, at_joint, friction, joint_effects, placed
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import TWO_LINK, Link
 from pendulum_env.arms.plane import planar_links
@@ -15,6 +15,8 @@ __all__ = [
     "Body",
     "BodyError",
     "Link",
+    "Links",
+    "arm_base",
     "at_joint",
     "friction",
     "joint_effects",

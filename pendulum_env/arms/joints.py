@@ -160,6 +160,23 @@ def friction(body: Body) -> tuple[Term, ...]:
     return tuple(placed(term, joint, slides) for joint, slides in joints for term in FRICTION)
 
 
+def arm_base(body: Body) -> tuple[Term, ...]:
+    """What a model of an arm begins with: its links, and viscous and Coulomb friction at each joint."""
+    return (Links(body), *friction(body))
+
+
+def body_of(terms: Sequence[object]) -> Body | None:
+    """The body of an arm whose links are the first of some terms; None of a pendulum."""
+    return terms[0].body if terms and isinstance(terms[0], Links) else None
+
+
+def links_of(terms: Sequence[object]) -> Body:
+    """The same of an arm, which the caller knows it to be."""
+    body = body_of(terms)
+    assert body is not None
+    return body
+
+
 def joint_effects() -> dict[str, type[Term]]:
     """Effects of the library that can sit at a joint of an arm, and the coupling of two, by id."""
     more = (Coupling, TemperatureDependentFriction)
@@ -194,14 +211,14 @@ def kind_at(text: str, body: Body) -> type[Term]:
     return coupling(at, body)
 
 
-def kinds_at(names: Iterable[str], body: Body, what: str = "effect") -> list[type[Term]]:
+def kinds_at(names: Iterable[str], body: Body) -> list[type[Term]]:
     """Effects of an arm by name, `stribeck` at each joint where it makes sense, `stribeck@elbow` at that one.
 
     Raises:
-        ValueError: if there is no such effect or joint; the message says of what, and names the nearest.
+        ValueError: if there is no such effect or joint; the message names the nearest.
     """
     names, known = list(names), joint_effects()
-    everywhere = [find(what, name, known) for name in names if "@" not in name]
+    everywhere = [find("effect of joints", name, known) for name in names if "@" not in name]
     return [*at_joints(everywhere, body), *(kind_at(name, body) for name in names if "@" in name)]
 
 

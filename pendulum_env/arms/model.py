@@ -9,7 +9,7 @@ from typing import Any
 
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Coupling, Links, at_joint, coupled
+from pendulum_env.arms.joints import Coupling, Links, at_joint, body_of, coupled
 from pendulum_env.physics import Model, ModelError, Term, library
 from pendulum_env.physics.model import ARM_SCHEMA, read_estimate
 from pendulum_env.physics.table import Table, read_table
@@ -88,6 +88,13 @@ class ArmModel(Model):
             estimates={name: read_estimate(theta[name], own.unit) for name, own in model.estimates.items()},
             log_format={} if log_format is None else log_format.table(),
         )
+
+
+def model_of(model: Model) -> Model:
+    """A model as that of an arm, if links are the first of its terms."""
+    if body_of(model.terms) is None:
+        return model
+    return ArmModel(model.terms, model.estimates, correlation=model.correlation)
 
 
 @dataclass(frozen=True)

@@ -95,6 +95,11 @@ class ArmRecording(Recording):
         return f"{super().summary}, {len(self.names)} joint{'s' * (len(self.names) > 1)}"
 
 
+def of_arms(recordings: Sequence[Recording]) -> list[ArmRecording]:
+    """Those of some recordings that are of an arm."""
+    return [recording for recording in recordings if isinstance(recording, ArmRecording)]
+
+
 def read_arm_recording(
     path: str | os.PathLike[str],
     joints: Sequence[str],

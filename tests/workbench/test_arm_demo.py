@@ -3,22 +3,25 @@ from functools import partial
 import numpy as np
 import pytest
 
-from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
+from estimators import Diagnosis, diagnose
+from estimators.selection.data import Step
 from pendulum_env.arms.env import PlanarArm
-from pendulum_env.arms.joints import joint_effects
 from pendulum_env.arms.recording import read_arm_recording
+from pendulum_env.physics import Model
 from workbench import arm_demo
+from workbench.cli import main
+from workbench.commands import demo
 from workbench.commands.demo import verdict
-from workbench.terminal import Terminal
 
 ALIKE = ("stribeck@elbow", "spring@elbow")
 
 
 def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, capsys, monkeypatch):
-    few = {id: joint_effects()[id] for id in ("load_dependent_friction", "stribeck", "spring")}  # else it takes long
-    monkeypatch.setattr(arm_demo, "diagnose_arm", partial(diagnose_arm, library=few))
-    report, files = tmp_path / "r.html", [tmp_path / "a.csv", tmp_path / "b.csv"]
-    arm_demo.run(report, files, 8.0, 2, Terminal())
+    few = ("load_dependent_friction", "stribeck", "spring")  # else it takes long
+    monkeypatch.setattr(demo, "diagnose", partial(diagnose, only=few))
+    monkeypatch.setattr(demo, "SECONDS", 8.0)
+    report, files = tmp_path / "r.html", [tmp_path / f"r.{part}.csv" for part in ("train", "holdout")]
+    assert main(["demo", "--robot", "two-link", "--seed", "2", "-o", str(report)]) == 0
     told = capsys.readouterr().out
     hidden = "load_dependent_friction@elbow"  # of which the elbow shows nothing: its links' parameters imitate it there
     assert f"Missing: {hidden}" in told and f"hidden was {hidden}: (mu |tau| + mu_o |w sin q|) sgn q'" in told
@@ -50,5 +53,5 @@ def test_every_effect_that_may_be_hidden_can_be_simulated():
     ],
 )
 def test_the_verdict_is_honest(selected, ambiguous, told):
-    found = ArmDiagnosis(None, None, selected, (), ambiguous, {})
+    found = Diagnosis(tuple(Step(one, Model(), {}) for one in (None, *selected)), (), ambiguous, (), 0.0, ())
     assert verdict(["spring@elbow"], found).startswith(told)

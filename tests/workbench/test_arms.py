@@ -133,7 +133,7 @@ def test_effects_at_joints_and_couplings_are_added_and_looked_for(capsys, folder
     assert code == 0 and judged == {*pairs, "spring@shoulder", "spring@elbow"}
     for effect, model, said in (
         ("stribeck@wrist", "lacking.json", "unknown joint 'wrist'"),
-        ("torque_offset@elbow", "added.json", "the model has torque_offset@elbow already"),
+        ("torque_offset@elbow", "added.json", "the model has 'torque_offset@elbow' already"),
     ):
         code, _, err = run(capsys, folder, "add", model, effect, "hidden.csv")
         assert code == 2 and said in err and err.count("\n") == 1

@@ -5,8 +5,8 @@ import pytest
 
 from benchmarks import six_joint
 from benchmarks.two_link import TwoLink
-from pendulum_env.arms import ArmModel, at_joint, friction, read_body
-from pendulum_env.arms.joints import Links, coupling
+from pendulum_env.arms import ArmModel, at_joint, read_body
+from pendulum_env.arms.joints import arm_base, coupling
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.potential import Spring
 from tests import robots, slow
@@ -19,7 +19,7 @@ def model_of(path, text, *more, rotors=None):
     """A model with the file's links, friction that grows from joint to joint, and one of each effect."""
     path.write_text(text)
     body = read_body(path, rotors=rotors)
-    terms = (Links(body), *friction(body), *(kind(body)() for kind in more))
+    terms = (*arm_base(body), *(kind(body)() for kind in more))
     standard = body.standard_values
     if rotors:
         standard[-len(body.joints) :] = six_joint.ROTORS

@@ -49,7 +49,7 @@ CUT = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => {
 def of_a_pendulum(folder: Path) -> str:
     train, holdout = recorded("run one", 1), recorded("run two", 2)
     diagnosis = diagnosed([train], [holdout])
-    return render([train], [holdout], diagnosis)
+    return render(diagnosis)
 
 
 def of_many_curves(folder: Path) -> str:
@@ -58,7 +58,7 @@ def of_many_curves(folder: Path) -> str:
     diagnosis = diagnosed([train], [holdout])
     base, step = diagnosis.steps[:2]
     several = tuple(replace(step, added=id) for id in ("coulomb_asymmetry", "position_dependent_friction", "stribeck"))
-    case = Case.of([train], [holdout], replace(diagnosis, steps=(base, *several)))
+    case = Case(replace(diagnosis, steps=(base, *several)))
     time = np.linspace(0.0, 10.0, 50)
     curves = [line(time, np.sin(k + time), f"a policy with a name, {k}", "--base", "rad") for k in range(10)]
     many = Figure("many", "Many", curves, {"xaxis": axis("time [s]"), "yaxis": axis("angle [rad]")})
@@ -69,7 +69,7 @@ def of_many_curves(folder: Path) -> str:
 def of_a_comparison(folder: Path) -> str:
     train, holdout = recorded("run one", 1), recorded("run two", 2)
     model = fit(*gather([train], [holdout])).model
-    return render_comparison(compare(model, [holdout]), [holdout])
+    return render_comparison(compare(model, [holdout]))
 
 
 def of_a_fleet(folder: Path) -> str:

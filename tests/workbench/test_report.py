@@ -10,6 +10,7 @@ import pytest
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.checks.residual import Region, profiles, stand_out
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
+from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics import BASE, Model, Samples
 from pendulum_env.physics.friction import Stribeck
@@ -53,8 +54,8 @@ def diagnosis(train, holdout) -> Diagnosis:
 
 
 @pytest.fixture(scope="module")
-def page(train, holdout, diagnosis) -> str:
-    return render([train], [holdout], diagnosis)
+def page(diagnosis) -> str:
+    return render(diagnosis)
 
 
 def test_page_loads_nothing_from_elsewhere_and_links_to_every_section(page, diagnosis):
@@ -71,13 +72,13 @@ def test_page_loads_nothing_from_elsewhere_and_links_to_every_section(page, diag
     assert len(ids) == len(set(ids))
 
 
-def test_schemes_are_left_out_where_recordings_are_too_poor_for_them(train, holdout, diagnosis, monkeypatch):
+def test_schemes_are_left_out_where_recordings_are_too_poor_for_them(diagnosis, monkeypatch):
     def refuse(*_):
         raise IdentificationError("too short")
 
-    assert 'id="schemes"' in render([train], [holdout], diagnosis)
+    assert 'id="schemes"' in render(diagnosis)
     monkeypatch.setattr("workbench.report.case.identify", refuse)
-    assert 'id="schemes"' not in render([train], [holdout], diagnosis)
+    assert 'id="schemes"' not in render(diagnosis)
 
 
 def test_numbers_in_the_text_are_those_of_the_diagnosis(page, diagnosis):
@@ -115,16 +116,17 @@ def test_figures_are_small_finite_and_coloured_by_the_page(page):
 
 
 def test_hostile_names_stay_text(train, holdout, diagnosis):
-    page = render([replace(train, name=HOSTILE)], [replace(holdout, name=HOSTILE)], diagnosis)
+    data = Preprocessed((replace(train, name=HOSTILE),), (replace(holdout, name=HOSTILE),))
+    page = render(replace(diagnosis, data=data))
     assert "<script>alert" not in page
     found = Page(page)
     assert HOSTILE in found.text
     assert len([tag for tag, _ in found.tags if tag == "script"]) == 5 + len(found.figures) - 1
 
 
-def test_open_questions_are_told(train, holdout, diagnosis):
+def test_open_questions_are_told(diagnosis):
     def told(found) -> str:
-        return Page(render([train], [holdout], found)).text
+        return Page(render(found)).text
 
     plain = told(replace(diagnosis, steps=diagnosis.steps[:1]))
     assert "Nothing is missing" in plain and "times smaller" not in plain
@@ -142,8 +144,7 @@ def test_open_questions_are_told(train, holdout, diagnosis):
     assert "Slower motion would separate them." in text
     assert "A hard stop: it needs wider swings." in text
     heavier = Disagreement(2, "friday", ("monday",), (Difference("inertia", "kg m^2", 0.099, 0.09, 0.001),))
-    friday = replace(train, name="friday", torque=2 * train.torque)
-    disagreeing = Page(render([train, friday], [], replace(diagnosis, disagreements=(heavier,)))).text
+    disagreeing = told(replace(diagnosis, disagreements=(heavier,)))
     assert "Recording 2 (friday) disagrees with 'monday': inertia 10 % higher" in disagreeing
     stuck = replace(diagnosis, steps=diagnosis.steps[:1], unexplained=(REGION,))
     assert "Something is missing, and no known effect explains it" in told(stuck)
@@ -152,15 +153,15 @@ def test_open_questions_are_told(train, holdout, diagnosis):
 @pytest.mark.slow
 def test_ends_of_several_recordings_are_held_out_and_drawn():
     recordings = [recorded(f"part {k}", k, seconds=12.0) for k in range(2)]
-    found = Page(render(recordings, [], diagnosed(recordings)))
+    found = Page(render(diagnosed(recordings)))
     assert "the last 30 % of each recording" in found.text
     assert "1 more recording" in found.text
     assert "--holdout" not in found.text
 
 
-def test_report_is_written_whole_or_not_at_all(tmp_path, monkeypatch, train, holdout, diagnosis: Diagnosis):
+def test_report_is_written_whole_or_not_at_all(tmp_path, monkeypatch, diagnosis: Diagnosis):
     path = tmp_path / "report.html"
-    write_report(path, [train], [holdout], diagnosis)
+    write_report(path, diagnosis)
     first = path.read_text(encoding="utf-8")
     assert first.rstrip().endswith("</html>")
 
@@ -169,13 +170,12 @@ def test_report_is_written_whole_or_not_at_all(tmp_path, monkeypatch, train, hol
 
     monkeypatch.setattr(Path, "replace", fail)
     with pytest.raises(OSError, match="disk full"):
-        write_report(path, [train], [holdout], diagnosis)
+        write_report(path, diagnosis)
     assert path.read_text(encoding="utf-8") == first
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_command_line_quotes_names(train, holdout, diagnosis):
-    page = render([train], [holdout], diagnosis)
+def test_command_line_quotes_names(page):
     assert "diagnose 'run one.csv' --holdout 'run two.csv' --report report.html" in html.unescape(page)
 
 
@@ -201,20 +201,11 @@ def test_plotted_numbers_are_rounded_and_gaps_are_null():
     assert numbers(np.array([1.23456789, np.nan, -1e-9, 0.0])) == [1.2346, None, -1e-9, 0.0]
 
 
-def test_one_recording_need_not_be_a_list_and_a_file_is_no_recording(tmp_path, train, holdout, diagnosis: Diagnosis):
-    pages = [re.sub(r"\d\d:\d\d", "", render(*given, diagnosis)) for given in ((train, holdout), ([train], [holdout]))]
-    assert pages[0] == pages[1]
-    with pytest.raises(TypeError, match=r"'run\.csv' is not a recording"):
-        write_report(tmp_path / "report.html", "run.csv", (), diagnosis)
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.slow
 def test_what_knocked_the_joint_is_among_the_windows_of_a_report(bouncing):
     found = diagnosed([bouncing])
-    case = Case.of([bouncing], [], found)
-    assert found.impacts_beside is not None
-    told, drawn = found.steps[-1].errors["train"], case.training.errors(found.model)
+    assert found.data.impacts_beside is not None
+    told, drawn = found.steps[-1].errors["train"], Case(found).training.errors(found.model)
     assert drawn.torque_rms == pytest.approx(told.torque_rms, rel=1e-6)
 
 

@@ -8,7 +8,10 @@ from typing import Any
 from dash import dcc, html
 from dash.development.base_component import Component
 
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import at_joints, joint_effects
 from pendulum_env.physics import addable, effects
+from pendulum_env.physics.table import TABLES
 from pendulum_env.words import name, opening
 from workbench.report import page
 from workbench.report.figure import Figure, Section
@@ -68,9 +71,13 @@ def saves(file: str, what: str, of: str = "", primary: bool = False, **more: Any
     return button(file, {"save": what, "of": of}, primary=primary, **more)
 
 
-def effects_to_choose(nothing: str = "", tables: bool = False) -> dict[str, str]:
-    """Names of all effects by id, and perhaps of none, and of tables."""
-    return ({"": nothing} if nothing else {}) | {id: opening(name(id)) for id in (addable() if tables else effects())}
+def effects_to_choose(body: Body | None = None, nothing: str = "", tables: bool = False) -> dict[str, str]:
+    """Names of all effects by id, and perhaps of none, and of tables; of an arm at its joints, or at every one."""
+    ids = list(addable() if tables else effects())
+    if body is not None:
+        kinds = joint_effects() | (TABLES if tables else {})
+        ids = [*([] if tables else kinds), *(kind.id for kind in at_joints(kinds.values(), body))]
+    return ({"": nothing} if nothing else {}) | {id: opening(name(id)) for id in ids}
 
 
 def field(name: str) -> dict[str, str]:

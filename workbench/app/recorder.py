@@ -113,7 +113,7 @@ def fields(prefix: str, seconds: float) -> list[Component]:
     """A form for a run of so many seconds: its torque, and what is hidden in the plant; `options` reads it."""
     torques = {id: opening(id) for id in EXCITATIONS}
     torques |= {id: f"Learnt policy, {bound} torque bounded" for id, bound in LEARNT.items()}
-    hidden = effects_to_choose("nothing")
+    hidden = effects_to_choose(nothing="nothing")
     return [
         labelled("Excitation", dropdown(f"{prefix}excitation", torques, "paper", searchable=False, **KEPT)),
         labelled("Hidden effect", dropdown(f"{prefix}effect", hidden, "", **KEPT)),

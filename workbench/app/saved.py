@@ -14,7 +14,7 @@ from types import NoneType
 from typing import Any, cast, get_args, get_origin, get_type_hints
 
 from pendulum_env._typing import JSON
-from pendulum_env.arms.joints import Links
+from pendulum_env.arms.joints import links_of
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.excitation import SIGNALS, Excitation, signal_from_json, signal_json
 from pendulum_env.physics import Model, Term
@@ -22,7 +22,6 @@ from pendulum_env.reading import Unreadable, amount, read_json
 from pendulum_env.recording import Source, write_study
 from pendulum_env.recording.study import read_sources
 from workbench.app import uploads
-from workbench.app.arm import ArmState
 from workbench.app.state import Asked, Loaded, State
 from workbench.app.uploads import safe_name
 from workbench.mistakes import InputError
@@ -52,11 +51,11 @@ def study(state: State) -> str:
 def pack(state: State) -> bytes:
     """The archive of a state; raises InputError if it would be too large to be opened again."""
     known: JSON = {"schema": SCHEMA, "origins": [one.origin for one in state.loaded]}
-    if isinstance(state, ArmState):  # of which models and diagnosis are made anew
+    if state.robot is not None:  # of an arm, models and diagnosis are made anew
         known |= {"robot": state.robot, "asked": state.asked, "model_file": state.model_file}
-        known |= {"base": ArmModel.build((Links(state.body), *state.terms), 1.0) if state.terms else None}
+        known |= {"base": ArmModel.build(state.base_terms, 1.0) if state.terms else None}
     else:
-        known |= {"base": _of(state.terms), **{key: getattr(state, name) for key, name in MEMBERS.items()}}
+        known |= {"base": _of(state.base_terms), **{key: getattr(state, name) for key, name in MEMBERS.items()}}
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(CONTENTS, json.dumps(known, default=_plain, indent=1))
@@ -87,20 +86,21 @@ def opened(folder: Path) -> State:
     sources = read_sources(folder / STUDY) if content.get("origins") else ()
     loaded, begun = list[Loaded](), State()
     if "robot" in content:
-        begun = ArmState(robot=_robot(content["robot"], folder, sources))
+        begun = State(robot=_robot(content["robot"], folder, sources))
     for source in sources:
         file = folder / safe_name(source.file.name)
         if not file.is_file():
             raise Unreadable(f"lacks {file.name}; {HINT}")
         loaded.append(Loaded.of(replace(source, file=file), loaded, read=begun.read))
     try:
-        if isinstance(begun, ArmState):
+        if begun.robot is not None:
             begun = replace(begun, loaded=tuple(loaded), asked=_typed(Asked, content["asked"]))
             if content.get("base") is not None:
-                terms = ArmModel.of_body(content["base"], begun.body).terms[1:]
+                terms = ArmModel.of_body(content["base"], links_of(begun.base_terms)).terms[1:]
                 begun = replace(begun, terms=terms, model_file=_typed(str, content["model_file"]))
-            begun.check(begun.asked)
+            begun.asked.check(begun.base_terms)
             return begun
+        _of_one_table(content["diagnosis"])
         hints, terms = get_type_hints(State), _typed(Model, content["base"]).terms
         known = {name: _typed(hints[name], content[key]) for key, name in MEMBERS.items()}
         origins = _typed(tuple[tuple[str, ...], ...], content["origins"])
@@ -109,7 +109,7 @@ def opened(folder: Path) -> State:
         state.asked.check(terms)
         if not state.trouble:
             state.told.json()  # what a page would stumble over
-            state.standing.residuals(state.prepared.parts[0])
+            state.standing.residuals(state.prepared.data.parts[0])
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise Unreadable(f"{CONTENTS} makes no sense ({type(error).__name__}: {error}); {HINT}") from None
     return state
@@ -124,6 +124,12 @@ def _robot(told: Any, folder: Path, sources: Sequence[Source]) -> RobotFile:
     except (LookupError, TypeError, ValueError) as error:
         raise Unreadable(f"'robot' of {CONTENTS} makes no sense ({error}); {HINT}") from None
     return replace(robot, file=folder / robot.file)
+
+
+def _of_one_table(diagnosis: JSON | None) -> None:
+    """Give a diagnosis of older sessions, which tell one table or none, its tables."""
+    if diagnosis is not None and "table" in diagnosis:
+        diagnosis["tables"] = [] if (table := diagnosis.pop("table")) is None else [table]
 
 
 def _of(terms: tuple[Term, ...]) -> Model:
@@ -141,7 +147,7 @@ def _plain(record: Any) -> Any:
         return _of((record,)).json()
     if isinstance(record, tuple(SIGNALS.values())):
         return signal_json(cast(Excitation, record))
-    return {field.name: getattr(record, field.name) for field in fields(record)}
+    return {field.name: getattr(record, field.name) for field in fields(record) if field.compare}
 
 
 def _typed(kind: Any, content: Any) -> Any:
@@ -157,7 +163,8 @@ def _typed(kind: Any, content: Any) -> Any:
         return signal_from_json(content)
     if is_dataclass(kind):
         hints, make = get_type_hints(kind), cast(Any, kind)
-        known = [field.name for field in fields(kind) if field.name in content]  # others are as they begin
+        kept = [field.name for field in fields(kind) if field.compare]
+        known = [name for name in kept if name in content]  # others are as they begin
         return make(**{name: _typed(hints[name], content[name]) for name in known})
     if get_origin(kind) is tuple:
         each = [parts[0]] * len(content) if parts[-1] is Ellipsis else parts

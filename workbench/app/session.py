@@ -22,7 +22,6 @@ from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.study import read_sources
 from pendulum_env.words import listing
 from workbench.app import saved, uploads
-from workbench.app.arm import ArmState
 from workbench.app.card import Card
 from workbench.app.live import Run
 from workbench.app.state import Loaded, State
@@ -204,7 +203,7 @@ class Session:
         """
         robot.body()
         waiting = [card.source for card in self.cards if not card.known]
-        state = ArmState(robot=robot)
+        state = State(robot=robot)
         try:
             old = tuple(replace(one, recording=state.read(one.source)) for one in self.state.loaded)
         except Mistake as error:
@@ -219,9 +218,9 @@ class Session:
 
     def turn_gravity(self) -> None:
         """Take the robot's torques for those without gravity, or again for those with it; the ladder starts anew."""
-        if isinstance(state := self.state, ArmState):
-            robot = replace(state.robot, weightless=not state.robot.weightless)
-            self.change("take gravity off, or back", state.anew(robot=robot))
+        if (robot := self.state.robot) is not None:
+            robot = replace(robot, weightless=not robot.weightless)
+            self.change("take gravity off, or back", self.state.anew(robot=robot))
 
     def load(self, sources: Iterable[Source], refused: Sequence[str] = ()) -> None:
         """Read recordings: those that can be read stay, and those whose columns are not clear wait: see `cards`.
@@ -251,7 +250,7 @@ class Session:
         Raises:
             InputError: if they are too many or too long together, or of a pendulum beside those of an arm.
         """
-        if isinstance(self.state, ArmState) and not all(isinstance(one.recording, ArmRecording) for one in loaded):
+        if self.state.robot is not None and not all(isinstance(one.recording, ArmRecording) for one in loaded):
             raise InputError("this session is of an arm: leave the robot first, in the stage Data")
         every = (*self.state.loaded, *loaded)
         if sum(len(one.recording) for one in every) > uploads.LIMITS.samples:
@@ -316,9 +315,8 @@ class Session:
             ModelError: if it is no model, in the words of the command line.
         """
         file = unpack(self.place(), name, content)
-        state = self.state
-        if isinstance(state, ArmState):
-            terms = ArmModel.load(file, state.body).terms[1:]
+        if self.state.body is not None:
+            terms = ArmModel.load(file, self.state.body).terms[1:]
         else:
             terms = read_model(str(file)).terms
         self.change(f"start from {file.name}", self.state.anew(terms=terms, model_file=file.name))

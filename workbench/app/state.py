@@ -12,19 +12,26 @@ from typing import Any
 import numpy as np
 
 from estimators.arguments import chosen_effects, within_limits
-from estimators.checks.alignment import Aligned
+from estimators.arms.gains import in_torque, without_loads
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import Doubt, identifiability
 from estimators.checks.residual import stand_out
-from estimators.checks.torque_constant import Calibrated, told
+from estimators.checks.torque_constant import told
+from estimators.comparison import step_of_arm
 from estimators.diagnosis.addition import add, fit
+from estimators.diagnosis.arm import parted
 from estimators.diagnosis.result import Addition, Diagnosis
-from estimators.diagnosis.run import diagnose, gather
+from estimators.diagnosis.run import diagnose
+from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
+from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData, Step
+from estimators.selection.data import Step
 from estimators.signals.measurements import measure_segments
 from pendulum_env._typing import Array
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import Links, arm_base, body_of, kind_at, links_of
+from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.library import addition
@@ -40,8 +47,11 @@ from workbench.mistakes import InputError
 from workbench.processes import Task
 from workbench.report import render
 from workbench.report.case import Case
+from workbench.robot import RobotFile, loaded_text, meaning, straying
 
 NO_RECORDING = "load a recording first"
+WEIGHTLESS = "Its torques are without gravity"  # what a button says
+SCHEMES = ("dynamic", "filtered_dynamic", "filtered_hamiltonian")  # of an arm, the sure ones
 
 
 def read_one(source: Source) -> Recording:
@@ -138,7 +148,7 @@ class Asked:
 
     def check(self, terms: Sequence[Term]) -> None:
         """Refuse what makes no sense beside a model's terms: raises ValueError as the command line does."""
-        chosen_effects(None, **self.effects)
+        chosen_effects(None, **self.effects, body=body_of(terms))
         within_limits(terms, {}, **self.limits)
 
     def options(self, *fields: str) -> list[str]:
@@ -158,17 +168,16 @@ class Prepared:
     """Recordings that a model can be fitted to.
 
     Attributes:
-        train, holdout: fitted and held-out ones in N m, with their torque in time if that is asked for.
-        timing: what is found of the time between torque and motion.
-        parts: what is fitted and what is held out, as windows and segments.
+        data: in N m, with their torque in time if that is asked for.
+        timed: the same with their torque in time.
         base: the base model, fitted.
+        schemes: what some schemes find of an arm.
     """
 
-    train: tuple[Recording, ...]
-    holdout: tuple[Recording, ...]
-    timing: Aligned
-    parts: tuple[PreparedData, PreparedData]
+    data: Preprocessed
+    timed: Preprocessed
     base: Step
+    schemes: Identification | None = None
 
 
 @lru_cache(maxsize=4)  # states of the same choices share it
@@ -180,17 +189,32 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
         IdentificationError: if there is too little motion.
     """
     train = [one.recording for one in loaded if not one.held_out]
+    _refuse_none(train, loaded)
+    given = Preprocessed.of(train, [one.recording for one in loaded if one.held_out])
+    if given.doubt is not None:
+        raise InputError(f"{given.doubt}; or give the gain itself")
+    timed = given.timed()
+    own = timed if is_aligned else given
+    base = fit(*own.parts, within_limits(terms, {}, **asked.limits)[0])
+    return Prepared(own, timed, replace(base, model=told(base.model, own.parts[0].data)))
+
+
+@lru_cache(maxsize=4)
+def prepare_arm(
+    train: tuple[ArmRecording, ...], holdout: tuple[ArmRecording, ...], body: Body, terms: tuple[Term, ...]
+) -> Prepared:
+    """The same of an arm, with friction at each joint or with given terms; raises alike."""
+    _refuse_none(train, holdout)
+    fitted, unseen = parted(train, holdout)
+    found = identify(fitted, (Links(body), *terms) if terms else arm_base(body), SCHEMES)
+    base = step_of_arm(None, found[SAVED].model, train=fitted, holdout=unseen)
+    data = Preprocessed(train, holdout)
+    return Prepared(data, data, base, found)
+
+
+def _refuse_none(train: Sequence[Recording], loaded: Sequence[object]) -> None:
     if not train:
         raise InputError("every recording is held out: keep one to fit the model to" if loaded else NO_RECORDING)
-    calibrated = Calibrated.of(train, [one.recording for one in loaded if one.held_out])
-    if calibrated.doubt is not None:
-        raise InputError(f"{calibrated.doubt}; or give the gain itself")
-    timing = Aligned.of(calibrated.recordings, calibrated.holdout)
-    own = timing if is_aligned else calibrated
-    prepared = gather(own.recordings, own.holdout)
-    base = fit(*prepared, within_limits(terms, {}, **asked.limits)[0])
-    base = replace(base, model=told(base.model, prepared[0].data))
-    return Prepared(own.recordings, own.holdout, timing, prepared, base)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,46 +223,79 @@ class State:
 
     Attributes:
         loaded: recordings.
-        terms: of the base model.
-        model_file: name of the file that they came from; empty for the paper's four.
+        terms: of the base model, of an arm those at its joints; empty: the usual ones.
+        model_file: name of the file that they came from; empty for the usual ones.
         is_aligned: whether torque that was logged late or filtered is corrected.
         asked: which effects are looked for, and which values are known.
         grown: the ladder once effects were added: the base model, then one step for each; empty before.
         diagnosis: the last one of these recordings.
         started: the ladder that it started from.
+        robot: whose recordings they are; None of a pendulum.
     """
 
     loaded: tuple[Loaded, ...] = ()
-    terms: tuple[Term, ...] = BASE
+    terms: tuple[Term, ...] = ()
     model_file: str = ""
     is_aligned: bool = False
     asked: Asked = NOTHING
     grown: tuple[Step, ...] = ()
     diagnosis: Diagnosis | None = None
     started: tuple[Step, ...] = ()
+    robot: RobotFile | None = None
 
     @property
     def joints(self) -> tuple[str, ...] | None:
         """Those of an arm that move; None: all that can."""
-        return None
+        return self.robot.joints if self.robot is not None else None
 
     @property
     def moving(self) -> tuple[str, ...]:
         """Joints of an arm that recordings are of; none of a pendulum."""
-        return ()
+        return self.robot.body().joints if self.robot is not None else ()
 
     @property
     def files(self) -> set[Path]:
         """Files that the state speaks of."""
-        return {one.source.file for one in self.loaded}
+        return {one.source.file for one in self.loaded} | ({self.robot.file} if self.robot is not None else set())
 
     def read(self, source: Source) -> Recording:
-        """A recording, as it is for this state; raises RecordingError."""
-        return read_one(source)
+        """A recording, as it is for this state; raises RecordingError, and InputError if it is of other joints."""
+        if self.robot is None:
+            return read_one(source)
+        if source.joints not in (None, self.robot.joints):
+            raise InputError(f"{source.file.name}: its study has other joints move: drop it together with the robot")
+        return self.robot.read(replace(source, largest=uploads.LIMITS.unpacked))
 
-    def check(self, asked: Asked) -> None:
-        """Refuse what makes no sense to ask: raises ValueError as the command line does."""
-        asked.check(self.terms)
+    @cached_property
+    def body(self) -> Body | None:
+        """The links of an arm, joints that do not move being where the recordings have them; None of a pendulum."""
+        return self.robot.holding(self._arms) if self.robot is not None else None
+
+    @property
+    def base_terms(self) -> tuple[Term, ...]:
+        """Those of the base model, usual or not."""
+        if self.body is None:
+            return self.terms or BASE
+        return (Links(self.body), *self.terms) if self.terms else arm_base(self.body)
+
+    @property
+    def _arms(self) -> list[ArmRecording]:
+        return of_arms([one.recording for one in self.loaded])
+
+    @cached_property
+    def _torques(self) -> tuple[ArmRecording, ...]:
+        """What is loaded of an arm, currents turned into torques where known loads tell the gains."""
+        return in_torque(self._arms, links_of(self.base_terms)).recordings
+
+    @cached_property
+    def questions(self) -> list[str]:
+        """What is doubtful in the recordings of an arm, a sentence or a question each."""
+        body = links_of(self.base_terms)
+        away = straying(body, self._arms)
+        if self.trouble:
+            return away
+        loaded = loaded_text(self._torques, of_arms([*self.train, *self.holdout]))
+        return [*away, *([loaded] if loaded else []), *meaning(self._torques, body, f"press “{WEIGHTLESS}”")]
 
     def searching(self, at_will: bool) -> Task:
         """The search for what the ladder's last model lacks; if the plant is `at_will`, experiments may go anywhere."""
@@ -248,8 +305,8 @@ class State:
 
     def adding(self, id: str) -> Task:
         """The refit with one effect more; raises Mistake if it is none, or in the model already."""
-        addition(id)
-        if id in self.model.effects:
+        kind = addition(id) if self.body is None else kind_at(id, self.body)
+        if kind.id in self.model.effects:
             raise InputError(f"{name(id)} is in the model already")
         return partial(add, self.model, id, self.train, self.holdout, **self.asked.limits)
 
@@ -272,7 +329,13 @@ class State:
     def _prepared(self) -> Prepared | str:
         """What models are fitted to, or why nothing can be fitted."""
         try:
-            return prepare(self.loaded, self.terms, self.is_aligned, Asked(fix=self.asked.fix, bound=self.asked.bound))
+            known = Asked(fix=self.asked.fix, bound=self.asked.bound)
+            if self.body is None:
+                return prepare(self.loaded, self.base_terms, self.is_aligned, known)
+            both = list(zip(self.loaded, self._torques, strict=True))
+            parts = ([own for one, own in both if one.held_out == held] for held in (False, True))
+            train, holdout = without_loads(*parts)
+            return prepare_arm(tuple(train), tuple(holdout), self.body, self.terms)
         except (Mistake, IdentificationError) as error:
             return str(error)
 
@@ -298,18 +361,20 @@ class State:
         """Those that are loaded, in N m and in time as far as that is known and asked for."""
         if self.trouble:
             return [one.recording for one in self.loaded]
+        if self.body is not None:
+            return list(self._torques)
         fitted, held_out = iter(self.train), iter(self.holdout)
         return [next(held_out if one.held_out else fitted) for one in self.loaded]
 
     @property
     def train(self) -> tuple[Recording, ...]:
         """Recordings that are fitted."""
-        return self.prepared.train
+        return self.prepared.data.recordings
 
     @property
     def holdout(self) -> tuple[Recording, ...]:
         """Recordings to check on; empty if the ends of the fitted ones are."""
-        return self.prepared.holdout
+        return self.prepared.data.holdout
 
     @property
     def model(self) -> Model:
@@ -363,46 +428,53 @@ class State:
             return self.diagnosis.disagreements
         if self.trouble:
             return ()
-        parts = self.prepared.parts if self.holdout else self.prepared.parts[:1]
+        parts = self.prepared.data.parts[: 2 if self.holdout else 1]
         return disagreements(own_fits([part.data for part in parts], self.model.terms), only_if_all_fit=True)
 
     @cached_property
     def told(self) -> Diagnosis:
-        """What the report tells: the diagnosis if it calls for all that the ladder has and more, else the ladder."""
-        if self.diagnosis is not None and set(self.added) < set(self.called):
-            return replace(self.diagnosis, steps=self.called_for)
-        prepared, model = self.prepared.parts[0], self.model
+        """What the report tells: the diagnosis if it calls for all that the ladder has and more, else the ladder.
+
+        Of an arm, the diagnosis if there is one.
+        """
+        found = self.diagnosis
+        if self.body is not None:
+            return found or Diagnosis(self.ladder, (), (), (), np.nan, (), data=self.prepared.data)
+        if found is not None and found.data is None:  # of a saved session
+            found = replace(found, data=self.prepared.timed.without([one.recording for one in found.disagreements]))
+        if found is not None and set(self.added) < set(self.called):
+            return replace(found, steps=self.called_for)
+        prepared, model = self.prepared.data.parts[0], self.model
         inertia = abs(model.estimates["inertia"].value) if "inertia" in model.estimates else 0.0
-        floor = prepared.data.noise(inertia) if self.diagnosis is None else self.diagnosis.noise_floor
-        left = self.diagnosis.unexplained if self.diagnosis is not None else ()
-        if self.added != self.called or self.diagnosis is None:
+        floor = prepared.data.noise(inertia) if found is None else found.noise_floor
+        left = found.unexplained if found is not None else ()
+        if self.added != self.called or found is None:
             residual: Array = prepared.watching(model).residual(model.terms, model.theta)
             is_noise = Criterion().is_noise(prepared.data.structure(residual, inertia), floor)
             left = () if is_noise else tuple(stand_out(prepared.samples, residual, floor))
-        if self.diagnosis is not None:
-            return replace(self.diagnosis, steps=self.ladder, unexplained=left)
-        return Diagnosis(self.ladder, (), (), left, floor, tuple(doubt.text for doubt in self.doubts))
+        if found is not None:
+            return replace(found, steps=self.ladder, unexplained=left)
+        doubts = tuple(doubt.text for doubt in self.doubts)
+        return Diagnosis(self.ladder, (), (), left, floor, doubts, data=self.prepared.data)
 
     @property
     def table(self) -> str | None:
         """A function that no effect is and that would explain what is left."""
-        return self.told.table
+        return next(iter(self.told.tables), None)
 
     def report(self) -> str:
         """HTML of the report."""
-        return render(self.train, self.holdout, self.told)
+        return render(self.told)
 
     @cached_property
     def case(self) -> Case:
         """What the sections of the report may look at."""
-        return Case.of(self.train, self.holdout, self.told)
+        return Case(self.told)
 
     @cached_property
     def standing(self) -> Case:
         """The same with all recordings and the ladder as they are, whatever the diagnosis found beyond them."""
-        diagnosis = replace(self.told, steps=self.ladder)
-        parts = self.train, self.holdout or self.train
-        return Case(*parts, not self.holdout, diagnosis, gathered=self.prepared.parts)
+        return Case(replace(self.told, steps=self.ladder, data=self.prepared.data))
 
     @property
     def seconds(self) -> float:

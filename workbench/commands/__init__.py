@@ -28,7 +28,6 @@ COMMANDS: dict[str, str] = {  # and what help says of each
     "evaluate": "compare excitation policies with the paper's signal, on fresh plants",
     "app": "the workbench in a browser: load, compare, diagnose, add, export (needs the extra app)",
 }
-OF_ARMS = ("identify", "compare", "diagnose", "add", "export")  # of `workbench.arms` where --robot names the links
 
 
 class Command(Protocol):
@@ -46,4 +45,4 @@ def load(name: str) -> Command:
     return cast(Command, import_module(f"workbench.commands.{name}"))
 
 
-__all__ = ["COMMANDS", "OF_ARMS", "Command", "load"]
+__all__ = ["COMMANDS", "Command", "load"]

@@ -10,7 +10,6 @@ from pendulum_env.physics.library import addition
 from workbench.inputs import (
     LIMITS,
     argument,
-    in_time,
     known_effect,
     of_pendulums,
     opened,
@@ -43,12 +42,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect; print both."""
-    refuse_joint(arguments.effect)
+    refuse_joint(arguments.effect, arguments.robot)
     asked = opened(arguments, [arguments.output], terminal)
-    recordings, holdout = in_time(*asked.in_torque(terminal), arguments.align, terminal)
+    given = asked.preprocessed(terminal, arguments.align)
     with terminal.progress(f"adding {arguments.effect}") as progress:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
-        added = add(asked.model, arguments.effect, recordings, holdout, progress, **limits)
+        added = add(asked.model, arguments.effect, given.recordings, given.holdout, progress, **limits)
     tell(of_addition(added), terminal)
     wrote([write_model(added.after.model, arguments.output, asked.fitted, terminal)], terminal)
 

@@ -7,16 +7,17 @@ import argparse
 from estimators.comparison import compare, in_units_of
 from estimators.in_loop.rollouts import are_driven
 from estimators.show.story import of_comparison
+from pendulum_env.arms.joints import links_of
 from pendulum_env.files import write_whole
 from workbench.inputs import (
     check_outputs,
-    in_time,
     of_pendulums,
     opened,
     take,
     take_recordings,
     take_report,
     take_robot,
+    tell_preprocessed,
     write_json,
     wrote,
 )
@@ -61,8 +62,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the errors of the model, and where they are."""
-    if arguments.payload is not None or arguments.without:
+    if arguments.robot is None and (arguments.payload is not None or arguments.without):
         raise InputError("--payload and --without are for arms: say which with --robot")
+    if arguments.without and arguments.payload is None:
+        raise InputError("--without is of the arm without its payload: say --payload, too")
     outputs = [arguments.json, arguments.report]
     check_outputs(outputs, [arguments.model])
     asked = opened(arguments, outputs, terminal)
@@ -71,18 +74,27 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(
             f"{recordings[0].name}: nobody knows its controller: say it with --drive, or [drive] in a study"
         )
-    recordings = list(in_units_of(model, recordings))
-    if recordings[0].torque_constant is not None:
-        terminal.say(recordings[0].torque_constant.text)
-    terminal.torque_unit = model.torque_unit
-    recordings, _ = in_time(recordings, [], arguments.align, terminal)
+    if asked.body is None:
+        given = tell_preprocessed(in_units_of(model, recordings), arguments.align, terminal)
+        recordings = list(given.recordings)
     with terminal.progress("comparing"):
         found = compare(model, recordings)
-    write_json(arguments.json, found.json())
+    payload, suspected = None, None
+    if asked.body is not None:
+        from workbench.arms import carried, of_payload  # who has no arm does not wait for it
+
+        payload = carried(arguments, asked, recordings, terminal)
+        payload, suspected = (None, payload) if arguments.payload is None else (payload, None)
+    write_json(arguments.json, found.json() | ({} if payload is None else {"payload": payload.json()}))
     if arguments.report is not None:
         from workbench.report import render_comparison  # plotly takes a while to import
 
         with terminal.progress("writing the report"):
-            write_whole(arguments.report, render_comparison(found, recordings))
+            write_whole(arguments.report, render_comparison(found))
     tell(of_comparison(found), terminal)
+    if payload is not None:
+        tell(of_payload(payload, links_of(model.terms)), terminal)
+    if suspected is not None and suspected.stands_out:
+        mass = suspected.estimates["m"].text
+        terminal.say(f"\nA payload of {mass} kg behind {suspected.joint} would explain most of it: see --payload")
     wrote(outputs, terminal)

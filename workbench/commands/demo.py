@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
+from estimators.progress import Progress
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
-from pendulum_env.physics import BASE, Estimate, Model, effect
+from pendulum_env.physics import BASE, Estimate, Model, Term, effect
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
@@ -21,9 +22,6 @@ from pendulum_env.words import listing
 from workbench.inputs import check_outputs, take, whole, wrote
 from workbench.story import story
 from workbench.terminal import Terminal
-
-if TYPE_CHECKING:  # Pinocchio is imported by who needs it
-    from estimators.arms.diagnosis import ArmDiagnosis
 
 FOLDER = Path("pendulum-ident-demo")  # made where the command runs, unless another place is named
 SECONDS = 20.0
@@ -42,40 +40,75 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
 
 
+@dataclass(frozen=True)
+class Hidden:
+    """A simulated plant with an effect hidden in it.
+
+    Attributes:
+        title: what it is.
+        effect: what is hidden.
+        law: of the effect.
+        truth: true parameters by name.
+        terms: of the model that knows nothing of the effect.
+        record: makes a recording of a name.
+    """
+
+    title: str
+    effect: str
+    law: str
+    truth: Mapping[str, Estimate]
+    terms: Sequence[Term]
+    record: Callable[[str, Progress], Recording]
+
+
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Hide an effect, record, diagnose, report, reveal."""
     if arguments.output is None:
         FOLDER.mkdir(exist_ok=True)
     report = Path(arguments.output or FOLDER / "report.html")
     files = [report.with_name(f"{report.stem}.{part}.csv") for part in ("train", "holdout")]
-    if arguments.robot is not None:
-        from workbench import arm_demo  # Pinocchio is imported by who needs it
-
-        arm_demo.run(report, files, SECONDS, arguments.seed, terminal, arguments.verbose)
-        return
+    robots = [report.with_name(f"{report.stem}.{part}.urdf") for part in ("robot", "truth")] if arguments.robot else []
+    check_outputs([str(path) for path in (report, *files, *robots)])
     from workbench.report import write_report  # plotly takes a while to import
 
-    check_outputs([str(report), *map(str, files)])
     rng = np.random.default_rng(arguments.seed)
-    plant = draw_plant(rng)
-    terminal.heading("A pendulum whose parameters nobody told, with one effect that the paper's model does not know")
-    with terminal.progress("recording") as progress:
-        recordings = []
-        for done, file in enumerate(files):
-            progress(file.name, done / len(files))
-            recordings.append(run_once(plant, rng, file.stem))
-            write_recording(recordings[-1], file)
+    if arguments.robot is not None:
+        from workbench.arm_demo import hidden_arm  # Pinocchio is imported by who needs it
+
+        hidden = hidden_arm(robots[0], robots[1], rng, SECONDS)
+    else:
+        hidden = hidden_pendulum(rng)
+    terminal.heading(hidden.title)
+    recordings = []
+    for file in files:
+        with terminal.progress(f"recording {file.name}") as progress:
+            recordings.append(hidden.record(file.stem, progress))
+        write_recording(recordings[-1], file)
     train, holdout = recordings
     terminal.say(f"recorded twice for {SECONDS:g} s: once to learn from, once to check on")
-
     with terminal.progress("diagnosing") as progress:
-        found = diagnose([train], [holdout], progress=progress)
+        found = diagnose(train, holdout, hidden.terms, progress)
     story(found).tell(terminal, arguments.verbose, more=False)
     with terminal.progress("writing the report"):
-        write_report(report, [train], [holdout], found)
-    reveal(plant.effects, effect(plant.effects[0]).law, plant.estimates, found, terminal)
-    wrote([report, *files], terminal)
-    terminal.say(f"another pendulum: pendulum-ident demo --seed {arguments.seed + 1}")
+        write_report(report, found)
+    reveal(hidden, found, terminal)
+    wrote([report, *robots, *files], terminal)
+    kind, how = ("pendulum", "") if arguments.robot is None else ("arm", f" --robot {arguments.robot}")
+    terminal.say(f"another {kind}: pendulum-ident demo{how} --seed {arguments.seed + 1}")
+
+
+def hidden_pendulum(rng: np.random.Generator) -> Hidden:
+    """A pendulum whose parameters nobody told, with one effect hidden in it."""
+    plant = draw_plant(rng)
+    (hidden,) = plant.effects
+    return Hidden(
+        "A pendulum whose parameters nobody told, with one effect that the paper's model does not know",
+        hidden,
+        effect(hidden).law,
+        plant.estimates,
+        BASE,
+        lambda name, _: run_once(plant, rng, name),
+    )
 
 
 def draw_plant(rng: np.random.Generator) -> Model:
@@ -92,13 +125,12 @@ def run_once(plant: Model, rng: np.random.Generator, name: str) -> Recording:
     return record(plant, excitation("paper", rng, SECONDS), SECONDS, rng=rng, name=name)
 
 
-def reveal(
-    hidden: Sequence[str], law: str, truth: Mapping[str, Estimate], found: Diagnosis | ArmDiagnosis, terminal: Terminal
-) -> None:
+def reveal(hidden: Hidden, found: Diagnosis, terminal: Terminal) -> None:
     """Print what was hidden, whether it was found, and the true parameters beside the estimates."""
     terminal.heading("The truth")
-    terminal.say(f"hidden was {listing(hidden)}: {law}")
-    terminal.say(verdict(hidden, found))
+    terminal.say(f"hidden was {hidden.effect}: {hidden.law}")
+    terminal.say(verdict([hidden.effect], found))
+    truth = hidden.truth
     estimates = found.model.estimates
     rows = [
         (
@@ -112,7 +144,7 @@ def reveal(
     terminal.table(("parameter", "truth", "estimate", "unit"), rows, left=("unit",))
 
 
-def verdict(hidden: Sequence[str], found: Diagnosis | ArmDiagnosis) -> str:
+def verdict(hidden: Sequence[str], found: Diagnosis) -> str:
     """Whether the diagnosis was right, in a sentence."""
     true, named = set(hidden), set(found.selected)
     alike = {effect for group in found.ambiguous if true & set(group) for effect in group} - true

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 
+from estimators.arms.transmission import Transmission, find_transmissions
 from estimators.diagnosis.experiment import USUAL
 from estimators.diagnosis.run import diagnose
+from pendulum_env.arms.recording import of_arms
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from workbench.inputs import (
@@ -84,16 +87,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the story, write what is asked for."""
     for effect in (*(arguments.only or ()), *arguments.without):
-        refuse_joint(effect)
+        refuse_joint(effect, arguments.robot)
     from workbench.report import write_report  # plotly takes a while to import
 
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
     asked = opened(arguments, outputs, terminal)
-    recordings, holdout = asked.in_torque(terminal)
+    given = asked.preprocessed(terminal)
     with terminal.progress("diagnosing") as progress:
         found = diagnose(
-            recordings,
-            holdout,
+            given.recordings,
+            given.holdout,
             asked.model.terms,
             progress,
             by_reference=arguments.instruments is not None,
@@ -101,10 +104,16 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         )
     if arguments.experiment is not None and found.suggestion is not None:
         write_whole(arguments.experiment, found.suggestion.csv())
-    write_json(arguments.json, found.json())
+    between: Sequence[Transmission] = ()
+    if asked.body is not None:
+        between = find_transmissions(of_arms(asked.recordings), asked.body.sliding)
+    more = {"transmissions": [one.json() for one in between]} if between else {}
+    write_json(arguments.json, found.json() | more)
     if arguments.report is not None:
         with terminal.progress("writing the report"):
-            write_report(arguments.report, recordings, holdout, found)
+            write_report(arguments.report, found)
+    for one in between:
+        terminal.say(one.text)
     story(found, arguments.all).tell(terminal, arguments.verbose or arguments.all, more=arguments.report is None)
     if arguments.experiment is not None and found.suggestion is None:
         terminal.say(f"{arguments.experiment} is not written: there is no experiment")

@@ -81,6 +81,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Export, perhaps check, and say what the form does not hold."""
+    if arguments.robot is not None:
+        from workbench.arms import export_arm  # who has no arm does not wait for it
+
+        return export_arm(arguments, terminal)
     sources = _checked(arguments)
     outputs = [arguments.output, arguments.callback]
     check_outputs(outputs, [arguments.model, *(str(source.file) for source in sources)])
@@ -95,7 +99,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     exported = export(model, arguments.to, request)
     if sources:
         sources = tuple(read_as(source, model.log_format, arguments.model) for source in sources)
-        _check(model, exported, request, arguments.to, in_units_of(model, read_recordings(sources, terminal)), terminal)
+        given = in_units_of(model, read_recordings(sources, terminal))
+        _check(model, exported, request, arguments.to, given.recordings, terminal)
     if arguments.output is not None:
         write_whole(arguments.output, exported.content)
         for note in exported.notes:

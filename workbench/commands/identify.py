@@ -6,15 +6,15 @@ import argparse
 from collections.abc import Sequence
 
 from estimators.arguments import within_limits
-from estimators.schemes.identification import identify
+from estimators.arms.standard import nearest_body
+from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
-from estimators.show.story import schemes_table
+from estimators.show.story import TRUST, schemes_table
 from estimators.weak_form.instruments import fit_by_reference
-from pendulum_env.physics import BASE
+from pendulum_env.physics import BASE, Model
 from workbench.inputs import (
     LIMITS,
     argument,
-    in_time,
     of_pendulums,
     opened,
     take,
@@ -51,25 +51,37 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
     outputs = [arguments.json, arguments.output]
     asked = opened(arguments, outputs, terminal, holdout=False)
-    recordings, _ = asked.in_torque(terminal)
-    if arguments.align:
-        recordings, _ = in_time(recordings, [], True, terminal)
+    given = asked.preprocessed(terminal, True if arguments.align else None)  # what is late is a doubt, else
+    terms, body = asked.model.terms, asked.body
     with terminal.progress("identifying"):
-        found = identify(recordings, BASE, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
-        model = None
-        if arguments.instruments is not None:
-            terms, _ = within_limits(BASE, {}, arguments.fixed, arguments.bounds)
-            model = found.fitted(lambda data: fit_by_reference(data, terms))
-        elif found.data is not None or arguments.output is not None:
-            model = found.windows
-    write_json(arguments.json, found.json())
+        found = identify(given.recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
+        one = found.schemes.get(SAVED, next(iter(found.schemes.values())))
+        nearest = nearest_body(one.model) if body is not None else None
+        model = one.model if body is not None else _over_windows(found, arguments)
+    if body is not None:
+        terminal.say(f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters")
+        for parameter in (own for own in body.base if len(own.parts) > 1):
+            terminal.say(f"  {parameter.name} stands for {parameter.text}")
+    write_json(arguments.json, found.json() | ({"nearest_body": nearest.json()} if nearest is not None else {}))
     terminal.heading("Estimates ± standard errors")
     terminal.table(*schemes_table(found, model, "instruments" if arguments.instruments else "windows"))
+    if body is not None and len(found.schemes) > 1:
+        terminal.say(TRUST)
     for doubt in found.doubts:
         terminal.say(f"warning: {doubt.text}", style="yellow")
+    if nearest is not None:
+        terminal.say(f"{one.scheme}: {nearest.text}")
     if model is not None:
         outputs[1] = write_model(model, arguments.output, asked.fitted, terminal)
     wrote(outputs, terminal)
+
+
+def _over_windows(found: Identification, arguments: argparse.Namespace) -> Model | None:
+    """The model of a pendulum that is written, by least squares or by instruments; None where nobody needs it."""
+    if arguments.instruments is not None:
+        terms, _ = within_limits(BASE, {}, arguments.fixed, arguments.bounds)
+        return found.fitted(lambda data: fit_by_reference(data, terms))
+    return found.windows if found.data is not None or arguments.output is not None else None
 
 
 def _schemes(text: str) -> Sequence[Scheme]:

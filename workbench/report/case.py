@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from estimators.checks.alignment import Aligned
-from estimators.checks.torque_constant import Calibrated
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.run import agreeing, gather
+from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import SCHEMES
-from estimators.selection.data import PreparedData, with_impacts
+from estimators.selection.data import PreparedData
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
@@ -21,56 +18,47 @@ from pendulum_env.recording import Recording
 
 @dataclass(frozen=True)
 class Case:
-    """A diagnosis with the recordings it rests on.
+    """A diagnosis with the data that it rests on.
 
     Attributes:
-        train: recordings that were fitted.
-        holdout: recordings that were held out: given ones, or the ends of the fitted ones.
-        is_split: whether the held-out recordings are the ends of the fitted ones.
         diagnosis: what was found.
-        gathered: data prepared of the recordings, fitted and held out, where it is at hand already.
         first: what the model is called that the diagnosis started from.
     """
 
-    train: tuple[Recording, ...]
-    holdout: tuple[Recording, ...]
-    is_split: bool
     diagnosis: Diagnosis
-    gathered: tuple[PreparedData, PreparedData] | None = None
     first: str = "base model"
 
-    @classmethod
-    def of(cls, recordings: Sequence[Recording], holdout: Sequence[Recording], diagnosis: Diagnosis) -> Case:
-        """Gather a case as the diagnosis did.
+    @property
+    def data(self) -> Preprocessed:
+        """What the diagnosis was made of; raises ValueError of one that was read from a file, and has none."""
+        if self.diagnosis.data is None:
+            raise ValueError("the diagnosis has no data: give it those of its recordings, see Preprocessed")
+        return self.diagnosis.data
 
-        Currents are turned into torque and torque that was logged late is corrected alike.
-        Recordings that disagree are not fitted; without held-out recordings, the end of each recording is held out.
-        """
-        calibrated = Calibrated.by(diagnosis.torque_constant, recordings, holdout)
-        recordings, holdout = calibrated.recordings, calibrated.holdout
-        if diagnosis.alignments:
-            aligned = Aligned.by(diagnosis.alignments, recordings, holdout)
-            recordings, holdout = aligned.recordings, aligned.holdout
-        fitted = tuple(agreeing(recordings, [one.recording for one in diagnosis.disagreements]))
-        return cls(fitted, tuple(holdout) or fitted, not holdout, diagnosis)
+    @property
+    def train(self) -> tuple[Recording, ...]:
+        """Recordings that were fitted."""
+        return self.data.recordings
 
-    @cached_property
-    def _prepared(self) -> tuple[PreparedData, PreparedData]:
-        if self.gathered is not None:
-            return self.gathered
-        found = self.diagnosis
-        prepared = gather(self.train, () if self.is_split else self.holdout, found.window_share)
-        return prepared if found.impacts_beside is None else with_impacts(prepared, found.impacts_beside)
+    @property
+    def holdout(self) -> tuple[Recording, ...]:
+        """Recordings that were held out: given ones, or the fitted ones, of which the ends were."""
+        return self.data.holdout or self.data.recordings
 
-    @cached_property
+    @property
+    def is_split(self) -> bool:
+        """Whether what was held out is the ends of the fitted recordings."""
+        return not self.data.holdout
+
+    @property
     def training(self) -> PreparedData:
         """Windows and segments of the fitted recordings."""
-        return self._prepared[0]
+        return self.data.parts[0]
 
-    @cached_property
+    @property
     def testing(self) -> PreparedData:
-        """Windows and segments of the held-out recordings."""
-        return self._prepared[1]
+        """Windows and segments of what was held out."""
+        return self.data.parts[1]
 
     @cached_property
     def schemes(self) -> Identification | None:

@@ -12,12 +12,12 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
-from estimators.arguments import Recordings, chosen_recordings
-from estimators.comparison import Comparison, in_units_of, joined
+from estimators.comparison import Comparison
 from estimators.diagnosis.result import Diagnosis
-from estimators.selection.data import PreparedData, Step
+from estimators.selection.data import Step
 from pendulum_env import words
 from pendulum_env.files import write_whole
+from workbench.report import arm
 from workbench.report.case import Case
 from workbench.report.figure import Section
 from workbench.report.sections import SECTIONS
@@ -57,12 +57,13 @@ def plotly() -> str:
     return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode()
 
 
-def render(recordings: Recordings, holdout: Recordings, diagnosis: Diagnosis) -> str:
+def render(diagnosis: Diagnosis) -> str:
     """HTML of the report; see `write_report`."""
-    fitted, unseen = chosen_recordings(recordings), chosen_recordings(holdout, empty=True)
-    case = Case.of(fitted, unseen, diagnosis)
-    if diagnosis.is_in_loop:
-        sections = [of_diagnosis(diagnosis, fitted, unseen), candidates(case), parameters(case)]
+    case = Case(diagnosis)
+    if diagnosis.body is not None:
+        sections = arm.sections(case)
+    elif diagnosis.is_in_loop:
+        sections = [of_diagnosis(case), candidates(case), parameters(case)]
     else:
         sections = [section for make in SECTIONS if (section := make(case)) is not None]
     page = assemble(sections, f"diagnosis of {words.listing([recording.name for recording in case.train])}")
@@ -100,40 +101,35 @@ def assemble(sections: Sequence[Section], subject: str, home: str | None = None)
     )
 
 
-def write_report(path: str | Path, recordings: Recordings, holdout: Recordings, diagnosis: Diagnosis) -> None:
+def write_report(path: str | Path, diagnosis: Diagnosis) -> None:
     """Write a diagnosis as one self-contained HTML file: it needs no network and no other file, and it prints.
 
     Args:
         path: of the file, written whole or not at all.
-        recordings: what the diagnosis was made from.
-        holdout: what it was confirmed on; empty if the end of each recording was held out.
-        diagnosis: what was found.
+        diagnosis: what was found, with the data that it was made of.
 
     Raises:
-        TypeError: if something else is given than recordings.
         OSError: if the file cannot be written.
     """
-    write_whole(path, render(recordings, holdout, diagnosis))
+    write_whole(path, render(diagnosis))
 
 
-def render_comparison(compared: Comparison, recordings: Recordings) -> str:
+def render_comparison(compared: Comparison) -> str:
     """HTML of what `compare` found of recordings, as one self-contained page like that of a diagnosis."""
-    case = _case(compared, recordings)
+    case = _case(compared)
+    subject = f"comparison with {words.listing([recording.name for recording in case.train])}"
+    if case.diagnosis.body is not None:
+        return assemble(arm.sections(case), subject)
     headline = words.opening(compared.headline).replace(" N m", "\u00a0N\u00a0m").replace(" rad", "\u00a0rad")
     distances = Section("distances", "Result", headline, {"compared": compared})
     sections = [distances, comparison(case), failures(case), parameters(case)]
     if compared.told_in_loop is not None:
-        own = in_units_of(compared.model, chosen_recordings(recordings))
-        sections.insert(1, loop(compared.told_in_loop, [("model", compared.model)], own))
-    page = assemble(sections, f"comparison with {words.listing([recording.name for recording in case.train])}")
-    return words.per(page, compared.torque_unit)
+        sections.insert(1, loop(compared.told_in_loop, [("model", compared.model)], case.train))
+    return words.per(assemble(sections, subject), compared.torque_unit)
 
 
-def _case(compared: Comparison, recordings: Recordings) -> Case:
-    """The comparison as a diagnosis in which nobody has looked for effects."""
-    own = in_units_of(compared.model, chosen_recordings(recordings))
-    together = joined([PreparedData.of([recording]) for recording in own])
-    errors = compared.joint.errors
-    step = Step(None, compared.model, {"train": errors, "holdout": errors})
-    found = Diagnosis((step,), (), (), compared.regions, compared.joint.noise_floor, ())
-    return Case(own, own, False, found, gathered=(together, together), first="model")  # nothing is added to it
+def _case(compared: Comparison) -> Case:
+    """The comparison as a diagnosis in which nobody has looked for effects, and all is fitted and checked alike."""
+    step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
+    found = Diagnosis((step,), (), (), compared.regions, compared.joint.noise_floor, (), data=compared.data)
+    return Case(found, first="model")  # nothing is added to it

@@ -92,7 +92,7 @@ def look(case: Case, settings: Settings) -> JSON:
     row = _row(recording, found)
     if settings.folder is not None and row["verdict"] in PAGES[settings.reports]:
         row["report"] = page_of(case)
-        _write_page(settings.folder / row["report"], recording, found)
+        _write_page(settings.folder / row["report"], found)
     return row
 
 
@@ -102,11 +102,11 @@ def page_of(case: Case) -> str:
     return f"reports/{readable}-{hashlib.sha256(case.name.encode()).hexdigest()[:8]}.html"
 
 
-def _write_page(path: Path, recording: Recording, found: Diagnosis) -> None:
+def _write_page(path: Path, found: Diagnosis) -> None:
     from workbench.report import write_report  # plotly takes a while to import
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_report(path, [recording], [], found)
+    write_report(path, found)
 
 
 def _row(recording: Recording, found: Diagnosis) -> JSON:

@@ -3,8 +3,8 @@
 import pytest
 
 from benchmarks.two_link import TwoLink
-from estimators.arms.addition import add_arm
-from estimators.arms.identification import ARM_SCHEMES, identify_arm
+from estimators import add, identify
+from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import ModelError
 from tests.two_link import Hidden, recorded
 
@@ -18,13 +18,13 @@ def recording():
 
 @pytest.fixture(scope="module")
 def lacking(body, recording):
-    return identify_arm(recording, body, schemes=ARM_SCHEMES[1:2])["filtered_dynamic"].model
+    return identify(recording, arm_base(body), "filtered_dynamic")["filtered_dynamic"].model
 
 
 def test_the_hidden_effect_lowers_both_errors_and_its_size_is_found(recording, lacking):
-    added = add_arm(lacking, "quadratic_drag@elbow", recording)
+    added = add(lacking, "quadratic_drag@elbow", recording)
     for part in ("train", "holdout"):
-        before, after = (step.errors[part][1].torque_rms for step in (added.before, added.after))
+        before, after = (step.errors[part].joints["elbow"] for step in (added.before, added.after))
         assert after < 0.5 * before
     estimates = added.after.model.estimates
     assert estimates["quadratic_drag@elbow"].value == pytest.approx(DRAG, rel=0.03)
@@ -32,18 +32,20 @@ def test_the_hidden_effect_lowers_both_errors_and_its_size_is_found(recording, l
     biased = added.before.model.estimates["viscous@elbow"].value
     assert abs(biased / TwoLink().viscous[1] - 1) > 0.1
     assert added.objection is None and "lowers the held-out torque error of elbow to" in added.text
+    page = added._repr_html_()
+    assert added.text in page and "Torque errors on held-out data" in page and "nan" not in page
 
 
 def test_an_effect_that_is_not_there_is_objected_to(recording, lacking):
-    complete = add_arm(lacking, "quadratic_drag@elbow", recording).after.model
-    added = add_arm(complete, "spring@shoulder", recording)
+    complete = add(lacking, "quadratic_drag@elbow", recording).after.model
+    added = add(complete, "spring@shoulder", recording)
     assert added.objection is not None and "no reason to keep it" in added.text
     assert abs(added.after.model.estimates["spring.stiffness@shoulder"].value) < 0.02
 
 
 def test_what_cannot_be_added_is_refused(recording, lacking):
     with pytest.raises(ValueError, match="unknown joint 'wrist'"):
-        add_arm(lacking, "spring@wrist", recording)
-    added = add_arm(lacking, "quadratic_drag@elbow", recording)
-    with pytest.raises(ModelError, match="has quadratic_drag@elbow already"):
-        add_arm(added.after.model, "quadratic_drag@elbow", recording)
+        add(lacking, "spring@wrist", recording)
+    added = add(lacking, "quadratic_drag@elbow", recording)
+    with pytest.raises(ModelError, match="has 'quadratic_drag@elbow' already"):
+        add(added.after.model, "quadratic_drag@elbow", recording)

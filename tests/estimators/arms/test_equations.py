@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import Multisine
-from estimators.arms.diagnosis import diagnose_arm, gather_arm, models_of_arm
-from estimators.arms.identification import identify_arm
-from estimators.progress import no_progress
+from estimators import diagnose, identify
+from estimators.diagnosis.arm import gather_arm, models_of_arm
+from estimators.diagnosis.setting import Setting
 from estimators.selection.candidates import Columns
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import inertias
 from estimators.selection.models import Models
 from estimators.selection.search import select
-from pendulum_env.arms.joints import Links, at_joint, coupling, couplings, friction, placed
+from pendulum_env.arms.joints import Links, arm_base, at_joint, coupling, couplings, placed
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Viscous, effect
 from pendulum_env.physics.term import loads
@@ -31,7 +31,7 @@ def run():
 
 @pytest.fixture(scope="module")
 def base(body):
-    return (Links(body), *friction(body))
+    return arm_base(body)
 
 
 @pytest.fixture(scope="module")
@@ -83,14 +83,14 @@ def test_a_lag_that_only_makes_torque_smaller_gains_nothing_beside_a_true_one(ru
 def test_terms_are_at_a_joint_of_the_arm_and_at_one(body, run):
     for terms in ([Viscous()], [placed(Viscous(), "wrist")]):
         with pytest.raises(ValueError, match="is at none of the joints shoulder, elbow"):
-            identify_arm(run, body, terms)
+            identify(run, (Links(body), *terms))
     with pytest.raises(ValueError, match="stribeck@elbow is at a joint already"):
         at_joint(at_joint(effect("stribeck"), "elbow"), "shoulder")
 
 
 def test_a_model_that_lacks_something_says_so_of_its_values_and_in_its_file(body, run, tmp_path):
     kicked = run.torque + 0.5 * np.sign(np.sin(40 * TIME + 3 * np.sin(TIME)))[:, None]  # no effect of the library
-    found = diagnose_arm(replace(run, torque=kicked), body, library={"spring": effect("spring")})
+    found = diagnose(replace(run, torque=kicked), (), arm_base(body), library={"spring": effect("spring")})
     assert found.unexplained and found.headline.startswith("Something is missing at")
     found.model.save(tmp_path / "arm.json")
     for model in (found.model, ArmModel.load(tmp_path / "arm.json", body)):
@@ -114,7 +114,7 @@ def test_a_motor_that_turns_with_two_joints_loads_both(body, tmp_path, at, is_he
     speed = np.gradient(turned, TIME, edge_order=2)
     needed = 0.2 * speed + 0.3 * np.sign(speed) + 0.01 * is_heavy * np.gradient(speed, TIME, edge_order=2)
     recording = replace(run, torque=run.torque + needed[:, None] * factors)
-    model = identify_arm(recording, body, (*friction(body), kind()))["filtered_dynamic"].model
+    model = identify(recording, (*arm_base(body), kind()))["filtered_dynamic"].model
     expected = {"inertia": 0.01, "viscous": 0.2, "coulomb": 0.3}
     found = {
         name.partition("@")[0].removeprefix("coupling."): estimate.value
@@ -125,8 +125,8 @@ def test_a_motor_that_turns_with_two_joints_loads_both(body, tmp_path, at, is_he
     model.save(tmp_path / "arm.json")
     assert ArmModel.load(tmp_path / "arm.json", body).terms[1:] == model.terms[1:]
     assert pickle.loads(pickle.dumps(kind())) == kind()
-    base = (Links(body), *friction(body))
+    base = arm_base(body)
     kinds = {one.id: one for one in (*couplings(body), at_joint(effect("stribeck"), "elbow"))}
     first, last = recording.split(0.7)
-    models = models_of_arm([first], [last], base, kinds, no_progress)
+    models = models_of_arm([first], [last], Setting(base, kinds))
     assert [term.id for term in select(models).terms[len(base) :]] == [kind.id]

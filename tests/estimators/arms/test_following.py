@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import TwoLink
+from estimators import identify
 from estimators.arms.excitation import design_excitation
 from estimators.arms.following import Follow, follow
-from estimators.arms.identification import ARM_SCHEMES, identify_arm
 from pendulum_env.arms.env import PlanarArm
+from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.plane import planar_links
 
 ARM = TwoLink()
@@ -40,7 +41,7 @@ def test_the_arm_keeps_near_its_reference_and_its_parameters_are_found(body, mot
     recording = follow(arm(body, torque_noise=0.02), motion, 8000, rng=np.random.default_rng(0))
     lag = recording.position - motion(recording.time)[0]
     assert np.sqrt(np.mean(lag**2, axis=0)).max() < 0.15  # what friction asks for, by the stiffness w^2 M
-    estimates = identify_arm(recording, body, schemes=ARM_SCHEMES[1:2])["filtered_dynamic"].model.estimates
+    estimates = identify(recording, arm_base(body), "filtered_dynamic")["filtered_dynamic"].model.estimates
     for joint, viscous, coulomb in zip(body.joints, ARM.viscous, ARM.coulomb, strict=True):
         assert estimates[f"viscous@{joint}"].value == pytest.approx(viscous, rel=0.02)
         assert estimates[f"coulomb@{joint}"].value == pytest.approx(coulomb, rel=0.01)

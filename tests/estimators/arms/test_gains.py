@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from benchmarks import six_joint
-from estimators.arms import identify_arm
+from estimators import identify
 from estimators.arms.gains import in_torque, without_loads
 from estimators.regression.equations import IdentificationError
+from pendulum_env.arms.joints import arm_base
 from pendulum_env.recording import RecordingError
 from pendulum_env.recording.study import Carried
 
@@ -49,7 +50,7 @@ def test_a_current_that_counts_the_other_way_round_is_said_to(logged):
 def test_a_current_without_a_gain_is_no_torque(logged):
     (alone,) = in_torque(logged[:1], six_joint.body()).recordings
     with pytest.raises(RecordingError, match="joint 'shoulder': torque is in A, and nothing tells its gain: give it"):
-        identify_arm(alone, six_joint.body())
+        identify(alone, arm_base(six_joint.body()))
 
 
 def test_the_bare_arm_is_that_of_fitted_and_held_out_recordings_together(logged):

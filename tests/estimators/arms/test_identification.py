@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import Multisine, TwoLink
-from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
-from estimators.arms.untold import untold as arms_untold
+from estimators import compare, identify
 from estimators.checks.identifiability import untold
+from estimators.checks.untold import untold_of_arm
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.six import PAPER
+from estimators.schemes.balance import for_arms
+from estimators.schemes.six import PAPER, SCHEMES
 from estimators.signals.measurements import measure_segments
 from pendulum_env.arms.body import read_body
-from pendulum_env.arms.joints import Links, friction
+from pendulum_env.arms.joints import Links, arm_base, friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE, Model, ModelError
@@ -30,7 +31,7 @@ def recording():
 
 @pytest.fixture(scope="module")
 def found(recording, body):
-    return identify_arm(recording, body)
+    return identify(recording, arm_base(body))
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +39,7 @@ def truth(body):
     return np.concatenate([body.values, np.ravel(np.column_stack([ARM.viscous, ARM.coulomb]))])
 
 
-@pytest.mark.parametrize("scheme", ARM_SCHEMES, ids=lambda scheme: scheme.id)
+@pytest.mark.parametrize("scheme", for_arms(SCHEMES), ids=lambda scheme: scheme.id)
 def test_each_scheme_finds_all_base_parameters_and_frictions_within_one_per_cent(found, truth, scheme):
     theta = found[scheme.id].model.theta
     some = np.abs(truth) > 1e-9
@@ -62,11 +63,11 @@ def test_the_hamiltonian_pair_equals_the_dynamic_pair(found):
 def test_with_the_momentum_of_the_dynamic_model_friction_is_as_the_dynamic_models(recording, body):
     paper = {scheme.id: scheme for scheme in PAPER}
     chosen = [paper[id] for id in ("dynamic", "filtered_dynamic", "hamiltonian", "filtered_hamiltonian")]
-    found = identify_arm(recording, body, schemes=chosen)
+    found = identify(recording, arm_base(body), chosen)
     for one, other in (("hamiltonian", "dynamic"), ("filtered_hamiltonian", "filtered_dynamic")):
         assert np.allclose(found[one].model.theta, found[other].model.theta, rtol=1e-3, atol=1e-5)
     with pytest.raises(ValueError, match="put dynamic before it"):
-        identify_arm(recording, body, schemes=[paper["hamiltonian"]])
+        identify(recording, arm_base(body), [paper["hamiltonian"]])
 
 
 def test_the_recursion_ends_at_the_batch_estimate(found):
@@ -82,7 +83,7 @@ def test_a_joint_that_sticks_is_left_out_of_its_own_row_alone(body, truth):
     position, velocity = still.simulate(torque, time)
     recording = ArmRecording.of("stuck", body.joints, time, position, torque.held(time, 1 / RATE))
     assert 0.3 < np.mean(velocity[:, 0] == 0) < 0.7
-    found = identify_arm(recording, body, schemes=ARM_SCHEMES[:2])
+    found = identify(recording, arm_base(body), ("dynamic", "filtered_dynamic"))
     for one in found.schemes.values():
         assert one.model.estimates["coulomb@shoulder"].value == pytest.approx(6.0, rel=0.01)
         assert one.model.estimates["coulomb@elbow"].value == pytest.approx(ARM.coulomb[1], rel=0.01)
@@ -91,12 +92,32 @@ def test_a_joint_that_sticks_is_left_out_of_its_own_row_alone(body, truth):
 def test_torque_of_another_run_is_predicted(found, body, tmp_path):
     model = found["filtered_dynamic"].model
     other = recorded(seed=7, seconds=5.0, **LIVELY)
-    errors = compare_arm(model, other)
-    assert all(error.share < 0.02 for error in errors)
+    errors = compare(model, other).joint.errors
+    assert max(errors.shares.values()) < 0.02
     wrong = ArmModel.build(model.terms, model.theta * np.where(np.arange(len(model.theta)) == 2, 1.2, 1.0))
-    assert compare_arm(wrong, other)[0].torque_rms > 3 * errors[0].torque_rms
+    assert compare(wrong, other).joint.errors.joints["shoulder"] > 3 * errors.joints["shoulder"]
     model.save(tmp_path / "arm.json")
     assert np.array_equal(ArmModel.load(tmp_path / "arm.json", body).theta, model.theta)
+
+
+def test_results_show_themselves_joint_by_joint(found, recording):
+    page = found._repr_html_()
+    assert "errors, times the least" in page and "coulomb@elbow" in page
+    compared = compare(found["filtered_dynamic"].model, recording)
+    page = compared._repr_html_()
+    assert compared.headline in page and "Torque errors" in page and "nan" not in page
+
+
+def test_recordings_of_another_plant_are_refused(recording, body):
+    with pytest.raises(TypeError, match=r"run 0: is of an arm: give the terms of one, such as arm_base\(body\)"):
+        identify(recording)
+    alone, other = recording.joints[0], replace(recording, names=("hip", "knee"))
+    with pytest.raises(TypeError, match="is of a pendulum: give the terms of one, such as BASE"):
+        identify(alone, arm_base(body))
+    with pytest.raises(ValueError, match=r"has joints hip, knee, and .* shoulder, elbow"):
+        identify(other, arm_base(body))
+    with pytest.raises(ValueError, match="known of pendulums alone"):
+        identify(recording, arm_base(body), fixed={"viscous@elbow": 0.3})
 
 
 def test_a_model_of_another_arm_is_refused(found, body, tmp_path):
@@ -113,7 +134,7 @@ def test_an_arm_that_does_not_move_is_refused(body):
     position = np.column_stack([np.sin(time), 0 * time])
     recording = ArmRecording.of("half", body.joints, time, position, torque.held(time, 1 / RATE))
     with pytest.raises(IdentificationError, match="joint 'elbow' never moves"):
-        identify_arm(recording, body)
+        identify(recording, arm_base(body))
 
 
 def test_a_parameter_that_the_motion_does_not_show_is_unknown(body, truth, tmp_path):
@@ -122,7 +143,9 @@ def test_a_parameter_that_the_motion_does_not_show_is_unknown(body, truth, tmp_p
     q, v, a = slow, np.gradient(slow, time, axis=0), np.gradient(np.gradient(slow, time, axis=0), time, axis=0)
     torque = body.torque(q, v, a) @ body.values + np.array(ARM.viscous) * v + np.array(ARM.coulomb) * np.sign(v)
     torque += 0.3 * np.random.default_rng(0).normal(size=q.shape)
-    found = identify_arm(ArmRecording.of("poor", body.joints, time, q, torque), body, schemes=ARM_SCHEMES[:2])
+    found = identify(
+        ArmRecording.of("poor", body.joints, time, q, torque), arm_base(body), ("dynamic", "filtered_dynamic")
+    )
     own = found["filtered_dynamic"]
     assert own.withheld == {"Iyy@shoulder", "Iyy@elbow", "mz@shoulder"}  # a slow pendulum is a spring against inertia
     assert found.doubts[0].text.startswith("Iyy@elbow, Iyy@shoulder and mz@shoulder cannot be told")
@@ -160,4 +183,4 @@ def test_a_pendulum_and_an_arm_of_one_joint_call_the_same_errors_unknown(tmp_pat
         theta[gravity], std[gravity] = 0.1 / 9.81, errors[1] / 9.81
         arm = ArmModel.build((Links(rod), *friction(rod)), [*theta, 0.1, 0.1], [*std, *errors[2:]])
         names = ("Iyy@j", "mz@j", "viscous@j", "coulomb@j")
-        assert arms_untold(arm, q, v, recording.torque[:, None]) == {names[k] for k in expected}
+        assert untold_of_arm(arm, q, v, recording.torque[:, None]) == {names[k] for k in expected}

@@ -8,16 +8,17 @@ import pytest
 
 from benchmarks import six_joint
 from benchmarks.two_link import Multisine, TwoLink
-from estimators.arms.identification import ARM_SCHEMES, identify_arm
+from estimators import identify
 from estimators.arms.online import ArmBinner, ArmEstimator
 from estimators.online import Diagnoser, Watch
 from estimators.schemes import six
-from estimators.schemes.six import Integral
+from estimators.schemes.balance import for_arms
+from estimators.schemes.six import SCHEMES, Integral
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import DiagnoseOnline, EstimateArmParameters, EstimateParameters, WatchModel, WatchModelVector
 from pendulum_env import ARM, PENDULUM
 from pendulum_env.arms.body import read_body
-from pendulum_env.arms.joints import Links, at_joint, friction
+from pendulum_env.arms.joints import arm_base, at_joint
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import TWO_LINK
 from pendulum_env.arms.recording import ArmRecording
@@ -36,7 +37,7 @@ def recording():
 
 @pytest.fixture
 def links(body):
-    return Links(body), *friction(body)
+    return arm_base(body)
 
 
 def fed(estimator, recording):
@@ -52,20 +53,20 @@ def taken(monitor, time, position, held):
         yield t, said
 
 
-@pytest.mark.parametrize("scheme", ARM_SCHEMES, ids=lambda scheme: scheme.id)
+@pytest.mark.parametrize("scheme", for_arms(SCHEMES), ids=lambda scheme: scheme.id)
 def test_online_and_offline_agree(body, recording, scheme):
     online = fed(ArmEstimator(body, RATE, scheme=scheme), recording)
     truth = np.concatenate([body.values, np.ravel(np.column_stack([TWO.viscous, TWO.coulomb]))])
     some = np.abs(truth) > 1e-9
     assert np.abs(online.state.theta[some] / truth[some] - 1).max() < 0.02
-    offline = identify_arm(recording, body, schemes=[scheme])[scheme.id].model.theta
+    offline = identify(recording, arm_base(body), [scheme])[scheme.id].model.theta
     assert np.allclose(online.state.theta, offline, rtol=0.02, atol=2e-3)
     assert online.model.estimates["coulomb@elbow"].value == pytest.approx(TWO.coulomb[1], rel=0.02)
 
 
 def test_each_row_is_used_once_but_for_those_of_the_first_and_last_moments(body, recording):
     online = fed(ArmEstimator(body, RATE, scheme=six.scheme("hamiltonian")), recording)
-    offline = identify_arm(recording, body, schemes=[six.scheme("hamiltonian")])["hamiltonian"]
+    offline = identify(recording, arm_base(body), [six.scheme("hamiltonian")])["hamiltonian"]
     information = np.diag(np.linalg.inv(online.state.P))
     rows = information[[7, 9]].sum()  # a Coulomb column is +-1 on each row of its joint
     assert 0.9 * offline.used[0] < rows < 1.001 * offline.used[0]
@@ -181,7 +182,7 @@ def test_an_arm_is_known_after_a_few_seconds_as_well_as_from_its_recording(file)
     arm = gym.make(ARM, max_episode_steps=-1, rate=RATE, substeps=2, torque_noise=0.01)
     env, body = EstimateArmParameters(arm, ["filtered_dynamic", "energy"]), read_body(file)
     info, samples = driven(env, 3000)
-    offline = identify_arm(ArmRecording.of("run", body.joints, *samples), body)
+    offline = identify(ArmRecording.of("run", body.joints, *samples), arm_base(body))
     friction = [value for link in TWO_LINK for value in (link.viscous, link.coulomb)]
     for scheme, found in info["estimates"].items():
         assert found["P"].shape == (10, 10) and info["parameters"] == tuple(offline[scheme].model.estimates)
@@ -206,7 +207,7 @@ def test_a_diagnosis_knows_the_arms_effects_and_takes_one_in():
     )
     assert driven(env, 3000)[0]["diagnosis"].group == ("cogging@elbow",)
     assert env.add("cogging@elbow").id == "cogging@elbow" and env.diagnoser.said.added == ("cogging@elbow",)
-    with pytest.raises(ValueError, match="unknown effect 'stribek': did you mean stribeck"):
+    with pytest.raises(ValueError, match="unknown effect of joints 'stribek': did you mean stribeck"):
         DiagnoseOnline(gym.make(ARM), candidates="stribek")
 
 

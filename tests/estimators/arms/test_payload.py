@@ -5,9 +5,10 @@ import pytest
 
 from benchmarks import six_joint
 from benchmarks.two_link import TwoLink
-from estimators.arms.identification import ARM_SCHEMES, identify_arm
+from estimators import identify
 from estimators.arms.payload import find_payload
 from estimators.regression.equations import IdentificationError
+from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import ArmRecording
 from tests.two_link import recorded
 
@@ -34,7 +35,7 @@ def run(seed, is_loaded):
 
 @pytest.fixture(scope="module")
 def model(body):
-    return identify_arm(run(0, False), body, schemes=ARM_SCHEMES[1:2])["filtered_dynamic"].model
+    return identify(run(0, False), arm_base(body), "filtered_dynamic")["filtered_dynamic"].model
 
 
 @pytest.mark.parametrize("known", ["model", "recording"])
@@ -75,7 +76,7 @@ def test_a_body_at_the_flange_of_a_robot_in_mujoco_is_told_whole():
     load = six_joint.Load(1.4, (0.05, -0.03, 0.04), (0.004, 0.003, 0.0035))
     arm = six_joint.body()
     empty, full = six_joint.simulate(1, seconds=8.0), six_joint.simulate(2, seconds=8.0, load=load)
-    model = identify_arm(empty, arm, schemes=ARM_SCHEMES[1:2])["filtered_dynamic"].model
+    model = identify(empty, arm_base(arm), "filtered_dynamic")["filtered_dynamic"].model
     found = find_payload(model, [full], [empty])
     assert found.estimates["m"].value == pytest.approx(1.4, rel=0.02)
     assert [one.value for one in found.center] == pytest.approx(load.center, abs=1e-3)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from estimators.arms.diagnosis import diagnose_arm
+from estimators import compare, diagnose, identify
 from estimators.arms.excitation import DESIGN, design_excitation
-from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
 from estimators.arms.standard import standard_parameters
 from pendulum_env.arms.body import read_body
+from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import read_arm_recording
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import Stribeck
@@ -40,26 +40,26 @@ def runs(tmp_path_factory):
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_friction_and_links_are_found_where_joints_are_held_follow_or_slide(runs, robot):
     body, recording = runs[robot]
-    model = identify_arm(recording, body, schemes=ARM_SCHEMES[1:2])["filtered_dynamic"].model
+    model = identify(recording, arm_base(body), "filtered_dynamic")["filtered_dynamic"].model
     for own in (own for own in ROBOTS[robot][0] if own.sweep):
         assert model.estimates[f"viscous@{own.name}"].value == pytest.approx(own.viscous, rel=0.02)
         assert model.estimates[f"coulomb@{own.name}"].value == pytest.approx(own.coulomb, rel=0.01)
     std = np.array([model.estimates[name].std for name in body.names])
     assert np.all(np.abs(model.theta[: len(body.base)] - body.values) < 5 * std)
     assert np.all(std < 0.02 * np.abs(body.values).max())
-    assert all(error.share < 0.02 for error in compare_arm(model, recording))
+    assert max(compare(model, recording).joint.errors.shares.values()) < 0.02
 
 
 def test_a_torso_that_slides_has_its_mass_in_kg_and_its_friction_in_newtons(runs):
     body, recording = runs["torso"]
-    found = identify_arm(recording, body, schemes=ARM_SCHEMES[:2])
+    found = identify(recording, arm_base(body), ("dynamic", "filtered_dynamic"))
     carried = found["filtered_dynamic"].model.estimates["m@torso"]
     assert carried.unit == "kg" and carried.value == pytest.approx(sum(own.mass for own in TORSO), rel=0.002)
     viscous, coulomb = (found["filtered_dynamic"].model.estimates[f"{name}@torso"] for name in ("viscous", "coulomb"))
     assert (viscous.unit, coulomb.unit) == ("N s/m", "N")
     assert found["dynamic"].units == ("N", "N m", "N m")
-    errors = compare_arm(found["filtered_dynamic"].model, recording)
-    assert [error.unit for error in errors] == ["N", "N m", "N m"]
+    errors = compare(found["filtered_dynamic"].model, recording).json()["joints"]
+    assert [error["unit"] for error in errors] == ["N", "N m", "N m"]
     standard = standard_parameters(found["filtered_dynamic"].model)
     assert standard["m@torso"].unit == "kg" and standard["m@torso"].value > 0
 
@@ -83,11 +83,11 @@ def rubbing(velocity):
 )
 def test_what_is_hidden_at_a_joint_is_named_there(tmp_path, robot, library, hidden, named):
     body, recording = ran(tmp_path, robot, seed=3, hidden=hidden)
-    found = diagnose_arm(recording, body, library=library)
+    found = diagnose(recording, (), arm_base(body), library=library)
     assert found.selected == (named,)
     if robot == "torso":
-        assert found.parameters["stribeck@torso"].unit == "N"
-        speed = found.parameters["stribeck.stribeck_velocity@torso"]
+        assert found.model.estimates["stribeck@torso"].unit == "N"
+        speed = found.model.estimates["stribeck.stribeck_velocity@torso"]
         assert speed.unit == "m/s" and speed.value == pytest.approx(0.05, rel=0.2)
         assert "cogging@torso" not in {candidate.effect for candidate in found.candidates}
 
@@ -95,7 +95,7 @@ def test_what_is_hidden_at_a_joint_is_named_there(tmp_path, robot, library, hidd
 @pytest.mark.parametrize("robot", ["driven", "torso"])
 def test_nothing_is_named_where_nothing_is_hidden(runs, robot):
     body, recording = runs[robot]
-    assert diagnose_arm(recording, body, library=FEW).selected == ()
+    assert diagnose(recording, (), arm_base(body), library=FEW).selected == ()
 
 
 def test_a_motion_that_is_designed_keeps_a_torso_within_its_stroke(runs):

@@ -3,7 +3,7 @@ import pytest
 
 from benchmarks import six_joint
 from estimators.arms.standard import nearest_body, pseudo_inertia, standard_parameters
-from pendulum_env.arms.joints import Links, friction
+from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel
 
 
@@ -17,7 +17,7 @@ def model(body, standard, noise=0.0):
     std = 1e-3 * np.maximum(np.abs(base), 1e-2)
     base = base + noise * std * np.random.default_rng(0).normal(size=len(base))
     rest = np.ones(2 * len(body.joints))
-    return ArmModel.build((Links(body), *friction(body)), np.append(base, rest), np.append(std, 0.01 * rest))
+    return ArmModel.build(arm_base(body), np.append(base, rest), np.append(std, 0.01 * rest))
 
 
 def test_links_have_the_base_parameters_that_were_found_and_are_bodies(body):

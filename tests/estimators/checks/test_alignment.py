@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import lfilter
 
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, random_case, simulate
-from estimators.checks.alignment import align, align_each
-from estimators.checks.channel_fits import SEARCH, Law
+from estimators.checks.alignment import SEARCH, Alignment
+from estimators.checks.channel import align, align_each
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.signals.channel import Channel
 from pendulum_env.physics import BASE
@@ -211,7 +211,7 @@ def test_a_delay_has_to_show_all_along_and_not_at_one_event(gained, is_borne_out
     # the first three gain the same: a channel acts always, while a joint that sticks at every jump of torque but one
     # tells nothing of a delay, and any may fit that one jump; one stretch alone has no scatter
     none, law = (
-        Law(Channel(delay), (0.0, 0.0), (0.0, 0.0), np.tile(density, (2, 1)))
+        Alignment(Channel(delay), 0.0, 0.0, density=np.tile(density, (2, 1)))
         for delay, density in ((0.0, np.zeros(len(gained))), (0.04, gained))
     )
     assert law.excels(none, SEARCH.by_chance) == is_borne_out

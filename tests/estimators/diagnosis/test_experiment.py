@@ -11,8 +11,8 @@ from estimators import Diagnosis
 from estimators.checks.residual import Region
 from estimators.diagnosis.experiment import SAFE, Limits, Question, of_typical_size, suggest
 from estimators.diagnosis.result import Verdict
-from estimators.diagnosis.run import gather
 from estimators.diagnosis.suggestion import Aim, Suggestion
+from estimators.preprocessing import gather
 from estimators.selection.models import Models
 from pendulum_env.physics import BASE, effects
 from pendulum_env.reading import Value

@@ -3,8 +3,8 @@
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.diagnosis.run import gather
 from estimators.diagnosis.sensitivity import detectable, smallest
+from estimators.preprocessing import gather
 from estimators.selection.models import Models
 from pendulum_env.physics import BASE, effects
 from tests.cases import diagnosed, recorded

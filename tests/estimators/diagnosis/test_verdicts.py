@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimators import diagnose
-from estimators.diagnosis.run import gather
+from estimators.preprocessing import gather
 from estimators.selection.models import Models
 from estimators.selection.moves import settle
 from pendulum_env.physics import BASE, Model, effect, effects, library, register

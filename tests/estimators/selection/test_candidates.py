@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.diagnosis.run import gather
+from estimators.preprocessing import gather
 from estimators.regression.least_squares import Balance
 from estimators.selection.candidates import Screen, depends_on_torque
 from estimators.selection.models import Models

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.diagnosis.run import gather
+from estimators.preprocessing import gather
 from estimators.selection.models import Models
 from estimators.selection.moves import alternatives, candidates, challenged, is_needed, revise, rivals, settle
 from pendulum_env.physics import BASE, effect

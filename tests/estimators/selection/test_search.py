@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.diagnosis.run import gather
+from estimators.preprocessing import gather
 from estimators.selection.models import Models
 from estimators.selection.moves import best
 from estimators.selection.physical import beyond

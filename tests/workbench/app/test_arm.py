@@ -12,8 +12,8 @@ import pytest
 
 from benchmarks.two_link import TwoLink
 from estimators.progress import no_progress
-from pendulum_env.arms import at_joint, friction
-from pendulum_env.arms.joints import Links
+from pendulum_env.arms import at_joint
+from pendulum_env.arms.joints import Links, arm_base
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics.friction import Stribeck
@@ -26,11 +26,12 @@ from workbench.cli import main
 
 pytest.importorskip("dash")
 
-from workbench.app.arm import ArmState
 from workbench.app.card import Choice
+from workbench.app.page.layout import told
+from workbench.app.parts import effects_to_choose
 from workbench.app.saved import CONTENTS, STUDY, opened, pack, study
 from workbench.app.session import Session
-from workbench.app.stages import arm
+from workbench.app.stages import STAGES, data, export
 from workbench.app.stages.export import file
 from workbench.app.state import Asked, State
 from workbench.robot import RobotFile
@@ -66,18 +67,18 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
 
     drop(session, *two_link(tmp_path))
     state = session.state
-    assert session.notice == "" and isinstance(state, ArmState) and not state.trouble
-    assert arm.told(state)[1].startswith("The torque of elbow is") and "torque_offset@elbow" in state.addable
+    assert session.notice == "" and state.body is not None and not state.trouble
+    assert told(state)[1].startswith("The torque of elbow is")
+    assert effects_to_choose(state.body, tables=True)["torque_by_angle@elbow"].endswith("at elbow")
     session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow")))
     assert session.notice == ""
     assert session.state.found == ("torque_offset@elbow",)
-    assert arm.told(session.state)[1] == "Missing: torque_offset@elbow"
+    assert told(session.state)[1] == "Missing: torque_offset@elbow"
     session.act(lambda: add.start(session, "torque_offset@elbow"))
     state = session.state
-    before, after = (rung.errors["holdout"][1].torque_rms for rung in state.rungs)
+    before, after = (rung.errors["holdout"].joints["elbow"] for rung in state.ladder)
     assert state.added == ("torque_offset@elbow",) and not state.found and after < 0.2 * before
-    for stage in arm.STAGES.values():
-        assert stage(session, state)
+    assert all(stage.show(session) for stage in STAGES)
     assert "torque_offset@elbow" in file(state, "report", "")[1].decode()
 
     for name in ("study", "model"):
@@ -86,8 +87,8 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     theta = json.loads((tmp_path / "model.json").read_text())["theta"]
     assert theta["torque_offset@elbow"]["value"] == pytest.approx(OFFSET, rel=0.05)
     monkeypatch.chdir(tmp_path)
-    for same in (lambda: exec(arm.snippet(state), {}), lambda: [main(line.split()[1:]) for line in
-                                                                 arm.commands(state).splitlines()]):  # fmt: skip
+    for same in (lambda: exec(export.snippet(state), {}), lambda: [main(line.split()[1:]) for line in
+                                                                 export.commands(state).splitlines()]):  # fmt: skip
         Path("model.json").unlink()
         same()
         assert ArmModel.load("model.json", state.body).theta == pytest.approx(state.model.theta, rel=1e-6)
@@ -109,16 +110,16 @@ def test_a_robot_may_come_after_its_recordings_and_be_left(session, tmp_path):
     drop(session, run)
     assert session.state.loaded == () and len(session.cards) == 1
     drop(session, robot)
-    assert isinstance(session.state, ArmState) and [one.id for one in session.state.loaded] == ["run.csv"]
+    assert session.state.robot is not None and [one.id for one in session.state.loaded] == ["run.csv"]
     assert not session.cards and files_of(session) == ["arm.urdf", "run.csv"]
     upload(session, "swing.csv", b"time,position,torque\n0,0,1\n0.01,0.1,1\n0.02,0.3,1\n")
     (card,) = session.cards
     assert "position_shoulder" in card.why and card.roles[1:3] == ("position_shoulder", "torque_shoulder")
     session.cards = ()
     session.act(session.leave_robot)
-    assert session.state.loaded == () and type(session.state) is State
+    assert session.state.loaded == () and session.state.robot is None
     session.act(session.undo)
-    assert isinstance(session.state, ArmState) and len(session.state.loaded) == 1
+    assert session.state.robot is not None and len(session.state.loaded) == 1
 
 
 def test_a_person_says_which_column_is_of_which_joint(session, tmp_path):
@@ -138,7 +139,7 @@ def test_a_person_says_which_column_is_of_which_joint(session, tmp_path):
 
 
 def stage_text(session) -> str:
-    return str(arm.STAGES["data"](session, session.state))
+    return str(data.show(session))
 
 
 def test_joints_of_a_study_move_and_others_are_held_where_the_recordings_have_them(session, tmp_path):
@@ -148,7 +149,7 @@ def test_joints_of_a_study_move_and_others_are_held_where_the_recordings_have_th
     drop(session, *(tmp_path / name for name in ("robot.urdf", "run.csv", "study.toml")))
     assert session.notice == "" and session.state.body.joints == ("torso", "shoulder", "elbow")
     assert session.state.body.held["left"] == pytest.approx(0.01, abs=1e-4)
-    assert "Held: left at 0.01 m" in str(arm.STAGES["data"](session, session.state))
+    assert "Held: left at 0.01 m" in str(data.show(session))
     assert '["torso", "shoulder", "elbow"]' in file(session.state, "study", "")[1].decode()
     drop(session, *two_link(tmp_path, 4.0)[:1])
     assert "what is loaded is not of this robot" in session.notice
@@ -179,7 +180,7 @@ def test_a_saved_session_keeps_the_robot_and_the_model_it_began_from(session, tm
     assert replace(empty.robot, file=file) == robot and not empty.loaded
     drop(session, run)
     body = session.state.body
-    begun = ArmModel.build((Links(body), *friction(body), at_joint(Stribeck, "elbow")(0.1)), 1.0)
+    begun = ArmModel.build((*arm_base(body), at_joint(Stribeck, "elbow")(0.1)), 1.0)
     session.act(lambda: session.begin_from("first.json", url(json.dumps(begun.json()).encode())))
     assert session.notice == ""
     again = reopened(session, tmp_path / "again")
@@ -187,7 +188,7 @@ def test_a_saved_session_keeps_the_robot_and_the_model_it_began_from(session, tm
     assert ArmModel.build((Links(body), *again.terms), 1.0).json() == begun.json()
 
 
-def reopened(session, folder: Path) -> ArmState:
+def reopened(session, folder: Path) -> State:
     again = Session(folder, session.workers)
     again.act(lambda: again.open("session.zip", url(file(session.state, "session", "")[1])))
     assert again.notice == ""
@@ -213,12 +214,12 @@ def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):
     session.act(lambda: session.take_robot(RobotFile(file, bolted=True, rotors=True, weightless=True)))
     drop(session, run)
     session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow", "torque_offset@shoulder")))
-    first, second = arm.commands(session.state).splitlines()
+    first, second = export.commands(session.state).splitlines()
     assert first.endswith("--rotors --no-gravity --scheme filtered_dynamic -o model.json")
     assert "--only=torque_offset,spring@elbow --without=torque_offset@shoulder" in second
-    snippet = arm.snippet(session.state)
+    snippet = export.snippet(session.state)
     assert "RobotFile(Path('arm.urdf'), None, bolted=True, rotors=True, weightless=True)" in snippet
-    assert "looked_for(body, ['torque_offset', 'spring@elbow'], ['torque_offset@shoulder'])" in snippet
+    assert "only=['torque_offset', 'spring@elbow'], without=['torque_offset@shoulder'])" in snippet
 
 
 def test_lines_to_copy_come_to_the_model_of_currents_with_a_known_load(session, tmp_path, monkeypatch):
@@ -244,7 +245,7 @@ def test_lines_to_copy_come_to_the_model_of_currents_with_a_known_load(session, 
     assert session.notice == "" and not state.trouble
     monkeypatch.chdir(tmp_path)
     Path(STUDY).write_bytes(file(state, "study", "")[1])
-    exec(arm.snippet(state), {})
+    exec(export.snippet(state), {})
     assert ArmModel.load("model.json", state.body).theta == pytest.approx(state.model.theta, rel=1e-6)
     theta = json.loads(Path("model.json").read_text())["theta"]
     assert theta["coulomb@elbow"]["value"] == pytest.approx(TWO.coulomb[1], rel=0.1)  # in N m

@@ -423,7 +423,7 @@ def worked(state: State) -> dict[str, State]:
     begun = state.anew(terms=drag.terms, model_file="start.json")
     states = {}
     for name, one in (("paper", state), ("file", begun)):
-        named = one.diagnosed(diagnosed(one.train, base=one.terms, **one.asked.effects))
+        named = one.diagnosed(diagnosed(one.train, base=one.base_terms, **one.asked.effects))
         states[name] = named.with_step(add(one.model, "stribeck", one.train))
     return states
 

@@ -10,15 +10,15 @@ from dash.dependencies import MATCH
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
+from estimators.show.story import ends
 from pendulum_env.lookup import find
 from pendulum_env.words import listing, name, number, opening
 from workbench.app import uploads
-from workbench.app.arm import ArmState
 from workbench.app.card import COLUMN
 from workbench.app.parts import LINKED, PLOT, SPEC, aria, button, saves
 from workbench.app.session import Session, Sessions
 from workbench.app.stage import Form, Stage
-from workbench.app.stages import STAGES, arm
+from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
 from workbench.report.page import shared
@@ -103,7 +103,7 @@ def navigation(here: Stage, fleet: str | None, trouble: str) -> list[Component]:
 
 def story_so_far(state: Work, stage: Stage) -> list[Component]:
     """The headline, and the numbers behind it."""
-    kicker, title, lead = stage.headline or (arm.told(state) if isinstance(state, ArmState) else told(state))
+    kicker, title, lead = stage.headline or told(state)
     parts: list[Component] = [html.P(kicker, className="kicker"), html.H1(title)]
     return [*parts, html.P(lead, className="lead")] if lead else parts
 
@@ -119,31 +119,38 @@ def steps(session: Session) -> list[Component]:
 
 def told(state: Work) -> tuple[str, str, list[Any]]:
     """Kicker, headline and lead of a state."""
-    if not state.loaded:
+    if not state.loaded and state.robot is None:
         what = (
             "Load recordings of a pendulum or an arm, see where the model fails, learn which physical effect it lacks, "
             "add it, and watch the error fall."
         )
         return "Workbench", "What does your model lack?", [what]
     count = len(state.loaded)
-    kicker = f"{count} recording{'s' if count > 1 else ''}, {state.seconds:.3g} s"
+    robot = f"{state.robot.file.name} · " if state.robot is not None else ""
+    kicker = f"{robot}{count} recording{'s' if count != 1 else ''}, {state.seconds:.3g} s"
     if state.trouble:
         return kicker, "Nothing can be fitted yet", [f"{opening(state.trouble)}."]
     kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name(effect)}' for effect in state.added)}"
     diagnosis, names = state.told, listing([name(effect) for effect in state.added])
-    first, last = (state.ladder[k].errors["holdout"] for k in (0, -1))
-    lead = ["On data it was not fitted to, the torque error is ", _b(last.torque_rms, "N m")]
-    lead += [", that of the base model ", _b(first.torque_rms, "N m")] if state.added else []
-    lead.append(f"; noise alone would leave {number(diagnosis.noise_floor)}{NBSP}N{NBSP}m.")
-    if state.found:
-        would = next(iter(changes(diagnosis)))
-        lead += [f" With {listing([name(effect) for effect in state.found])} it would be ", _b(would.after, "N m"), "."]
+    first, last = ends(state.ladder)
+    if state.robot is not None:
+        left = listing(["–" if share is None else f"{number(100 * share, 2)} %" for share in last.shares.values()])
+        lead = ["On data it was not fitted to, the model leaves ", html.B(left), " of the joints' torque."]
+        smaller, joint = max((first.joints[at] / last.joints[at], at) for at in last.joints)
+        error = f"torque error of {joint}"
+    else:
+        lead = ["On data it was not fitted to, the torque error is ", _b(last.torque_rms, "N m")]
+        lead += [", that of the base model ", _b(first.torque_rms, "N m")] if state.added else []
+        lead.append(f"; noise alone would leave {number(diagnosis.noise_floor)}{NBSP}N{NBSP}m.")
+        if state.found:
+            would, found = next(iter(changes(diagnosis))), listing([name(effect) for effect in state.found])
+            lead += [f" With {found} it would be ", _b(would.after, "N m"), "."]
+        smaller, error = first.torque_rms / last.torque_rms, "torque error"
     if state.found or not state.added:
         return kicker, diagnosis.headline, lead
-    smaller = first.torque_rms / last.torque_rms
     if smaller < WORTH:
         return kicker, f"{opening(names)} hardly lowers the error", lead
-    return kicker, f"With {names} the torque error is {number(smaller, 2)} times smaller", lead
+    return kicker, f"With {names} the {error} is {number(smaller, 2)} times smaller", lead
 
 
 def _b(value: float, unit: str) -> Component:
@@ -166,9 +173,6 @@ def show(session: Session, stage: Stage) -> list[Component]:
     if stage.needs_model and session.state.trouble:
         why = html.P(f"{opening(session.state.trouble)}.")
         return [html.Section([why, html.A("Go to Data", href="#data")], className="panel empty")]
-    state = session.state
-    if isinstance(state, ArmState) and stage.id in arm.STAGES:
-        return arm.STAGES[stage.id](session, state)
     return stage.show(session)
 
 

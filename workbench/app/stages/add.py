@@ -16,17 +16,21 @@ from workbench.app.session import Session
 from workbench.app.stage import Stage
 from workbench.app.state import State as Work
 from workbench.mistakes import InputError
+from workbench.report.arm import joints
 from workbench.report.sections.errors import errors
 
 
 def show(session: Session) -> list[Component]:
     """What could be added, the ladder, and its numbers."""
     state, busy = session.state, session.busy()
+    undo = [button(f"Take {name(state.added[-1])} out", "undo", disabled=busy)] if state.added else []
+    offer = choice(state, busy, effects_to_choose(state.body, tables=True))
+    if state.robot is not None:
+        rungs = [("base model" if rung.added is None else f"+ {rung.added}", "", rung) for rung in state.ladder]
+        return [offer, panel("Errors step by step", fragment(joints(rungs, "held-out data", "")), *undo)]
     section = errors(state.standing)
     plots = html.Div([graph(figure) for figure in section.content["figures"]], className="columns even")
-    undo = [button(f"Take {name(state.added[-1])} out", "undo", disabled=busy)] if state.added else []
     fall = panel(section.title, html.P(said(state.ladder), className="before-after"), plots, *undo)
-    offer = choice(state, busy, effects_to_choose(tables=True))
     return [
         *([offer, fall] if state.found or not state.added else [fall, offer]),
         panel("Errors step by step", fragment(section)),

@@ -16,16 +16,17 @@ from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from estimators.checks.residual import AXES, Region, profiles, stand_out, turns, wrapped
+from estimators.diagnosis.arm import gather_arm
 from pendulum_env._typing import JSON, Array, Mask
+from pendulum_env.arms.recording import of_arms
 from pendulum_env.physics import Samples, effect
 from pendulum_env.recording import Recording
 from pendulum_env.words import number, opening
-from workbench.app.arm import ArmState
 from workbench.app.parts import LINKED, dropdown, effects_to_choose, field, graph, labelled, panel
 from workbench.app.session import Session, Sessions
 from workbench.app.stage import Stage
-from workbench.app.stages.arm import views
 from workbench.app.state import State as Work
+from workbench.report.arm import ends, strips
 from workbench.report.case import Case
 from workbench.report.figure import Figure, axis, band, broken, line, numbers, span, thin
 from workbench.report.gallery import picture
@@ -154,23 +155,26 @@ def show(session: Session) -> list[Component]:
     """Which recording and model, then the views."""
     state = session.state
     names = [{"label": one.recording.name, "value": one.id} for one in state.loaded]
-    models: list[Any] = [{"label": label, "value": k} for k, (label, _, _) in enumerate(state.standing.models)]
+    drawn = ends(state.ladder) if state.robot is not None else state.standing.models
+    models: list[Any] = [{"label": label, "value": k} for k, (label, *_) in enumerate(drawn)]
     last = len(models) - 1  # the one that the headline is about
-    controls = [
-        labelled("Recording", dropdown("shown", names, names[0]["value"], searchable=False)),
+    chosen = [  # of an arm, all are drawn, and nothing lights up
         labelled("Residual of the", dcc.RadioItems(models, last, id="of", inline=True, className="pair")),
         html.Button("Clear selection", id="clear", type="button", n_clicks=0, className="action"),
     ]
+    recording = labelled("Recording", dropdown("shown", names, names[0]["value"], searchable=False))
     return [
-        html.Div(controls, className="fields wide"),
-        html.P(HINT, id="selected", className="brushed", role="status"),
+        html.Div([recording, html.Div(chosen, hidden=state.robot is not None)], className="fields wide"),
+        html.P(HINT, id="selected", className="brushed", role="status", hidden=state.robot is not None),
         dcc.Store(id="lit"),
         html.Div(_views(state, names[0]["value"], last), id="views"),
     ]
 
 
 def _views(state: Work, id: str, shown: int) -> list[Component]:
-    """The regions of a recording that stand out, and three views of it."""
+    """The regions of a recording that stand out, and three views of it; of an arm, a strip of plots a joint."""
+    if state.robot is not None:
+        return _strips(state, id)
     points, recording = _points(state, id), state.recordings[state.loaded.index(state.find(id))]
     drawn = figures(points, shown, recording.name)
     map_, phase, time = (
@@ -184,6 +188,21 @@ def _views(state: Work, id: str, shown: int) -> list[Component]:
         _alike(state, points, shown),
         _flown(state.standing, recording),
     ]
+
+
+def _strips(state: Work, id: str) -> list[Component]:
+    """Residuals of a recording, joint by joint, under the ends of the ladder."""
+    recording = state.recordings[state.loaded.index(state.find(id))]
+    section = strips(ends(state.ladder), gather_arm(of_arms([recording]), state.model.terms))
+    parts = []
+    for strip in section.content["strips"]:
+        texts: list[Component] = []
+        for own in strip["regions"]:
+            texts.append(html.P(f"Under the {own['label']}{':' if own['regions'] else ' nothing stands out.'}"))
+            texts.append(html.Ul([html.Li(opening(text)) for text in own["regions"]], className="regions-list"))
+        plots = [graph(figure) for figure in strip["figures"]]
+        parts.append(panel(strip["joint"], html.Div(plots, className="grid strip"), *texts))
+    return parts
 
 
 def _flown(case: Case, recording: Recording) -> Component:
@@ -269,8 +288,6 @@ def connect(app: Dash, sessions: Sessions) -> None:
     )
     def choose(recording: str, shown: int, id: str) -> tuple[list[Component], None, str]:
         state = sessions.of(id).state
-        if isinstance(state, ArmState):
-            return views(state, recording), None, ""
         return _views(state, recording, shown), None, HINT
 
     @app.callback(

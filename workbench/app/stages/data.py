@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from dash import dcc, html
 from dash.development.base_component import Component
 
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing, name, number, opening, percent
 from workbench.app import card, recorder, uploads
-from workbench.app.arm import ArmState
 from workbench.app.parts import (
     UNWRAP,
     aria,
@@ -30,10 +32,11 @@ from workbench.app.parts import (
 from workbench.app.saved import STUDY
 from workbench.app.session import Session
 from workbench.app.stage import Action, Form, Stage
-from workbench.app.state import Loaded
+from workbench.app.state import WEIGHTLESS, Loaded
 from workbench.app.state import State as Work
 from workbench.inputs import FORMATS
 from workbench.report.figure import Figure, line, stacked, thin
+from workbench.robot import held_text
 
 DRAWN = 4  # recordings that are drawn
 WHY = "No effect does that, and several may be found that only imitate it."
@@ -45,12 +48,37 @@ def show(session: Session) -> list[Component]:
     """Ways to get recordings, then what they are."""
     state = session.state
     parts: list[Component] = [card.show(one) for one in session.cards[:1]]
-    parts.append(html.Div([upload(state), _record()], className="columns"))
+    beside = _record() if state.body is None else _robot(state, state.body)
+    parts.append(html.Div([upload(state), beside], className="columns"))
     if state.loaded:
-        drawn = enumerate(state.recordings[:DRAWN])
-        plots = [graph(course(recording, f"course-{k}", recording.name)) for k, recording in drawn]
-        parts += [recordings(state), *timing(state), _telling(state), html.Div(plots, className="panel")]
+        plots = [graph(figure) for k, own in enumerate(state.recordings[:DRAWN]) for figure in _courses(state, k, own)]
+        told = [*timing(state), _telling(state)] if state.body is None else []
+        parts += [recordings(state), *told, html.Div(plots, className="panel")]
     return parts
+
+
+def _robot(state: Work, body: Body) -> Component:
+    """The robot that the recordings are of."""
+    texts = [
+        f"{body.name}: {len(body.joints)} joints that move, {len(body.base)} base parameters",
+        *(text for text in (held_text(body), *state.questions, state.trouble) if text),
+        "columns are position_JOINT and torque_JOINT, or numbered; a study among the files says which joints move "
+        "(joints) and what other columns mean",
+    ]
+    is_light = state.robot is not None and state.robot.weightless
+    gravity = button("Its torques are with gravity" if is_light else WEIGHTLESS, "turn-gravity")
+    leave = button("Leave the robot", "leave-robot")
+    return panel("The robot", *(html.P(f"{opening(text)}.") for text in texts), leave, " ", gravity)
+
+
+def _courses(state: Work, k: int, recording: Recording) -> list[Figure]:
+    """Position and torque of a recording over time, of an arm joint by joint."""
+    if not isinstance(recording, ArmRecording) or state.body is None:
+        return [course(recording, f"course-{k}", recording.name)]
+    return [
+        course(own, f"course-{k}-{n}", f"{joint}, {recording.name}", partial(state.body.worded, joint), 260)
+        for n, (joint, own) in enumerate(zip(recording.names, recording.joints, strict=True))
+    ]
 
 
 def upload(state: Work) -> Component:
@@ -91,7 +119,7 @@ def _record() -> Component:
 
 def recordings(state: Work) -> Component:
     """What is loaded, as a table; of an arm, turns and torque are the largest of its joints."""
-    stick = {} if isinstance(state, ArmState) else _share_in_stick(state)
+    stick = _share_in_stick(state) if state.body is None else {}
     rows = [_row(one, recording, stick) for one, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
     note = [] if any(one.held_out for one in state.loaded) else [html.P(split, className="note")]
@@ -129,7 +157,7 @@ def _share_in_stick(state: Work) -> dict[int, float]:
     """Share of each recording at rest, by its identity; where windows are cut from two parts of it, of the first."""
     if state.trouble:
         return {}
-    training, testing = state.prepared.parts
+    training, testing = state.prepared.data.parts
     windows = [*testing.data.windows, *training.data.windows]
     return {id(w.recording): 1.0 - float(np.mean(w.moving)) for w in windows}
 
@@ -150,7 +178,7 @@ def timing(state: Work) -> list[Component]:
     """What was found, in the words of the command line; nothing where torque and motion are in time."""
     if state.trouble:
         return []
-    late, acts = (state.prepared.timing.texts(is_late) for is_late in (True, False))
+    late, acts = (state.prepared.timed.timing_texts(is_late) for is_late in (True, False))
     if late and state.is_aligned:
         said = [html.P(f"{opening(text)}: corrected in all that follows.") for text in late]
         press = [button("Take it as it was logged", "align-back")]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from dash import dcc, html
 from dash.development.base_component import Component
 
@@ -18,7 +16,8 @@ from workbench.app.stages.add import calls
 from workbench.app.stages.data import timing
 from workbench.app.state import NOTHING, Asked
 from workbench.app.state import State as Work
-from workbench.report.sections.candidates import candidates
+from workbench.report.arm import ends, joints
+from workbench.report.sections.candidates import ranked
 from workbench.report.sections.story import story
 
 
@@ -29,8 +28,9 @@ def show(session: Session) -> list[Component]:
     search = panel(
         "Search for what is missing",
         html.P(
-            "Every effect of the library is screened for what explains the rest of the torque. It counts as missing "
-            "only if it lowers the errors on data it was not fitted to, in torque and in free-running simulation."
+            "Every effect of the library is screened for what explains the rest of the torque, of an arm at every "
+            "joint that it can be at. It counts as missing only if it lowers the errors on data it was not fitted to, "
+            "in torque and, of a pendulum, in free-running simulation."
         ),
         choices(state, is_open=state.asked != NOTHING or bool(session.notice)),
         button("Diagnose" if found is None else "Diagnose again", "diagnose", primary=found is None, disabled=busy),
@@ -38,21 +38,22 @@ def show(session: Session) -> list[Component]:
     if found is None:
         return [*timing(state), search]
     kind = "story found" if state.told.selected else "story"
+    if state.robot is not None:
+        result = joints(ends(state.ladder), "held-out data", found.headline, found)
+    else:
+        result = story(state.case)
     return [
-        panel("What was found", fragment(story(state.case)), className=kind),
+        panel("What was found", fragment(result), className=kind),
         *timing(state),
         *_next(state, busy),
-        panel("Ranking", calls(state, busy), fragment(candidates(state.case)), className="ranking"),
+        panel("Ranking", calls(state, busy), fragment(ranked(found.candidates, found.detectable)), className="ranking"),
         search,
     ]
 
 
-def choices(state: Work, is_open: bool, library: Mapping[str, str] | None = None) -> Component:
-    """Fields for what is looked for and what is known; what was typed stays where it was a mistake.
-
-    Of an arm, `library` names effects at its joints, and nothing can be said to be known.
-    """
-    asked, of_arm, library = state.asked, library is not None, library or effects_to_choose()
+def choices(state: Work, is_open: bool) -> Component:
+    """Fields for what is looked for and what is known, of a pendulum; what was typed stays where it was a mistake."""
+    asked, of_arm, library = state.asked, state.robot is not None, effects_to_choose(state.body)
 
     def several(label: str, id: str, empty: str) -> Component:
         control = dcc.Dropdown(
@@ -64,7 +65,7 @@ def choices(state: Work, is_open: bool, library: Mapping[str, str] | None = None
         control = dcc.Input(getattr(asked, id), type="text", id=field(f"ask-{id}"), placeholder=example, **KEPT)
         return labelled(label, control, note)
 
-    parameters = ", ".join(column.name for term in state.terms for column in term.columns)
+    parameters = ", ".join(column.name for term in state.base_terms for column in term.columns)
     effects = "one of the two may be left out; cogging.order=10:14"
     looked = [several("Look only for", "only", "every effect"), several("Do not look for", "without", "none")]
     known = [
@@ -93,7 +94,7 @@ def look_for(session: Session, asked: Asked) -> None:
     Raises:
         ValueError: if that makes no sense, in the words of the command line.
     """
-    session.state.check(asked)
+    asked.check(session.state.base_terms)
     if asked != session.state.asked:
         session.change("choose what is looked for", session.state.asking(asked))
 

@@ -16,6 +16,7 @@ from dash import State as Value
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
+from estimators.schemes.identification import SAVED
 from pendulum_env.lookup import find
 from pendulum_env.recording.study import format_of
 from workbench.app.parts import panel, saves
@@ -34,14 +35,13 @@ WHOLE = (
 BESIDE = f"The recordings are read as {STUDY} says: save it beside them, in the stage Data."
 IMPORTED = {  # names of a snippet, by where they are from
     "pathlib": ("Path",),
-    "estimators": ("Aligned", "add", "diagnose", "fit", "gather"),
+    "estimators": ("Preprocessed", "add", "diagnose", "fit", "gather", "identify"),
     "estimators.arguments": ("within_limits",),
-    "estimators.arms": ("add_arm", "diagnose_arm", "identify_arm"),
-    "pendulum_env.arms": ("ArmModel",),
+    "pendulum_env.arms": ("ArmModel", "arm_base"),
     "pendulum_env.physics": ("BASE", "Model"),
     "pendulum_env.recording": ("read_recording", "read_study"),
     "workbench.report": ("write_report",),
-    "workbench.robot": ("RobotFile", "looked_for"),
+    "workbench.robot": ("RobotFile",),
 }
 
 
@@ -50,6 +50,7 @@ def show(session: Session) -> list[Component]:
     state = session.state
     fits_more = not (state.added or state.holdout or state.model_file)  # `add` would hold the last 30 % out as well
     notes = [BESIDE] * _needs_study(state) + [WHOLE] * fits_more
+    notes += [f"{state.robot.file.name} lies there, too."] if state.robot is not None else []
     beside = [html.P(text, className="note") for text in notes]
     return [
         downloads(state),
@@ -86,11 +87,15 @@ def commands(state: State) -> str:
         train = given = [STUDY]  # which says what is held out
     limits, align = state.asked.options("fix", "bound"), ["--align"] * state.is_aligned
     lines = [["record", *one.origin, "-o", one.source.file.name] for one in state.loaded if one.origin]
-    model = state.model_file
+    model, scheme = state.model_file, list[str]()
+    if (robot := state.robot) is not None:
+        of_robot = ["--robot", robot.file.name, "--base", "fixed", *["--rotors"] * bool(robot.rotors)]
+        train = given = [*given, *of_robot, *["--no-gravity"] * robot.weightless]
+        scheme = ["--scheme", SAVED]
     if model:
         lines.append(["compare", model, *train, *align])
     else:
-        lines.append(["identify", *train, *align, *limits, "-o", MODEL])
+        lines.append(["identify", *train, *scheme, *align, *limits, "-o", MODEL])
     for effect in moves(state):
         if effect:
             lines.append(["add", model or MODEL, effect, *given, *align, *limits, "-o", MODEL])
@@ -114,8 +119,8 @@ def moves(state: State) -> list[str]:
 
 
 def _needs_study(state: State) -> bool:
-    """Whether a study has to say how the recordings are read."""
-    return not all(one.is_plain for one in state.loaded)
+    """Whether a study has to say how the recordings are read, or which joints move."""
+    return state.robot is not None or not all(one.is_plain for one in state.loaded)
 
 
 def snippet(state: State) -> str:
@@ -128,20 +133,31 @@ def snippet(state: State) -> str:
     ]
     if _needs_study(state):
         lines = [f"study = read_study({STUDY!r})", "recordings, holdout = study.fitted, study.held_out"]
+    if (robot := state.robot) is not None:
+        lines = [
+            f"robot = RobotFile(Path({robot.file.name!r}), {robot.joints!r}, bolted={robot.bolted}, "
+            f"rotors={robot.rotors}, weightless={robot.weightless})",
+            f"body, recordings, holdout = robot.read_study({STUDY!r})",
+        ]
     if state.is_aligned:
-        lines.append("aligned = Aligned.of(recordings, holdout)")
-        lines.append("recordings, holdout = aligned.recordings, aligned.holdout")
+        lines.append("given = Preprocessed.of(recordings, holdout).timed()")
+        lines.append("recordings, holdout = given.recordings, given.holdout")
     terms = f"Model.load({state.model_file!r}).terms" if state.model_file else "BASE"
+    if robot is not None:
+        terms = f"ArmModel.load({state.model_file!r}, body).terms" if state.model_file else "arm_base(body)"
     if limits:
         lines.append(f"terms, _ = within_limits({terms}, {{}}{limits})")
         terms = "terms"
-    lines.append(f"model = fit(*gather(recordings, holdout), {terms}).model")
+    fitted = f"fit(*gather(recordings, holdout), {terms})"
+    if robot is not None:
+        fitted = f"identify(recordings, {terms}, {SAVED!r})[{SAVED!r}]"
+    lines.append(f"model = {fitted}.model")
     for effect in moves(state):
         if effect:
             lines.append(f"model = add(model, {effect!r}, recordings, holdout{limits}).after.model")
         else:
             lines.append(f"found = diagnose(recordings, holdout, model.terms{looked}{limits})")
-            lines.append(f"write_report({REPORT!r}, recordings, holdout, found)")
+            lines.append(f"write_report({REPORT!r}, found)")
     return with_imports([*lines, f"model.save({MODEL!r})"])
 
 

@@ -5,18 +5,34 @@ from __future__ import annotations
 from dash import html
 from dash.development.base_component import Component
 
-from pendulum_env.words import name, opening
-from workbench.app.parts import button, drop, fragment, graph, panel
+from estimators.show.story import TRUST, schemes_table
+from pendulum_env.words import Table, name, opening
+from workbench.app.parts import button, drop, fragment, graph, panel, table
 from workbench.app.session import Session
 from workbench.app.stage import Stage
 from workbench.app.state import State as Work
+from workbench.report import arm
 from workbench.report.sections.parameters import parameters
 from workbench.report.sections.schemes import schemes
 
 
 def show(session: Session) -> list[Component]:
     """Terms, parameters, schemes."""
-    state = session.state
+    return [*(_of_arm if session.state.robot is not None else _of_pendulum)(session.state), begin_anew(session.state)]
+
+
+def _of_arm(state: Work) -> list[Component]:
+    about = "The torque of each joint is that of rigid links, M(q) q'' + C(q, q') q' + g(q), with friction and effects."
+    found = schemes_table(state.prepared.schemes) if state.prepared.schemes is not None else Table((), ())
+    headers = {opening(name(text)): k > 0 and text not in found.left for k, text in enumerate(found.headers)}
+    return [
+        panel("The model", html.P(about)),
+        panel("Parameters and how sure they are", fragment(arm.parameters(arm.ends(state.ladder)))),
+        panel("Schemes side by side", table(headers, found.rows, "Schemes"), html.P(f"{opening(TRUST)}.")),
+    ]
+
+
+def _of_pendulum(state: Work) -> list[Component]:
     terms = [
         html.Li([html.Strong(opening(name(term.id))), " ", html.Span(term.law, className="law")])
         for term in state.model.terms
@@ -31,13 +47,12 @@ def show(session: Session) -> list[Component]:
         panel("The model", about, html.Ul(terms, className="terms")),
         panel("Parameters and how sure they are", fragment(parameters(state.standing))),
         panel("The six schemes side by side", *side_by_side),
-        begin_anew(state),
     ]
 
 
 def begin_anew(state: Work) -> Component:
     """Another model to start from."""
-    usual = "the paper's four terms" if type(state).terms else "friction at each joint"
+    usual = "the paper's four terms" if state.robot is None else "friction at each joint"
     said = f"the terms of {state.model_file}" if state.model_file else usual
     return panel(
         "Start from another model",
@@ -48,7 +63,7 @@ def begin_anew(state: Work) -> Component:
 
 
 def _back(session: Session) -> None:
-    session.change("start from the usual terms", session.state.anew(terms=type(session.state).terms, model_file=""))
+    session.change("start from the usual terms", session.state.anew(terms=(), model_file=""))
 
 
 STAGE = Stage(

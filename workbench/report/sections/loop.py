@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.diagnosis.result import Diagnosis
 from estimators.in_loop.fit import followed
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.words import opening
+from workbench.report.case import Case
 from workbench.report.figure import DRAWING, Figure, Section, axis, line
 
 COLORS = ("--base", "--final")
@@ -52,9 +52,10 @@ def loop(
     return Section("loop", "In the loop", opening(headline), content)
 
 
-def of_diagnosis(found: Diagnosis, fitted: Sequence[Recording], held_out: Sequence[Recording]) -> Section:
+def of_diagnosis(case: Case) -> Section:
     """The same of the first and the last model of a diagnosis, what was held out first."""
-    recordings = [*(replace(recording, name=f"{recording.name} (held out)") for recording in held_out), *fitted]
+    found, held_out = case.diagnosis, case.data.holdout
+    recordings = [*(replace(recording, name=f"{recording.name} (held out)") for recording in held_out), *case.train]
     models = [("base model", found.steps[0].model)]
     if len(found.steps) > 1:
         models.append(("with what was found", found.model))

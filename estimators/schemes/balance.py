@@ -11,13 +11,13 @@ of a joint's terms from the pendulum's views, on the row of its joint.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from estimators.regression.equations import Equations
 from estimators.schemes import six
-from estimators.schemes.six import View, increments, means
+from estimators.schemes.six import SCHEMES, Regression, Regressor, Scheme, increments, means
 from estimators.signals.measurements import Measurements, measure_joints, remember
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
@@ -27,23 +27,6 @@ from pendulum_env.physics import Term
 from pendulum_env.physics.term import loads
 
 Joints = tuple[Measurements, ...]  # of n joints
-
-
-@dataclass(frozen=True)
-class ArmView:
-    """One of the three views.
-
-    Attributes:
-        of_body: regressor of base parameters (N, n, P), or (N, 1, P) where joints add up.
-        of_column: the pendulum's view of a column at a joint.
-        supplied: what the motor of a joint brings (N,).
-        adds_up: whether the rows of all joints make one.
-    """
-
-    of_body: Callable[[Joints, Body], Array]
-    of_column: View
-    supplied: Callable[[Measurements], Array]
-    adds_up: bool = False
 
 
 def measure_arm(recording: ArmRecording) -> list[Joints]:
@@ -72,14 +55,33 @@ def _power(joints: Joints, body: Body) -> Array:
     return increments(body.stored(q, v))[:, None] / joints[0].period
 
 
-VIEWS = {  # as of one joint, with the regressor of the links
-    "torque": ArmView(lambda joints, body: body.torque(*motion(joints)), *six.VIEWS["torque"]),
-    "impulse": ArmView(_impulse, *six.VIEWS["impulse"]),
-    "energy": ArmView(_power, *six.VIEWS["energy"], adds_up=True),
+OF_LINKS: dict[
+    str, Callable[[Joints, Body], Array]
+] = {  # by view: regressor of base parameters (N, n, P), or (N, 1, P)
+    "torque": lambda joints, body: body.torque(*motion(joints)),
+    "impulse": _impulse,
+    "energy": _power,
 }
 
 
-def rows(joints: Joints, terms: Sequence[Term], view: ArmView) -> list[Equations]:
+def for_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
+    """Schemes as arms need them: those of energy without a guard, as one of many joints is always near a reversal.
+
+    Raises:
+        TypeError: if one is none of the six, nor one of them with other options.
+    """
+    chosen = []
+    for one in schemes:
+        if not isinstance(one, Scheme):
+            raise TypeError(f"{one.id} is a scheme of one joint: an arm takes the six, perhaps with other options")
+        chosen.append(replace(one, guard=None) if one.adds_up else one)
+    return tuple(chosen)
+
+
+ARM_SCHEMES = for_arms(SCHEMES)
+
+
+def rows(joints: Joints, terms: Sequence[Term], view: str) -> list[Equations]:
     """Balances of N samples in the parameters of terms, the links first: one of each joint, or one of all."""
     links, *others = terms
     assert isinstance(links, Links)
@@ -87,24 +89,32 @@ def rows(joints: Joints, terms: Sequence[Term], view: ArmView) -> list[Equations
     joints = tuple(
         remember(m, [own for own in others if own.at == name]) for name, m in zip(names, joints, strict=True)
     )
-    of_body = view.of_body(joints, links.body)  # (N, n or 1, P)
+    of_column, supplied = six.VIEWS[view]
+    of_body = OF_LINKS[view](joints, links.body)  # (N, n or 1, P)
     first = of_body.shape[2]
     phi = np.zeros((*of_body.shape[:2], first + sum(len(own.columns) for own in others)))
     phi[:, :, :first] = of_body
-    y = np.column_stack([view.supplied(m) for m in joints])
+    y = np.column_stack([supplied(m) for m in joints])
     for own in others:
         factors = {names.index(joint): factor for joint, factor in loads(own.at).items()}
         m, place = _along(joints, factors), next(iter(factors))
         for column in own.columns:
-            values = view.of_column(m, column)
-            for row, factor in ({0: 1.0} if view.adds_up else factors).items():
+            values = of_column(m, column)
+            for row, factor in ({0: 1.0} if view == "energy" else factors).items():
                 phi[:, row, first] = factor * values
             first += 1
         for column in own.fixed:
-            y[:, place] -= view.of_column(m, column)
-    if view.adds_up:
+            y[:, place] -= of_column(m, column)
+    if view == "energy":
         y = y.sum(axis=1, keepdims=True)
     return [Equations(phi[:, k], y[:, k]) for k in range(y.shape[1])]
+
+
+def through(scheme: Scheme, balances: Sequence[Equations], joints: Joints) -> list[Regression]:
+    """What a scheme makes of the balance of each joint, or of that of all."""
+    clear = [m.clear(scheme.guard) for m in joints]
+    gates = [np.all(clear, axis=0)] if scheme.adds_up else clear
+    return [scheme.through(own, scheme.gate(gate), joints[0].period) for own, gate in zip(balances, gates, strict=True)]
 
 
 def _along(joints: Joints, factors: Mapping[int, float]) -> Measurements:

@@ -22,11 +22,11 @@ from typing import Self
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.special import ndtri
 
+from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
+from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import Balance
 from estimators.selection.candidates import depends_on_torque
-from estimators.selection.criterion import Criterion
 from estimators.selection.score import BLOCK, Blocks, cross_validated
 from estimators.signals.channel import Channel
 from estimators.weak_form.dataset import Dataset, prepare, smooth_laws
@@ -38,26 +38,6 @@ from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
-
-@dataclass(frozen=True)
-class ChannelSettings:
-    """How delays and lags are searched for, and when one is reported."""
-
-    reach: float = 0.05  # [s], delays and lags up to it are looked for
-    starts: int = 51  # delays among which a search starts from the best
-    sure: float = 4.0  # standard errors from which an estimate is told from none
-    clearer: float = float(ndtri(1 - Criterion().chance))  # standard errors of a gain that counts, as of an effect's
-    by_chance: float = float(np.log(2 * reach / 1e-3))  # [nat], gained by chance by the best of so many delays
-    fewest_equations: int = 3  # equations for each column
-    friction: tuple[float, ...] = (0.02, 0.1, 0.5)  # of the highest velocity: where friction, too, may bend
-    bends: int = 3  # times that the torque of the model is refitted with columns that depend on it
-    nearby: float = 1e-4  # [s], difference for derivatives
-    negligible: float = 0.02  # of a sample: neither smoothing nor a clock is as exact as that
-    between: int = 4  # recordings from which on their scatter, too, tells a standard error
-    fewest_stretches: int = 3  # below which their scatter tells nothing
-
-
-SEARCH = ChannelSettings()
 NONE = Load(0.0, 0.0)
 # friction that is pressed by what hangs on the output, the joint's own weight and the known loads [per N m of each]
 OWN = Column("own", "1", dry=lambda x: np.abs(np.sin(x.position)))
@@ -65,45 +45,6 @@ HUNG = Column("hung", "1", dry=lambda x: x.load.gravity * np.abs(np.sin(x.positi
 # and by the motor, with its slope by the torque
 MOTOR = Column("motor", "1", dry=lambda x: np.abs(x.torque), of_torque=True)
 SENSE = Column("sense", "1", dry=lambda x: np.sign(x.torque), of_torque=True)
-
-
-@dataclass(frozen=True)
-class Law:
-    """A law of the channel with free delay, free lag or both, as fitted.
-
-    Attributes:
-        channel: the law.
-        std: standard errors of delay and lag [s], zero of what is not free.
-        gain: parameter of the first column, and its standard error.
-        density: log predictive density of each stretch (2, C) [nat], if what is left acts as torque, and if it is
-            noise of the log, which the channel's filter raises.
-    """
-
-    channel: Channel
-    std: tuple[float, float]
-    gain: tuple[float, float]
-    density: Array
-
-    @property
-    def is_sure(self) -> bool:
-        """Whether each of its parameters is told from zero, and none is at the end of the search."""
-        pairs = zip((self.channel.delay, self.channel.lag), self.std, strict=True)
-        return all(SEARCH.sure * std < abs(value) < SEARCH.reach for value, std in pairs if std > 0)
-
-    def stands(self, none: Law) -> bool:
-        """Whether it is surely told from none, and surely predicts better."""
-        return self.is_sure and self.excels(none, SEARCH.by_chance)
-
-    def excels(self, other: Law, by_chance: float = 0.0) -> bool:
-        """Whether it surely predicts better, by the scatter between stretches, whatever is left.
-
-        A channel acts always: what fits a single event better is no delay.
-        """
-        gain = self.density - other.density
-        if gain.shape[1] < SEARCH.fewest_stretches:
-            return False
-        spread = np.sqrt(gain.shape[1]) * gain.std(axis=1)
-        return bool((gain.sum(axis=1) - by_chance > SEARCH.clearer * spread).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +57,7 @@ class ChannelFits:
         phi: columns (R, P), weighted; first that of the known loads, where it is there to tell the gain.
         by_torque: their slopes by the torque (R, P).
         where: stretch of each equation for predictions.
+        carried: torque that is known to be taken by loads in all windows [N m], none where the log is no torque.
         is_sampled: whether torque is taken for sampled, else for held.
         torques: weighted torque (R,) that acts in the windows by law of the channel, as far as they were asked for.
     """
@@ -125,6 +67,7 @@ class ChannelFits:
     phi: Array
     by_torque: Array
     where: Blocks
+    carried: Array
     is_sampled: bool = False
     torques: dict[Channel, Array] = field(default_factory=dict)
 
@@ -142,16 +85,17 @@ class ChannelFits:
         fast = float(np.percentile(np.abs(data.samples.velocity), 95))
         known = [term for term in beside if not depends_on_torque(term)]
         laws = (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in SEARCH.friction), *known)
-        gain = [] if is_torque(data) else [LOAD]
-        columns = [*gain, OWN, HUNG] if len(set(loads)) > 1 else [OWN]
-        first = [data.rows.column(column, data.rows.samples) for column in columns]
+        load, *friction = (data.rows.column(column, data.rows.samples) for column in (LOAD, OWN, HUNG))
+        carried, gain = (load, []) if recordings[0].torque_unit == NEWTON_METRE else (0.0 * load, [load])
+        first = [*gain, *friction] if len(set(loads)) > 1 else friction[:1]
         phi = np.column_stack([*first, *(data.columns([law])[0][0] for law in laws)])
         if len(rows) < SEARCH.fewest_equations * phi.shape[1]:
             return None
         stretch, recording = (numbers[rows] for numbers in data.blocks(BLOCK)[:2])
         _, begin, stretch = np.unique(stretch, return_index=True, return_inverse=True)
         where = Blocks(stretch, recording, recording[begin], stretch)
-        return cls(data, rows, phi[rows] * data.weights[rows, None], np.zeros((len(rows), phi.shape[1])), where)
+        weighted = phi[rows] * data.weights[rows, None]
+        return cls(data, rows, weighted, np.zeros_like(weighted), where, carried)
 
     def beside(self, columns: Array, by_torque: Array | None = None) -> Self:
         """The same with more columns (R, P), and their slopes by the torque where they depend on it."""
@@ -180,12 +124,6 @@ class ChannelFits:
         return self.beside((base * passed[:, None])[self.rows])
 
     @cached_property
-    def carried(self) -> Array:
-        """Torque that is known to be taken by loads in all windows [N m], none where the log is no torque."""
-        load = self.data.rows.column(LOAD, self.data.rows.samples)
-        return load if is_torque(self.data) else 0.0 * load
-
-    @cached_property
     def span(self) -> Array:
         """Orthonormal basis of the columns (R, P)."""
         left, singular, _ = np.linalg.svd(self.phi / np.maximum(np.linalg.norm(self.phi, axis=0), 1e-300), False)
@@ -199,10 +137,10 @@ class ChannelFits:
 
     def sharpest(self) -> Self:
         """The same beside the model of the motion that tells a delay most precisely: this one, or a wider one."""
-        return min((self, self.drifting(), self.bent()), key=lambda own: own.delayed.std[0])
+        return min((self, self.drifting(), self.bent()), key=lambda own: own.delayed.delay_std)
 
     @cached_property
-    def delayed(self) -> Law:
+    def delayed(self) -> Alignment:
         """The law with a free delay."""
         return self.fit([np.zeros(2), self.start], (0,))
 
@@ -244,7 +182,7 @@ class ChannelFits:
         rises = [(after - before) / (2 * SEARCH.nearby) for after, before in ends]
         return np.reshape(rises, (len(ways), len(self.rows))).T
 
-    def fit(self, starts: Iterable[Array], free: Sequence[int] = (), low: float = -SEARCH.reach) -> Law:
+    def fit(self, starts: Iterable[Array], free: Sequence[int] = (), low: float = -SEARCH.reach) -> Alignment:
         """Best law near the best of the starts.
 
         Args:
@@ -276,7 +214,29 @@ class ChannelFits:
         gain = float(fits[0].theta[0]), float(errors[0])
         density = cross_validated(balance, self.where)
         raised = np.log(self.raised(channel)) * np.bincount(self.where.block)
-        return Law(channel, (delay_std, lag_std), gain, np.stack([density, density + raised]))
+        return Alignment(channel, delay_std, lag_std, None, gain, np.stack([density, density + raised]))
+
+    def simplest(self) -> Alignment:
+        """The simplest law that predicts significantly better than others.
+
+        A filter shorter than a sample cannot be distinguished from a delay by a share of it.
+        """
+        fits = self.sharpest()
+        none, delay = fits.fit([np.zeros(2)]), fits.delayed
+        late = delay.delay
+        lag = fits.fit([np.array([0.0, share * late]) for share in (0.5, 1.0, 1.5)], (1,))
+        if not delay.stands(none) or abs(late) < SEARCH.negligible * fits.period:  # a filtered torque is late, too
+            # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
+            spread = max(delay.delay_std, abs(late) / SEARCH.sure), max(lag.lag_std, abs(lag.lag) / SEARCH.sure)
+            return replace(none, delay_std=spread[0], lag_std=spread[1])
+        if late > 0:
+            both = fits.fit([late * np.array([share, 1 - share]) for share in (0.25, 0.5, 0.75)], (0, 1), low=0.0)
+            if both.stands(none) and both.lag > fits.period and both.excels(delay) and both.excels(lag):
+                return both
+        is_likelier = (lag.density.sum(axis=1) > delay.density.sum(axis=1)).all()
+        is_filter = is_likelier and lag.stands(none) and abs(lag.lag) >= fits.period
+        law, other = (lag, delay) if is_filter else (delay, lag)
+        return law if law.excels(other) or not other.stands(none) else replace(law, rival=other.as_rival)
 
     def raised(self, channel: Channel) -> float:
         """By how much the channel's filter raises white noise of the log in the windows, at most."""
@@ -297,9 +257,44 @@ class ChannelFits:
         return [np.unique(clusters[self.rows], return_inverse=True)[1] for clusters in several]
 
 
-def is_torque(data: Dataset) -> bool:
-    """Whether torque was logged, and not what it is some gain of."""
-    return data.windows[0].recording.torque_unit == NEWTON_METRE
+def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Alignment:
+    """Delay and lag of the torque channel that all recordings share.
+
+    Args:
+        recordings: one or more.
+        beside: effects that the joint has, with their shape parameters set; those that depend on the motion alone,
+            and on what it was before, are fitted along.
+
+    A law is reported if its delay or lag is `SEARCH.sure` standard errors from none, and if it surely predicts better
+    seconds to which it was not fitted. A filter is told from a delay where it surely predicts better, else both are
+    said. What looks logged late by half a sample, or by less since a controller held it for a while, was sampled unless
+    held torque surely predicts better; what looks late by more was, if that surely predicts better.
+    Recordings too short to tell give an alignment without a finding and with infinite standard errors.
+    """
+    try:
+        fits = ChannelFits.of(recordings, beside) if any(one.torque.any() for one in recordings) else None
+    except IdentificationError:
+        fits = None
+    if fits is None:
+        return NO_ALIGNMENT
+    found = fits.simplest()
+    if not found.is_late:
+        return found
+    other = replace(fits, is_sampled=True).simplest()
+    is_usual = found.delay + found.lag < 0.5 * fits.period + SEARCH.sure * (found.delay_std + found.lag_std)
+    is_sampled = not found.excels(other) if is_usual else other.excels(found)
+    return replace(other, rival=None) if is_sampled and other.is_late else found
+
+
+def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:
+    """One alignment for all recordings, or each its own where they differ; see `align`."""
+    joint = align(recordings, beside)
+    if len(recordings) == 1:
+        return [joint]
+    each = [align([recording], beside) for recording in recordings]
+    alone = [one if one.is_late or not one.is_found else joint for one in each]  # all have the same drive
+    shared = joint.is_found or not any(one.is_found for one in alone)
+    return [joint] * len(alone) if shared and all(one.agrees(joint) for one in alone) else alone
 
 
 def _clear(w: Windows) -> Mask:

@@ -6,19 +6,20 @@ import numpy as np
 
 from estimators.checks.identifiability import TELLING, is_told
 from pendulum_env._typing import Array
-from pendulum_env.arms.joints import DRAWS
-from pendulum_env.arms.model import ArmModel
+from pendulum_env.arms.joints import DRAWS, links_of
+from pendulum_env.physics import Model
 
 PLACES = 50  # instants at which the joints' inertia is looked at
 
 
-def untold(model: ArmModel, position: Array, velocity: Array, torque: Array) -> frozenset[str]:
+def untold_of_arm(model: Model, position: Array, velocity: Array, torque: Array) -> frozenset[str]:
     """Base parameters, and friction of joints, that a model fitted to N samples of n joints (N, n) does not tell.
 
     An error is large if at some joint it is more torque, at the speeds that were seen and at any angle, than was
     recorded; or as much of the inertia, which cannot be nothing, as leaves that open.
     """
-    body, base = model.body, len(model.body.base)
+    body = links_of(model.terms)
+    base = len(body.base)
     largest, fastest = np.abs(torque).max(axis=0), np.abs(velocity).max(axis=0)
     largest = np.where(largest > 0, largest, largest.max())  # of a joint without a motor
     seen = position[:: max(1, len(position) // PLACES)]

@@ -1,0 +1,205 @@
+"""Preprocessing: recordings with torque in N m and in time, parted, and cut into windows and segments; each once.
+
+`diagnose`, `compare`, `add`, `fit`, `identify`, the report and the app all stand on what is made here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from estimators.checks.alignment import Alignment
+from estimators.checks.channel import align_each
+from estimators.checks.torque_constant import torque_constant, unit_of
+from estimators.regression.equations import IdentificationError
+from estimators.selection.data import PreparedData, with_impacts
+from estimators.weak_form.dataset import choose_half_width, prepare
+from pendulum_env.physics import Term
+from pendulum_env.recording import Recording
+from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
+
+HELD_OUT = 0.3  # end of each recording that is held out when no recording is
+MOTION = 0.5  # of the motion, that has to come before what is held out of the end of recordings
+CLOSER = 0.5  # share of the windows' length at a second look,
+SHORTEST = 0.25  # and the least, where longer windows are too few
+
+Parts = tuple[PreparedData, PreparedData]  # fitted and held out
+
+
+@dataclass(frozen=True, eq=False)
+class Preprocessed:
+    """Recordings as models are fitted to them, and what was done to them; each step makes another one.
+
+    Attributes:
+        recordings: to fit; in N m where their known loads tell the torque constant, else in the unit of the log.
+        holdout: to check on; if there are none, the end of each recording to fit is.
+        doubt: why the torque constant is not known, in a sentence; None if it is, or nobody asks.
+        alignments: time between torque and motion in each recording, fitted ones first; torque that was logged late or
+            filtered is corrected by it. Empty before anybody looked.
+        window_share: length of the windows, relative to the length that the noise asks for.
+        impacts_beside: terms beside which turns that miss torque are among the windows; None where they are not.
+    """
+
+    recordings: tuple[Recording, ...]
+    holdout: tuple[Recording, ...] = ()
+    doubt: str | None = None
+    alignments: tuple[Alignment, ...] = ()
+    window_share: float = 1.0
+    impacts_beside: tuple[Term, ...] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        recordings: Sequence[Recording],
+        holdout: Sequence[Recording] = (),
+        constant: TorqueConstant | None = None,
+    ) -> Self:
+        """Recordings in N m: by a torque constant that is known, or else that the known loads of the fitted ones tell.
+
+        Torque that is logged a little late is no hindrance: to first order, what comes of it is odd in the velocity.
+
+        Raises:
+            IdentificationError: if units differ, or if the recordings hold too little motion to tell anything.
+        """
+        if unit_of((*recordings, *holdout)) == NEWTON_METRE:
+            return cls(tuple(recordings), tuple(holdout))
+        found = constant or torque_constant(recordings)
+        if isinstance(found, str):
+            return cls(tuple(recordings), tuple(holdout), found)
+        fitted, unseen = (tuple(_turned(one, found) for one in part) for part in (recordings, holdout))
+        return cls(fitted, unseen)
+
+    def timed(self, beside: Sequence[Term] = ()) -> Self:
+        """The same with the torque that acted, beside effects that the joint has: see `estimators.align`.
+
+        Held-out recordings are aligned like the fitted ones, or each by itself where those differ.
+        """
+        fitted = align_each(self.recordings, beside)
+        alike = all(one is fitted[0] for one in fitted)
+        unseen = fitted[:1] * len(self.holdout) if alike else align_each(self.holdout, beside)
+        moved, checks = (
+            tuple(one.apply(recording) for one, recording in zip(alignments, part, strict=True))
+            for alignments, part in ((fitted, self.recordings), (unseen, self.holdout))
+        )
+        return replace(self, recordings=moved, holdout=checks, alignments=(*fitted, *unseen))
+
+    def without(self, odd: Container[int]) -> Self:
+        """The same without fitted recordings of the given numbers, counted from 1."""
+        count = len(self.recordings)
+        kept = [k for k in range(count) if k + 1 not in odd]
+        if len(kept) == count:
+            return self
+        alignments = [self.alignments[k] for k in (*kept, *range(count, len(self.alignments))) if self.alignments]
+        return replace(self, recordings=tuple(self.recordings[k] for k in kept), alignments=tuple(alignments))
+
+    def closer(self) -> Self:
+        """The same in shorter windows."""
+        return replace(self, window_share=CLOSER)
+
+    def with_impacts(self, terms: Sequence[Term]) -> Self:
+        """The same with the turns that miss torque beside some terms, as it is where these are too few."""
+        parts = with_impacts(self.parts, terms)
+        return self if parts is self.parts else replace(self, impacts_beside=tuple(terms)).holding(parts)
+
+    def holding(self, parts: Parts) -> Self:
+        """The same with parts that are prepared already."""
+        vars(self)["parts"] = parts  # where the property would keep them
+        return self
+
+    def fresh(self) -> Self:
+        """The same without what a search has kept with the parts: all columns that it tried."""
+        train, holdout = map(replace, self.parts)
+        return replace(self).holding((train, holdout))
+
+    @cached_property
+    def parts(self) -> Parts:
+        """Fitted and held-out data as windows and segments.
+
+        Raises:
+            IdentificationError: if a part holds too little motion, or torque is never applied.
+        """
+        parts = gather(self.recordings, self.holdout, self.window_share)
+        return parts if self.impacts_beside is None else with_impacts(parts, self.impacts_beside)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the parts, which are large, and are made again where they are needed."""
+        return {name: value for name, value in vars(self).items() if name != "parts"}
+
+    @property
+    def constant(self) -> TorqueConstant | None:
+        """By which currents were turned into torque; None if they were not."""
+        return self.recordings[0].torque_constant
+
+    @property
+    def unit(self) -> str:
+        """Of the torque: `N m`, or that of what was logged."""
+        return self.recordings[0].torque_unit
+
+    @property
+    def has_moved(self) -> bool:
+        """Whether any torque was corrected."""
+        return any(one.is_late for one in self.alignments)
+
+    def agrees(self, other: Preprocessed) -> bool:
+        """Whether torque is corrected alike in another's recordings, as far as both know."""
+        return all(
+            np.isinf(one.delay_std + two.delay_std) or (one.is_late == two.is_late and one.agrees(two))
+            for one, two in zip(self.alignments, other.alignments, strict=True)
+        )
+
+    def timing_texts(self, is_late: bool) -> tuple[str, ...]:
+        """What was found of torque that is logged late, or of torque that acts late; with names where they differ."""
+        every = zip((*self.recordings, *self.holdout), self.alignments, strict=bool(self.alignments))
+        said = {one.text: recording.name for recording, one in every if one.is_late == is_late and one.text}
+        if all(one is self.alignments[0] for one in self.alignments):
+            return tuple(said)
+        return tuple(f"{name}: {text}" for text, name in said.items())
+
+
+def _turned(recording: Recording, constant: TorqueConstant) -> Recording:
+    torque = constant.value * recording.torque
+    return replace(recording, torque=torque, torque_unit=NEWTON_METRE, torque_constant=constant)
+
+
+def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), shorter: float = 1.0) -> Parts:
+    """Training and held-out data, prepared; without held-out recordings, the end of each recording is held out.
+
+    Args:
+        recordings: to fit.
+        holdout: to check on.
+        shorter: factor on the lengths of the windows, which are shorter still where they would be too few.
+
+    Raises:
+        IdentificationError: if a part holds too little motion, or torque is never applied.
+    """
+    if not any(recording.torque.any() for recording in recordings):
+        names = ", ".join(recording.name for recording in recordings)
+        raise IdentificationError(
+            f"{names}: torque is never applied, so that only ratios of parameters are known: record with torque"
+        )
+    try:
+        return _gather(recordings, holdout, shorter)
+    except IdentificationError:
+        if shorter <= SHORTEST:
+            raise
+        return gather(recordings, holdout, CLOSER * shorter)  # through more noise, but there are more of them
+
+
+def _gather(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> Parts:
+    widths, checks = ([shorter * choose_half_width(r) for r in part] for part in (recordings, holdout))
+    if holdout:
+        return PreparedData.of(recordings, widths), PreparedData.of(holdout, checks)
+
+    def split(share: float) -> Parts:
+        return PreparedData.of(recordings, widths, (0.0, share)), PreparedData.of(recordings, widths, (share, 1.0))
+
+    motion = np.concatenate([w.centers / len(w.recording) for w in prepare(recordings, widths).windows])
+    if np.mean(motion < 1 - HELD_OUT) >= MOTION:
+        with suppress(IdentificationError):  # the end may be at rest
+            return split(1 - HELD_OUT)
+    return split(float(np.quantile(motion, 1 - HELD_OUT)))  # of the motion, not of the time

@@ -1,0 +1,245 @@
+"""Least squares of a scheme's equations, batch and recursive, over the samples of all recordings and joints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.regression.equations import Equations
+from estimators.regression.least_squares import Fit, least_squares, solve
+from estimators.regression.normal import quietest_most
+from estimators.regression.recursive import evenly, history
+from estimators.schemes.balance import Joints, rows, through
+from estimators.schemes.six import Regression, Regressor, Scheme, give
+from pendulum_env._typing import JSON, Array, Index, Mask
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import body_of
+from pendulum_env.physics import Estimate, Model, Term
+from pendulum_env.physics.term import zero
+
+POINTS = 200  # of the history
+CLUSTER = 0.5  # [s], longer than residuals stay correlated, except those that drift; shorter in short recordings
+CLUSTERS = 30  # at least, in all recordings together
+
+Segments = Sequence[Sequence[Joints]]  # of each recording, the measurements of the joints in each of its segments
+
+
+@dataclass(frozen=True, eq=False)
+class Convergence:
+    """How the estimates settle: the paper's recursion at K moments.
+
+    Attributes:
+        time: seconds of recording taken in, one recording after the other (K,) [s].
+        theta: (K, P), in the order of the model's columns; what was given stays as it is.
+        std: standard errors (K, P), in the proportions of the recursion's P and ending at those of the model.
+    """
+
+    time: Array
+    theta: Array
+    std: Array
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {"time": self.time.tolist(), "theta": self.theta.tolist(), "std": self.std.tolist()}
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Equations of all recordings in a row (R,), those of the joints of an arm at one instant next to each other.
+
+    Attributes:
+        equations: R equations in P unknowns.
+        usable: those that are away from stick (R,).
+        weights: of the equations (R,).
+        joint: number of the joint (R,), 0 where the balances of the joints add up.
+        recording: number of the recording (R,).
+        clusters: short stretches of time (R,), never across recordings.
+        time: seconds of recording taken in (R,) [s].
+        starts: where each segment starts.
+    """
+
+    equations: Equations
+    usable: Mask
+    weights: Array
+    joint: Index
+    recording: Index
+    clusters: Index
+    time: Array
+    starts: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """What a scheme's equations give.
+
+    Attributes:
+        model: terms with estimates and standard errors.
+        convergence: the recursion on its way there.
+        fit: of the parameters that were free.
+        residuals: root mean square of the residual, of each joint or of all together.
+    """
+
+    model: Model
+    convergence: Convergence
+    fit: Fit
+    residuals: tuple[float, ...]
+
+
+def regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Regression]]:
+    """What a scheme makes of measurements: a regression of each joint, or of all; balances of an arm are kept."""
+    kept: dict[tuple[int, str], list[Equations]] = {}
+
+    def of(scheme: Regressor, joints: Joints) -> list[Regression]:
+        if body_of(terms) is None:
+            return [scheme.regression(m, terms) for m in joints]
+        assert isinstance(scheme, Scheme)
+        key = id(joints), scheme.view
+        if key not in kept:
+            kept[key] = rows(joints, terms, scheme.view)
+        return through(scheme, kept[key], joints)
+
+    return of
+
+
+def stack(segments: Segments, of: Callable[[Joints], list[Regression]]) -> Stack:
+    """Equations of every segment of each recording; those of quiet recordings, or joints, count more."""
+    measured = [joints[0] for own in segments for joints in own]
+    parts = [of(joints) for own in segments for joints in own]
+    length, count = min(CLUSTER, sum(len(m) * m.period for m in measured) / CLUSTERS), len(parts[0])
+    clusters, times, seconds, first = [], [], 0.0, 0
+    for m in measured:
+        elapsed = np.arange(1, len(m) + 1) * m.period
+        cluster = np.minimum((elapsed / length).astype(np.intp), max(0, round(elapsed[-1] / length) - 1))
+        clusters.append(first + cluster)
+        times.append(seconds + elapsed)
+        seconds, first = seconds + float(elapsed[-1]), first + int(cluster[-1]) + 1
+    equations = Equations(
+        np.concatenate([_in_turn([own.equations.phi for own in part]) for part in parts]),
+        np.concatenate([_in_turn([own.equations.y for own in part]) for part in parts]),
+    )
+    usable = np.concatenate([_in_turn([own.usable for own in part]) for part in parts])
+    recording = np.repeat(np.arange(len(segments)), [sum(len(joints[0]) for joints in own) * count for own in segments])
+    joint = np.tile(np.arange(count), len(usable) // count)
+    is_arm = len(next(joints for own in segments for joints in own)) > 1
+    weights = np.ones(len(usable))
+    if is_arm:
+        weights[usable] = by_joint(Equations(equations.phi[usable], equations.y[usable]), joint[usable])
+    elif len(segments) > 1:
+        theta = np.linalg.lstsq(equations.phi[usable], equations.y[usable], rcond=None)[0]
+        residual = (equations.y - equations.phi @ theta) * usable
+        squares = np.asarray(np.bincount(recording, residual**2), dtype=float)
+        weights = quietest_most(squares, np.bincount(recording, usable), 0.0)[recording]
+    clusters_of, time = (np.repeat(np.concatenate(own), count) for own in (clusters, times))
+    starts = tuple((count * np.cumsum([0, *(len(m) for m in measured[:-1])])).tolist())
+    return Stack(equations, usable, weights, joint, recording, clusters_of, time, starts)
+
+
+def _in_turn(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Rows of each joint (N, ...), those of one instant next to each other (n N, ...)."""
+    return parts[0] if len(parts) == 1 else np.stack(parts, axis=1).reshape(-1, *parts[0].shape[1:])
+
+
+def by_joint(equations: Equations, joint: Index) -> Array:
+    """Weights (R,) by which joints with less noise count more."""
+    phi, y = equations.phi, equations.y
+    w = 1.0 / levels(y, joint)[joint]
+    theta = least_squares(phi * w[:, None], y * w)
+    return np.asarray(1.0 / levels(y - phi @ theta, joint)[joint])
+
+
+def levels(values: Array, joint: Index) -> Array:
+    """Root mean square of each joint (n,)."""
+    return np.sqrt(np.maximum(np.bincount(joint, values**2) / np.maximum(np.bincount(joint), 1), 1e-24))
+
+
+def fitted(data: Stack, terms: Sequence[Term], lender: Model | None = None, *, drifts: bool = False) -> Solved:
+    """Batch estimate with honest standard errors, and the recursion on its way there.
+
+    Args:
+        data: the equations.
+        terms: of the model, in the order of the columns.
+        lender: model whose inertia is given, or all that makes the momentum of an arm; None estimates it.
+        drifts: whether errors are running sums.
+    """
+    columns = [column for term in terms for column in term.columns]
+    loans = {j: lender.estimates[columns[j].name] for j in _of_momentum(terms)} if lender is not None else {}
+    known = {j: Estimate(column.least, 0.0, column.unit) for j, column in enumerate(columns) if column.is_known}
+    loans = {j: loan for j, loan in loans.items() if j not in known}
+    use = data.usable
+    clusters = np.unique(data.clusters[use], return_inverse=True)[1]
+    while True:
+        given: Mapping[int, Estimate] = loans | known
+        free = [j for j in range(len(columns)) if j not in given]
+        lent = np.array([estimate.value for estimate in given.values()])
+        equations = give(data.equations, list(given), lent)
+        # What was lent comes from the same data: its uncertainty widens that of the others
+        jacobian = data.equations.phi[use][:, list(loans)] if loans else None
+        fit = solve(Equations(equations.phi[use], equations.y[use]), data.weights[use], clusters, jacobian)
+        values = dict(zip(free, fit.theta.tolist(), strict=True))
+        left = [j for j, value in values.items() if not columns[j].allows(value)]
+        if not left:
+            break
+        known |= {j: Estimate(columns[j].nearest(values[j]), 0.0, columns[j].unit) for j in left}  # stays at its bound
+    if drifts:
+        fit = replace(fit, covariance=_random_walk_covariance(equations, data, fit.theta))
+
+    theta, std, count = np.empty(len(columns)), np.empty(len(columns)), len(free)
+    theta[free], theta[list(given)] = fit.theta, lent
+    std[free], std[list(given)] = fit.std[:count], [estimate.std for estimate in given.values()]
+    model = Model.build(terms, theta, std).correlated([columns[j].name for j in free], fit.covariance[:count, :count])
+    each = int(data.joint.max()) + 1  # equations of an instant, which the recursion takes one after the other
+    last = (evenly(len(data.time) // each, POINTS) + 1) * each - 1
+    convergence = _converge(equations, data, fit, free, theta, std, last)
+    return Solved(model, convergence, fit, tuple(levels(fit.residual, data.joint[use]).tolist()))
+
+
+def _of_momentum(terms: Sequence[Term]) -> list[int]:
+    """Numbers of the columns that the momentum has."""
+    body = body_of(terms)
+    columns = [column for term in terms for column in term.columns]
+    of_links = _momentum_of(body) if body is not None else []
+    return [j for j, column in enumerate(columns) if column.mass is not zero or j in of_links]
+
+
+def _momentum_of(body: Body) -> list[int]:
+    """Numbers of the base parameters that the momentum of links has."""
+    rng = np.random.default_rng(0)
+    q, v = rng.uniform(-np.pi, np.pi, (2, 20, len(body.joints)))
+    return list(np.flatnonzero(np.abs(body.momentum(q, v)).max(axis=(0, 1)) > 1e-9).tolist())
+
+
+def _random_walk_covariance(equations: Equations, data: Stack, theta: Array) -> Array:
+    """Covariance (F, F) of a least-squares fit whose errors are running sums of independent increments.
+
+    theta - truth = (phi' phi)^-1 sum_k phi_k e_k with e_k = sum_{j <= k} d_j, and so = (phi' phi)^-1 sum_j d_j S_j with
+    S_j the sum of phi from j to the end of the recording: one score for each cluster of increments.
+    """
+    weights = (data.weights * data.usable)[:, None]
+    phi, error = equations.phi * weights, (equations.y - equations.phi @ theta) * data.usable
+    ends = [*data.starts[1:], len(error)]
+    rest, increment = np.empty_like(phi), np.empty_like(error)
+    for begin, end in zip(data.starts, ends, strict=True):
+        rest[begin:end] = np.cumsum((phi * weights)[begin:end][::-1], axis=0)[::-1]
+        increment[begin:end] = np.diff(error[begin:end], prepend=0.0)
+    scores = np.zeros((int(data.clusters.max()) + 1, phi.shape[1]))
+    np.add.at(scores, data.clusters, rest * increment[:, None])
+    bread = np.linalg.pinv(phi.T @ phi, hermitian=True)
+    covariance: Array = bread @ (scores.T @ scores) @ bread * (len(scores) / max(1, len(scores) - phi.shape[1]))
+    return covariance
+
+
+def _converge(
+    equations: Equations, data: Stack, fit: Fit, free: Sequence[int], theta: Array, std: Array, points: Index
+) -> Convergence:
+    """The recursion's history at some points, with P scaled so that its errors end at the batch estimate's."""
+    weighted = Equations(equations.phi * data.weights[:, None], equations.y * data.weights)
+    course = history(weighted, data.usable, points)
+    spread = np.sqrt(np.diagonal(course.P, axis1=1, axis2=2))  # (K, F)
+    thetas, stds = np.tile(theta, (len(spread), 1)), np.tile(std, (len(spread), 1))
+    thetas[:, free] = course.theta
+    stds[:, free] = spread * fit.std[: len(free)] / spread[-1]
+    return Convergence(data.time[course.points], thetas, stds)

@@ -1,0 +1,59 @@
+"""Preprocessing: what was done to recordings is kept with them, and can be done again."""
+
+import pickle
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from estimators.preprocessing import Preprocessed
+from pendulum_env.physics import BASE
+from pendulum_env.recording import Recording
+from pendulum_env.recording.record import TorqueConstant
+from tests.cases import recording
+
+LATE = 4  # samples
+
+
+def late(good: Recording) -> Recording:
+    torque = np.r_[np.full(LATE, good.torque[0]), good.torque[:-LATE]]
+    return replace(good, name=f"{good.name}, late", torque=torque)
+
+
+@cache
+def mixed() -> Preprocessed:
+    """A recording in time, and one whose torque was logged late."""
+    good = recording("moving")
+    return Preprocessed.of([good, late(good)]).timed()
+
+
+def test_each_recording_is_timed_by_itself_where_they_differ():
+    in_time, behind = mixed().alignments
+    assert not in_time.is_found and behind.delay == pytest.approx(LATE / mixed().recordings[1].rate, rel=0.05)
+    (text,) = mixed().timing_texts(True)
+    assert text.startswith("moving, late: torque is logged")
+
+
+def test_what_is_said_of_recordings_goes_with_them_when_others_are_left_out():
+    assert mixed().without([]) is mixed()
+    left = mixed().without([2])
+    assert left.timing_texts(True) == () and not left.has_moved
+    assert mixed().without([1]).timing_texts(True)[0].startswith("torque is logged")
+
+
+def test_data_that_come_from_another_process_are_prepared_again_alike():
+    data = mixed().without([2]).closer().with_impacts(BASE)
+    again = pickle.loads(pickle.dumps(data))
+    for one, other in zip(data.parts, again.parts, strict=True):
+        np.testing.assert_array_equal(one.data.torque(), other.data.torque())
+        assert one.data.impacts == other.data.impacts
+
+
+def test_a_torque_constant_that_is_known_is_not_asked_of_loads():
+    current = replace(recording("moving"), torque_unit="A")
+    assert "known loads that differ are needed" in Preprocessed.of([current]).doubt
+    known = Preprocessed.of([current], [current], TorqueConstant(2.0, 0.1, "A"))
+    assert known.doubt is None and known.unit == "N m" and known.constant.value == 2.0
+    for one in (*known.recordings, *known.holdout):
+        np.testing.assert_array_equal(one.torque, 2.0 * current.torque)
