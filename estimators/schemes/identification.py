@@ -22,7 +22,7 @@ from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
 from estimators.checks.identifiability import Doubt, identifiability, inseparable, is_driven, untold
 from estimators.checks.remedies import wrong_columns
-from estimators.checks.torque_constant import further, told, widened
+from estimators.checks.torque_constant import told, widened
 from estimators.checks.untold import untold_of_arm
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
@@ -235,8 +235,9 @@ def identify(
     results = _by_schemes(chosen, segments, terms, recordings)
     first = next(iter(results.values())).model
     if given.constant is not None:
-        moved = _measured(further(recordings), terms, measured)
-        there = _by_schemes(chosen, moved, terms, recordings)
+        larger = 1 + given.constant.std / given.constant.value
+        moved = [replace(one, torque=larger * one.torque) if one.torque_constant else one for one in recordings]
+        there = _by_schemes(chosen, _measured(moved, terms, measured), terms, recordings)
         results = {id: own.calibrated(given.constant, there[id].model) for id, own in results.items()}
     else:
         results = {id: own.per(given.unit) for id, own in results.items()}

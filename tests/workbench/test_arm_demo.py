@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimators import Diagnosis, diagnose
-from estimators.selection.data import Step
+from estimators.selection.errors import Step
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.recording import read_arm_recording
 from pendulum_env.physics import Model

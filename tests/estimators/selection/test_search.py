@@ -119,4 +119,4 @@ def test_a_law_that_imitates_another_does_not_fit_where_the_joint_moves_otherwis
         train, test = recorded(plant, slow, fast)
         models = Models(*gather([train], [test]))
         assert models.left.fits(model) == right
-        assert models.left.is_noise(models.train, models.screen.residual(model))
+        assert models.left.is_noise(models.train, models.regression.residual(model))
