@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import gymnasium as gym
@@ -102,15 +102,16 @@ class EstimateParameters(Measuring):
 
     def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
         if self.arm is not None:
-            tell_arm(info, self.arm)
-            if self.env.render_mode is not None:
-                self.env.unwrapped.overlay = functools.partial(lines_of_arm, self.arm)  # type: ignore[attr-defined]
-            return observation
-        now = self._known
-        tell(info, now, self.estimator, 0)
+            self.arm.tell(info)
+            lines: Callable[[], tuple[str, ...]] = self.arm.lines
+        else:
+            tell(info, self._known, self.estimator, 0)
+            lines = functools.partial(self._lines, self._known)
         if self.env.render_mode is not None:
-            self.env.unwrapped.overlay = functools.partial(self._lines, now)  # type: ignore[attr-defined]
-        return np.concatenate([observation, told(now)[0]], dtype=np.float32) if self._in_observation else observation
+            self.env.unwrapped.overlay = lines  # type: ignore[attr-defined]
+        if not self._in_observation:
+            return observation
+        return np.concatenate([observation, told(self._known)[0]], dtype=np.float32)
 
     def _lines(self, now: Estimates) -> tuple[str, ...]:
         """What the picture says."""
@@ -188,22 +189,6 @@ def of_arm(
     _, *at_joints = terms_of(body, terms)
     chosen = for_arms(chosen_schemes(schemes))  # type: ignore[arg-type]  # of the six
     return ArmEstimators(body, rate_of(env, rate), at_joints, chosen, counts)
-
-
-def tell_arm(info: dict[str, Any], arm: ArmEstimators) -> None:
-    """Put what is known of an arm into an info."""
-    info["parameters"] = arm.names
-    info["estimates"] = {
-        id: {"theta": own.state.theta, "P": own.state.P, "prediction_error": own.state.error}
-        for id, own in arm.each.items()
-    }
-
-
-def lines_of_arm(arm: ArmEstimators) -> tuple[str, ...]:
-    """What the picture of an arm says: estimates of the first scheme, three in a row."""
-    id, first = next(iter(arm.each.items()))
-    told = [f"{name:<16}{v:7.3f}" for name, v in zip(arm.names, first.state.theta.tolist(), strict=True)]
-    return (id, *(" ".join(told[k : k + 3]) for k in range(0, len(told), 3)))
 
 
 def told(now: Estimates) -> Array:
