@@ -288,9 +288,9 @@ def _by_schemes(
 
 def _mistakes(given: Preprocessed, fits: Sequence[Own], terms: Sequence[Term]) -> list[str]:
     """What seems to be wrong with the recordings themselves: torque out of time, another plant."""
-    timed = given.timed()
+    timed, remedy = given.timed(), "correct it with --align (`Preprocessed.of(recordings).timed()` in Python)"
     return [
-        *(f"{text}: correct it with --align (`Preprocessed` in Python)" for text in timed.timing_texts(True)),
+        *(f"{text}: {remedy}" for text in timed.timing_texts(True)),
         *(loop.text for loop in feedback(given.recordings)),
         *(timed.timing_texts(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
         *(

@@ -203,11 +203,12 @@ class Dataset:
 
     def with_more_torque(self, more: float) -> Dataset:
         """The same motion under a torque with an offset [N m], for the slope of columns by the torque."""
-        return replace(self, windows=tuple(w.under(w.recording.torque + more) for w in self.windows))
+        pushed = (w.under(w.recording.torque + more, w.samples.torque + more) for w in self.windows)
+        return replace(self, windows=tuple(pushed))
 
     def with_scaled_torque(self, factor: float) -> Dataset:
         """The same motion under a torque, and a noise of it, that is larger by a factor."""
-        larger = (w.under(factor * w.recording.torque) for w in self.windows)
+        larger = (w.under(factor * w.recording.torque, factor * w.samples.torque) for w in self.windows)
         return replace(self, windows=tuple(replace(w, torque_noise=factor * w.torque_noise) for w in larger))
 
     def with_impacts(self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float) -> Dataset:

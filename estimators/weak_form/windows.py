@@ -187,9 +187,9 @@ class Windows:
         parts = np.tile(kernel, count), place.ravel(), length * np.arange(count + 1)
         return csr_array(parts, shape=(count, len(self.moving)))
 
-    def under(self, torque: Array) -> Windows:
-        """The same motion under another torque (N,) [N m]."""
-        samples = replace(self.samples, torque=held(torque))
+    def under(self, torque: Array, averages: Array) -> Windows:
+        """The same motion under another torque (N,) [N m], of which the averages are as `held` makes them (N,)."""
+        samples = replace(self.samples, torque=averages)
         return replace(self, recording=replace(self.recording, torque=torque), samples=samples)
 
     def average(self, series: Array) -> Array:
@@ -214,7 +214,7 @@ class Windows:
     def absorbed(self, term: Term) -> float:
         """Variance of white torque noise that the term's fixed columns absorb in the windows [(N m)^2]."""
         noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
-        noisier = self.under(self.recording.torque + noise)
+        noisier = self.under(self.recording.torque + noise, self.samples.torque + held(noise))
         ((_, more),), ((_, taken),) = noisier.columns([term]), self.columns([term])
         raw = self.average(held(noise))
         return float(np.var(raw) - np.var(raw - (more - taken)))

@@ -205,7 +205,7 @@ def test_plotted_numbers_are_rounded_and_gaps_are_null():
 def test_what_knocked_the_joint_is_among_the_windows_of_a_report(bouncing):
     found = diagnosed([bouncing])
     assert found.data.impacts_beside is not None
-    told, drawn = found.steps[-1].errors["train"], Case(found).training.errors(found.model)
+    told, drawn = found.steps[-1].errors["train"], Case(found).data.parts[0].errors(found.model)
     assert drawn.torque_rms == pytest.approx(told.torque_rms, rel=1e-6)
 
 

@@ -34,7 +34,7 @@ def sections(case: Case) -> list[Section]:
     measured = "held-out data" if found.candidates else "the recordings compared with"
     return [
         joints(models, measured, found.headline, found if found.candidates else None),
-        strips(models, gather_arm(of_arms(case.train), found.model.terms)),
+        strips(models, gather_arm(of_arms(case.data.recordings), found.model.terms)),
         *([ranked(found.candidates)] if found.candidates else []),
         parameters(models),
     ]

@@ -13,7 +13,6 @@ from estimators.schemes.six import SCHEMES
 from estimators.selection.data import PreparedData
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
-from pendulum_env.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -35,36 +34,11 @@ class Case:
             raise ValueError("the diagnosis has no data: give it those of its recordings, see Preprocessed")
         return self.diagnosis.data
 
-    @property
-    def train(self) -> tuple[Recording, ...]:
-        """Recordings that were fitted."""
-        return self.data.recordings
-
-    @property
-    def holdout(self) -> tuple[Recording, ...]:
-        """Recordings that were held out: given ones, or the fitted ones, of which the ends were."""
-        return self.data.holdout or self.data.recordings
-
-    @property
-    def is_split(self) -> bool:
-        """Whether what was held out is the ends of the fitted recordings."""
-        return not self.data.holdout
-
-    @property
-    def training(self) -> PreparedData:
-        """Windows and segments of the fitted recordings."""
-        return self.data.parts[0]
-
-    @property
-    def testing(self) -> PreparedData:
-        """Windows and segments of what was held out."""
-        return self.data.parts[1]
-
     @cached_property
     def schemes(self) -> Identification | None:
         """All schemes with the terms of the final model, None where the recordings are too poor for them."""
         try:
-            return identify(self.train, self.diagnosis.model.terms, SCHEMES)
+            return identify(self.data.recordings, self.diagnosis.model.terms, SCHEMES)
         except IdentificationError:
             return None
 

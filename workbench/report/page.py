@@ -66,7 +66,7 @@ def render(diagnosis: Diagnosis) -> str:
         sections = [of_diagnosis(case), candidates(case), parameters(case)]
     else:
         sections = [section for make in SECTIONS if (section := make(case)) is not None]
-    page = assemble(sections, f"diagnosis of {words.listing([recording.name for recording in case.train])}")
+    page = assemble(sections, f"diagnosis of {words.listing([recording.name for recording in case.data.recordings])}")
     return words.per(page, diagnosis.torque_unit)
 
 
@@ -117,14 +117,14 @@ def write_report(path: str | Path, diagnosis: Diagnosis) -> None:
 def render_comparison(compared: Comparison) -> str:
     """HTML of what `compare` found of recordings, as one self-contained page like that of a diagnosis."""
     case = _case(compared)
-    subject = f"comparison with {words.listing([recording.name for recording in case.train])}"
+    subject = f"comparison with {words.listing([recording.name for recording in case.data.recordings])}"
     if case.diagnosis.body is not None:
         return assemble(arm.sections(case), subject)
     headline = words.opening(compared.headline).replace(" N m", "\u00a0N\u00a0m").replace(" rad", "\u00a0rad")
     distances = Section("distances", "Result", headline, {"compared": compared})
     sections = [distances, comparison(case), failures(case), parameters(case)]
     if compared.told_in_loop is not None:
-        sections.insert(1, loop(compared.told_in_loop, [("model", compared.model)], case.train))
+        sections.insert(1, loop(compared.told_in_loop, [("model", compared.model)], case.data.recordings))
     return words.per(assemble(sections, subject), compared.torque_unit)
 
 

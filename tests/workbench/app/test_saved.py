@@ -68,7 +68,7 @@ def test_a_saved_session_opens_as_it_was(worked, tmp_path):
         np.testing.assert_array_equal(new.recording.position, old.recording.position)
         assert new.held_out == old.held_out
     assert plain(after.told) == plain(before.told)
-    drawn, again = (one.case.training.residual(one.model.terms, one.model.theta) for one in (before, after))
+    drawn, again = (one.case.data.parts[0].residual(one.model.terms, one.model.theta) for one in (before, after))
     np.testing.assert_allclose(again, drawn, rtol=1e-9)  # of data that are prepared anew
     assert after.without_step().model.theta == pytest.approx(before.without_step().model.theta, rel=1e-12)
     grown = [add(one.model, "quadratic_drag", one.train, one.holdout, **ASKED.limits) for one in (before, after)]

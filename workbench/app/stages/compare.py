@@ -59,7 +59,7 @@ class Points:
     def of(cls, case: Case, recording: Recording) -> Points:
         """Windows of one of the recordings, fitted and held-out ones alike."""
         parts = []
-        for prepared in (case.training, case.testing):
+        for prepared in case.data.parts:
             windows, x = prepared.data.windows, prepared.samples
             own = np.repeat([w.recording is recording for w in windows], [len(w.centers) for w in windows])
             series = (x.time, x.position, x.velocity, prepared.data.torque(), *case.residuals(prepared))
@@ -207,7 +207,7 @@ def _strips(state: Work, id: str) -> list[Component]:
 
 def _flown(case: Case, recording: Recording) -> Component:
     """Free-running simulation of a recording: of its held-out part, if it has one."""
-    found = ((part, k) for part in (case.testing, case.training) for k in range(len(part.segments)))
+    found = ((part, k) for part in reversed(case.data.parts) for k in range(len(part.segments)))
     part, k = next((part, k) for part, k in found if part.segments[k].windows.recording is recording)
     segments = [own.segments[k] for own in case.watched(part)]
     note = "Each simulation starts from the measured state and runs freely for one second on the recorded torque alone."

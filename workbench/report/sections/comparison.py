@@ -16,7 +16,8 @@ PER_SEGMENT = (10, 80)  # points of each simulated window, fewer where there are
 
 def comparison(case: Case) -> Section:
     """Both comparisons for every held-out recording, those with the largest errors first."""
-    prepared, residuals = case.testing, case.residuals(case.testing)
+    prepared = case.data.parts[1]
+    residuals = case.residuals(prepared)
     ends = np.cumsum([len(w.centers) for w in prepared.data.windows])[:-1]
     split = [np.split(residual, ends) for residual in residuals]
     torque = np.split(prepared.data.torque(), ends)
@@ -25,7 +26,7 @@ def comparison(case: Case) -> Section:
     order = sorted(usable, key=lambda k: -float(np.mean(split[0][k] ** 2)))[: DRAWING.compared]
     runs = [
         {
-            "name": case.holdout[k].name,
+            "name": prepared.recordings[k].name,
             "torque": torque_figure(case, k, torque[k], [part[k] for part in split], noise),
             "position": position_figure(case, f"position-{k}", [own.segments[k] for own in case.watched(prepared)]),
         }
@@ -37,7 +38,7 @@ def comparison(case: Case) -> Section:
         "Measured against modelled",
         {
             "runs": runs,
-            "held_out": case.is_split or case.train is not case.holdout,
+            "held_out": case.data.holdout is not case.data.recordings,
             "left_out": len(usable) - len(runs),
             "found": bool(case.diagnosis.selected),
         },
@@ -46,10 +47,11 @@ def comparison(case: Case) -> Section:
 
 def torque_figure(case: Case, k: int, torque: Array, residuals: Sequence[Array], noise: float) -> Figure:
     """Torque of one recording in every window, above what each model leaves of it."""
-    time = np.asarray(case.testing.data.windows[k].at_centers().time)
+    windows = case.data.parts[1].data.windows[k]
+    time = np.asarray(windows.at_centers().time)
     x, (measured, *left) = broken(time, thin(residuals[0]), torque, *residuals)
     modelled = [measured - residual for residual in left]
-    label = f"Measured and modelled torque over time, and their difference, recording {case.holdout[k].name}"
+    label = f"Measured and modelled torque over time, and their difference, recording {windows.recording.name}"
     figure = before_and_after(case, f"torque-{k}", label, x, measured, modelled, left, ("torque", "residual", "N m"))
     figure.data.insert(0, band(time[[0, -1]], np.full(2, 2 * noise), "noise (±2σ)", yaxis="y2"))
     return figure

@@ -26,7 +26,7 @@ def errors(case: Case) -> Section:
         "whiteness": [
             whiteness(f"{label}, {part}", case, prepared, k)
             for k, (label, _, _) in enumerate(case.models)
-            for part, prepared in (("fitted", case.training), ("held out", case.testing))
+            for part, prepared in zip(("fitted", "held out"), case.data.parts, strict=True)
         ],
         "figures": [
             ladder(case, "torque_rms", "torque error [N m]", case.diagnosis.noise_floor),

@@ -27,7 +27,7 @@ Curve = tuple[str, str]  # label and colour of a model
 
 def failures(case: Case) -> Section:
     """Residual maps of the base model beside the final one, on the data that were fitted."""
-    prepared, noise = case.training, case.diagnosis.noise_floor
+    prepared, noise = case.data.parts[0], case.diagnosis.noise_floor
     residuals = case.residuals(prepared)
     maps = [profiles(prepared.samples, residual, noise) for residual in residuals]
     regions = stand_out(prepared.samples, residuals[0], noise)
@@ -129,7 +129,7 @@ def stripe(region: Region, color: str, low: float, high: float) -> JSON:
 
 def plane_figures(case: Case, residuals: Sequence[Array]) -> list[Figure]:
     """Mean residual in the phase plane, one figure a model, all in one colour scale."""
-    x = case.training.samples
+    x = case.data.parts[0].samples
     maps = planes(np.asarray(x.position), np.asarray(x.velocity), residuals)
     return [
         Figure(f"plane-{k}", f"Mean residual torque in the plane of angle and velocity, {label}", [cells], layout, 380)

@@ -54,8 +54,9 @@ def loop(
 
 def of_diagnosis(case: Case) -> Section:
     """The same of the first and the last model of a diagnosis, what was held out first."""
-    found, held_out = case.diagnosis, case.data.holdout
-    recordings = [*(replace(recording, name=f"{recording.name} (held out)") for recording in held_out), *case.train]
+    found = case.diagnosis
+    held_out = [replace(recording, name=f"{recording.name} (held out)") for recording in case.data.holdout]
+    recordings = [*held_out, *case.data.recordings]
     models = [("base model", found.steps[0].model)]
     if len(found.steps) > 1:
         models.append(("with what was found", found.model))

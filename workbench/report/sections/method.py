@@ -19,10 +19,10 @@ def method(case: Case) -> Section:
     content = {
         "used": [
             _use(w, part)
-            for part, prepared in (("fitted", case.training), ("held out", case.testing))
+            for part, prepared in zip(("fitted", "held out"), case.data.parts, strict=True)
             for w in prepared.data.windows
         ],
-        "split": case.is_split,
+        "split": not case.data.holdout,
         "seconds": SECONDS,
         "command": command(case),
         "terms": [term.id for term in case.base.terms],
@@ -53,7 +53,6 @@ def _use(w: Windows, part: str) -> dict[str, Any]:
 
 def command(case: Case) -> str:
     """Command line that does the same."""
-    held_out = () if case.is_split else case.holdout
-    options = [word for recording in held_out for word in ("--holdout", f"{recording.name}.csv")]
-    fitted = [f"{recording.name}.csv" for recording in case.train]
+    options = [word for recording in case.data.holdout for word in ("--holdout", f"{recording.name}.csv")]
+    fitted = [f"{recording.name}.csv" for recording in case.data.recordings]
     return shlex.join(["pendulum-ident", "diagnose", *fitted, *options, "--report", "report.html"])

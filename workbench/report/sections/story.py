@@ -100,6 +100,6 @@ def finding(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
 
 def held_out(case: Case) -> str:
     """Which data the errors are from."""
-    if case.is_split:
+    if not case.data.holdout:
         return "the last 30 % of each recording, which no parameter was fitted to"
-    return f"held-out data that no parameter was fitted to ({listing([r.name for r in case.holdout])})"
+    return f"held-out data that no parameter was fitted to ({listing([r.name for r in case.data.holdout])})"
