@@ -27,7 +27,6 @@ from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, 
 from benchmarks.parallel import each
 from benchmarks.scoring import positive, rate, take_workers
 from benchmarks.truth import Truth
-from estimators.selection.candidates import Screen
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.motion import SEGMENT
 from estimators.simulation import output_error
@@ -187,7 +186,7 @@ def realisation(study: Study, run: SimulatedRecording, seed: int) -> Recording:
 
 def fit_windows(prepared: PreparedData, hidden: Sequence[str]) -> Model:
     """The fit over windows of the base terms and some effects, shape parameters searched."""
-    screen, terms = Screen(prepared.data), BASE
+    screen, terms = PreparedData(prepared.data, ()).screen, BASE
     for id in hidden:
         terms = min(screen.variants(terms, effect(id)), key=lambda trial: trial.fitted_rms).terms
     return fit_terms(prepared, terms)[0]

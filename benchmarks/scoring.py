@@ -19,7 +19,7 @@ from benchmarks.truth import Truth, read_pair
 from estimators.diagnosis.result import Diagnosis, Verdict
 from estimators.diagnosis.run import diagnose
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Errors
+from estimators.selection.errors import Errors
 from pendulum_env.physics import effects
 from workbench.terminal import Terminal
 

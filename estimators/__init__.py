@@ -11,7 +11,8 @@ from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import SCHEMES, scheme
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Errors, PreparedData, fit_terms
+from estimators.selection.data import PreparedData, fit_terms
+from estimators.selection.errors import Errors
 from estimators.show import notebook as notebook  # teaches results to show themselves
 
 __all__ = [

@@ -17,7 +17,8 @@ from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import ARM_SCHEMES, measure_arm, series
 from estimators.schemes.fitting import regressions, stack
-from estimators.selection.data import Errors, PreparedData, Step, noise_floor
+from estimators.selection.data import PreparedData
+from estimators.selection.errors import Errors, Step, noise_floor
 from estimators.simulation.free_running import growth, select
 from estimators.simulation.multiple_shooting import has_link
 from estimators.weak_form.dataset import dataset

@@ -17,6 +17,7 @@ from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align_each
 from estimators.checks.torque_constant import torque_constant, unit_of
 from estimators.regression.equations import IdentificationError
+from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData, with_impacts
 from estimators.weak_form.dataset import choose_half_width, prepare
 from pendulum_env.physics import Term
@@ -25,8 +26,7 @@ from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 
 HELD_OUT = 0.3  # end of each recording that is held out when no recording is
 MOTION = 0.5  # of the motion, that has to come before what is held out of the end of recordings
-CLOSER = 0.5  # share of the windows' length at a second look,
-SHORTEST = 0.25  # and the least, where longer windows are too few
+SHORTEST = 0.25  # share of the windows' length, the least, where longer windows are too few
 
 Parts = tuple[PreparedData, PreparedData]  # fitted and held out
 
@@ -97,9 +97,9 @@ class Preprocessed:
         alignments = [self.alignments[k] for k in (*kept, *range(count, len(self.alignments))) if self.alignments]
         return replace(self, recordings=tuple(self.recordings[k] for k in kept), alignments=tuple(alignments))
 
-    def closer(self) -> Self:
+    def closer(self, share: float = Criterion.closer) -> Self:
         """The same in shorter windows."""
-        return replace(self, window_share=CLOSER)
+        return replace(self, window_share=share)
 
     def with_impacts(self, terms: Sequence[Term]) -> Self:
         """The same with the turns that miss torque beside some terms, as it is where these are too few."""
@@ -187,7 +187,7 @@ def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), s
     except IdentificationError:
         if shorter <= SHORTEST:
             raise
-        return gather(recordings, holdout, CLOSER * shorter)  # through more noise, but there are more of them
+        return gather(recordings, holdout, Criterion.closer * shorter)  # through more noise, but there are more of them
 
 
 def _gather(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> Parts:

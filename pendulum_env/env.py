@@ -102,12 +102,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         """
         check_positive("a pendulum", rate=rate, substeps=substeps, max_torque=max_torque)
         self._renderer = Renderer(render_mode)
-        if backend != "replay" and recording is not None:
-            raise ValueError(f"a recording is played by backend='replay', not by '{backend}'")
-        if backend != "dm1015b" and config is not None:
-            raise ValueError(f"a configuration is for backend='dm1015b', not for '{backend}'")
-        if backend in OWN_PLANT and (effects or theta is not None or model is not None):
-            raise ValueError(f"{OWN_PLANT[backend]}: leave out effects, theta and model")
+        _check_belongs(backend, recording, config, bool(effects) or theta is not None or model is not None)
         sensor = Sensor(counts, torque_noise, find("velocity", velocity, VELOCITIES))
         files = [None if file is None else str(file) for file in (recording, config)]
         self._setup = Setup(make_plant(theta, effects, model), float(rate), int(substeps), sensor, *files)
@@ -232,3 +227,13 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             self._running = False
         self.backend.close()
         self._renderer.close()
+
+
+def _check_belongs(backend: str, recording: str | Path | None, config: str | Path | None, has_plant: bool) -> None:
+    """Refuse what goes with another backend."""
+    if backend != "replay" and recording is not None:
+        raise ValueError(f"a recording is played by backend='replay', not by '{backend}'")
+    if backend != "dm1015b" and config is not None:
+        raise ValueError(f"a configuration is for backend='dm1015b', not for '{backend}'")
+    if backend in OWN_PLANT and has_plant:
+        raise ValueError(f"{OWN_PLANT[backend]}: leave out effects, theta and model")

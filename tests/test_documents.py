@@ -9,10 +9,9 @@ from dataclasses import asdict
 
 import pytest
 
-from estimators import preprocessing
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import CUTOFF, GUARD, SCHEMES, Integral
-from estimators.selection import models, motion, score
+from estimators.selection import motion, score
 from estimators.selection.criterion import Criterion
 from estimators.simulation.free_running import SECONDS
 from pendulum_env.physics import BASE, library, table
@@ -99,7 +98,7 @@ def test_numbers_in_the_prose_are_those_of_the_code():
         f"{score.DRAWS} times over",
         f"stretches of {score.BLOCK:.0f} second".replace("1", "one"),
         f"knots {table.SLOW:g} s apart",
-        f"pieces of {models.MOMENT:g} s",
+        f"pieces of {Criterion().moment:g} s",
         f"segments of {motion.SEGMENT:g} second".replace("0.5", "half a"),
         f"$\\lambda = {CUTOFF:.0f}$ rad/s",
         f"a guard of {1000 * GUARD:.0f} ms",
@@ -107,7 +106,7 @@ def test_numbers_in_the_prose_are_those_of_the_code():
         f"windows of {SECONDS:.0f} second".replace("1", "one"),
     ):
         assert told in theory
-    assert (Criterion().share, preprocessing.CLOSER, PRIOR) == (0.2, 0.5, 1e7)  # a fifth, half the length, 10^7
+    assert (Criterion().share, Criterion().closer, PRIOR) == (0.2, 0.5, 1e7)  # a fifth, half the length, 10^7
 
 
 def test_the_page_on_theory_has_every_number_that_decides():

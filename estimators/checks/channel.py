@@ -24,9 +24,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
+from estimators.regression.balance import Balance
 from estimators.regression.equations import IdentificationError
-from estimators.regression.least_squares import Balance
-from estimators.selection.candidates import depends_on_torque
+from estimators.selection.columns import depends_on_torque
 from estimators.selection.score import BLOCK, Blocks, cross_validated
 from estimators.signals.channel import Channel
 from estimators.weak_form.dataset import Dataset, prepare, smooth_laws

@@ -20,7 +20,7 @@ from scipy.special import stdtrit
 
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import solve
-from estimators.selection.candidates import Screen
+from estimators.selection.regression import Regression
 from estimators.weak_form.dataset import Dataset
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Column, Model, Term
@@ -250,7 +250,7 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
     names, fits, number = [column.name for _, column in moved], [], 0
     level = 1 - AGREEMENT.chance / (2 * max(1, sum(len(data.windows) for data in datasets) * len(columns)))
     for data in datasets:
-        near = Screen(data).balance(terms).tangent()
+        near = Regression(data).balance(terms).tangent()
         phi = near.slopes[:, fitted]
         y = near.error + phi @ near.theta[fitted]
         for place, w in enumerate(data.windows):

@@ -18,7 +18,8 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
-from estimators.selection.data import PreparedData, Step, noise_floor
+from estimators.selection.data import PreparedData
+from estimators.selection.errors import Step, noise_floor
 from estimators.selection.models import Models
 from estimators.selection.motion import refit
 from estimators.selection.moves import best, is_hidden, loosened, settle
@@ -93,7 +94,7 @@ def add(
     start = Model.build((*shown.model.terms, more), np.append(shown.model.theta, np.zeros(len(more.columns))))
     *_, after = refit(Selection(models, [before, longer]), start).steps
     against = objection(after, shown, models.train.motions) or (None if is_hidden(more) else against)  # motion tells it
-    shown, after = (replace(step, model=told(step.model, models.train.data)) for step in (shown, after))
+    shown, after = (replace(step, model=told(step.model, given.parts[0].data)) for step in (shown, after))
     floor = noise_floor(models.left.floor, after.errors.values())
     return Addition(shown, after, floor, against, given.doubt)
 

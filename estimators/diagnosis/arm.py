@@ -15,12 +15,12 @@ from estimators.diagnosis.result import KEPT, UNNAMED, Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.preprocessing import HELD_OUT, Preprocessed
 from estimators.regression.equations import IdentificationError
-from estimators.selection.data import PreparedData, inertias
+from estimators.selection.data import PreparedData
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.moves import explaining
 from estimators.selection.search import select
-from estimators.weak_form.dataset import HALF_WIDTHS, NEGLIGIBLE
+from estimators.weak_form.dataset import HALF_WIDTHS, NEGLIGIBLE, Dataset
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.windows import in_a_row
 from pendulum_env.arms.body import Body
@@ -113,6 +113,7 @@ def examine_arm(
 def left_at_joints(models: Models, terms: Terms) -> dict[str, float]:
     """Torque that terms leave of joints and that is no noise [N m]: what neighbouring windows share, or all."""
     found, data = models.left.structures(terms)[0], models.train.data
+    assert isinstance(data, Dataset)  # nothing simulates an arm in its loop
     negligible = {at: max(NEGLIGIBLE * float(np.std(data.part(at).torque())), data.least()) for at in data.joints}
     return {
         at: own.shared if own.sure > models.criterion.sure else own.all
@@ -123,7 +124,8 @@ def left_at_joints(models: Models, terms: Terms) -> dict[str, float]:
 
 def where_it_stands_out(models: Models, terms: Terms, joints: Collection[str]) -> tuple[Region, ...]:
     """Where what terms leave stands out most of the noise, one region of each joint, everywhere if it does nowhere."""
-    data, residual, found = models.train.data, models.screen.residual(terms), []
+    data, residual, found = models.train.data, models.regression.residual(terms), []
+    assert isinstance(data, Dataset)
     for at in joints:
         x, noise = data.part(at).samples, models.left.noise_of(models.train, at)
         place, *_ = (*stand_out(x, residual[data.where(at)], noise, most=1), everywhere(""))
@@ -134,7 +136,7 @@ def where_it_stands_out(models: Models, terms: Terms, joints: Collection[str]) -
 def heavier_when_slow(models: Models, train: Sequence[ArmRecording], joints: Collection[str]) -> dict[str, float]:
     """Of some joints those that feel surely heavier in the longest windows, and how many times."""
     try:
-        slow = inertias(gather_arm(train, models.base, HALF_WIDTHS[-1]).screen, models.base)
+        slow = gather_arm(train, models.base, HALF_WIDTHS[-1]).inertias(models.base)
     except IdentificationError:  # they are too few
         return {}
     times = {at: slow[at] / max(models.left.inertia[at], 1e-300) for at in joints}

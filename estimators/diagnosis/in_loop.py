@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
@@ -18,10 +17,12 @@ from estimators.checks.torque_constant import widened
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import UNNAMED, Diagnosis
 from estimators.diagnosis.setting import Setting
+from estimators.in_loop.fit import LOOP
+from estimators.in_loop.prepared import InLoop
 from estimators.in_loop.rollouts import FINE, Rollouts, with_gain
-from estimators.in_loop.screen import InLoop
 from estimators.preprocessing import HELD_OUT, Preprocessed
-from estimators.selection.data import PreparedData, Step, fit_terms
+from estimators.selection.data import PreparedData, fit_terms
+from estimators.selection.errors import Step
 from estimators.selection.models import Models
 from estimators.selection.moves import ids
 from estimators.selection.search import Selection, select
@@ -32,8 +33,6 @@ from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
-
-NEEDED = 0.3  # of what the others leave, that an effect has to explain: a small error makes a servo stick elsewhere
 
 
 @dataclass(frozen=True)
@@ -69,11 +68,11 @@ class Looped:
         rest = Rollouts(unseen, is_held=train.data.is_held, shares=last)
         check = InLoop(rest, PreparedData.of(unseen, part=last), train)
         models = Models(
-            cast(PreparedData, train),  # all that a search asks of prepared, a rollout has
-            cast(PreparedData, check),
+            train,
+            check,
             setting.progress,
             {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"},
-            replace(setting.criterion, share=NEEDED, needed=NEEDED),
+            replace(setting.criterion, share=LOOP.needed, needed=LOOP.needed),
             setting.rng,
             base,
             tables=(),
@@ -83,8 +82,8 @@ class Looped:
     def sharpened(self, step: Step) -> Step:
         """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
         fine, unseen = (replace(part, data=replace(part.data, steps=FINE)) for part in (self.train, self.check))
-        fine.screen.begin_at(Point.of(step.model))
-        model = self._in_unit(_timed(fit_terms(cast(PreparedData, fine), step.model.terms)[0], fine))
+        fine.regression.begin_at(Point.of(step.model))
+        model = self._in_unit(_timed(fit_terms(fine, step.model.terms)[0], fine))
         return Step(step.added, model, {"train": fine.errors(model), "holdout": unseen.errors(model)})
 
     def _in_unit(self, model: Model) -> Model:
@@ -137,8 +136,8 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
 def _timed(model: Model, servos: InLoop) -> Model:
     """A fitted model whose standard errors count that a log's clock is off by a share of a sample."""
     point = Point.of(model)
-    near, weights = servos.screen.near(model.terms), servos.screen.weights(model.terms)[:, None]
-    by_shapes, shapes = servos.screen.shape_jacobian(model.terms, point.theta)
+    near, weights = servos.regression.near(model.terms), servos.regression.weights(model.terms)[:, None]
+    by_shapes, shapes = servos.regression.shape_jacobian(model.terms, point.theta)
     slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_shapes])
     late = np.column_stack([other.misses([point])[:, 0] for other in servos.data.mistimed])
     moved = np.linalg.lstsq(weights * slopes, -weights * (late - servos.data.misses([point])), rcond=None)[0]
@@ -169,8 +168,8 @@ def likelier(ways: Sequence[InLoop], base: Sequence[Term]) -> InLoop:
     """That of several ways to look at recordings under which a model of some terms is the likeliest."""
 
     def of(one: InLoop) -> float:
-        one.screen.settle(base)
-        return one.screen.likelihood(base)
+        one.regression.settle(base)
+        return one.regression.likelihood(base)
 
     return max(ways, key=of)
 
@@ -193,7 +192,7 @@ def base_of(base: Sequence[Term], recordings: Sequence[Recording]) -> tuple[Term
 def unexplained(found: Selection, train: InLoop) -> list[Region]:
     """What the final model leaves of the motion, and where most of it is."""
     models, last, data = found.models, found.steps[-1], train.data
-    left = train.misses(last.model.terms, np.asarray(last.model.theta))
+    left = train.residual(last.model.terms, np.asarray(last.model.theta))
     if models.left.is_noise(models.train, left):
         return []
     sizes = np.array([np.mean(np.abs(left[data.recording_of == k])) for k in range(len(data.recordings))])

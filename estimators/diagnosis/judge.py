@@ -10,15 +10,13 @@ import numpy as np
 
 from estimators.checks.identifiability import Doubt
 from estimators.diagnosis.result import Candidate, Verdict
-from estimators.selection.data import Step, error_at
+from estimators.selection.errors import Step, error_at
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.moves import alternatives, candidates, is_hidden, rivals
 from estimators.selection.physical import objection
 from estimators.selection.score import Gain
 from estimators.selection.search import Selection
-
-SEEN = 1e-3  # share of an effect's torque that the other terms cannot imitate, below which the data do not show it
 
 
 def judge(found: Selection, final: Terms) -> tuple[list[Candidate], list[tuple[str, ...]]]:
@@ -123,22 +121,22 @@ def _gained(models: Models, after: Terms, before: Terms) -> tuple[Gain, int]:
 
 def _held_out_rms(models: Models, terms: Terms, at: str) -> float:
     """Torque error on the held-out data of the terms fitted to the training data [N m]."""
-    error = models.holdout.screen.equations(terms).error(models.screen.solve(terms))
+    error = models.holdout.regression.equations(terms).error(models.regression.solve(terms))
     return error_at(models.holdout.data.errors(error), at, np.nan)
 
 
 def is_excited(models: Models, longer: Terms) -> bool:
     """Whether the data depend on the last of some terms in a way that the others cannot imitate."""
     *others, term = longer
-    (columns,) = models.screen.columns([term])
-    own = models.screen.placed([term], [np.column_stack([columns.linear, columns.fixed])])
+    (columns,) = models.regression.columns([term])
+    own = models.regression.placed([term], [np.column_stack([columns.linear, columns.fixed])])
     own = own[:, np.linalg.norm(own, axis=0) > 0]
     if own.shape[1] == 0:
         return False
-    own = own * models.screen.weights(others)[:, None]
-    frame = models.screen.frame(others)
+    own = own * models.regression.weights(others)[:, None]
+    frame = models.regression.frame(others)
     left = own - frame @ (frame.T @ own)
-    return float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(own, axis=0))) > SEEN
+    return float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(own, axis=0))) > models.criterion.seen
 
 
 def _falls(before: Step, after: Step) -> str:

@@ -16,7 +16,7 @@ from estimators.diagnosis.likeness import likenesses
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.preprocessing import Preprocessed
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Step
+from estimators.selection.errors import Step
 from estimators.selection.score import Gain
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body

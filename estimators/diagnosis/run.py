@@ -25,11 +25,13 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, forward, no_progress
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData, fit_terms, noise_floor
+from estimators.selection.data import fit_terms
+from estimators.selection.errors import noise_floor
 from estimators.selection.models import Models, held_out_cost
-from estimators.selection.motion import is_misfit, refine, refit, reselect_transmission
+from estimators.selection.motion import is_misfit, refine, refit
 from estimators.selection.moves import explaining, ids, settle
 from estimators.selection.physical import impossible
+from estimators.selection.prepared import Comparable, Data
 from estimators.selection.search import Selection, select
 from estimators.signals.measurements import measure_segments
 from estimators.weak_form.instruments import fit_by_reference
@@ -204,13 +206,13 @@ def _of_timing(given: Preprocessed, found: Diagnosis) -> list[str]:
 def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
     first = models = setting.models(given.parts)
-    followed = fit_by_reference(first.train.data, setting.base) if setting.by_reference else None
+    followed = fit_by_reference(given.parts[0].data, setting.base) if setting.by_reference else None
     wrong = turned_round(fit_terms(first.train, setting.base)[0], given.recordings)
     if wrong is not None:
         return _mislogged(given, models, setting.base, wrong)
     rough, given = _looked_closer(given, models, setting)
     setting.progress("refitting", 0.93)
-    found = reselect_transmission(refit(rough))
+    found = refit(rough)
     models, steps = found.models, found.steps
     if followed is not None:
         steps = [models.with_errors(None, followed), *steps[1:]]
@@ -244,7 +246,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
         noise_floor=noise_floor(models.left.floor, steps[-1].errors.values()),
         advice=(
             *look_alike,
-            *_of_little(first.train),
+            *_of_little(first.train.data),
             *(doubt.text for doubt in doubts),
             *filter(None, (term.beyond(*first.train.reach) for term in steps[-1].model.terms)),
             *([suggestion.text] if suggestion else []),
@@ -268,7 +270,7 @@ def _looked_closer(given: Preprocessed, models: Models, setting: Setting) -> tup
     """
     rough = refine(select(models))
     if rough.models.left.are_noise(rough.terms)[0] and is_misfit(rough.models, rough.steps[-1]):
-        closer = given.closer()
+        closer = given.closer(models.criterion.closer)
         found = refine(select(setting.models(closer.parts)))
         if len(found.steps) > 1 and held_out_cost(found.steps[-1]) < held_out_cost(rough.steps[-1]):
             rough, given = found, closer
@@ -281,9 +283,9 @@ def _looked_closer(given: Preprocessed, models: Models, setting: Setting) -> tup
     return rough, given
 
 
-def _of_little(fitted: PreparedData) -> list[str]:
+def _of_little(fitted: Data) -> list[str]:
     """A caveat where little of the motion tells anything."""
-    count = len(fitted.data.weights)
+    count = len(fitted.weights)
     text = "stretches of motion are clear of stick and reversals: much may be missing that does not show"
     return [f"only {count} {text}, record longer, faster or wider motion"] if count < PLENTY else []
 
@@ -344,7 +346,7 @@ def _held_out(models: Models) -> str:
     return listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
 
 
-def _nowhere(models: Models, part: PreparedData, left: Array) -> list[Region]:
+def _nowhere(models: Models, part: Comparable, left: Array) -> list[Region]:
     """What is said of a residual (R,) that stands out nowhere: nothing, unless it is too much for noise."""
     size, floor = float(np.sqrt(np.mean(left**2))), models.left.noise_of(part)
     if size <= models.criterion.misfit * floor:

@@ -28,13 +28,13 @@ def smallest(models: Models, terms: Terms, kind: type[Term]) -> float | None:
     term, theta = of_typical_size(kind)
     if not len(theta):
         return None
-    (columns,) = models.screen.columns([term])
-    torque, phi = columns.linear @ theta, models.screen.balance(terms).phi
+    (columns,) = models.regression.columns([term])
+    torque, phi = columns.linear @ theta, models.regression.balance(terms).phi
     left = torque - phi @ np.linalg.lstsq(phi, torque, rcond=1e-10)[0]
     shown = float(np.sqrt(np.mean(left**2)))
     if shown < 1e-9 * float(np.sqrt(np.mean(torque**2))) or shown == 0.0:
         return None
-    noise = max(models.left.floor, float(np.sqrt(np.mean(models.screen.residual(terms) ** 2))))
+    noise = max(models.left.floor, float(np.sqrt(np.mean(models.regression.residual(terms) ** 2))))
     correlated = CLEAR * models.criterion.sure / float(np.sqrt(len(left)))  # r^2 / (r^2 + s^2) that is surely shared
     if correlated >= 1.0:
         return None

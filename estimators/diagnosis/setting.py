@@ -10,8 +10,8 @@ import numpy as np
 from estimators.diagnosis.experiment import USUAL, Limits
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData
 from estimators.selection.models import Models
+from estimators.selection.prepared import Comparable
 from pendulum_env.arms.joints import at_joints, body_of
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import COMPETING, TABLES
@@ -41,7 +41,7 @@ class Setting:
     usual: float = USUAL
     by_reference: bool = False
 
-    def models(self, prepared: tuple[PreparedData, PreparedData]) -> Models:
+    def models(self, prepared: tuple[Comparable, Comparable]) -> Models:
         """What some data say of models; at the joints of an arm, any table may compete."""
         body = body_of(self.base)
         tables = COMPETING if body is None else at_joints(TABLES.values(), body)

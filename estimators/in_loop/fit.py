@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.in_loop.rollouts import FINE, Rollouts, are_driven, with_gain
-from estimators.selection.candidates import bounds
-from estimators.selection.data import Errors
+from estimators.regression.gauss_newton import Near, Rule, gauss_newton
+from estimators.selection.columns import bounds
+from estimators.selection.errors import Errors
 from estimators.selection.score import NU
 from estimators.simulation.output_error import Point
 from estimators.weak_form.shapes import continuous
@@ -23,14 +24,27 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 
-TURNS = 30
-DAMPINGS = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of normalised slopes' squares
-DIFFERENCE = 1e-2  # of a parameter, for derivatives
-LEAP = 1.0  # of a parameter, the largest step of any
-POLLS, POLL = 5, (0.1, 0.4)  # times that each parameter is tried by itself, and shares by which it is moved
-ENOUGH = 0.3  # [nat], gain of a turn at which a fit ends,
-ROUGHLY = 0.05  # or share of what it has gained so far, where models are only compared
-SCALES = 20  # turns of the fixed point for a scale
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """Numbers of fits in the loop, and of a search that stands on them."""
+
+    turns: int = 30  # largest number
+    dampings: tuple[float, ...] = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of the steps of each turn
+    difference: float = 1e-2  # of a parameter, for derivatives
+    leap: float = 1.0  # of a parameter, the largest step of any
+    polls: int = 5  # times that each parameter is tried by itself,
+    poll: tuple[float, ...] = (0.1, 0.4)  # and shares by which it is moved
+    enough: float = 0.3  # [nat], gain of a turn at which a fit ends,
+    roughly: float = 0.05  # or share of what it has gained so far, where models are only compared
+    scales: int = 20  # turns of the fixed point for a scale
+    typical: float = 0.05  # of the torque, a size at which a parameter matters
+    hopeless: float = 15.0  # [nat], gain that linear equations foresee, below which a single turn says enough
+    most: int = 24  # variants of a grid, from the best of which continuous shape parameters are fitted
+    needed: float = 0.3  # of what the others leave, that an effect has to explain: a small error sticks elsewhere
+
+
+LOOP = LoopSettings()
 
 
 def squared_scales(rollouts: Rollouts, errors: Array) -> Array:
@@ -44,7 +58,7 @@ def squared_scales(rollouts: Rollouts, errors: Array) -> Array:
         return np.maximum(np.add.reduceat(values, starts) / number, least**2)
 
     square = mean(squares)
-    for _ in range(SCALES):
+    for _ in range(LOOP.scales):
         square = mean((NU + 1) * squares / (NU + squares / np.repeat(square, number[:, 0], axis=0)))
     return np.asarray(square[owner])
 
@@ -53,6 +67,11 @@ def likelihood(rollouts: Rollouts, errors: Array) -> Array:
     """Log density of errors of V models (R, V) with the scales that fit them, but for a constant (V,) [nat]."""
     square = squared_scales(rollouts, errors)
     return np.asarray(-np.sum(0.5 * np.log(square) + (NU + 1) / 2 * np.log1p(errors**2 / (NU * square)), axis=0))
+
+
+def scale_of(rollouts: Rollouts, error: Array) -> float:
+    """Geometric mean of the scales that fit errors (R,), heavy tails included [rad]: smaller is likelier."""
+    return float(np.exp(-likelihood(rollouts, error[:, None])[0] / len(error)))
 
 
 @dataclass(frozen=True)
@@ -85,7 +104,7 @@ def linear(rollouts: Rollouts, point: Point, typical: Array, shapes: bool) -> Li
     values, size = point.values, sizes(point, typical)
     count = len(values) if shapes else len(point.theta)
     _, high = bounds_of(point)
-    steps = DIFFERENCE * size[:count]
+    steps = LOOP.difference * size[:count]
     steps = np.where(values[:count] + steps > high[:count], -steps, steps)  # what is at its bound has a slope, too
     nearby = [point.at(values + own) for own in np.eye(count, len(values)) * steps[:, None]]
     errors = rollouts.misses([point, *nearby])
@@ -95,31 +114,6 @@ def linear(rollouts: Rollouts, point: Point, typical: Array, shapes: bool) -> Li
     return Linear(point, errors[:, 0], slopes, weights)
 
 
-def _steps(near: Linear, typical: Array) -> list[Array]:
-    """Parameters (P + S,) a Gauss-Newton step away, one for each damping (Levenberg and Marquardt)."""
-    size, count = sizes(near.point, typical), near.slopes.shape[1]
-    values = near.point.values
-    rows = near.weights[:, None] * near.slopes * size[:count]
-    scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-    rows = rows / scale
-    gram, told = rows.T @ rows, -rows.T @ (near.weights * near.error)
-    low, high = bounds_of(near.point)
-    found = []
-    for damping in DAMPINGS:
-        step, free = np.zeros(len(values)), np.ones(count, dtype=bool)
-        for _ in range(count):  # what would leave its bounds stays where it is
-            own = np.ix_(free, free)
-            step[:count] = 0.0
-            step[:count][free] = np.linalg.solve(gram[own] + damping * np.eye(int(free.sum())), told[free])
-            step[:count] *= size[:count] / scale
-            out = ((values <= low) & (step < 0)) | ((values >= high) & (step > 0))
-            if not out[:count].any():
-                break
-            free &= ~out[:count]
-        found.append(values + step * min(1.0, LEAP / float(np.abs(step / size).max(initial=1e-300))))
-    return found
-
-
 def bounds_of(point: Point) -> tuple[Array, Array]:
     """Least and largest value of each free parameter (P + S,)."""
     shapes = [shape for term in point.terms for shape in continuous(term)]
@@ -127,7 +121,7 @@ def bounds_of(point: Point) -> tuple[Array, Array]:
     return np.r_[least, [shape.low for shape in shapes]], np.r_[most, [shape.high for shape in shapes]]
 
 
-def fit(rollouts: Rollouts, point: Point, typical: Array, shapes: bool = False, share: float = ROUGHLY) -> Linear:
+def fit(rollouts: Rollouts, point: Point, typical: Array, shapes: bool = False, share: float = LOOP.roughly) -> Linear:
     """Errors around the likeliest parameters near a point.
 
     Args:
@@ -137,22 +131,41 @@ def fit(rollouts: Rollouts, point: Point, typical: Array, shapes: bool = False, 
         shapes: whether continuous shape parameters are fitted as well.
         share: of what it has gained, at which it ends.
     """
-    near = linear(rollouts, point, typical, shapes)
-    best = first = float(likelihood(rollouts, near.error[:, None])[0])
-    polled = 0
-    for _ in range(TURNS):
-        moved, gain = likeliest(rollouts, [near.point.at(values) for values in _steps(near, typical)])
-        enough = max(ENOUGH, share * (best - first))
-        if gain < best + enough and polled < (0 if share else POLLS):
-            polled += 1
-            other, more = likeliest(rollouts, [near.point.at(values) for values in _around(near, typical)])
-            moved, gain = (other, more) if more > gain else (moved, gain)
-        if gain <= best:
-            break
-        near, gained, best = linear(rollouts, moved, typical, shapes), gain - best, gain
-        if gained < enough:
-            break
-    return near
+    made: list[Near[Linear]] = []
+
+    def near(point: Point) -> Near[Linear]:
+        local = linear(rollouts, point, typical, shapes)
+        values, (low, high) = point.values, bounds_of(point)
+        count, size = local.slopes.shape[1], sizes(point, typical)
+        cost = -float(likelihood(rollouts, local.error[:, None])[0])
+        slopes = local.weights[:, None] * local.slopes * size[:count]
+        at_least, at_most = (values <= low)[:count], (values >= high)[:count]
+        made.append(Near(local, cost, local.weights * local.error, slopes, at_least, at_most))
+        return made[-1]
+
+    polls = iter(range(0 if share else LOOP.polls))
+
+    def best(near: Near[Linear], steps: list[Array]) -> tuple[Point, float]:
+        moved = [step / max(1.0, float(np.abs(step).max(initial=0.0)) / LOOP.leap) for step in steps]
+        found = _likeliest_of(rollouts, near, moved, typical)
+        if found[1] > near.cost - rule.enough(made[0].cost, near.cost) and next(polls, None) is not None:
+            found = min(found, _likeliest_of(rollouts, near, _around(near.slopes), typical), key=lambda one: one[1])
+        return found
+
+    rule = Rule(LOOP.turns, LOOP.dampings, least=LOOP.enough, of_fall=share)
+    found = gauss_newton(point, near, best, rule)
+    last = made[-1].known
+    return last if last.point is found else linear(rollouts, found, typical, shapes)
+
+
+def _likeliest_of(
+    rollouts: Rollouts, near: Near[Linear], steps: Sequence[Array], typical: Array
+) -> tuple[Point, float]:
+    """The likeliest of the points that are some steps (S,) away in sizes of parameters, and its negative density."""
+    point = near.known.point
+    values, size, rest = point.values, sizes(point, typical), len(point.values) - near.slopes.shape[1]
+    found, gain = likeliest(rollouts, [point.at(values + np.pad(step, (0, rest)) * size) for step in steps])
+    return found, -gain
 
 
 def likeliest(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float]:
@@ -161,15 +174,12 @@ def likeliest(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float
     return points[int(np.argmax(told))], float(told.max())
 
 
-def _around(near: Linear, typical: Array) -> list[Array]:
-    """Parameters (P + S,) moved one by one, and along what the data tell least: ways on where slopes tell of a kink."""
-    values, size = near.point.values, sizes(near.point, typical)
-    count = near.slopes.shape[1]
-    rows = near.weights[:, None] * near.slopes * size[:count]
-    directions = np.vstack([np.eye(count), np.linalg.eigh(rows.T @ rows)[1].T[: count // 2]])
+def _around(slopes: Array) -> list[Array]:
+    """Steps (S,) of one parameter after the other, and along what the data tell least: where slopes tell of a kink."""
+    count = slopes.shape[1]
+    directions = np.vstack([np.eye(count), np.linalg.eigh(slopes.T @ slopes)[1].T[: count // 2]])
     directions /= np.abs(directions).max(axis=1, keepdims=True)
-    perturbations = [sign * share * own for own in directions for share in POLL for sign in (1, -1)]
-    return [values + np.pad(perturbation * size[:count], (0, len(values) - count)) for perturbation in perturbations]
+    return [sign * share * own for own in directions for share in LOOP.poll for sign in (1, -1)]
 
 
 def likelier(model: Model, recordings: Sequence[Recording]) -> tuple[Rollouts, Array]:

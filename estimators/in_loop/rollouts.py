@@ -10,8 +10,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from estimators.simulation.output_error import Point
-from estimators.weak_form.dataset import Given, Structure
-from estimators.weak_form.windows import known_load
+from estimators.weak_form.dataset import Structure
+from estimators.weak_form.windows import Windows, known_load
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad, Samples
 from pendulum_env.recording import Recording, RecordingError
@@ -153,8 +153,7 @@ class Rollouts:
         return np.clip(np.nan_to_num(told, nan=np.inf) - self.position[:, None], -FARTHEST, FARTHEST)
 
     # what the one engine asks of data of any kind
-    impacts: ClassVar[int] = 0
-    given: ClassVar[Mapping[str, Given]] = {}
+    windows: ClassVar[tuple[Windows, ...]] = ()
     watched: ClassVar[Mapping[str, Sequence[Samples]]] = {}
 
     @property

@@ -71,9 +71,6 @@ class OnlineEstimator:
             ValueError: if a number is out of its range, a filter is too fast for the rate, or the terms have no
                 parameter.
         """
-        walk = np.asarray(random_walk, dtype=float)
-        if not ((walk >= 0) & (walk < np.inf)).all():
-            raise ValueError(f"random_walk cannot be {random_walk}: give zero or a positive number")
         checked_rate(rate)
         columns = [column for term in terms for column in term.columns]
         self.names = tuple(column.name for column in columns)
@@ -82,15 +79,8 @@ class OnlineEstimator:
             raise ValueError("nothing to estimate: name terms with linear parameters, and schemes")
         if len(set(self.names)) < len(self.names):
             raise ValueError(f"a term is named twice: {', '.join(self.names)}")
-        if walk.shape not in ((), (len(self.names),)):
-            raise ValueError(
-                f"random_walk has shape {walk.shape}: give one number, or one for each of {', '.join(self.names)}"
-            )
-        joint = next((one for one in schemes if isinstance(one, JointState)), None)
-        told = tuple(one for one in schemes if not isinstance(one, JointState))
-        for one in told:
-            if not isinstance(one, Scheme):
-                raise ValueError(f"{one.id} only works on whole recordings: to run online it has to be a `Scheme`")
+        walk = _checked_walk(random_walk, self.names)
+        joint, told = _checked_schemes(schemes)
         self.schemes: tuple[Scheme | JointState, ...] = told if joint is None else (*told, joint)
         self.terms, self.rate, self.batch = tuple(terms), rate, batch
         run = told if joint is None else (*told, scheme("hamiltonian"))  # from which the joint state starts
@@ -149,3 +139,23 @@ class OnlineEstimator:
     def _regressions(self, index: Index, time: Array, usable: Mask, regressor: Array) -> Estimates:
         squares, judge = self._squares, self._clusters.judge(self._squares)
         return Estimates(index, time, squares.theta, squares.error, usable, regressor, squares.spread(), judge)
+
+
+def _checked_schemes(schemes: Sequence[Scheme | JointState]) -> tuple[JointState | None, tuple[Scheme, ...]]:
+    """The filter of the joint's state among the schemes, if there is one, and the others."""
+    joint = next((one for one in schemes if isinstance(one, JointState)), None)
+    others = tuple(one for one in schemes if not isinstance(one, JointState))
+    for one in others:
+        if not isinstance(one, Scheme):
+            raise ValueError(f"{one.id} only works on whole recordings: to run online it has to be a `Scheme`")
+    return joint, others
+
+
+def _checked_walk(random_walk: float | Sequence[float], names: Sequence[str]) -> Array:
+    """Random walk of the parameters as an array, () or (P,)."""
+    walk = np.asarray(random_walk, dtype=float)
+    if not ((walk >= 0) & (walk < np.inf)).all():
+        raise ValueError(f"random_walk cannot be {random_walk}: give zero or a positive number")
+    if walk.shape not in ((), (len(names),)):
+        raise ValueError(f"random_walk has shape {walk.shape}: give one number, or one for each of {', '.join(names)}")
+    return walk

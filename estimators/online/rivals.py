@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 
 from estimators.online.binning import MARGIN, Bin
 from estimators.online.recursion import SquareRootLeastSquares
-from estimators.regression.least_squares import LEAST_SLOPE, RIDGE
+from estimators.regression.balance import LEAST_SLOPE
+from estimators.regression.least_squares import RIDGE
 from estimators.regression.recursive import PRIOR
 from estimators.selection.score import NU
 from pendulum_env._typing import Array, Index

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
@@ -15,7 +13,6 @@ from estimators.regression.equations import Equations
 from pendulum_env._typing import Array, Index, Mask
 
 RIDGE = 1e-11  # relative; keeps a solve with two equal columns finite
-LEAST_SLOPE = 0.05  # of an equation by the torque, so that an error stays finite
 
 
 @dataclass(frozen=True)
@@ -152,292 +149,6 @@ def _alone(phi: Array, residual: Array, bread: Array) -> Array:
     return np.asarray(phi.T @ (np.linalg.pinv(kept, rcond=1e-6, hermitian=True) @ residual))
 
 
-class Columns(NamedTuple):
-    """Windowed columns of a term on the R rows of its joint, and their slopes by the torque.
-
-    Attributes:
-        linear: (R, P).
-        fixed: sum of the columns without a parameter (R,) [N m].
-        slope: of the linear ones (R, P) [1/(N m)], zero but for effects that depend on the torque.
-        taken: what more the fixed ones are under each push of the torque (R, J), where they depend on it at once.
-        passed: share of the torque that they leave, if they depend on what it was before.
-    """
-
-    linear: Array
-    fixed: Array
-    slope: Array
-    taken: Array | None = None
-    passed: float = 1.0
-
-
-@dataclass(frozen=True)
-class Balance:
-    """Equations y = phi theta in which the torque that they explain may stand on both sides, as where friction grows
-    with the load.
-
-    Least squares would then explain torque by torque rather than by motion. What counts is the error of the torque that
-    a model predicts from the motion: of the push of the recorded torque under which an equation would hold,
-
-        y + response(push) = (phi + push by_torque) theta,
-
-    exactly, however bent the response is. Where hardly any push makes up for what is missing, as beyond a saturation,
-    the model is hardly possible, and the error is as large.
-
-    Attributes:
-        phi: regressor (R, P).
-        y: left-hand side (R,) [N m].
-        by_torque: slopes of the regressor by the torque (R, P) [1/(N m)].
-        response: by which the left-hand side grows when the torque does, (R, J); the torque itself if not given.
-        pushes: of the torque in each equation (R, J) [N m], growing, zero in their middle.
-        least, most: bounds of the parameters (P,); one that would leave them stays at the bound.
-        weights: of the equations in a fit (R,).
-        passed: share of the torque that laws with memory leave, or that in each equation (R,); what takes torque away
-            explains none of it.
-        recorded: the same equations solved for what was recorded, where torque acts through a filter: one that only
-            takes torque away explains nothing of it.
-    """
-
-    phi: Array
-    y: Array
-    by_torque: Array
-    least: Array
-    most: Array
-    weights: Array
-    response: Array | None = None
-    pushes: Array | None = None
-    passed: float | Array = 1.0
-    recorded: Balance | None = None
-
-    def __getitem__(self, rows: Mask) -> Balance:
-        names = "phi", "y", "by_torque", "weights", "response", "pushes", "passed", "recorded"
-        parts = ((name, getattr(self, name)) for name in names)
-        chosen: dict[str, Any] = {name: part[rows] for name, part in parts if isinstance(part, np.ndarray | Balance)}
-        return replace(self, **chosen)
-
-    def error(self, theta: Array) -> Array:
-        """Measured minus predicted torque (R,) [N m] at parameters (P,)."""
-        return self._error(theta)[0]
-
-    def residual(self, theta: Array) -> tuple[Array, Array]:
-        """What equations leave at each of K parameters (K, P), and how much of it each N m of torque is, (K, R) each.
-
-        Their ratio is the error of the predicted torque, while that is small.
-        """
-        slope = 1.0 - theta @ self.by_torque.T if self.of_torque.any() else np.ones((len(theta), len(self.y)))
-        if self.response is not None:
-            bends = self._bends[1]
-            middle = bends.shape[1] // 2
-            slope = slope - 1.0 + 0.5 * (bends[:, middle - 1] + bends[:, middle])
-        return self.y - theta @ self.phi.T, np.maximum(slope * self.passed, SOLVER.tiny)
-
-    @property
-    def reach(self) -> Array:
-        """Largest error of the predicted torque that is told from a larger one, of each equation (R,) [N m]."""
-        return np.full(len(self.y), np.inf) if self.pushes is None else 0.5 * self.pushes[:, -1]
-
-    @property
-    def of_torque(self) -> Mask:
-        """Which parameters' columns depend on the torque (P,)."""
-        return np.any(self.by_torque, axis=0)
-
-    @property
-    def is_linear(self) -> bool:
-        """Whether the errors are linear in the parameters."""
-        return self.response is None and not self.by_torque.any()
-
-    @cached_property
-    def _bends(self) -> tuple[Array, Array]:
-        """From each push to the next (R, J - 1): by how much it is larger, and by what factor the response is."""
-        assert self.pushes is not None and self.response is not None
-        steps = np.diff(self.pushes, axis=1)
-        return steps, np.diff(self.response, axis=1) / steps
-
-    def _error(self, theta: Array) -> tuple[Array, Array]:
-        """Errors (R,) and the slopes of the equations by the torque (R,) there."""
-        left, taken = (self.y - self.phi @ theta) / self.passed, self.by_torque @ theta
-        if self.response is None or self.pushes is None:
-            slope = np.maximum(1.0 - taken, LEAST_SLOPE)
-            return left / slope, slope
-        steps, bends = self._bends
-        slopes = np.maximum(bends - taken[:, None], LEAST_SLOPE)  # (R, J - 1)
-        balance = np.cumsum(np.column_stack([left, slopes * steps]), axis=1)  # at each push (R, J)
-        balance += (left - balance[:, steps.shape[1] // 2])[:, None]
-        rows, place = np.arange(len(left)), np.clip(np.sum(balance < 0, axis=1) - 1, 0, steps.shape[1] - 1)
-        slope = slopes[rows, place]
-        return balance[rows, place] / slope - self.pushes[rows, place], slope
-
-    def solve(self, start: Array | None = None) -> Array:
-        """Parameters (P,) of least squared error within the bounds, looked for from those of torque (P,) near them."""
-        free = np.ones(self.phi.shape[1], dtype=bool)
-        theta = np.zeros(len(free)) if start is None else start * self.of_torque
-        return within_bounds(self._smaller()._solve, theta, free, self.least, self.most)[0]
-
-    def least_squared(self) -> float:
-        """Squared weighted error of the solution."""
-        small = self._smaller()
-        return float(np.sum((small.weights * small.error(small.solve())) ** 2))
-
-    @property
-    def unbent(self) -> Mask:
-        """Equations that torque does not bend (R,), as of other joints than the one where it does."""
-        plain = ~self.by_torque.any(axis=1)
-        if self.pushes is not None:
-            plain &= np.abs(self._bends[1] - 1.0).max(axis=1) < SOLVER.unbent
-        return np.asarray(plain)
-
-    def condensed(self, plain: Mask) -> Balance:
-        """Fewer equations with the same solutions, those that are kept first.
-
-        Equations that no torque bends, `plain` (R,), are as good as the triangle of their QR decomposition.
-        """
-        rows = np.column_stack([self.phi, self.y])[plain] * (self.weights / self.passed)[plain, None]
-        triangle = np.asarray(np.linalg.qr(rows, mode="r"))
-        kept, ones = self[~plain], np.ones(len(triangle))
-        zeros = np.zeros((len(triangle), self.phi.shape[1]))
-        added = {"phi": triangle[:, :-1], "y": triangle[:, -1], "by_torque": zeros, "weights": ones, "passed": ones}
-        if self.pushes is not None:
-            added["response"] = added["pushes"] = np.tile(self.pushes.max(axis=0), (len(triangle), 1))
-        kept = replace(kept, passed=np.broadcast_to(kept.passed, kept.y.shape), recorded=None)
-        both: dict[str, Any] = {name: np.concatenate([getattr(kept, name), more]) for name, more in added.items()}
-        return replace(kept, **both)
-
-    def beside(self, own: Columns, here: slice, least: Array, most: Array, pushes: Array) -> Balance:
-        """The equations with the columns of one more term on some of them, `here`.
-
-        Its parameters have the bounds `least` and `most`; `pushes` are of the torque (R, J), where its law is bent.
-        """
-        y, passed = self.y.copy(), np.broadcast_to(self.passed, self.y.shape).copy()
-        y[here] -= own.fixed
-        passed[here] *= own.passed
-        linear, slope = np.zeros((2, len(y), len(least)))
-        linear[here], slope[here] = own.linear, own.slope
-        whole = replace(
-            self,
-            phi=np.column_stack([self.phi, linear]),
-            y=y,
-            by_torque=np.column_stack([self.by_torque, slope]),
-            least=np.append(self.least, least),
-            most=np.append(self.most, most),
-            passed=passed,
-            recorded=None,
-        )
-        if own.taken is None:
-            return whole
-        response = (pushes if self.response is None else self.response).copy()
-        response[here] -= own.taken
-        return replace(whole, response=response, pushes=pushes)
-
-    def _smaller(self) -> Balance:
-        """The same without what needs no iteration, where that is much."""
-        plain = self.unbent
-        if self.is_linear or np.count_nonzero(plain) <= 2 * self.phi.shape[1]:
-            return self
-        return self.condensed(plain)
-
-    def solve_without(self, fold: Index, count: int) -> Array:
-        """Parameters (K, P) as `solve` finds them without each of K folds, given the fold of every equation (R,).
-
-        Each fold's normal equations are made once, around the whole fit, from which leaving out a fold leads a step
-        away; what is solved is as small as they are.
-        """
-        near = self.tangent()
-        rows = np.column_stack([near.error, near.slopes]) * self.weights[:, None]
-        grams = np.array([own.T @ own for own in (rows[fold == k] for k in range(count))])
-        found = np.empty((count, len(near.theta)))
-        for k, gram in enumerate(without_each(grams)):
-            step = solved(gram, self.least - near.theta, self.most - near.theta)
-            if step is not None:
-                found[k] = near.theta + step
-                left = np.append(1.0, -step)
-                if self.is_linear or self._is_as_foreseen(found[k], fold != k, float(left @ gram @ left)):
-                    continue
-            found[k] = self[fold != k].solve(near.theta)
-        return found
-
-    def _is_as_foreseen(self, theta: Array, rows: Mask, square: float) -> bool:
-        """Whether parameters (P,) leave as little of some equations as a linear model of them foresaw.
-
-        By so much less likely they are than those of the fit, or less.
-        """
-        left = float(np.sum((self.weights * self.error(theta))[rows] ** 2))
-        return bool(np.count_nonzero(rows) * (left - square) < 2 * SOLVER.unlikelier * max(square, 1e-300))
-
-    def fit(self, clusters: Index, jacobian: Array | None = None) -> Fit:
-        """The solution with its covariance, see `solve`, linear in the errors of the predicted torque around it.
-
-        A parameter at its bound is known there: it has no error of its own, and the others' are those beside it.
-        """
-        theta = self.solve()
-        error, slopes = self.error(theta), self.slopes(theta, jacobian)
-        free = (theta > self.least) & (theta < self.most)
-        own, extra = slopes[:, : len(theta)][:, free], slopes[:, len(theta) :]
-        fit = solve(Equations(own, own @ theta[free] + error), self.weights, clusters, extra)
-        kept = np.flatnonzero(np.append(free, np.ones(extra.shape[1], dtype=bool)))
-        covariance = np.zeros((len(theta) + extra.shape[1],) * 2)
-        covariance[np.ix_(kept, kept)] = fit.covariance
-        direction = np.zeros(len(theta))
-        direction[free] = fit.worst_direction
-        return Fit(theta, covariance, error, direction, fit.condition)
-
-    def slopes(self, theta: Array, jacobian: Array | None = None) -> Array:
-        """Derivatives (R, P) of the predicted torque at parameters (P,).
-
-        Those by shape parameters follow, (R, P + S), where `jacobian` has the derivatives of phi theta by these (R, S).
-        """
-        error, slope = self._error(theta)
-        passed = np.broadcast_to(self.passed, slope.shape)[:, None]
-        own = self.phi / passed - error[:, None] * self.by_torque
-        return np.column_stack([own, *([] if jacobian is None else [jacobian / passed])]) / slope[:, None]
-
-    def tangent(self) -> Tangent:
-        """The errors, linear around the fit; exactly so where they are linear, and then around zero."""
-        theta = np.zeros(self.phi.shape[1]) if self.is_linear else self.solve()
-        error, slope = self._error(theta)
-        return Tangent(theta, error, self.slopes(theta), 1.0 / (slope * self.passed))
-
-    def _solve(self, theta: Array, free: Mask) -> Array:
-        """The parameters with the free ones moved to where the squared error is least (Gauss-Newton)."""
-        plain, w = free & ~self.of_torque, self.weights
-        theta = np.where(plain, 0.0, theta)
-        slope = np.maximum(1.0 - self.by_torque @ theta, LEAST_SLOPE) * self.passed
-        known = (self.y - self.phi @ theta) * w / slope
-        theta[plain] = least_squares(self.phi[:, plain] * (w / slope)[:, None], known)
-        if self.is_linear or not free.any():
-            return theta
-        error = w * self.error(theta)
-        for _ in range(SOLVER.turns):
-            slopes = w[:, None] * self.slopes(theta)
-            step = np.zeros(len(theta))
-            step[free] = least_squares(slopes[:, free], error)
-            for share in SOLVER.shares:
-                tried = w * self.error(theta + share * step)
-                if tried @ tried < error @ error:
-                    break
-            else:
-                break
-            fell = 1.0 - float(tried @ tried) / float(error @ error)
-            theta, error = theta + share * step, tried
-            if fell < SOLVER.enough:
-                break
-        return theta
-
-
-class Tangent(NamedTuple):
-    """Errors of the predicted torque near some parameters, to first order.
-
-    Attributes:
-        theta: the parameters (P,).
-        error: there (R,) [N m].
-        slopes: by which errors fall with the parameters (R, P).
-        scale: by which errors grow with the left-hand sides of the equations (R,).
-    """
-
-    theta: Array
-    error: Array
-    slopes: Array
-    scale: Array
-
-
 def within_bounds(
     solve: Callable[[Array, Mask], Array], theta: Array, free: Mask, least: Array, most: Array
 ) -> tuple[Array, Mask]:
@@ -480,6 +191,15 @@ def solved(gram: Array, least: Array, most: Array) -> Array | None:
 
     free = np.ones(len(size), dtype=bool)
     return within_bounds(solve, np.zeros(len(size)), free, least * size, most * size)[0] / size
+
+
+def quietest_most(squares: Array, counts: Index, least: float) -> Array:
+    """Weight of each recording (E,) by the sum of its squared residuals (E,): the quietest counts most.
+
+    Some may have no equations, by their counts (E,); below the level `least`, all are as quiet.
+    """
+    levels = np.maximum(np.sqrt(squares / np.maximum(counts, 1)), least) + 1e-300
+    return np.where(counts > 0, levels[counts > 0].min() / levels, 0.0)
 
 
 def information(covariance: Array) -> Array:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from estimators.checks.torque_constant import widened
 from estimators.regression.equations import Equations
-from estimators.regression.least_squares import Fit, least_squares, solve
-from estimators.regression.normal import quietest_most
+from estimators.regression.least_squares import Fit, least_squares, quietest_most, solve
 from estimators.regression.recursive import evenly, history
 from estimators.schemes.balance import Joints, rows, through
 from estimators.schemes.six import Regression, Regressor, Scheme, give

@@ -22,7 +22,7 @@ from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
 from estimators.checks.identifiability import Doubt, identifiability, inseparable, is_driven, untold, untold_of_arm
 from estimators.checks.remedies import wrong_columns
-from estimators.checks.torque_constant import further, told
+from estimators.checks.torque_constant import told
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import for_arms, measure_arm, series
@@ -168,8 +168,9 @@ def identify(
     results = _by_schemes(chosen, segments, terms, recordings)
     first = next(iter(results.values())).model
     if given.constant is not None:
-        moved = _measured(further(recordings), terms, measured)
-        there = _by_schemes(chosen, moved, terms, recordings)
+        larger = 1 + given.constant.std / given.constant.value
+        moved = [replace(one, torque=larger * one.torque) if one.torque_constant else one for one in recordings]
+        there = _by_schemes(chosen, _measured(moved, terms, measured), terms, recordings)
         results = {id: own.calibrated(given.constant, there[id].model) for id, own in results.items()}
     else:
         results = {id: own.per(given.unit) for id, own in results.items()}

@@ -1,4 +1,4 @@
-"""All thresholds of the decision which effect is named."""
+"""All numbers that decide which effect is named."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from estimators.weak_form.dataset import Structure
 
 @dataclass(frozen=True)
 class Criterion:
-    """Thresholds for adding an effect, and for a residual to count as noise.
+    """Thresholds for adding an effect, and for a residual to count as noise, and how far the search goes.
 
     Attributes:
         chance: largest p-value of a gain in prediction at which an effect is added.
@@ -23,6 +23,14 @@ class Criterion:
         certain: upper limit of any score: hit rate of the surest verdicts, whose errors have other causes than a rival.
         most: largest number of effects in one model.
         beam: first effects from which the search is repeated if the most promising one leaves structure.
+        unlikely: p-value of an effect on a coarse grid of shapes, above which these are not searched further.
+        tried: effects that are tried, the most promising first, until one is confirmed.
+        ordered: effects up to which every order of their steps is tried: six orders at most.
+        seen: share of an effect's torque that the others cannot imitate, below which the data do not show it.
+        moment: pieces in which a drifting torque, which hardly changes within one, is predicted from the others [s].
+        closer: share of the windows' length at a second look, where motion shows more than torque.
+        simulated: most promising starts from which effects are fitted to segments, where torque is too noisy.
+        finest: share of the motion, the accuracy of initial states and integration of a simulation.
     """
 
     chance: float = 0.05
@@ -36,6 +44,14 @@ class Criterion:
     certain: float = 0.98
     most: int = 6
     beam: int = 3
+    unlikely: float = 0.5
+    tried: int = 8
+    ordered: int = 3
+    seen: float = 0.001
+    moment: float = 0.2
+    closer: float = 0.5
+    simulated: int = 6
+    finest: float = 0.001
 
     def shows(self, left: Structure, floor: float) -> bool:
         """Whether a residual is more than white noise: significantly correlated between windows, or too large."""

@@ -1,9 +1,9 @@
-"""Prepared data: recordings as windowed equations for fitting and as segments for simulation."""
+"""Comparable data: recordings as windowed equations for fitting and as segments for simulation."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -11,95 +11,20 @@ import numpy as np
 
 from estimators.regression.least_squares import Fit
 from estimators.selection.candidates import Screen
+from estimators.selection.errors import Errors
+from estimators.selection.prepared import Comparable, Fits
+from estimators.selection.regression import Regression
 from estimators.simulation.free_running import Segments, choose_segments, deviation, position_rms
 from estimators.simulation.multiple_shooting import has_link, hidden_state, link_of, watch
 from estimators.weak_form.dataset import Dataset, prepare
 from estimators.weak_form.windows import WHOLE, Part
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Samples, Term
 from pendulum_env.physics.term import loads
 from pendulum_env.recording import Recording
 
 REPEATED = 2  # impacts, least number: a single one may be an accident
 PLACES = (1e-3, 10.0)  # [s], trial displacements of an instant, for its standard error
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Errors of a model on a recording.
-
-    Attributes:
-        torque_rms: the paper's norm (10) of measured minus modelled torque over the windows used [N m].
-        position_rms: free-running simulation against measured position over one-second windows [rad].
-        torque_fit: 100 % less the torque error relative to the torque's own deviation from its mean; 100 is perfect, at
-            0 a constant would do as well [%]. NaN where nobody has counted.
-        position_fit: the same of position in free run, relative to the deviation in each one-second window [%].
-        joints: torque errors of the joints by name [N m].
-        shares: of an arm, what these are of the root mean square of the joint's torque; None without a motor.
-        in_loop: mean absolute error of whole recordings that are simulated with their controller in the loop [rad].
-        in_loop_rms: root mean square of the same [rad].
-
-    What cannot be simulated has NaN for a position error.
-    """
-
-    torque_rms: float
-    position_rms: float
-    torque_fit: float = np.nan
-    position_fit: float = np.nan
-    joints: Mapping[str, float] = field(default_factory=dict)
-    shares: Mapping[str, float | None] = field(default_factory=dict)
-    in_loop: float = np.nan
-    in_loop_rms: float = np.nan
-
-    def with_loop(self, missed: Array) -> Errors:
-        """The same with those of positions (R,) [rad] that were simulated with the controller in the loop."""
-        mean, rms = float(np.mean(np.abs(missed))), float(np.sqrt(np.mean(missed**2)))
-        return replace(self, in_loop=mean, in_loop_rms=rms)
-
-    @property
-    def is_in_loop(self) -> bool:
-        """Whether there are errors of motion that was simulated with the controller in the loop."""
-        return bool(np.isfinite(self.in_loop))
-
-    def at(self, joint: str) -> float:
-        """Torque error at a joint [N m], or error in the loop [rad]."""
-        return self.in_loop if self.is_in_loop else error_at(self.joints, joint, self.torque_rms)
-
-    def json(self) -> JSON:
-        """Plain dictionary for JSON."""
-        told = {
-            name: getattr(self, name)
-            for name in ("torque_rms", "position_rms", "torque_fit", "position_fit", "in_loop", "in_loop_rms")
-        }
-        return {name: value for name, value in told.items() if np.isfinite(value)}
-
-
-def error_at(joints: Mapping[str, float], at: str, otherwise: float) -> float:
-    """Root mean square of the errors of the joints that a term loads, of all joints by name [N m]."""
-    own = [joints[joint] for joint in loads(at) if joint in joints]
-    return float(np.sqrt(np.mean(np.square(own)))) if own else otherwise
-
-
-def noise_floor(scatter: float, errors: Iterable[Errors]) -> float:
-    """Torque error that noise alone gives [N m]: by the scatter of the log, and no more than a model leaves."""
-    return min(scatter, *(error.torque_rms for error in errors))
-
-
-@dataclass(frozen=True)
-class Step:
-    """One rung of the ladder: the effect that was added (None: the base model) and the errors after the refit."""
-
-    added: str | None
-    model: Model
-    errors: Mapping[str, Errors]  # "train", "holdout"
-
-    def json(self) -> JSON:
-        """Plain dictionary for JSON."""
-        return {
-            "added": self.added,
-            "theta": {name: estimate.json() for name, estimate in self.model.estimates.items()},
-            "errors": {part: errors.json() for part, errors in self.errors.items()},
-        }
 
 
 @dataclass(frozen=True)
@@ -120,9 +45,14 @@ class PreparedData:
         return cls(data, tuple(choose_segments(w) for w in data.windows))
 
     @cached_property
+    def regression(self) -> Regression:
+        """Fits of sets of terms to the data."""
+        return Regression(self.data)
+
+    @cached_property
     def screen(self) -> Screen:
-        """Fits of models to the data."""
-        return Screen(self.data)
+        """Variants of effects, by how well they fit the data."""
+        return Screen(self.regression)
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
@@ -149,6 +79,15 @@ class PreparedData:
         positions = [w.recording.position for w in self.data.windows if w.at in loads(joint)]
         return float(min(q.min() for q in positions)), float(max(q.max() for q in positions))
 
+    def inertias(self, base: Sequence[Term]) -> dict[str, float]:
+        """Inertia that each joint feels under a base model, by the joint's name [kg m^2]."""
+        first, data = base[0], self.data
+        if first.id not in data.given:
+            of_one = {at: self.regression if len(data.joints) == 1 else Regression(data.part(at)) for at in data.joints}
+            return {at: base_inertia(own) for at, own in of_one.items()}
+        theta = self.regression.solve(base)[: len(first.columns)]
+        return dict(zip(data.joints, np.abs(data.given[first.id].inertia @ theta).tolist(), strict=True))
+
     def watching(self, model: Model) -> PreparedData:
         """The same with the link of the model's transmission, if it has one, as the motion around each instant tells.
 
@@ -166,7 +105,7 @@ class PreparedData:
 
     def residual(self, terms: Sequence[Term], theta: Array) -> Array:
         """Measured minus predicted torque in every window (R,) [N m]."""
-        return self.screen.balance(terms).error(theta)
+        return self.regression.balance(terms).error(theta)
 
     def errors(self, model: Model) -> Errors:
         """Errors of a model, in torque and in free-running position."""
@@ -184,13 +123,13 @@ def _fit(error: float, deviation: float) -> float:
     return 100.0 * (1.0 - error / deviation) if deviation > 0 else 0.0
 
 
-def fit_terms(prepared: PreparedData, terms: Sequence[Term]) -> tuple[Model, Fit]:
+def fit_terms(prepared: Comparable, terms: Sequence[Term]) -> tuple[Model, Fit]:
     """Fit the linear parameters of the terms; standard errors include the shape parameters."""
-    data, screen = prepared.data, prepared.screen
-    terms = screen.settle(terms)
-    balance = screen.balance(terms)
+    data, regression = prepared.data, prepared.regression
+    terms = regression.settle(terms)
+    balance = regression.balance(terms)
     first = balance.fit(data.clusters)
-    jacobian, names = screen.shape_jacobian(terms, first.theta)
+    jacobian, names = regression.shape_jacobian(terms, first.theta)
     fit = balance.fit(data.clusters, jacobian) if names else first
     count = len(fit.theta)
     shape_std = dict(zip(names, fit.std[count:].tolist(), strict=True))
@@ -200,46 +139,39 @@ def fit_terms(prepared: PreparedData, terms: Sequence[Term]) -> tuple[Model, Fit
         first_column += len(term.columns)
         for shape in term.shapes:
             if shape.instant:
-                noise = (fit.residual * balance.weights)[data.where(term.at)]
-                shape_std[term.full(shape.name)] = _placement(screen.at(term.at), term, shape.name, own, noise)
+                here = data.where(term.at)
+                weights, noise = data.weights[here], (fit.residual * balance.weights)[here]
+                shape_std[term.full(shape.name)] = _placement(regression, weights, term, shape.name, own, noise)
     columns = [column.name for term in terms for column in term.columns]
     model = Model.build(terms, fit.theta, fit.std[:count], **shape_std)
     return model.correlated([*columns, *names], fit.covariance), fit
 
 
-def base_inertia(screen: Screen) -> float:
+def base_inertia(regression: Regression) -> float:
     """Inertia of the joint by the base model, clear of impacts [kg m^2], which scales the noise."""
-    theta = (Screen(screen.data.clear) if screen.data.impacts else screen).solve(BASE)
+    data = regression.data
+    theta = (Regression(data.clear) if data.impacts else regression).solve(BASE)
     return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 
 
-def inertias(screen: Screen, base: Sequence[Term]) -> dict[str, float]:
-    """Inertia that each joint feels under a base model, by the joint's name [kg m^2]."""
-    first = base[0]
-    if first.id not in screen.data.given:
-        return {at: base_inertia(screen.at(at)) for at in screen.data.joints}
-    theta = screen.solve(base)[: len(first.columns)]
-    return dict(zip(screen.data.joints, np.abs(screen.data.given[first.id].inertia @ theta).tolist(), strict=True))
-
-
 def with_impacts(
-    prepared: tuple[PreparedData, PreparedData], terms: Sequence[Term]
+    prepared: tuple[PreparedData, PreparedData], terms: Sequence[Term], repeated: int = REPEATED
 ) -> tuple[PreparedData, PreparedData]:
     """Training and held-out data with impacts at reversals, see `Dataset.with_impacts`.
 
-    Data with fewer than two impacts stay as they are, since a single one may be an accident, and so do data for a model
-    with a link, which has impacts of its own.
+    Data with fewer impacts than `repeated` stay as they are, since a single one may be an accident, and so do data for
+    a model with a link, which has impacts of its own.
     """
     if has_link(terms):
         return prepared
     fit = fit_terms(prepared[0], terms)[1]
     count = len(fit.theta)
-    known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(prepared[0].screen)
-    train, holdout = (replace(part, data=part.data.with_impacts(*known)) for part in prepared)
-    return (train, holdout) if train.data.impacts >= REPEATED else prepared
+    known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(prepared[0].regression)
+    first, second = (replace(part, data=part.data.with_impacts(*known)) for part in prepared)
+    return (first, second) if first.data.impacts >= repeated else prepared
 
 
-def _placement(screen: Screen, term: Term, name: str, own: Array, noise: Array) -> float:
+def _placement(regression: Fits, weights: Array, term: Term, name: str, own: Array, noise: Array) -> float:
     """Standard error of an instant [s]: its displacement by which the windowed torque changes significantly.
 
     Few windows depend on the instant, none if the joint is at rest then, so that the fit may have no slope there. At
@@ -248,7 +180,7 @@ def _placement(screen: Screen, term: Term, name: str, own: Array, noise: Array) 
     instant = term.shape[name]
     steps = np.geomspace(*PLACES, 30)
     variants = [replace(term, **{name: instant + sign * step}) for sign in (0, 1, -1) for step in steps]
-    torque = np.array([(part.linear @ own + part.fixed) * screen.data.weights for part in screen.columns(variants)])
+    torque = np.array([(part.linear @ own + part.fixed) * weights for part in regression.columns(variants)])
     noticed = np.linalg.norm(torque[len(steps) :] - torque[0], axis=1) > np.std(noise)  # (2 x 30,)
     sides = [steps[np.argmax(side)] if side.any() else steps[-1] for side in noticed.reshape(2, -1)]
     return float(max(sides))

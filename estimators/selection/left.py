@@ -11,7 +11,8 @@ import numpy as np
 from estimators.kept import kept
 from estimators.regression.least_squares import information, least_squares, robust_covariance
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData, fit_terms, inertias
+from estimators.selection.data import fit_terms
+from estimators.selection.prepared import Comparable
 from estimators.weak_form.dataset import Structure
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -43,15 +44,15 @@ class Left:
         base: terms whose fit gives the inertia, and so the noise floor.
     """
 
-    train: PreparedData
-    holdout: PreparedData
+    train: Comparable
+    holdout: Comparable
     criterion: Criterion
     base: Terms
 
     def __post_init__(self) -> None:
-        self.screen, self.parts = self.train.screen, (self.train, self.holdout)
+        self.parts = (self.train, self.holdout)
         self.joints = self.train.data.joints
-        self.inertia = inertias(self.screen, self.base)
+        self.inertia = self.train.inertias(self.base)
         self._floors = [{at: part.data.part(at).noise(self.inertia[at]) for at in self.joints} for part in self.parts]
 
     @kept
@@ -60,12 +61,12 @@ class Left:
         found = []
         for part in self.parts:
             if any(isinstance(term, ByTime) for term in terms):
-                residual = part.screen.residual(drifting_in(part, terms))
+                residual = part.regression.residual(drifting_in(part, terms))
             else:
-                residual = part.screen.equations(terms).error(self.screen.solve(terms))
+                residual = part.regression.equations(terms).error(self.train.regression.solve(terms))
             known, powers = self._structures_of(part, residual), {}
             for at in self.joints:
-                hidden = part.screen.hidden_noise([term for term in terms if term.at == at])
+                hidden = part.regression.hidden_noise([term for term in terms if term.at == at])
                 own = part.data.part(at).power(residual[part.data.where(at)])
                 powers[at] = Power(own + sum(variance for _, variance in hidden), known[at].shared ** 2)
             found.append(powers)
@@ -74,18 +75,18 @@ class Left:
     @kept
     def structures(self, terms: Terms) -> tuple[dict[str, Structure], dict[str, Structure]]:
         """Structure of the residual at each joint, of the training data and `unseen`."""
-        fitted = self._structures_of(self.train, self.screen.residual(terms))
+        fitted = self._structures_of(self.train, self.train.regression.residual(terms))
         return fitted, self._structures_of(self.holdout, self.unseen(terms))
 
-    def _structures_of(self, part: PreparedData, residual: Array) -> dict[str, Structure]:
+    def _structures_of(self, part: Comparable, residual: Array) -> dict[str, Structure]:
         data = part.data
         return {at: data.part(at).structure(residual[data.where(at)], self.inertia[at]) for at in self.joints}
 
-    def is_noise(self, part: PreparedData, residual: Array) -> bool:
+    def is_noise(self, part: Comparable, residual: Array) -> bool:
         """Whether a residual (R,) [N m] of the training or of the held-out data is no more than noise."""
         return self._are_noise(part, self._structures_of(part, residual))
 
-    def _are_noise(self, part: PreparedData, structures: Mapping[str, Structure]) -> bool:
+    def _are_noise(self, part: Comparable, structures: Mapping[str, Structure]) -> bool:
         return all(self.criterion.is_noise(own, self.noise_of(part, at)) for at, own in structures.items())
 
     def is_noise_at(self, at: str, terms: Terms) -> bool:
@@ -97,7 +98,7 @@ class Left:
         """Torque error due to measurement noise alone, on the training data of the first joint [N m]."""
         return self.noise_of(self.train)
 
-    def noise_of(self, part: PreparedData, at: str | None = None) -> float:
+    def noise_of(self, part: Comparable, at: str | None = None) -> float:
         """Torque error due to measurement noise alone [N m]."""
         return self._floors[0 if part is self.train else 1][self.joints[0] if at is None else at]
 
@@ -121,10 +122,10 @@ class Left:
         The right law has the same parameters in all data. A law that only imitates another along one motion needs
         different ones along the next.
         """
-        known, screen = fit_terms(self.train, terms)[1], self.holdout.screen
-        balance = screen.balance(terms)
+        known, regression = fit_terms(self.train, terms)[1], self.holdout.regression
+        balance = regression.balance(terms)
         free = np.flatnonzero(np.diag(known.covariance))  # others are known, or at their bounds
-        slopes = balance.slopes(known.theta, screen.shape_jacobian(terms, known.theta)[0])[:, free]
+        slopes = balance.slopes(known.theta, regression.shape_jacobian(terms, known.theta)[0])[:, free]
         error, weights = balance.error(known.theta), balance.weights
         step = least_squares(slopes * weights[:, None], error * weights)
         covariance = robust_covariance(
@@ -166,6 +167,6 @@ class Left:
         return self.explained(after, before) > self.criterion.share
 
 
-def drifting_in(part: PreparedData, terms: Sequence[Term]) -> Terms:
+def drifting_in(part: Comparable, terms: Sequence[Term]) -> Terms:
     """The terms with functions of time on a grid that covers some data."""
     return tuple(next(iter(type(t).grid(part.samples, np.empty(0)))) if isinstance(t, ByTime) else t for t in terms)

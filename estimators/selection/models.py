@@ -13,9 +13,11 @@ import numpy as np
 from estimators.kept import kept
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData, Step, fit_terms
+from estimators.selection.data import fit_terms
+from estimators.selection.errors import Step
 from estimators.selection.left import Left, Terms, drifting_in
 from estimators.selection.physical import impossible, objection
+from estimators.selection.prepared import Comparable
 from estimators.selection.score import BLOCK, Blocks, Bootstrap, Gain, cross_validated, predicted
 from estimators.simulation import output_error
 from estimators.simulation.multiple_shooting import has_link
@@ -23,8 +25,6 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term, effects
 from pendulum_env.physics.table import COMPETING, ByTime
 from pendulum_env.physics.term import loads
-
-MOMENT = 0.2  # [s], over which a drifting torque hardly changes
 
 
 @dataclass
@@ -44,8 +44,8 @@ class Models:
         drawn: random weights of blocks, if there are some already.
     """
 
-    train: PreparedData
-    holdout: PreparedData
+    train: Comparable
+    holdout: Comparable
     progress: Progress = no_progress
     library: Mapping[str, type[Term]] = field(default_factory=effects)
     criterion: Criterion = field(default_factory=Criterion)
@@ -56,12 +56,12 @@ class Models:
     drawn: Bootstrap | None = None
 
     def __post_init__(self) -> None:
-        self.screen, self.parts = self.train.screen, (self.train, self.holdout)
+        self.regression, self.screen, self.parts = self.train.regression, self.train.screen, (self.train, self.holdout)
         known = {term.id for term in self.base}
         self.tables = [table for table in self.tables if table.id not in known]
         self.left = Left(self.train, self.holdout, self.criterion, self.base)
         self._where = [_blocks(part, BLOCK) for part in self.parts]
-        self._finer = [_blocks(part, MOMENT) for part in self.parts]
+        self._finer = [_blocks(part, self.criterion.moment) for part in self.parts]
         self._in_motion: dict[Terms, Step] = {}
         first, second = (where.of_block for where in self._where)
         same = self.train.recordings == self.holdout.recordings  # parts of the same recordings
@@ -76,18 +76,25 @@ class Models:
         train, holdout = (part.watching(linked.model) for part in self.parts)
         return replace(self, train=train, holdout=holdout, linked=linked, drawn=self.bootstrap)
 
+    @property
+    def cost_with_link(self) -> float:
+        """Held-out cost of the model by which the link's state is estimated."""
+        return np.inf if self.linked is None else held_out_cost(self.linked)
+
     @kept
     def density(self, terms: Terms) -> Array:
         """Log predictive density of every block, those of the training data first, (S,) [nat]."""
         if any(isinstance(term, ByTime) for term in terms):
             return self.fitted_anew(terms)
-        fitted, unseen = (part.screen.equations(terms) for part in self.parts)
+        fitted, unseen = (part.regression.equations(terms) for part in self.parts)
         first, second = self._where
-        inside = cross_validated(fitted, first, self.screen.hidden_noise(terms), self.screen.solve_without(terms))
-        outside = predicted(self.screen.solve(terms), unseen, second, self.holdout.screen.hidden_noise(terms))
+        inside = cross_validated(
+            fitted, first, self.regression.hidden_noise(terms), self.regression.solve_without(terms)
+        )
+        outside = predicted(self.regression.solve(terms), unseen, second, self.holdout.regression.hidden_noise(terms))
         told = np.concatenate([inside, outside])
         if fitted.recorded is not None and unseen.recorded is not None:
-            known = replace(fitted.recorded, weights=self.screen.weights(terms))
+            known = replace(fitted.recorded, weights=self.regression.weights(terms))
             recorded = np.concatenate(
                 [cross_validated(known, first), predicted(known.solve(), unseen.recorded, second)]
             )
@@ -106,7 +113,7 @@ class Models:
         parts = []
         for part, where in zip(self.parts, self._finer, strict=True):
             here = drifting_in(part, terms)
-            parts.append(cross_validated(part.screen.balance(here), where, part.screen.hidden_noise(here)))
+            parts.append(cross_validated(part.regression.balance(here), where, part.regression.hidden_noise(here)))
         return np.concatenate(parts)
 
     def gain(self, after: Terms, before: Terms) -> Gain:
@@ -139,7 +146,7 @@ class Models:
 
     def model(self, terms: Terms) -> Model:
         """The terms fitted to the training data, without standard errors, which take time."""
-        return Model.build(self.screen.as_fitted(terms), self.screen.solve(terms))
+        return Model.build(self.regression.as_fitted(terms), self.regression.solve(terms))
 
     def step(self, added: str | None, terms: Terms) -> Step:
         """Fit the terms to the training data and take the errors."""
@@ -201,7 +208,7 @@ class Models:
         return gain, (had - left) / had if had > 0 else 0.0
 
 
-def _blocks(part: PreparedData, length: float) -> Blocks:
+def _blocks(part: Comparable, length: float) -> Blocks:
     """Stretches of some data, with folds of pieces of a length [s]."""
     return Blocks(*part.data.blocks(BLOCK), part.data.blocks(length)[0])
 

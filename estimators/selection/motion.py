@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.selection.candidates import complexity
-from estimators.selection.data import Step
+from estimators.selection.columns import complexity
+from estimators.selection.errors import Step
 from estimators.selection.models import Models, has_transmission, held_out_cost
 from estimators.selection.moves import best, has_bristles
 from estimators.selection.search import Selection
@@ -22,8 +22,6 @@ from pendulum_env.physics import Model, Term
 
 SEGMENT = 0.5  # [s], segment length, short enough for errors to grow as linearised
 FEWEST = 2  # segments per parameter
-SIMULATED = 6  # most promising starts, from which effects are fitted to the segments
-FINEST = 1e-3  # share of the motion, the accuracy of initial states and integration
 
 
 def refine(found: Selection) -> Selection:
@@ -55,7 +53,7 @@ def is_misfit(models: Models, step: Step) -> bool:
         return False
     segments, point = models.train.segments, Point.of(step.model)
     motion = np.concatenate([segment.position.ravel() for segment in segments])
-    least, misfit = FINEST * float(np.std(motion)), models.criterion.misfit
+    least, misfit = models.criterion.finest * float(np.std(motion)), models.criterion.misfit
     if step.errors["train"].position_rms <= misfit * max(least, position_noise(segments, point.terms, point.theta)):
         return False
     noise = max(least, output_error.noise(segments, point))
@@ -113,28 +111,6 @@ def _with_link(models: Models, last: Step, start: Model) -> Step:
     return min(last, *no_worse, key=held_out_cost) if no_worse else last
 
 
-def reselect_transmission(selection: Selection) -> Selection:
-    """Replace the transmission by the other kind alone if the model does not fit and the other has lower errors.
-
-    Behind a wide play, a link's state propagated along the measured motion is soon lost, so that an elastic
-    transmission with compensating effects may leave less torque. With estimated link states, the loose one fits better.
-    """
-    models, first, last = selection.models, selection.steps[0], selection.steps[-1]
-    if not has_link(last.model.terms) or models.left.fits(last.model.terms):
-        return selection
-    present = {term.id for term in last.model.terms}
-    found = last
-    for kind in (kind for kind in models.library.values() if kind.link and kind.id not in present):
-        models.progress(f"watching the link of {kind.id}", 0.94)
-        trial = best(models, first.model.terms, kind)
-        if trial is not None:
-            step = models.step(kind.id, trial.terms)
-            found = better(found, _with_link(models, step, step.model))
-    if found is last or not models.is_confirmed(found, first):
-        return selection
-    return replace(selection, steps=[first, found])
-
-
 def grow_by_simulation(models: Models, steps: list[Step]) -> list[Step]:
     """Add effects that only free-running simulation shows, where the torque is too noisy."""
     while len(steps) <= models.criterion.most and is_misfit(models, steps[-1]):
@@ -156,7 +132,7 @@ def _best_simulated(models: Models, last: Step) -> Step | None:
         ranked.append((output_error.promise(segments, point, weights), complexity(point.terms[-1]), point))
     ranked.sort(key=lambda entry: entry[:2])
     found, least = None, np.inf
-    for promised, _, point in ranked[:SIMULATED]:
+    for promised, _, point in ranked[: models.criterion.simulated]:
         if promised > least:
             break  # another effect already has a smaller error
         models.progress(f"fitting the segments with {point.terms[-1].id}", 0.9)
@@ -183,6 +159,6 @@ def _starts(models: Models, last: Step, start: Point) -> list[Point]:
         trial = best(models, terms, kind)
         variants: list[Term] = [trial.terms[-1]] if trial is not None else []
         if kind.kind == "dissipative" and kind.shapes:  # friction near reversals, which windows hardly see
-            variants += list(kind.grid(models.train.samples, models.screen.residual(terms)))[::2]
+            variants += list(kind.grid(models.train.samples, models.regression.residual(terms)))[::2]
         points += [Point((*start.terms, v), np.append(start.theta, np.zeros(len(v.columns)))) for v in variants]
     return points

@@ -6,14 +6,14 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from estimators.selection.candidates import Trial, complexity
+from estimators.selection.columns import complexity
 from estimators.selection.left import Terms
 from estimators.selection.models import Models, has_transmission
+from estimators.selection.prepared import Trial
 from estimators.weak_form.shapes import bound, freed
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import Table
 
-UNLIKELY = 0.5  # p-value of an effect's gain, above which its shape is not searched further
 SAME = 1e-6  # of a torque, numerical difference of equal laws
 
 
@@ -46,7 +46,7 @@ def promising(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
         if not ranked:
             return None
         if (
-            models.gain(ranked[0].terms, terms).chance > UNLIKELY
+            models.gain(ranked[0].terms, terms).chance > models.criterion.unlikely
             or models.left.explained(ranked[0].terms, terms) < models.criterion.glimpse
         ):
             return ranked[0]
@@ -137,7 +137,7 @@ def contains(models: Models, larger: Term, term: Term) -> bool:
     """Whether a term with more parameters can reproduce any torque of another."""
     if complexity(larger) <= complexity(term) or not term.columns:
         return False
-    (own,), (other,) = models.screen.columns([term]), models.screen.columns([larger])
+    (own,), (other,) = models.regression.columns([term]), models.regression.columns([larger])
     left = own.linear - other.linear @ np.linalg.lstsq(other.linear, own.linear, rcond=None)[0]
     return bool(np.linalg.norm(left) < SAME * np.linalg.norm(own.linear))
 
@@ -189,7 +189,7 @@ def settle(models: Models, terms: Terms) -> Terms:
     for term in terms:
         if any(not shape.integer for shape in term.free) and term.id not in models.train.data.watched:
             trial = models.screen.refine(trial, term.id)
-    return models.screen.settle(trial.terms)
+    return models.regression.settle(trial.terms)
 
 
 def named(models: Models, terms: Terms) -> Terms:

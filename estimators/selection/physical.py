@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.selection.data import Step
+from estimators.selection.errors import Step
 from estimators.weak_form.shapes import continuous
 from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, Samples, Shape, Term, effects

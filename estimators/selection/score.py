@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln
 
-from estimators.regression.least_squares import Balance
+from estimators.regression.balance import Balance
 from pendulum_env._typing import JSON, Array, Index, Mask
 
 NU = 4.0  # degrees of freedom of Student's t,

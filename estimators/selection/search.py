@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
 
-from estimators.selection.data import Step
+from estimators.selection.errors import Step
 from estimators.selection.left import Terms
 from estimators.selection.models import Models, held_out_cost
 from estimators.selection.moves import (
@@ -32,9 +32,6 @@ from estimators.simulation.multiple_shooting import has_link
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import ByTime, Table
 from pendulum_env.physics.term import loads
-
-ORDERED = 3  # effects up to which every order is tried: six orders at most
-TRIED = 8  # effects that are tried until one is confirmed
 
 
 @dataclass(frozen=True)
@@ -120,7 +117,9 @@ def add(models: Models, terms: Terms) -> tuple[Models, Terms] | None:
     if not models.left.shows(terms):
         return None  # white noise holds no information
     confirmed: list[Terms] = []
-    for longer in sorted(candidates(models, terms) + freer(models, terms), key=models.promise)[:TRIED]:
+    for longer in sorted(candidates(models, terms) + freer(models, terms), key=models.promise)[
+        : models.criterion.tried
+    ]:
         if confirmed and not models.is_level(longer, confirmed[0]):
             break
         if not (models.is_significant(longer, terms) and models.left.explains(longer, terms)):
@@ -128,7 +127,7 @@ def add(models: Models, terms: Terms) -> tuple[Models, Terms] | None:
         longer = settle(models, longer)
         models.progress(f"confirming {', '.join(sorted(one[0] for one in forms(longer) - forms(terms)))}", 0.9)
         if has_link(longer) and not has_link(terms) and not models.train.in_loop:
-            watched = watch(models, longer, terms) if not confirmed else None
+            watched = linked(models, longer, terms) if not confirmed else None
             if watched is not None:
                 return watched
         elif models.lowers_errors(longer, terms) or refines(models, longer, terms):
@@ -148,13 +147,32 @@ def refines(models: Models, longer: Terms, terms: Terms) -> bool:
     return after < before and models.lowers_errors(longer, tuple(term for term in longer if term.id not in changed))
 
 
+def linked(models: Models, longer: Terms, terms: Terms) -> tuple[Models, Terms] | None:
+    """A model with a link, or with one of another kind where the most promising leaves structure and costs more.
+
+    Behind a wide play, the link's state propagated along the measured motion is soon lost, so that an elastic
+    transmission may promise less torque. With estimated states, the loose one fits better.
+    """
+    found = watch(models, longer, terms)
+    if found is None or found[0].left.fits(found[1]):
+        return found
+    kinds = [kind for kind in models.library.values() if kind.link and kind.id != longer[-1].id]
+    trials = [trial for trial in (best(models, terms, kind) for kind in kinds) if trial is not None]
+    others = [watch(models, trial.terms, terms) for trial in trials]
+    return min([found, *(one for one in others if one is not None)], key=lambda one: one[0].cost_with_link)
+
+
 def watch(models: Models, longer: Terms, terms: Terms) -> tuple[Models, Terms] | None:
-    """A model with a link, fitted together with the link's states; None if it is not confirmed."""
+    """A model with a link, fitted together with the link's states; None if it is not confirmed.
+
+    Beside the smaller model fitted to the motion, its cost decides: the position behind a play is chaotic, so that a
+    model that leaves ten times the torque may end closer to it.
+    """
     step, before = models.step(longer[-1].id, longer), models.step(None, terms)
     models.progress(f"watching the link of {step.added}", 0.9)
     shot = models.with_errors(step.added, multiple_shooting.estimate(models.train.data.windows, step.model))
     found = [one for one in (shot, step) if models.is_confirmed(one, before)]
-    if not found or not models.is_confirmed(found[0], models.in_motion(before)):
+    if not found or held_out_cost(found[0]) >= held_out_cost(models.in_motion(before)):
         return None
     linked = min(found, key=held_out_cost)
     return models.watching(linked), linked.model.terms
@@ -200,7 +218,9 @@ def grown_beside(models: Models, base: Terms, terms: Terms) -> Terms:
     in more pieces predicts as well.
     """
     while len(terms) - len(base) <= models.criterion.most and not models.left.fits(terms):
-        needed = (longer for longer in candidates(models, terms)[:TRIED] if is_needed(models, longer, terms))
+        needed = (
+            longer for longer in candidates(models, terms)[: models.criterion.tried] if is_needed(models, longer, terms)
+        )
         longer = next(needed, None)
         if longer is None:
             break
@@ -259,7 +279,7 @@ def ladder(models: Models, base: Terms, terms: Terms) -> list[Step]:
         kept = max(withouts, key=lambda terms: float(models.density(terms).sum()))
         order.insert(0, next(term for term in left if term not in kept))
         left = kept
-    orders = list(permutations(order)) if len(order) <= ORDERED else [tuple(order)]
+    orders = list(permutations(order)) if len(order) <= models.criterion.ordered else [tuple(order)]
     made: dict[Terms, Step] = {}
 
     def course(one: Sequence[Term], view: Callable[[Step], Step]) -> list[Step]:

@@ -13,7 +13,7 @@ from estimators.checks.residual import SYMBOLS, Profile
 from estimators.comparison import Comparison
 from estimators.diagnosis.result import Addition, Candidate, Detectable, Diagnosis, Verdict
 from estimators.schemes.identification import Identification
-from estimators.selection.data import Errors, Step
+from estimators.selection.errors import Errors, Step
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.physics import Model

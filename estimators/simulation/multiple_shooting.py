@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
 from estimators.regression.least_squares import robust_covariance
 from estimators.simulation.free_running import Segments, cut_segments, periods, simulated, spans, start_memory
 from estimators.simulation.output_error import SMALLEST, Point, grain_of, named, trust
@@ -25,24 +26,37 @@ from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Model, Samples, Term, Trajectory
 from pendulum_env.physics.term import Memory
 
-LENGTH = 0.25  # [s], length of a segment
-COARSE = 1e-3  # [s], step of the integrator
 PERTURBATION = np.array(
     [3e-4, 3e-3, 1e-3, 1e-2]
 )  # of position and velocity of motor and link, for derivatives [rad], [rad/s]
 DAMPING = np.array([0.01, 1.0, 100.0])  # factors tried on the damping of a state
-INITIAL_TURNS = 2  # iterations for every start, and as many for the best
-FEWEST = 2  # segments for each parameter
-MOST = 120  # segments in a fit of parameters
-FINE = 0.25e-3  # [s], step of the final integration: torque jumps at a contact
-DIFFERENCE = 1e-2  # relative change of a parameter for derivatives, large enough to move contacts by a step
-SHARES = (1.0, 0.4, 0.1, 0.0)  # tried of a step of the parameters
-LARGEST = 0.3  # relative change of a parameter in a step
-TURNS, TRIAL_TURNS, FINE_TURNS = 25, 6, 8
-STIFFER = (1.0, 1.8)  # times the contact's stiffness: starts of a fit
-CLIMBS, CLIMB = 4, 0.9  # trials of a stiffer and wider play, and ratio of errors that each has to reach
-GAIN = 0.01  # share by which an iteration has to lower the squared error
-STEEP = 10.0  # times the usual slope: beyond it a segment nearly misses a contact, and its weight is reduced
+
+
+@dataclass(frozen=True)
+class ShootingSettings:
+    """Numbers of multiple shooting."""
+
+    length: float = 0.25  # [s], of a segment
+    coarse: float = 1e-3  # [s], step of the integrator,
+    fine: float = 0.25e-3  # [s], and that of the final integration: torque jumps at a contact
+    initial_turns: int = 2  # iterations for every start, and as many for the best
+    fewest: int = 2  # segments for each parameter
+    most: int = 120  # segments in a fit of parameters
+    difference: float = 1e-2  # relative, of a parameter for derivatives, large enough to move contacts by a step
+    shares: tuple[float, ...] = (1.0, 0.4, 0.1, 0.0)  # tried of a step of the parameters
+    largest: float = 0.3  # relative change of a parameter in a step
+    damping: float = 1e-4  # of a step of the parameters
+    turns: int = 25  # largest number,
+    trial_turns: int = 6  # that of starts which are compared,
+    fine_turns: int = 8  # and that of the final integration
+    stiffer: tuple[float, ...] = (1.0, 1.8)  # times the contact's stiffness: starts of a fit
+    climbs: int = 4  # trials of a stiffer and wider play,
+    climb: float = 0.9  # and ratio of errors that each has to reach
+    gain: float = 0.01  # share by which an iteration has to lower the squared error
+    steep: float = 10.0  # times the usual slope: beyond it a segment nearly misses a contact, and its weight is reduced
+
+
+SHOOTING = ShootingSettings()
 
 
 @dataclass(frozen=True)
@@ -52,7 +66,7 @@ class Shooting:
     segments: Segments
     states: Array
     damping: Array  # (B,)
-    step: float = COARSE  # [s], longest of the integrator
+    step: float = SHOOTING.coarse  # [s], longest of the integrator
 
     @property
     def measured(self) -> Array:
@@ -93,7 +107,7 @@ def link_of(terms: Sequence[Term]) -> Term:
 
 def cut(windows: Windows, point: Point, first: Index) -> Shooting:
     """Segments from given samples on, with initial states from the measured motion."""
-    segments, link = cut_segments(windows, first, periods(windows, LENGTH)), link_of(point.terms)
+    segments, link = cut_segments(windows, first, periods(windows, SHOOTING.length)), link_of(point.terms)
     hidden = start_memory([segments], [link])[link.id]
     return Shooting(
         segments, np.array([segments.position[0], segments.velocity, *hidden]), np.full(len(first), DAMPING[0])
@@ -102,7 +116,7 @@ def cut(windows: Windows, point: Point, first: Index) -> Shooting:
 
 def consecutive(windows: Windows) -> Index:
     """First samples of adjacent segments along a part of a recording."""
-    length = periods(windows, LENGTH)
+    length = periods(windows, SHOOTING.length)
     ends = [(begin, end - length - 1) for begin, end in spans(windows)]
     return np.concatenate([np.unique(np.append(np.arange(b, last, length), last)) for b, last in ends if last >= b])
 
@@ -170,11 +184,11 @@ def initialise(shooting: Shooting, point: Point) -> tuple[Shooting, Array]:
         candidates.append(np.array([traced[0], traced[1], traced[0] + side * gap, traced[1]]))
     start = np.full((len(candidates), traced.shape[1]), DAMPING[0])
     states, damping, squares = refine_states(
-        shooting, [point] * len(candidates), np.array(candidates), start, INITIAL_TURNS
+        shooting, [point] * len(candidates), np.array(candidates), start, SHOOTING.initial_turns
     )
     best, segment = np.argmin(squares, axis=0), np.arange(len(start[0]))
     states, _, squares = refine_states(
-        shooting, [point], states[best, :, segment].T[None], damping[best, segment][None], INITIAL_TURNS
+        shooting, [point], states[best, :, segment].T[None], damping[best, segment][None], SHOOTING.initial_turns
     )
     return replace(shooting, states=states[0], damping=start[0]), squares[0]
 
@@ -231,15 +245,15 @@ class Slopes:
 def _linearise(every: Sequence[Shooting], point: Point) -> Slopes:
     values = point.values
     size = np.maximum(np.abs(values), SMALLEST)
-    nearby = [point.at(values + DIFFERENCE * size * direction) for direction in np.eye(len(values))]
+    nearby = [point.at(values + SHOOTING.difference * size * direction) for direction in np.eye(len(values))]
     parts = []
     for shooting in every:
         (error,), (by_state,) = slopes_by_state(shooting, [point], shooting.states[None])
         near = shooting.errors(nearby, np.repeat(shooting.states[None], len(nearby), axis=0))
-        parts.append((error, np.moveaxis((near - error) / DIFFERENCE, 0, 2), by_state))
+        parts.append((error, np.moveaxis((near - error) / SHOOTING.difference, 0, 2), by_state))
     free = [_project(*move) for move in parts]
     steep = [np.linalg.norm(slopes, axis=1) for _, slopes in free]  # (B, P)
-    limit = STEEP * np.median(np.concatenate(steep), axis=0)
+    limit = SHOOTING.steep * np.median(np.concatenate(steep), axis=0)
     steady = [(limit / (np.maximum(own, limit) + 1e-300)).min(axis=1) for own in steep]
     size = np.concatenate([np.sqrt(np.mean(error**2, axis=1)) for error, _, _ in parts]) + 1e-12
     weights = tuple(np.split(trust(size), np.cumsum([len(error) for error, _, _ in parts])[:-1]))
@@ -262,37 +276,45 @@ def _project(error: Array, by_parameter: Array, by_state: Array) -> tuple[Array,
     return both[:, :, 0], both[:, :, 1:]
 
 
-def fit(every: Sequence[Shooting], point: Point, turns: int = TURNS) -> tuple[Point, list[Shooting], float]:
-    """Parameters and states that fit the segments of all recordings best, and their squared error."""
-    every, stalled, cost = list(every), 0, np.inf
-    for _ in range(turns):
-        values, slopes = point.values, _linearise(every, point)
-        size = np.maximum(np.abs(values), SMALLEST)
-        damping = np.diag(0.01 * np.linalg.norm(slopes.by_parameter, axis=0) + 1e-12)
-        target = np.concatenate([-slopes.error, np.zeros(len(values))])
-        step = np.linalg.lstsq(np.vstack([slopes.by_parameter, damping]), target, rcond=None)[0]
-        step = np.clip(step, -LARGEST, LARGEST)
-        points = [point.at(values + share * step * size) for share in SHARES]
-        tried = [_follow(shooting, points, step, move) for shooting, move in zip(every, slopes.parts, strict=True)]
-        costs = [w @ squares.T for (_, _, squares), w in zip(tried, slopes.weights, strict=True)]
-        best = int(np.argmin(np.sum(costs, axis=0)))
-        cost = float(np.sum(costs, axis=0)[best])
-        before = sum(
+@dataclass(frozen=True)
+class Fitted:
+    """Parameters, the segments of all recordings with the states that go with them, and their squared error."""
+
+    point: Point
+    every: tuple[Shooting, ...]
+    cost: float = np.inf
+
+
+def fit(every: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) -> Fitted:
+    """Parameters and states that fit the segments of all recordings best."""
+
+    def near(place: Fitted) -> Near[tuple[Fitted, Slopes]]:
+        slopes = _linearise(place.every, place.point)
+        cost = sum(
             float(w @ np.sum(move[0] ** 2, axis=1)) for w, move in zip(slopes.weights, slopes.parts, strict=True)
         )
-        point = points[best]
+        return Near((place, slopes), cost, slopes.error, slopes.by_parameter)
+
+    def best(near: Near[tuple[Fitted, Slopes]], steps: list[Array]) -> tuple[Fitted, float]:
+        place, slopes = near.known
+        values, step = place.point.values, np.clip(steps[0], -SHOOTING.largest, SHOOTING.largest)
+        size = np.maximum(np.abs(values), SMALLEST)
+        points = [place.point.at(values + share * step * size) for share in SHOOTING.shares]
+        tried = [_follow(own, points, step, move) for own, move in zip(place.every, slopes.parts, strict=True)]
+        costs = np.sum([w @ own.T for (_, _, own), w in zip(tried, slopes.weights, strict=True)], axis=0)
+        k, cost = least_of(range(len(points)), costs)
         every = [
-            replace(shooting, states=states[best], damping=damped[best])
-            for shooting, (states, damped, _) in zip(every, tried, strict=True)
+            replace(own, states=states[k], damping=damped[k])
+            for own, (states, damped, _) in zip(place.every, tried, strict=True)
         ]
-        if cost > before * (1 - GAIN):
-            initialised = [initialise(shooting, point) for shooting in every]
-            every = [shooting for shooting, _ in initialised]
-            anew = sum(float(w @ squares) for w, (_, squares) in zip(slopes.weights, initialised, strict=True))
-            stalled = stalled + 1 if anew > cost * (1 - GAIN) else 0
-            if stalled == 2:
-                break
-    return point, every, cost
+        if cost > near.cost * (1 - SHOOTING.gain):
+            anew = [initialise(own, points[k]) for own in every]
+            every = [own for own, _ in anew]
+            cost = sum(float(w @ own) for w, (_, own) in zip(slopes.weights, anew, strict=True))
+        return Fitted(points[k], tuple(every), cost), cost
+
+    rule = Rule(turns, (SHOOTING.damping,), of_cost=SHOOTING.gain, patience=2)
+    return gauss_newton(Fitted(point, tuple(every)), near, best, rule)
 
 
 def _follow(
@@ -300,7 +322,7 @@ def _follow(
 ) -> tuple[Array, Array, Array]:
     """States, their damping and squared errors (V, B) when the parameters take each share of a step."""
     error, by_parameter, by_state = move
-    expected = [error + share * (by_parameter @ step) for share in SHARES]
+    expected = [error + share * (by_parameter @ step) for share in SHOOTING.shares]
     stay = np.repeat(shooting.states[None], len(points), axis=0)
     tried = np.array([shooting.states + state_steps(one, by_state, shooting.damping) for one in expected])
     tried = np.concatenate([tried, stay[:, None]], axis=1)
@@ -320,11 +342,11 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
     """
     point = Point.of(model)
     first = [consecutive(windows) for windows in every]
-    if sum(len(one) for one in first) < FEWEST * len(point.values):
+    if sum(len(one) for one in first) < SHOOTING.fewest * len(point.values):
         return model
-    thinned = -(-sum(len(one) for one in first) // MOST)
+    thinned = -(-sum(len(one) for one in first) // SHOOTING.most)
 
-    def fitted(point: Point, step: int, turns: int = TURNS) -> tuple[Point, list[Shooting], float]:
+    def fitted(point: Point, step: int, turns: int = SHOOTING.turns) -> Fitted:
         return fit(
             [initialise(cut(w, point, one[::step]), point)[0] for w, one in zip(every, first, strict=True)],
             point,
@@ -334,22 +356,21 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
     multimodal = link_of(model.terms).multimodal
     if multimodal:  # a loose contact has local minima at several stiffnesses, and windows favour a soft one
 
-        def tried(starts: Sequence[Point]) -> tuple[Point, float]:
-            found = [fitted(start, 3 * thinned, TRIAL_TURNS) for start in starts]
-            best, _, cost = min(found, key=lambda one: one[2])
-            return best, cost
+        def tried(starts: Sequence[Point]) -> Fitted:
+            return min((fitted(start, 3 * thinned, SHOOTING.trial_turns) for start in starts), key=lambda one: one.cost)
 
-        point, cost = tried([changed(start, {multimodal: f}) for start in (point, hung(point)) for f in STIFFER])
-        for _ in range(CLIMBS):
-            other, lower = tried([changed(point, {multimodal: 1.5, "gap": wider}) for wider in (1.0, 1.4)])
-            if lower > cost * CLIMB:
+        found = tried([changed(start, {multimodal: f}) for start in (point, hung(point)) for f in SHOOTING.stiffer])
+        for _ in range(SHOOTING.climbs):
+            other = tried([changed(found.point, {multimodal: 1.5, "gap": wider}) for wider in (1.0, 1.4)])
+            if other.cost > found.cost * SHOOTING.climb:
                 break
-            point, cost = other, lower
-    point, shooting, _ = fitted(point, thinned)
+            found = other
+        point = found.point
+    found = fitted(point, thinned)
     if multimodal:
-        point, shooting, _ = fit([replace(one, step=FINE) for one in shooting], point, FINE_TURNS)
-    slopes = _linearise(shooting, point)
-    return named(point, robust_covariance(slopes.by_parameter, slopes.error, slopes.segment))
+        found = fit([replace(one, step=SHOOTING.fine) for one in found.every], found.point, SHOOTING.fine_turns)
+    slopes = _linearise(found.every, found.point)
+    return named(found.point, robust_covariance(slopes.by_parameter, slopes.error, slopes.segment))
 
 
 def changed(point: Point, factors: Mapping[str, float]) -> Point:

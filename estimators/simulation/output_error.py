@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.regression.least_squares import is_converged, robust_covariance
+from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
+from estimators.regression.least_squares import robust_covariance
 from estimators.simulation.free_running import Segments, simulate_all
 from estimators.simulation.innovations import Innovations
 from estimators.weak_form.shapes import continuous, moved
@@ -25,6 +26,7 @@ from pendulum_env.physics import Model, Term
 
 TURNS = 12
 SHARES = (1.0, 0.5, 0.2, 0.05)  # tried of a Gauss-Newton step
+DAMPING = 1e-6
 DIFFERENCE = 1e-3  # relative step of derivatives
 LEAP = 0.5  # largest step of a parameter from zero
 SMALLEST = 1e-3  # size against which a parameter near zero moves
@@ -143,25 +145,23 @@ def fit(
     segments: Sequence[Segments], terms: Sequence[Term], theta: Array, turns: int = TURNS, filters: Filters = ()
 ) -> Point:
     """Move the linear parameters theta (P,) and the continuous shape parameters until the segments fit best."""
-    point = Point(tuple(terms), np.asarray(theta, dtype=float))
-    weights = trust(sizes(segments, point, filters))
-    for _ in range(turns):
-        values = point.values
-        error, slopes, which = _slopes(segments, point, weights, filters)
-        damping = np.diag(1e-3 * np.linalg.norm(slopes, axis=0) + 1e-12)
-        target = np.concatenate([-error, np.zeros(len(values))])
+    start = Point(tuple(terms), np.asarray(theta, dtype=float))
+    weights = trust(sizes(segments, start, filters))
+
+    def near(point: Point) -> Near[Point]:
+        error, slopes, _ = _slopes(segments, point, weights, filters)
+        return Near(point, float(error @ error), error, slopes)
+
+    def best(near: Near[Point], steps: list[Array]) -> tuple[Point, float]:
+        values = near.known.values
         size = np.maximum(np.abs(values), SMALLEST)
         longest = np.where(size > SMALLEST, 0.5, LEAP / SMALLEST)  # a parameter that was zero needs an absolute step
-        step = np.clip(np.linalg.lstsq(np.vstack([slopes, damping]), target, rcond=None)[0], -longest, longest)
-        if is_converged(error, slopes @ step):
-            break
-        tried = [point.at(values + share * step * size) for share in SHARES]
-        costs = weights[which] @ errors(segments, tried, filters)[0] ** 2
-        best = int(np.argmin(costs))
-        if not costs[best] < float(error @ error):
-            break
-        point = tried[best]
-    return point
+        step = np.clip(steps[0], -longest, longest) * size
+        tried = [near.known.at(values + share * step) for share in SHARES]
+        error, which = errors(segments, tried, filters)
+        return least_of(tried, weights[which] @ error**2)
+
+    return gauss_newton(start, near, best, Rule(turns, (DAMPING,), by_offset=True))
 
 
 def maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:

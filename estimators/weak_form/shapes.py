@@ -10,13 +10,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.regression.least_squares import is_converged
+from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
 from pendulum_env._typing import Array
 from pendulum_env.physics import Shape, Term
 
 TURNS = 20  # largest number of Gauss-Newton steps
 SCANNED = 21  # instants at a time
 STEPS = (1.0, 0.4, 0.1, 0.02)  # shares of a Gauss-Newton step that are tried
+LEAP = 0.7  # largest step: no longer than a factor of two
+DAMPING = 1e-12  # against parameters that tell the same
 DIFFERENCE = 1e-3  # relative, for derivatives
 ROUNDS, DRAWS, ELITE = 6, 48, 8  # of the cross-entropy search
 
@@ -72,7 +74,7 @@ def shape_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]
     return slopes
 
 
-def gauss_newton(term: Term, residuals: Residuals) -> Term:
+def refined(term: Term, residuals: Residuals) -> Term:
     """Variant with the least squared residual near `term`.
 
     The derivative of the projected residual is taken by differences; all differences of a turn, as well as all step
@@ -83,30 +85,31 @@ def gauss_newton(term: Term, residuals: Residuals) -> Term:
     if not shapes:
         return term
     factor = np.array([shape.low > 0 for shape in shapes])
-    (current,) = residuals([term])
-    for _ in range(TURNS):
+    known: dict[Term, Array] = {}  # residuals of the last batch
+
+    def at(term: Term) -> tuple[Array, Array]:
+        """Values of the shape parameters and the units that they move by."""
         values = np.array([term.shape[shape.name] for shape in shapes])
-        unit = np.where(factor, np.abs(values), np.maximum(np.abs(values), 0.1))
+        return values, np.where(factor, np.abs(values), np.maximum(np.abs(values), 0.1))
+
+    def near(term: Term) -> Near[Term]:
+        values, unit = at(term)
+        error = known[term] if term in known else residuals([term])[0]
         nearby = [moved(term, shapes, values + DIFFERENCE * unit * direction) for direction in np.eye(len(shapes))]
-        slopes = np.column_stack([(residual - current) / DIFFERENCE for residual in residuals(nearby)])  # (R, S)
-        # slopes step = -current, lightly damped, and no longer than a factor of two
-        damping = np.diag(1e-6 * np.linalg.norm(slopes, axis=0))
-        target = np.concatenate([-current, np.zeros(len(shapes))])
-        step = np.linalg.lstsq(np.vstack([slopes, damping]), target, rcond=None)[0]
-        if is_converged(current, slopes @ step):
-            break
-        step = step / max(1.0, float(np.abs(step).max()) / 0.7)
+        slopes = np.column_stack([(residual - error) / DIFFERENCE for residual in residuals(nearby)])  # (R, S)
+        return Near(term, float(error @ error), error, slopes)
+
+    def best(near: Near[Term], steps: list[Array]) -> tuple[Term, float]:
+        values, unit = at(near.known)
+        step = steps[0] / max(1.0, float(np.abs(steps[0]).max()) / LEAP)
         tried = [
             moved(term, shapes, np.where(factor, values * np.exp(share * step), values + share * step * unit))
             for share in STEPS
         ]
-        outcomes = residuals(tried)
-        squares = [float(outcome @ outcome) for outcome in outcomes]
-        best = int(np.argmin(squares))
-        if not squares[best] < float(current @ current):
-            break
-        term, current = tried[best], outcomes[best]
-    return term
+        known.update(zip(tried, residuals(tried), strict=True))
+        return least_of(tried, [float(known[term] @ known[term]) for term in tried])
+
+    return gauss_newton(term, near, best, Rule(TURNS, (DAMPING,), by_offset=True))
 
 
 def scan(term: Term, residuals: Residuals, reach: float) -> Term:

@@ -129,17 +129,7 @@ def read_arm_recording(
     """
     look = preview(path, largest)
     named = _named(path, look.headers, joints, held, dict(columns or {}))
-    single = []
-    for joint in joints:
-        own = {quantity: named.get(f"{quantity}_{joint}", UNUSED) for quantity in OF_JOINTS}
-        own |= {"time": named["time"]} if "time" in named else {}
-        unused = {"velocity": UNUSED, "reference": UNUSED}
-        try:
-            read = read_recording(path, unwrap=unwrap, columns=own | unused, largest=largest)
-            single.append(replace(read, notes=tuple(_of_joint(joint, note) for note in read.notes)))
-        except RecordingError as error:
-            text = _of_joint(joint, str(error).removeprefix(f"{path}: "))
-            raise RecordingError(f"{path}: joint '{joint}': {text}") from None
+    single = [_read_joint(path, joint, named, unwrap, largest) for joint in joints]
     first = single[0]
     for joint, other in zip(joints, single, strict=True):
         same = len(other) == len(first) and other.starts == first.starts
@@ -170,6 +160,21 @@ def read_arm_recording(
         },
         still={joint: _still(path, look, column) for joint, column in columns_of.items() if column != UNUSED},
     )
+
+
+def _read_joint(
+    path: str | os.PathLike[str], joint: str, named: Mapping[str, str], unwrap: bool, largest: float
+) -> Recording:
+    """The columns of one joint, by the columns of quantities of all joints."""
+    own = {quantity: named.get(f"{quantity}_{joint}", UNUSED) for quantity in OF_JOINTS}
+    own |= {"time": named["time"]} if "time" in named else {}
+    unused = {"velocity": UNUSED, "reference": UNUSED}
+    try:
+        read = read_recording(path, unwrap=unwrap, columns=own | unused, largest=largest)
+    except RecordingError as error:
+        text = _of_joint(joint, str(error).removeprefix(f"{path}: "))
+        raise RecordingError(f"{path}: joint '{joint}': {text}") from None
+    return replace(read, notes=tuple(_of_joint(joint, note) for note in read.notes))
 
 
 def _still(path: str | os.PathLike[str], look: Preview, text: str) -> Array:

@@ -184,32 +184,7 @@ class Model:
     @property
     def derived(self) -> dict[str, Estimate]:
         """What people also call some parameters, as `backlash.k`, with standard errors to first order."""
-        names, values = list(self.estimates), np.array([estimate.value for estimate in self.estimates.values()])
-        covariance = self.assumed_covariance
-        found, first = {}, 0
-        for term in self.terms:
-            place = [*range(first, first + len(term.columns)), *(names.index(term.full(s.name)) for s in term.free)]
-            first += len(term.columns)
-            own = values[place]
-            perturbations = np.diag(1e-6 * np.maximum(np.abs(own), 1e-9))
-            moved = [_derived(term, own + perturbation) for perturbation in perturbations]
-            for name, (value, unit) in _derived(term, own).items():
-                slope = np.array([other[name][0] - value for other in moved]) / perturbations.diagonal()
-                std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope)))
-                is_biased = any(self.estimates[names[k]].is_biased for k in place)
-                found[term.full(name)] = Estimate(
-                    float(value), float(std), per(unit, self.torque_unit), is_biased=is_biased
-                )
-            for part in term.shares:
-                name, of = term.full(part), f"{part}@{term.at}" if term.at else part
-                base, entry = self.estimates.get(of), self.estimates[name]
-                if base is not None and base.value != 0:
-                    share, both = 100 * entry.value / base.value, [names.index(name), names.index(of)]
-                    slope = np.array([100.0, -share]) / base.value
-                    std = float(np.sqrt(slope @ covariance[np.ix_(both, both)] @ slope))
-                    unit = f"%{entry.unit.removeprefix(base.unit)}"
-                    found[term.full(f"{part}_share")] = Estimate(share, std, unit, is_biased=entry.is_biased)
-        return found
+        return _all_derived(self)
 
     def add(self, term: Term, theta: ArrayLike = 0.0) -> Model:
         """Model with one more term, its linear parameters at `theta`; fit it to recordings to get real values.
@@ -309,30 +284,9 @@ class Model:
                 )
             raise ModelError(f"this is not a model: 'schema' should be {SCHEMA}")
         try:
-            return cls._of(Value("the model", "", data))
+            return _model(Value("the model", "", data))
         except ValueError as error:
             raise ModelError(str(error)) from None
-
-    @classmethod
-    def _of(cls, data: Value) -> Model:
-        ids, theta = data["terms"].items(100), data["theta"]
-        terms = tuple(_term(id, data) for id in ids)
-        if len({term.id for term in terms}) != len(terms):
-            raise ModelError("the model names a term twice: each may appear once")
-        estimates = {}
-        for name, default in cls.build(terms, 0.0).estimates.items():
-            read = read_estimate(theta[name], default.unit)
-            if name == "inertia" and read.value <= 0:
-                raise theta[name]["value"].fault("a number above zero")
-            estimates[name] = read
-        keys = ("torque_unit", "torque_constant", "covariance", "log_format")
-        unit, constant, covariance, log_format = (data.get(key) for key in keys)
-        model = replace(
-            cls(terms, estimates).per("N m" if unit is None else _unit(unit)),
-            torque_constant=None if constant is None else read_estimate(constant, _unit(constant["unit"])),
-            log_format={} if log_format is None else log_format.table(),
-        )
-        return model if covariance is None else model.correlated(*_covariance(covariance, list(estimates)))
 
     def save(self, path: str | Path) -> None:
         """Write JSON, whole or not at all."""
@@ -351,6 +305,56 @@ class Model:
             raise ModelError(str(error)) from None
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from None
+
+
+def _model(data: Value) -> Model:
+    ids, theta = data["terms"].items(100), data["theta"]
+    terms = tuple(_term(id, data) for id in ids)
+    if len({term.id for term in terms}) != len(terms):
+        raise ModelError("the model names a term twice: each may appear once")
+    estimates = {}
+    for name, default in Model.build(terms, 0.0).estimates.items():
+        read = read_estimate(theta[name], default.unit)
+        if name == "inertia" and read.value <= 0:
+            raise theta[name]["value"].fault("a number above zero")
+        estimates[name] = read
+    keys = ("torque_unit", "torque_constant", "covariance", "log_format")
+    unit, constant, covariance, log_format = (data.get(key) for key in keys)
+    model = replace(
+        Model(terms, estimates).per("N m" if unit is None else _unit(unit)),
+        torque_constant=None if constant is None else read_estimate(constant, _unit(constant["unit"])),
+        log_format={} if log_format is None else log_format.table(),
+    )
+    return model if covariance is None else model.correlated(*_covariance(covariance, list(estimates)))
+
+
+def _all_derived(model: Model) -> dict[str, Estimate]:
+    names, values = list(model.estimates), np.array([estimate.value for estimate in model.estimates.values()])
+    covariance = model.assumed_covariance
+    found, first = {}, 0
+    for term in model.terms:
+        place = [*range(first, first + len(term.columns)), *(names.index(term.full(s.name)) for s in term.free)]
+        first += len(term.columns)
+        own = values[place]
+        perturbations = np.diag(1e-6 * np.maximum(np.abs(own), 1e-9))
+        moved = [_derived(term, own + perturbation) for perturbation in perturbations]
+        for name, (value, unit) in _derived(term, own).items():
+            slope = np.array([other[name][0] - value for other in moved]) / perturbations.diagonal()
+            std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope)))
+            is_biased = any(model.estimates[names[k]].is_biased for k in place)
+            found[term.full(name)] = Estimate(
+                float(value), float(std), per(unit, model.torque_unit), is_biased=is_biased
+            )
+        for part in term.shares:
+            name, of = term.full(part), f"{part}@{term.at}" if term.at else part
+            base, entry = model.estimates.get(of), model.estimates[name]
+            if base is not None and base.value != 0:
+                share, both = 100 * entry.value / base.value, [names.index(name), names.index(of)]
+                slope = np.array([100.0, -share]) / base.value
+                std = float(np.sqrt(slope @ covariance[np.ix_(both, both)] @ slope))
+                unit = f"%{entry.unit.removeprefix(base.unit)}"
+                found[term.full(f"{part}_share")] = Estimate(share, std, unit, is_biased=entry.is_biased)
+    return found
 
 
 def _derived(term: Term, values: Array) -> dict[str, tuple[float, str]]:

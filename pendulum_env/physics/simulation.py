@@ -232,25 +232,12 @@ def simulate(
     """
     torque = np.asarray(torque, dtype=float)
     torque = torque[:, None] if torque.ndim == 1 else torque
-    batch = np.broadcast_shapes(
-        np.shape(position),
-        np.shape(velocity),
-        np.shape(start),
-        np.shape(period),
-        torque.shape[1:],
-        np.shape(theta)[1:],
-        *map(np.shape, load),
-        (1,),
-    )
+    scalars = (np.shape(one) for one in (position, velocity, start, period, *load))
+    batch = np.broadcast_shapes(*scalars, torque.shape[1:], np.shape(theta)[1:], (1,))
     balance = Balance(terms, np.asarray(theta, dtype=float), bool(load))
     count = substeps(period, longest_step)
     h = period / count
-    commands = np.repeat(torque, count, axis=0)
-    delay = sum(term.delay for term in terms)
-    if delay > 0:
-        earlier = np.zeros((0, *torque.shape[1:])) if before is None else np.asarray(before, dtype=float)
-        earlier = earlier[:, None] if earlier.ndim == 1 else earlier
-        commands = delayed(commands, np.repeat(earlier, count, axis=0), float(delay / h))
+    commands = _commands(terms, torque, before, count, h)
     q, v, t = (np.broadcast_to(np.asarray(a, dtype=float), batch).copy() for a in (position, velocity, start))
     x = Samples(t, q, v, commands[0] if len(commands) else np.zeros(1), load=load)
     x = replace(x, memory={id: (memory or {}).get(id, state) for id, state in balance.start(x).items()})
@@ -267,6 +254,17 @@ def simulate(
         for k, state in enumerate(path):
             observe(samples(state, x, commands[max(0, k * count - 1)] if len(commands) else x.torque))
     return Trajectory(path[:, 1].copy(), path[:, 2].copy())
+
+
+def _commands(terms: Sequence[Term], torque: Array, before: Array | None, count: int, h: ArrayLike) -> Array:
+    """Torque (N count, B) of each step of length h [s], as late as the terms make the command."""
+    commands = np.repeat(torque, count, axis=0)
+    delay = sum(term.delay for term in terms)
+    if delay <= 0:
+        return commands
+    earlier = np.zeros((0, *torque.shape[1:])) if before is None else np.asarray(before, dtype=float)
+    earlier = earlier[:, None] if earlier.ndim == 1 else earlier
+    return delayed(commands, np.repeat(earlier, count, axis=0), float(delay / h))
 
 
 def rows(x: Samples) -> list[Any]:

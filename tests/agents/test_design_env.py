@@ -14,6 +14,7 @@ from agents import DESIGN
 from agents.design_env import ExcitationDesignVector
 from agents.knowledge import NOMINAL, PRIOR
 from agents.observer import TICK, read
+from tests import slow
 
 HELD = 20  # samples in a tick
 
@@ -43,7 +44,7 @@ def test_the_checkers_have_nothing_to_say(arguments):
         check_env_for_sb3(gym.make(DESIGN, **arguments))
 
 
-@pytest.mark.parametrize("how", [f"import pendulum_env; id = '{DESIGN}'", f"id = 'agents:{DESIGN}'"])
+@pytest.mark.parametrize("how", slow.but_first([f"import pendulum_env; id = '{DESIGN}'", f"id = 'agents:{DESIGN}'"]))
 def test_gymnasium_knows_it_by_its_conventions_without_torch(how):
     code = (
         f"import gymnasium, sys; {how}; "
@@ -121,7 +122,7 @@ def test_information_is_the_sum_of_outer_products_of_rows_that_are_fast_enough()
 def test_estimates_come_near_the_plant_without_knowing_it():
     env = ExcitationDesignVector(8)
     plant = env.reset(seed=3)[1]["plant"]
-    for k in range(500):
+    for k in range(250):
         info = env.step(tones(k, 8))[-1]
     found = info["estimates"] * NOMINAL
     assert np.abs(found / plant - 1).max() < 0.05

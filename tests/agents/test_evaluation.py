@@ -77,6 +77,7 @@ def test_where_it_is_worked_out_changes_nothing(monkeypatch):
         assert not np.allclose(outcome.torque[:, 0], outcome.torque[:, 2])  # signals differ between parts
 
 
+@pytest.mark.slow
 def test_hidden_effects_leave_errors(two_tone):
     hidden = observe(partial(baseline, "two-tone", "peak"), "peak", 6, seed=3, effects=("stribeck=0.4",))
     assert np.median(hidden.errors[-1]) > 5 * np.median(two_tone.errors[-1])

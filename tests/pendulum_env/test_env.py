@@ -1,5 +1,6 @@
 """The environment's contract, for every backend, and its physics against an independent integrator."""
 
+import functools
 import pickle
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import RecordingError, write_recording
 from pendulum_env.registration import ARM, DESIGN, PENDULUM
 from pendulum_env.wrappers import RecordMeasurements
+from tests import slow
 
 
 def paper_torque(seconds: float, seed: int = 0) -> np.ndarray:
@@ -51,7 +53,10 @@ def settings(request, file):
     return {"backend": request.param, "recording": file if request.param == "replay" else None}
 
 
-@pytest.mark.parametrize("how", [f"import pendulum_env; id = '{PENDULUM}'", f"id = 'pendulum_env:{PENDULUM}'"])
+HOW = [f"id = 'pendulum_env:{PENDULUM}'", f"import pendulum_env; id = '{PENDULUM}'"]
+
+
+@pytest.mark.parametrize("how", slow.but_first(HOW))
 def test_gymnasium_knows_the_environment_by_its_conventions_and_nothing_is_imported_that_is_not_needed(how):
     code = (
         f"import gymnasium, sys; {how}; print('pymunk' in sys.modules, gymnasium.make(id).unwrapped.rate); "
@@ -117,40 +122,45 @@ def test_a_pickled_environment_goes_on_where_it_was(effect, backend):
     if backend == "mujoco":
         pytest.importorskip("mujoco")
     env = gym.make(PENDULUM, backend=backend, effects=[effect])
-    torque = paper_torque(2.0)
-    positions(env, torque[:1000])
+    torque = paper_torque(1.0)
+    positions(env, torque[:500])
     copy = pickle.loads(pickle.dumps(env))
-    for value in torque[1000:]:
+    for value in torque[500:]:
         action = np.array([value], dtype=np.float32)
         a, b = env.step(action)[-1], copy.step(action)[-1]
     assert a["position"] == pytest.approx(b["position"], abs=1e-9)
 
 
 def test_pymunk_follows_an_independent_integrator():
-    """10 s of the paper's excitation, at the default substeps: RMS below 5e-4 rad, and in fact below 1e-5."""
-    torque = paper_torque(10.0).astype(np.float32).astype(float)
+    """The paper's excitation, at the default substeps: RMS below 5e-4 rad, and in fact below 1e-5."""
+    torque = paper_torque(4.0).astype(np.float32).astype(float)
     plant = Plant(inertia=0.0895, gravity=2.01, viscous=0.3638, coulomb=0.9163)
-    (reference,) = simulate([(plant, Experiment(rate=1000.0, seconds=10.0, counts=None, torque_noise=0.0))], [torque])
+    (reference,) = simulate([(plant, Experiment(rate=1000.0, seconds=4.0, counts=None, torque_noise=0.0))], [torque])
     run = positions(gym.make(PENDULUM, counts=0), torque)
     error = run[: len(reference.position)] - reference.position
     assert np.sqrt(np.mean(error**2)) < 1e-5
 
 
 def test_error_is_of_second_order_in_the_step():
-    torque = paper_torque(5.0)
+    torque = paper_torque(2.0)
     runs = {n: positions(gym.make(PENDULUM, counts=0, substeps=n), torque) for n in (1, 2, 4, 32)}
     errors = [np.sqrt(np.mean((runs[n] - runs[32]) ** 2)) for n in (1, 2, 4)]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert (orders > 1.6).all(), orders
 
 
+@functools.cache
+def free_of_effects(seconds: float) -> np.ndarray:
+    return positions(gym.make(PENDULUM, counts=0), paper_torque(seconds).astype(np.float32).astype(float))
+
+
 @pytest.mark.parametrize("effect", effects())
 def test_every_effect_moves_the_body_as_it_moves_the_model(effect):
     """pymunk's constraint against the project's own simulation: the same law, two integrators."""
-    torque = paper_torque(3.0).astype(np.float32).astype(float)
+    torque = paper_torque(2.0).astype(np.float32).astype(float)
     effect = {"payload_change": "payload_change:moment=1", "hard_stop": "hard_stop:upper=0.3"}.get(effect, effect)
     plant = hide(paper_plant(), effect)
-    free = positions(gym.make(PENDULUM, counts=0), torque)
+    free = free_of_effects(2.0)
     body = positions(gym.make(PENDULUM, counts=0, effects=[effect]), torque)
     model = plant.simulate(1e-3, torque, 0.0, 0.0).position[:, 0]
     shown = np.sqrt(np.mean((body - free) ** 2))

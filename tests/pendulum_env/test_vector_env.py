@@ -19,10 +19,11 @@ def torques(steps: int, count: int) -> np.ndarray:
 
 @pytest.mark.parametrize("effect", [None, *effects()])
 def test_each_pendulum_moves_as_one_alone(effect):
-    hidden = [] if effect is None else ["payload_change:moment=1" if effect == "payload_change" else effect]
+    told = {"payload_change": "payload_change:moment=0.3", "hard_stop": "hard_stop:upper=0.3"}.get(effect, effect)
+    hidden = [] if effect is None else [told]
     many = gym.make_vec(PENDULUM, num_envs=3, counts=0, effects=hidden, max_episode_steps=None)
     one = gym.make(PENDULUM, counts=0, effects=hidden)
-    action = torques(2000, 3)
+    action = torques(800, 3)
     many.reset(seed=0)
     one.reset(seed=0)
     worst = 0.0

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import estimators.arguments
+from estimators import diagnose
 from pendulum_env.physics import BASE, Model, effects
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import read_recording
@@ -49,10 +50,10 @@ def test_version_and_commands_are_said(capsys):
 
 def test_what_is_chosen_and_fixed_on_the_command_line_is_what_is_fitted(runs, tmp_path, capsys):
     train, holdout, model = runs / "train.csv", runs / "holdout.csv", tmp_path / "model.json"
-    chosen = ["--only", "stribeck,cogging", "--fix", "gravity=2.01", "--bound", "viscous=0:0.5,stribeck=:0.6"]
+    chosen = ["--only", "stribeck,quadratic_drag", "--fix", "gravity=2.01", "--bound", "viscous=0:0.5,stribeck=:0.6"]
     assert main(["diagnose", str(train), "--holdout", str(holdout), *chosen, "--all", "-o", str(model)]) == 0
     out = capsys.readouterr().out
-    assert "fit of what was held out: torque 9" in out and re.search(r"^cogging +rejected", out, re.M)
+    assert "fit of what was held out: torque 9" in out and re.search(r"^quadratic_drag +rejected", out, re.M)
     saved = Model.load(model)
     assert saved.estimates["gravity"].value == 2.01 and saved.covariance is not None
     assert main(["identify", str(train), "--scheme", "energy", "--fix", "gravity=2.01", "--fix", "inertia=0.09"]) == 0
@@ -183,18 +184,24 @@ def test_add_says_plainly_that_a_wrong_effect_does_not_help(runs, capsys):
     assert "no reason to keep it" in out or "no more than chance would" in out
 
 
-def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, tmp_path, capsys, few_effects):
+def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, tmp_path, capsys, few_effects, monkeypatch):
     outputs = {
         option: tmp_path / name for option, name in (("--json", "d.json"), ("--report", "d.html"), ("-o", "m.json"))
     }
     options = [str(part) for item in outputs.items() for part in item]
     given = ["diagnose", str(runs / "train.csv"), "--holdout", str(runs / "holdout.csv")]
+    made = []  # once for both ways to tell it
+    monkeypatch.setattr(
+        "workbench.commands.diagnose.diagnose",
+        lambda *some, **options: made.append(diagnose(*some, **options)) or made[0],
+    )
     assert main([*given, *options]) == 0
     brief = capsys.readouterr().out.partition("\n\n")[2].splitlines()
     assert brief[:2] == ["Stribeck friction is missing", f"stribeck: {effects()['stribeck'].law}"]
     assert re.match(r"error held out: torque 0\.0\d+ -> 0\.00\d+ N m .*, free-running position ", brief[2])
     assert re.match(r"parameters: inertia .* kg m\^2, .*stribeck 0\.\d+ ± 0\.\d+ N m, ", brief[3])
     assert brief[4].startswith("next: ") and brief[-1].startswith("wrote ") and len(brief) <= 8
+    monkeypatch.setattr("workbench.commands.diagnose.diagnose", lambda *_, **__: made[0])
     assert main([*given, "--all"]) == 0
     out = capsys.readouterr().out
     assert "+ stribeck" in out and "█" in out and re.search("^score: probability", out, re.M)
@@ -268,7 +275,8 @@ def test_a_diagnosis_without_a_suggestion_is_refused(runs, tmp_path, refused):
     assert "--max-torque" in refused(*play, "--amplitude", "2")
 
 
-def test_demo_tells_the_story_and_reveals_the_truth(tmp_path, capsys, few_effects):
+def test_demo_tells_the_story_and_reveals_the_truth(tmp_path, capsys, few_effects, monkeypatch):
+    monkeypatch.setattr("workbench.commands.demo.SECONDS", 8.0)
     path = tmp_path / "report.html"
     assert main(["demo", "--seed", "3", "-o", str(path)]) == 0
     out = capsys.readouterr().out

@@ -8,16 +8,17 @@ from pathlib import Path
 import pytest
 
 from pendulum_env.physics import plugin
+from tests import slow
 from tests.disks import full_after
 from tests.patience import PATIENCE
 from workbench.cli import main
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and devices of Unix")
 
-BEGUN = """
+BEGUN = {
+    "worker": """
 import time
 from workbench.processes import Worker, attend
-from workbench.cluster import connected
 def work(connection):
     attend()
     connection.send("at work")
@@ -26,11 +27,19 @@ if __name__ == "__main__":
     worker = Worker("one")
     worker.send(work)
     worker.hear()
+    print("running", flush=True)
+    worker.hear()
+""",
+    "cluster": """
+import time
+from workbench.cluster import connected
+if __name__ == "__main__":
     with connected(None, 1) as client:
         client.wait_for_workers(1)
         print("running", flush=True)
         client.submit(time.sleep, 1000).result()
-"""
+""",
+}
 COMMAND = [sys.executable, "-c", "import sys; from workbench.entry import main; sys.exit(main())"]
 
 
@@ -41,7 +50,7 @@ def run(redirection: str, *arguments: str, shell: str = "sh") -> subprocess.Comp
     )
 
 
-@pytest.mark.parametrize("redirection", [">&-", "2>&-", ">&- 2>&- <&-", ">/dev/null"])
+@pytest.mark.parametrize("redirection", slow.but_first([">&- 2>&- <&-", ">&-", "2>&-", ">/dev/null"]))
 def test_a_stream_that_is_closed_is_no_mistake(redirection):
     for command in ("effects", "--help"):  # of which argparse would print help elsewhere
         done = run(redirection, command)
@@ -82,7 +91,7 @@ def test_what_an_effect_of_a_file_does_wrong_is_told_with_its_line(monkeypatch, 
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
-@pytest.mark.parametrize("redirection", [">/dev/full", ">/dev/full 2>/dev/full"])
+@pytest.mark.parametrize("redirection", slow.but_first([">/dev/full", ">/dev/full 2>/dev/full"]))
 def test_a_standard_output_that_is_full_is_told(redirection):
     done = run(redirection, "effects")
     assert done.returncode == 2
@@ -90,10 +99,11 @@ def test_a_standard_output_that_is_full_is_told(redirection):
         assert done.stderr == "pendulum-ident: standard output: No space left on device\n"
 
 
-def test_workers_end_with_a_command_that_is_killed_and_say_nothing(tmp_path):
+@pytest.mark.parametrize("what", slow.but_first(BEGUN))
+def test_workers_end_with_a_command_that_is_killed_and_say_nothing(tmp_path, what):
     pytest.importorskip("distributed")
     script = tmp_path / "begun.py"  # a file, as workers import it
-    script.write_text(BEGUN)
+    script.write_text(BEGUN[what])
     command = [sys.executable, script]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "running\n"

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from agents import load
 from agents.evaluation import Outcome, evaluation_json
 from tests.workbench.pages import Page, values
 from workbench.cli import main
@@ -13,14 +14,28 @@ from workbench.commands.evaluate import show
 from workbench.report.excitation import render
 from workbench.terminal import Terminal
 
-OPTIONS = ["evaluate", "agent", "--plants", "3", "--seed", "2"]
+OPTIONS = ["--plants", "3", "--seed", "2"]
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Folder with `page.html` and `figures.json` of an evaluation."""
+    """Folder with `page.html` and `figures.json` of an evaluation of `policy.npz`."""
     path = tmp_path_factory.mktemp("evaluation")
-    assert main([*OPTIONS, "--report", str(path / "page.html"), "--json", str(path / "figures.json")]) == 0
+    load("peak").save(path / "policy.npz")
+    assert (
+        main(
+            [
+                "evaluate",
+                str(path / "policy.npz"),
+                *OPTIONS,
+                "--report",
+                str(path / "page.html"),
+                "--json",
+                str(path / "figures.json"),
+            ]
+        )
+        == 0
+    )
     return path
 
 
@@ -30,6 +45,8 @@ def test_the_page_is_complete_and_loads_nothing(folder):
     assert values(page, "src") == [] and all(href.startswith("#") for href in values(page, "href"))
     assert len(values(page, "id")) == len(set(values(page, "id")))
     assert len(page.figures) == 4
+    assert list(told["policies"]) == ["two-tone", str(folder / "policy.npz")]
+    assert told["policies"]["two-tone"]["gain"]["information"]["ratio"] == pytest.approx(1.0)
     for name, figures in told["policies"].items():
         assert f"{name} " in page.text
         for moment, (_, middle, _) in figures["error"].items():
@@ -55,7 +72,8 @@ def test_a_cluster_gives_the_same_figures(folder, capsys):
     quiet = {"dashboard_address": ":0", "processes": False, "protocol": "tcp://"}  # any port that is free
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, **quiet) as cluster:
         path = folder / "there.json"
-        assert main([*OPTIONS, "--dask", cluster.scheduler_address, "--json", str(path)]) == 0
+        policy = str(folder / "policy.npz")
+        assert main(["evaluate", policy, *OPTIONS, "--dask", cluster.scheduler_address, "--json", str(path)]) == 0
     here, there = (json.loads((folder / name).read_text()) for name in ("figures.json", "there.json"))
     for name, figures in here["policies"].items():
         assert {**figures, "seconds_per_action": 0} == {**there["policies"][name], "seconds_per_action": 0}

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from benchmarks import six_joint
+from benchmarks.two_link import TwoLink
 from pendulum_env.arms import ArmModel, at_joint, read_body
 from pendulum_env.arms.joints import arm_base, coupling
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.potential import Spring
-from tests import robots
+from tests import robots, slow
 from workbench.cli import main
 
 mujoco = pytest.importorskip("mujoco")
@@ -117,10 +118,10 @@ def test_what_is_no_form_of_an_arm_is_one_sentence(tmp_path, capsys):
     assert "--robot" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("form", ["mjcf", "urdf"])
+@pytest.mark.parametrize("form", slow.but_first(["mjcf", "urdf"]))
 def test_links_that_no_body_has_are_exported_only_as_the_nearest(tmp_path, capsys, form):
     path, saved, new = (str(tmp_path / name) for name in ("arm.urdf", "model.json", "new.xml"))
-    model = model_of(tmp_path / "arm.urdf", robots.urdf(robots.TORSO))
+    model = model_of(tmp_path / "arm.urdf", TwoLink().urdf())
     k = model.body.names.index("Iyy@elbow")
     theta = np.where(np.arange(len(model.theta)) == k, -model.theta, model.theta)
     ArmModel.build(model.terms, theta, 1e-4 * np.abs(theta) + 1e-6).save(saved)

@@ -23,7 +23,7 @@ def bench(tmp_path_factory) -> Path:
     cases = [
         (
             Plant(0.03 + m * r * r, 0.6 + 9.81 * m * r, 0.15, 0.25, friction),
-            Experiment(500.0, 12.0, "two_tone", 0.7, seed, counts=65_536),
+            Experiment(500.0, 8.0, "two_tone", 0.7, seed, counts=65_536),
         )
         for seed, (m, r) in enumerate(ARMS)
     ]

@@ -23,7 +23,8 @@ def bench(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bench")
     for seed, name in enumerate(("monday", "tuesday")):
         plain = folder / f"plain-{name}.csv"
-        assert main(["record", "--seconds", "8", "--seed", str(seed), "-o", str(plain)]) == 0
+        recorded = ["record", "--seconds", "6", "--rate", "500", "--seed", str(seed), "-o", str(plain)]
+        assert main(recorded) == 0
         run = read_recording(plain)
         rows = np.column_stack([1e3 * run.time, -np.degrees(run.position) - 20, 2 * run.torque])
         np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header="clock,Winkel [deg],i", comments="", fmt="%.12g")
@@ -36,7 +37,7 @@ def test_the_next_log_of_an_arm_is_read_alike(tmp_path, capsys):
     pytest.importorskip("pinocchio", reason="arms need the extra arms")
     robot = ("--robot", str(tmp_path / "arm.urdf"))
     (tmp_path / "arm.urdf").write_text(TwoLink().urdf())
-    assert main(["record", *robot, "--seconds", "8", "-o", str(tmp_path / "plain.csv")]) == 0
+    assert main(["record", *robot, "--seconds", "4", "--rate", "500", "-o", str(tmp_path / "plain.csv")]) == 0
     rows = np.loadtxt(tmp_path / "plain.csv", delimiter=",", skiprows=1)
     rows[:, 2] = np.degrees(rows[:, 2])
     odd, model, added = (str(tmp_path / name) for name in ("odd.csv", "arm.json", "added.json"))

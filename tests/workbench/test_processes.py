@@ -12,6 +12,7 @@ import pytest
 from estimators.progress import Progress
 from pendulum_env.physics import plugin
 from tests.patience import PATIENCE, wait_until
+from workbench import processes
 from workbench.mistakes import InputError
 from workbench.processes import LOST, Done, Failed, Job, Workers
 
@@ -53,7 +54,8 @@ def vanish(tell: Progress) -> None:
 
 
 @pytest.fixture
-def workers() -> Iterator[Workers]:
+def workers(monkeypatch: pytest.MonkeyPatch) -> Iterator[Workers]:
+    monkeypatch.setattr(processes, "LIBRARIES", ())  # which take a second to load, and none of these tasks needs
     workers = Workers()
     yield workers
     workers.close()

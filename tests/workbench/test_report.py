@@ -29,7 +29,7 @@ HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
 REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "for q from 0.1 to 0.2 rad the joint needs <more>")
 
 
-def recorded(name, seed: int, seconds: float = 8.0, plant: Model = PLANT) -> Recording:
+def recorded(name, seed: int, seconds: float = 6.0, plant: Model = PLANT) -> Recording:
     rng = np.random.default_rng(seed)
     time = np.arange(round(500 * seconds)) / 500
     torque = 3 * np.sin(12.07 * time + rng.uniform(0, 6)) + 3 * np.sin(2.25 * time + rng.uniform(0, 6))

@@ -26,7 +26,7 @@ from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Step
+from estimators.selection.errors import Step
 from estimators.signals.measurements import measure_segments
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body

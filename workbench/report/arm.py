@@ -12,7 +12,8 @@ from estimators.checks.residual import REGIONS, profiles, stand_out
 from estimators.comparison import of_joints
 from estimators.diagnosis.arm import gather_arm
 from estimators.diagnosis.result import Diagnosis
-from estimators.selection.data import PreparedData, Step, inertias
+from estimators.selection.data import PreparedData
+from estimators.selection.errors import Step
 from estimators.weak_form.dataset import NEGLIGIBLE
 from pendulum_env.arms.joints import body_of, links_of
 from pendulum_env.arms.recording import of_arms
@@ -67,7 +68,7 @@ def strips(models: Sequence[Drawn], prepared: PreparedData) -> Section:
     last = models[-1][2].model
     body = links_of(last.terms)
     residuals = [prepared.residual(step.model.terms, step.model.theta) for _, _, step in models]
-    inertia = inertias(prepared.screen, last.terms)
+    inertia = prepared.inertias(last.terms)
     found, standing = [], [False] * len(residuals)
     for k, joint in enumerate(data.joints):
         part, in_units = data.part(joint), partial(body.worded, joint)

@@ -14,7 +14,7 @@ from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
 from estimators.comparison import Comparison
 from estimators.diagnosis.result import Diagnosis
-from estimators.selection.data import Step
+from estimators.selection.errors import Step
 from pendulum_env import words
 from pendulum_env.files import write_whole
 from workbench.report import arm

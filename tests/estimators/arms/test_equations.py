@@ -10,9 +10,8 @@ from benchmarks.two_link import Multisine
 from estimators import diagnose, identify
 from estimators.diagnosis.arm import gather_arm, models_of_arm
 from estimators.diagnosis.setting import Setting
-from estimators.selection.candidates import Columns
+from estimators.regression.balance import Columns
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import inertias
 from estimators.selection.models import Models
 from estimators.selection.search import select
 from pendulum_env.arms.joints import Links, arm_base, at_joint, coupling, couplings, placed
@@ -42,7 +41,7 @@ def prepared(run, base):
 @pytest.mark.parametrize("counts", [4096, 65_536])
 def test_a_whole_model_leaves_what_the_sensors_of_all_joints_give(body, base, counts):
     coarse = gather_arm([recorded(seconds=8.0, noise=1e-3, counts=counts)], base)
-    felt, residual = inertias(coarse.screen, base), coarse.screen.residual(base)
+    felt, residual = coarse.inertias(base), coarse.regression.residual(base)
     for joint in body.joints:
         part = coarse.data.part(joint)
         left = part.structure(residual[coarse.data.where(joint)], felt[joint])
@@ -56,12 +55,12 @@ LAWS = ("load_dependent_friction", "torque_saturation", "actuator_lag", "torque_
 @pytest.mark.parametrize("other", [None, "load_dependent_friction", "torque_saturation"])
 def test_what_other_joints_share_may_be_condensed_wherever_a_law_acts(body, prepared, base, joint, law, other):
     at, elsewhere = body.joints[joint], body.joints[1 - joint]
-    screen = prepared.screen
+    regression = prepared.regression
     terms = base if other is None else (*base, at_joint(effect(other), elsewhere)())
     variant = at_joint(effect(law), at)()
-    (own,) = screen.columns([variant])
-    whole = screen._balance((*terms, variant), [*(screen.columns([t])[0] for t in terms), own], screen.weights(terms))
-    small = screen._beside(terms, prepared.data.where(at))(variant, own)
+    (own,) = regression.columns([variant])
+    whole = regression.assembled((*terms, variant), [*regression.parts(terms), own], regression.weights(terms))
+    small = regression.beside(terms, prepared.data.where(at))(variant, own)
     assert isinstance(own, Columns) and len(small.y) <= len(whole.y)
     left, full = (np.linalg.norm(one.weights * one.error(one.solve())) for one in (small, whole))
     assert left == pytest.approx(full, rel=1e-5)

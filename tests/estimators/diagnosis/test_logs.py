@@ -103,7 +103,7 @@ def test_stops_that_turn_the_joint_round_within_a_few_samples_are_found(bouncing
 
 
 @pytest.mark.slow
-def test_of_one_blow_that_turns_the_joint_round_nothing_is_learnt(monkeypatch):
+def test_of_one_blow_that_turns_the_joint_round_nothing_is_learnt():
     struck = recording("struck")
     struck = replace(struck, torque=struck.torque - BLOW)
     prepared = gather([struck])
@@ -111,8 +111,7 @@ def test_of_one_blow_that_turns_the_joint_round_nothing_is_learnt(monkeypatch):
     found = diagnosed([struck])
     assert found.selected == ()
     assert found.unexplained
-    monkeypatch.setattr("estimators.selection.data.REPEATED", 1)
-    assert with_impacts(prepared, BASE)[0].data.impacts == 1  # it was seen
+    assert with_impacts(prepared, BASE, repeated=1)[0].data.impacts == 1  # it was seen
 
 
 @pytest.mark.slow

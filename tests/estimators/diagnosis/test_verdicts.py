@@ -147,9 +147,9 @@ def test_torque_is_not_explained_by_torque():
     """In creep |tau + w sin q| sgn q' may be the torque itself: gears that eat it all would explain everything."""
     models = Models(*gather([recording("creep")]))
     base = settle(models, BASE)
-    alone = np.std(models.screen.residual(base))
-    for friction in effect("load_dependent_friction").grid(models.train.samples, models.screen.residual(base)):
-        balance = models.screen.balance((*base, friction))
+    alone = np.std(models.regression.residual(base))
+    for friction in effect("load_dependent_friction").grid(models.train.samples, models.regression.residual(base)):
+        balance = models.regression.balance((*base, friction))
         eaten = balance.y - balance.phi @ np.linalg.lstsq(balance.phi, balance.y, rcond=None)[0]
         assert np.std(eaten) < models.left.floor < 0.9 * alone  # of the equation nothing is left,
         assert np.std(balance.error(balance.solve())) > 0.99 * alone  # and nothing is explained

@@ -63,6 +63,7 @@ def pressed() -> list[Recording]:
     return recorded({"load_dependent_friction": {"load_mu": 0.0, "load_w": 0.0, "load_out": 0.3}})
 
 
+@pytest.mark.slow
 def test_a_law_without_a_name_is_kept_as_a_table_of_a_servo():
     rubs = recorded({"friction_spot": {"spot_f": 0.08, "spot_q": 0.3, "spot_w": 0.2}})
     added = add(Model.build(BASE, list(TRUE.values())), "friction_by_angle", rubs[:2], rubs[2:])

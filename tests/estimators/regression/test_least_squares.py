@@ -7,9 +7,10 @@ import pytest
 from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
+from estimators.regression.balance import Balance
 from estimators.regression.equations import Equations
-from estimators.regression.least_squares import Balance, jackknife, least_squares, solve
-from estimators.weak_form.shapes import cross_entropy, gauss_newton
+from estimators.regression.least_squares import jackknife, least_squares, solve
+from estimators.weak_form.shapes import cross_entropy, refined
 from pendulum_env.physics import Samples, Term, effect
 
 
@@ -205,7 +206,7 @@ def test_gauss_newton_finds_the_minimum_over_a_shape_parameter(id, shape, truth,
     y = y + sum(c * column.torque(x, 0.0) for c, column in zip(theta, term.columns, strict=True))
     y = y + sum(column.torque(x, 0.0) for column in term.fixed)
     residuals = projected(x, y)
-    found = gauss_newton(kind(**{shape: start}), residuals)
+    found = refined(kind(**{shape: start}), residuals)
     assert found.shape[shape] == pytest.approx(truth, rel=1e-3 if noise == 0 else 0.05)
     least = np.linalg.norm(residuals([found])[0])
     nearby = [kind(**{shape: found.shape[shape] * factor}) for factor in (0.99, 1.01)]
@@ -214,10 +215,10 @@ def test_gauss_newton_finds_the_minimum_over_a_shape_parameter(id, shape, truth,
 
 def test_gauss_newton_stays_within_limits_and_leaves_integers_alone():
     x, start = samples(), effect("stribeck")(stribeck_velocity=0.05)
-    found = gauss_newton(start, lambda variants: [np.full(5, v.shape["stribeck_velocity"]) for v in variants])
+    found = refined(start, lambda variants: [np.full(5, v.shape["stribeck_velocity"]) for v in variants])
     assert found.shape["stribeck_velocity"] == effect("stribeck").shapes[0].low
     for term in (effect("spring")(), effect("cogging")(order=9.0)):
-        assert gauss_newton(term, projected(x, x.position + np.sin(12 * x.position))) is term
+        assert refined(term, projected(x, x.position + np.sin(12 * x.position))) is term
 
 
 def test_cross_entropy_finds_a_minimum_among_many():

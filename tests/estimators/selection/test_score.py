@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from estimators.regression.least_squares import Balance
+from estimators.regression.balance import Balance
 from estimators.selection.score import FOLDS, NU, Blocks, Bootstrap, cross_validated, predicted
 
 

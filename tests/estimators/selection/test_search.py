@@ -11,7 +11,6 @@ from estimators.selection.physical import beyond
 from estimators.selection.search import Selection, select
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
-from tests import slow
 from tests.cases import recorded
 
 
@@ -40,9 +39,10 @@ def test_a_torque_that_wanders_is_given_no_name():
     assert searched(Plant(effects=walk), train, test)[1] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "table"),
-    slow.but_first(
+    (
         [
             (
                 {"friction_spot": {"spot_f": 1.0, "spot_q": 0.3, "spot_w": 0.2}, "torque_offset": {"offset": 0.2}},
@@ -119,4 +119,4 @@ def test_a_law_that_imitates_another_does_not_fit_where_the_joint_moves_otherwis
         train, test = recorded(plant, slow, fast)
         models = Models(*gather([train], [test]))
         assert models.left.fits(model) == right
-        assert models.left.is_noise(models.train, models.screen.residual(model))
+        assert models.left.is_noise(models.train, models.regression.residual(model))

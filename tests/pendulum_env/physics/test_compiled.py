@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendulum_env.physics import BASE, Column, KnownLoad, Samples, Term, compiled, effects, simulate
@@ -52,6 +52,7 @@ def computed(result, x, y=0.0) -> np.ndarray:
     return program(x[None, None], np.empty((0, 1, len(x))), y[None, None])[1, 0, 0]
 
 
+@settings(max_examples=50)  # a program is compiled for each
 @given(expressions, st.lists(st.tuples(numbers, numbers), min_size=1, max_size=9))
 def test_an_expression_has_the_value_that_numpy_gives_it(expression, values):
     x, y = np.array(values).T
@@ -152,7 +153,7 @@ def stepped(model, torque, load=UNLOADED) -> np.ndarray:
 @pytest.mark.parametrize("id", [id for id in effects() if id != "dead_time"])
 def test_every_effect_moves_as_its_own_step_says(id, load):
     model = hide(paper_plant(), id)
-    torque = 4.0 * np.random.default_rng(0).standard_normal((400, LANES)).cumsum(axis=0) / 8
+    torque = 4.0 * np.random.default_rng(0).standard_normal((150, LANES)).cumsum(axis=0) / 8
     assert prepared(model.terms, bool(load), H).step is not None
     path = simulate(model.terms, model.theta, H, torque, [0.3, -1.0, 2.0], [0.0, 1.0, -2.0], load=load)
     np.testing.assert_allclose(path.position, stepped(model, torque, load), rtol=0, atol=1e-10)

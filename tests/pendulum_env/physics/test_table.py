@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from pendulum_env.mistake import Mistake
@@ -66,10 +66,10 @@ def test_every_column_is_a_cubic_spline_and_together_they_are_all_there_are(kind
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_table_says_nothing_that_the_base_model_says(kind):
     low, high, *_ = kind.extent
-    for k in range(len(kind().columns)):
-        for law in SAID_ALREADY.get(kind.id, []):
-            inner = quad(lambda x, k=k, law=law: values(kind, [x])[0, k] * law(x), low, high, limit=400)[0]
-            assert abs(inner) < 2e-3 * (high - low)
+    x = low + (high - low) * (np.arange(20_000) + 0.5) / 20_000
+    for law in SAID_ALREADY.get(kind.id, []):
+        inner = np.mean(values(kind, x) * np.broadcast_to(law(x), x.shape)[:, None], axis=0)
+        assert np.abs(inner).max() < 2e-3
     if kind.id == "gain_by_speed":
         np.testing.assert_allclose(values(kind, [0.0]), 0.0, atol=1e-12)
 

@@ -2,6 +2,7 @@
 
 import io
 import json
+import pickle
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import TwoLink
+from estimators.progress import no_progress
 from pendulum_env.arms import at_joint
 from pendulum_env.arms.joints import Links, arm_base
 from pendulum_env.arms.model import ArmModel
@@ -18,7 +20,6 @@ from pendulum_env.physics.friction import Stribeck
 from pendulum_env.reading import Unreadable
 from pendulum_env.recording import write_recording
 from tests import robots
-from tests.patience import PATIENCE
 from tests.two_link import recorded
 from tests.workbench.app.plants import files_of, upload, url
 from workbench.cli import main
@@ -46,7 +47,11 @@ def two_link(folder: Path, seconds: float = 6.0) -> tuple[Path, Path]:
 
 
 @pytest.fixture
-def session(tmp_path):
+def session(tmp_path, monkeypatch):
+    """A session whose jobs, as they travel to another process, are done in this one at once."""
+    monkeypatch.setattr(
+        Session, "work", lambda self, title, task, keep: keep(pickle.loads(pickle.dumps(task))(no_progress))
+    )
     session = Session(tmp_path / "session")
     yield session
     session.end()
@@ -55,10 +60,6 @@ def session(tmp_path):
 
 def drop(session, *files: Path) -> None:
     session.act(lambda: session.receive([(file.name, url(file.read_bytes())) for file in files], unwrap=False))
-
-
-def work(session) -> None:
-    assert session.notice == "" and session.job.over.wait(PATIENCE)
 
 
 def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkeypatch):
@@ -70,11 +71,10 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     assert told(state)[1].startswith("The torque of elbow is")
     assert effects_to_choose(state.body, tables=True)["torque_by_angle@elbow"].endswith("at elbow")
     session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow")))
-    work(session)
+    assert session.notice == ""
     assert session.state.found == ("torque_offset@elbow",)
     assert told(session.state)[1] == "Missing: torque_offset@elbow"
     session.act(lambda: add.start(session, "torque_offset@elbow"))
-    work(session)
     state = session.state
     before, after = (rung.errors["holdout"].joints["elbow"] for rung in state.ladder)
     assert state.added == ("torque_offset@elbow",) and not state.found and after < 0.2 * before
@@ -214,7 +214,6 @@ def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):
     session.act(lambda: session.take_robot(RobotFile(file, bolted=True, rotors=True, weightless=True)))
     drop(session, run)
     session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow", "torque_offset@shoulder")))
-    work(session)
     first, second = export.commands(session.state).splitlines()
     assert first.endswith("--rotors --no-gravity --scheme filtered_dynamic -o model.json")
     assert "--only=torque_offset,spring@elbow --without=torque_offset@shoulder" in second

@@ -48,20 +48,20 @@ STAGES = {
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with `swing.csv`, a pendulum with hidden Stribeck friction, and `broken.csv`."""
     folder = tmp_path_factory.mktemp("runs")
-    write_recording(recorded("swing", 1, 10.0), folder / "swing.csv")
+    write_recording(recorded("swing", 1, 10.0, rate=250.0), folder / "swing.csv")
     (folder / "broken.csv").write_text("time,position,torque\n0,0,0\n0.001,nan,0\n")
     return folder
 
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    with served() as (address, _):
+    with served(end=signal.SIGINT) as (address, _):
         yield address
 
 
 @contextmanager
-def served(*options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
-    """Address of a server of its own, started as a user starts it, and its process."""
+def served(*options: str, end: int = signal.SIGTERM) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
+    """Address of a server of its own, started as a user starts it and ended by a signal, and its process."""
     command = [sys.executable, "-m", "workbench.cli", "app", "--port", "0", "--no-browser", *options]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}
@@ -71,7 +71,7 @@ def served(*options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
         try:
             yield next(found[0] for found in said if found), server
         finally:
-            server.terminate()
+            server.send_signal(end)
             assert server.wait(PATIENCE) == 0
 
 
@@ -227,7 +227,6 @@ def test_a_file_is_not_lost_where_the_page_is_drawn_anew_while_it_is_chosen_or_r
 
 def test_the_story_from_loading_to_undo(tab, folder):
     page = tab.page
-    tab.picture("1-data-empty")
     tab.load(folder / "broken.csv")
     page.wait_for_selector("#notice:has-text('broken.csv')")
     assert tab.title() == "What does your model lack?"
@@ -241,11 +240,9 @@ def test_the_story_from_loading_to_undo(tab, folder):
     page.wait_for_selector("td:has-text('swing')")
     assert tab.title() == "Something is missing in this model"
     tab.go("data")
-    tab.picture("2-data")
     tab.go("model")
     assert page.locator(".model .js-plotly-plot").count() == 4
     assert all(scheme in page.inner_text("#stage") for scheme in ("Dynamic", "Energy", "Filtered Hamiltonian"))
-    tab.picture("3-model")
 
     tab.go("compare")
     page.wait_for_timeout(500)  # a plot takes no box before it has settled
@@ -259,14 +256,12 @@ def test_the_story_from_loading_to_undo(tab, folder):
     assert tab.lit("map")["x"] and set(tab.lit("time")["x"]) <= {
         t for t in tab.lit("time")["x"] if from_ - 0.1 <= t <= to + 0.1
     }
-    tab.picture("4-compare")
 
     tab.go("diagnose")
     page.click(press("diagnose"))
     page.wait_for_selector(".ranking")
     assert tab.title() == "Stribeck friction is missing"
     assert "lowers the held-out errors" in page.inner_text(".ranking tbody tr")
-    tab.picture("5-diagnose")
 
     before = number_after("fitted to, the torque error is", page.inner_text("#story"))
     page.get_by_role("button", name="Add Stribeck friction").click()
@@ -280,14 +275,12 @@ def test_the_story_from_loading_to_undo(tab, folder):
           (plot) => plot.data.filter((trace) => trace.marker).map((trace) => [...trace.y]))"""
     )
     assert len(falls) == 4 and all(after < before for before, after in falls)  # torque and motion, fitted and held out
-    tab.picture("6-add")
 
     tab.go("export")
     assert "pendulum-ident add model.json stribeck swing.csv" in page.inner_text("#commands")
     report = tab.save("report.html").read_text(encoding="utf-8")
     assert "Stribeck friction is missing" in report
     assert Model.from_json(json.loads(tab.save("model.json").read_text())).effects == ("stribeck",)
-    tab.picture("7-export")
 
     tab.go("add")
     page.click(press("undo"))
@@ -310,6 +303,7 @@ def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_s
     tab.go("compare")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
 def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(browser, folder):
     with served(str(folder / "swing.csv")) as (address, server):
@@ -374,12 +368,10 @@ def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab, folder, w
     assert 0.5 < float(page.input_value(of("from", 0))) < 1.5
     cut = "() => [...document.querySelectorAll('.scroll')].filter((one) => one.scrollWidth > one.clientWidth).length"
     assert page.evaluate(cut) == 0
-    tab.picture(f"columns-{width}")
     page.click(press("card-load"))
     page.wait_for_selector(press("align"))
     assert page.locator(".card").count() == 0 and "ms late" in page.inner_text("#stage")
     before = tab.title(), page.inner_text(".so-far .lead b")
-    tab.picture(f"late-{width}")
     page.click(press("align"))
     page.wait_for_selector(press("align-back"))
     assert (tab.title(), page.inner_text(".so-far .lead b")) != before
@@ -492,7 +484,6 @@ def test_the_live_view_converges_and_becomes_a_recording(tab):
     assert tab.title() == "Estimates as they converge"  # whatever else is known
     page.wait_for_selector("#pendulum .arm[transform]", state="attached")
     page.wait_for_function("() => parseFloat(document.querySelector('#live-said').textContent) > 2")
-    tab.picture("8-live")
     row = page.inner_text("#live-table tbody tr").split("\t")
     assert float(row[1].split(" ± ")[0]) == pytest.approx(0.0895, rel=0.02)
     wide, seen = (
@@ -566,6 +557,7 @@ def test_a_fleet_is_walked_from_the_workbench_to_a_case_and_back(browser, tmp_pa
         tab.close()
 
 
+@pytest.mark.slow
 def test_an_arm_from_its_file_to_an_effect_at_a_joint(tab, tmp_path):
     page = tab.page
     tab.load(*two_link(tmp_path))
@@ -584,7 +576,6 @@ def test_an_arm_from_its_file_to_an_effect_at_a_joint(tab, tmp_path):
     assert tab.title() == "Missing: torque_offset@elbow"
     page.get_by_role("button", name="Add torque offset at elbow").click()
     page.wait_for_selector("p:has-text('All that the diagnosis calls for is in the model')")
-    tab.picture("arm-diagnose")
     tab.go("add")
     assert "torque_offset@elbow" in page.inner_text("#stage")
     tab.go("export")

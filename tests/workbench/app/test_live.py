@@ -81,6 +81,7 @@ def test_a_run_that_cannot_be_is_refused_in_the_words_of_the_command_line():
         begun("--excitation=noise")
 
 
+@pytest.mark.slow
 def test_a_policy_drives_and_keeps_to_its_constraint():
     run = begun("--backend=pymunk", "--excitation=rl", "--policy=peak", "--seconds=2")
     finish(run)

@@ -42,13 +42,13 @@ def plain(record: object) -> object:
 def worked(tmp_path_factory: pytest.TempPathFactory) -> Session:
     """A session that has chosen columns, held a recording out, known a value, diagnosed and added what was found."""
     folder = tmp_path_factory.mktemp("worked")
-    swing = recorded("swing", 1, 8.0)
+    swing = recorded("swing", 1, 8.0, rate=250.0)
     rows = zip(1e3 * swing.time, -6 * swing.position, swing.torque / 0.091, strict=True)
     text = "clock,angle,current\n" + "".join(f"{t:.9g},{q:.12g},{i:.12g}\n" for t, q, i in rows)
     session = Session(folder / "session")
     upload(session, "swing.csv", text.encode())
     session.act(lambda: session.answer(session.cards[0].told(CHOICES, False, (0.0, 7.0))))
-    session.act(lambda: session.load([written(recorded("check", 2, 5.0), folder, held_out=True)]))
+    session.act(lambda: session.load([written(recorded("check", 2, 5.0, rate=250.0), folder, held_out=True)]))
     session.act(lambda: look_for(session, ASKED))
     state = session.state
     found = diagnose(state.train, state.holdout, state.model.terms, **ASKED.effects, **ASKED.limits)

@@ -50,7 +50,7 @@ from workbench.app.session import Session, Sessions
 from workbench.app.stages import compare, data, export, live
 from workbench.app.stages.compare import MAP, PHASE, TIME, inside, lit, within
 from workbench.app.stages.export import commands
-from workbench.app.state import Loaded, State
+from workbench.app.state import Asked, Loaded, State
 from workbench.app.uploads import safe_name, unpack
 from workbench.cli import main
 from workbench.mistakes import InputError
@@ -80,7 +80,8 @@ def session(tmp_path: Path) -> Session:
 
 @pytest.fixture(scope="module")
 def state(swing: Recording) -> State:
-    return State((loaded(swing),))
+    """A session's that looks for two effects alone."""
+    return State((loaded(swing),), asked=Asked(only="stribeck,quadratic_drag"))
 
 
 # ------------------------------------------------------------------------------------------------ files
@@ -422,7 +423,7 @@ def worked(state: State) -> dict[str, State]:
     begun = state.anew(terms=drag.terms, model_file="start.json")
     states = {}
     for name, one in (("paper", state), ("file", begun)):
-        named = one.diagnosed(diagnosed(one.train, base=one.base_terms))
+        named = one.diagnosed(diagnosed(one.train, base=one.base_terms, **one.asked.effects))
         states[name] = named.with_step(add(one.model, "stribeck", one.train))
     return states
 
@@ -483,7 +484,7 @@ def test_every_effect_has_a_picture_beside_the_residual(session, worked):
 def test_a_recording_of_another_plant_is_named_where_it_is_loaded(session):
     def of(name: str, seed: int, plant: Model) -> Loaded:
         rng = np.random.default_rng(seed)
-        return loaded(record(plant, excitation("paper", rng, 12.0), 12.0, 500.0, rng=rng, name=name))
+        return loaded(record(plant, excitation("paper", rng, 12.0), 12.0, 250.0, rng=rng, name=name))
 
     one, other = of("one", 1, paper_plant()), of("other", 2, paper_plant())
     assert State((one, other)).disagreements == ()

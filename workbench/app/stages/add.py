@@ -9,7 +9,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from estimators.diagnosis.result import looks
-from estimators.selection.data import Step
+from estimators.selection.errors import Step
 from pendulum_env.words import listing, name, number, opening
 from workbench.app.parts import button, effects_to_choose, field, fragment, graph, labelled, panel
 from workbench.app.session import Session

@@ -9,9 +9,10 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.preprocessing import gather
-from estimators.regression.least_squares import Balance
-from estimators.selection.candidates import Screen, depends_on_torque
+from estimators.regression.balance import Balance
+from estimators.selection.columns import depends_on_torque
 from estimators.selection.models import Models
+from estimators.selection.regression import Regression
 from estimators.weak_form.dataset import prepare
 from pendulum_env.filters import lag
 from pendulum_env.physics import BASE, Column, Samples, Shape, Term, effects
@@ -68,8 +69,8 @@ LAWS = {kind.id: kind for kind in (*effects().values(), Squashed, TwoLags) if de
 
 
 @pytest.fixture(scope="module")
-def screen() -> Screen:
-    return Screen(prepare(recorded(Plant(), Experiment(rate=500.0, seconds=6.0, seed=1, excitation="pd_loop"))))
+def regression() -> Regression:
+    return Regression(prepare(recorded(Plant(), Experiment(rate=500.0, seconds=6.0, seed=1, excitation="pd_loop"))))
 
 
 def unpredicted(balance: Balance, theta: np.ndarray) -> np.ndarray:
@@ -79,43 +80,43 @@ def unpredicted(balance: Balance, theta: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("id", LAWS)
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5])
-def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(screen: Screen, id: str, share: float):
+def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(regression: Regression, id: str, share: float):
     """Of a model whose motion takes no torque, all that was recorded is left, whatever becomes of it on the way."""
-    recorded = screen.data.torque()
-    for term in LAWS[id].grid(screen.data.samples, recorded):
-        balance = screen.balance((*BASE, term))
+    recorded = regression.data.torque()
+    for term in LAWS[id].grid(regression.data.samples, recorded):
+        balance = regression.balance((*BASE, term))
         theta = np.where(balance.of_torque, np.minimum(balance.most, share), 0.0)
         left = np.linalg.norm(unpredicted(balance, theta))
         assert left > 0.9 * np.linalg.norm(recorded), term  # all but what the least slope of an equation hides
 
 
-def test_a_bent_torque_is_solved_for_what_was_recorded(screen: Screen):
+def test_a_bent_torque_is_solved_for_what_was_recorded(regression: Regression):
     """Half of a limit is the torque of artanh 1/2: as much of it as the law takes has been recorded, not less."""
-    limit = 2.0 * float(np.abs(screen.data.torque()).max())
+    limit = 2.0 * float(np.abs(regression.data.torque()).max())
     term = effects()["torque_saturation"](limit)
-    balance = screen.balance((*BASE, term))
-    theta = screen.solve(BASE)
-    need = screen.data.equations(BASE).phi @ theta
-    exact = screen.data.torque() - limit * np.arctanh(need / limit)
+    balance = regression.balance((*BASE, term))
+    theta = regression.solve(BASE)
+    need = regression.data.equations(BASE).phi @ theta
+    exact = regression.data.torque() - limit * np.arctanh(need / limit)
     np.testing.assert_allclose(unpredicted(balance, theta), exact, atol=5e-3 * limit)
 
 
-def test_torque_behind_a_lag_is_predicted_with_its_lead(screen: Screen):
+def test_torque_behind_a_lag_is_predicted_with_its_lead(regression: Regression):
     """(1 + T d/dt) of a torque that is a function of the motion, here of gravity alone."""
     term = effects()["actuator_lag"](0.03)
-    balance = screen.balance((*BASE, term))
+    balance = regression.balance((*BASE, term))
     theta = np.array([0.0, 2.0, 0.0, 0.0])
-    (w,) = screen.data.windows
+    (w,) = regression.data.windows
     rate = np.cos(w.samples.position) * w.samples.velocity
     led = 2.0 * w.average(np.sin(w.samples.position) + 0.03 * rate)
-    np.testing.assert_allclose(unpredicted(balance, theta), screen.data.torque() - led, atol=5e-3)
+    np.testing.assert_allclose(unpredicted(balance, theta), regression.data.torque() - led, atol=5e-3)
 
 
-def test_a_lag_of_a_torque_that_is_none_leaves_what_the_joint_needs(screen: Screen):
+def test_a_lag_of_a_torque_that_is_none_leaves_what_the_joint_needs(regression: Regression):
     """A free swing, held out: nothing is taken away, and nothing is blown up."""
-    (w,) = screen.data.windows
+    (w,) = regression.data.windows
     free = Recording("free", w.recording.time, w.recording.position, np.zeros(len(w.recording)))
-    own = Screen(prepare([free]))
+    own = Regression(prepare([free]))
     theta = np.array([0.09, 2.0, 0.36, 0.9])
     lagging, plain = (own.balance(terms).error(theta) for terms in ((*BASE, effects()["actuator_lag"](0.03)), BASE))
     np.testing.assert_allclose(lagging, plain, rtol=1e-9)
@@ -127,5 +128,5 @@ def test_a_filter_that_makes_the_torque_smaller_counts_by_what_was_recorded():
     hum = 3.0 * np.sin(2 * np.pi * 15.0 * run.time)
     models = Models(*gather([replace(run, torque=run.torque + hum)]))
     lag, base = (*BASE, effects()["actuator_lag"](0.01)), tuple(BASE)
-    assert np.std(models.screen.residual(lag)) < 0.9 * np.std(models.screen.residual(base))
+    assert np.std(models.regression.residual(lag)) < 0.9 * np.std(models.regression.residual(base))
     assert models.density(lag).sum() < models.density(base).sum()

@@ -1,0 +1,90 @@
+"""Errors of models on recordings, and steps from one model to a larger one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pendulum_env._typing import JSON, Array
+from pendulum_env.physics import Model
+from pendulum_env.physics.term import loads
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of a model on a recording.
+
+    Attributes:
+        torque_rms: the paper's norm (10) of measured minus modelled torque over the windows used [N m].
+        position_rms: free-running simulation against measured position over one-second windows [rad].
+        torque_fit: 100 % less the torque error relative to the torque's own deviation from its mean; 100 is perfect, at
+            0 a constant would do as well [%]. NaN where nobody has counted.
+        position_fit: the same of position in free run, relative to the deviation in each one-second window [%].
+        joints: torque errors of the joints by name [N m].
+        shares: of an arm, what these are of the root mean square of the joint's torque; None without a motor.
+        in_loop: mean absolute error of whole recordings that are simulated with their controller in the loop [rad].
+        in_loop_rms: root mean square of the same [rad].
+
+    What cannot be simulated has NaN for a position error.
+    """
+
+    torque_rms: float
+    position_rms: float
+    torque_fit: float = np.nan
+    position_fit: float = np.nan
+    joints: Mapping[str, float] = field(default_factory=dict)
+    shares: Mapping[str, float | None] = field(default_factory=dict)
+    in_loop: float = np.nan
+    in_loop_rms: float = np.nan
+
+    def with_loop(self, missed: Array) -> Errors:
+        """The same with those of positions (R,) [rad] that were simulated with the controller in the loop."""
+        mean, rms = float(np.mean(np.abs(missed))), float(np.sqrt(np.mean(missed**2)))
+        return replace(self, in_loop=mean, in_loop_rms=rms)
+
+    @property
+    def is_in_loop(self) -> bool:
+        """Whether there are errors of motion that was simulated with the controller in the loop."""
+        return bool(np.isfinite(self.in_loop))
+
+    def at(self, joint: str) -> float:
+        """Torque error at a joint [N m], or error in the loop [rad]."""
+        return self.in_loop if self.is_in_loop else error_at(self.joints, joint, self.torque_rms)
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        told = {
+            name: getattr(self, name)
+            for name in ("torque_rms", "position_rms", "torque_fit", "position_fit", "in_loop", "in_loop_rms")
+        }
+        return {name: value for name, value in told.items() if np.isfinite(value)}
+
+
+def error_at(joints: Mapping[str, float], at: str, otherwise: float) -> float:
+    """Root mean square of the errors of the joints that a term loads, of all joints by name [N m]."""
+    own = [joints[joint] for joint in loads(at) if joint in joints]
+    return float(np.sqrt(np.mean(np.square(own)))) if own else otherwise
+
+
+def noise_floor(scatter: float, errors: Iterable[Errors]) -> float:
+    """Torque error that noise alone gives [N m]: by the scatter of the log, and no more than a model leaves."""
+    return min(scatter, *(error.torque_rms for error in errors))
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung of the ladder: the effect that was added (None: the base model) and the errors after the refit."""
+
+    added: str | None
+    model: Model
+    errors: Mapping[str, Errors]  # "train", "holdout"
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {
+            "added": self.added,
+            "theta": {name: estimate.json() for name, estimate in self.model.estimates.items()},
+            "errors": {part: errors.json() for part, errors in self.errors.items()},
+        }

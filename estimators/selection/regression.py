@@ -1,0 +1,167 @@
+"""Least squares fits of sets of terms to windows of data, weighted by recording; what was fitted once is kept.
+
+Recordings count by what a first fit leaves of them, so that one with something unexplained spoils none of the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.kept import kept
+from estimators.regression.balance import Balance, Columns, Tangent, condensed, placed
+from estimators.regression.least_squares import quietest_most
+from estimators.selection.columns import ColumnCutter, bounds
+from estimators.selection.score import BLOCK, FOLDS
+from estimators.weak_form.dataset import Dataset
+from estimators.weak_form.shapes import shape_slopes
+from pendulum_env._typing import Array, Index
+from pendulum_env.physics import Term
+
+
+class Regression:
+    """Fits of sets of terms to one dataset.
+
+    Attributes:
+        data: windows of recordings.
+    """
+
+    def __init__(self, data: Dataset) -> None:
+        self.data = data
+        self._cutter = ColumnCutter(data)
+        self._torque = data.net_torque()
+        self._owner = data.recording_of_window
+        self._fold: Index = data.blocks(BLOCK)[0] % FOLDS
+
+    def columns(self, variants: Sequence[Term]) -> list[Columns]:
+        """Windowed columns of each variant of one effect, on the rows of its joint."""
+        return self._cutter.columns(variants)
+
+    def cut(self, variants: Sequence[Term]) -> list[Columns]:
+        """The same, of variants that are met only once: they are not kept."""
+        return self._cutter.cut(variants)
+
+    def placed(self, terms: Sequence[Term], parts: Sequence[Array]) -> Array:
+        """Columns of some terms side by side (R, P), each on the rows of its joint."""
+        return placed(
+            len(self._torque), [(self.data.where(term.at), own) for term, own in zip(terms, parts, strict=True)]
+        )
+
+    def balance(self, terms: Sequence[Term]) -> Balance:
+        """Equations of some terms, with smaller weights for recordings of larger residuals."""
+        return self.assembled(terms, self.parts(terms), self.weights(terms))
+
+    def equations(self, terms: Sequence[Term]) -> Balance:
+        """The same, weighted by noise alone."""
+        return self.assembled(terms, self.parts(terms), self.data.weights)
+
+    def parts(self, terms: Sequence[Term]) -> list[Columns]:
+        """Columns of each of some terms."""
+        return [self.columns([term])[0] for term in terms]
+
+    def assembled(self, terms: Sequence[Term], parts: Sequence[Columns], weights: Array) -> Balance:
+        """Equations of some terms from the columns of each and weights (R,)."""
+        rows = [self.data.where(term.at) for term in terms]
+        balance = Balance.of(self._torque, weights).beside(
+            list(zip(rows, parts, strict=True)), *bounds(terms), self._cutter.pushes
+        )
+        if not any(term.lead for term in terms):
+            return balance
+        unfiltered, lead = self._torque.copy(), np.zeros(len(weights))
+        for here, term, part in zip(rows, terms, parts, strict=True):
+            unfiltered[here] -= 0.0 if term.lead else part.fixed
+            lead[here] += term.lead
+        ahead = balance.phi + lead[:, None] * self.placed(terms, [self._cutter.rates(term) for term in terms])
+        y = unfiltered - lead * self.data.load_rates
+        return replace(balance, recorded=replace(balance, phi=ahead, y=y, passed=1.0))
+
+    def beside(self, terms: Sequence[Term], here: slice) -> Callable[[Term, Columns], Balance]:
+        """Function that gives equations of the terms and a variant at some rows, given its columns.
+
+        What the terms share is made once, and of other joints, where nothing is bent, no more is kept than their fit.
+        """
+        if not terms or any(term.lead for term in terms):  # there is nothing to begin with, or that is seen twice
+            shared, w = self.parts(terms), self.weights(terms)
+            return lambda variant, own: self.assembled((*terms, variant), [*shared, own], w)
+        first, pushes = self.balance(terms), self._cutter.pushes
+        elsewhere = np.ones(len(pushes), dtype=bool)
+        elsewhere[here] = False
+        if elsewhere.any() and first.unbent[elsewhere].all():
+            first, own_pushes = condensed(first, elsewhere), pushes[here]
+            wide = np.tile(pushes.max(axis=0), (len(first.y) - len(own_pushes), 1))
+            here, pushes = slice(0, len(own_pushes)), np.concatenate([own_pushes, wide])
+        return lambda variant, own: first.beside([(here, own)], *bounds([variant]), pushes)
+
+    @kept
+    def solve(self, terms: Sequence[Term]) -> Array:
+        """Linear parameters (P,) of the terms, fitted to all windows."""
+        return self.balance(terms).solve()
+
+    def solve_without(self, terms: Sequence[Term]) -> Array:
+        """Linear parameters of the terms without each fold of blocks (FOLDS, P)."""
+        return self.balance(terms).solve_without(self._fold, FOLDS)
+
+    def weights(self, terms: Sequence[Term]) -> Array:
+        """Weight of each equation (R,), smaller for recordings of larger residuals."""
+        if len(self.data.windows) == 1 or not terms:
+            return self.data.weights
+        return self._weight_of_each(terms)[self._owner]
+
+    @kept
+    def _weight_of_each(self, terms: Sequence[Term]) -> Array:
+        """Weight of each recording (E,)."""
+        balance, counts = self.equations(terms), np.bincount(self._owner)
+        squares = np.bincount(self._owner, balance.error(balance.solve()) ** 2).astype(float)
+        return quietest_most(squares, counts, self.data.least())
+
+    def as_fitted(self, terms: Sequence[Term]) -> tuple[Term, ...]:
+        """The terms with shape parameters that follow others as these were fitted: a search sets them itself."""
+        return tuple(terms)
+
+    def settle(self, terms: Sequence[Term]) -> tuple[Term, ...]:
+        """The terms fitted as closely as can be: they always are."""
+        return tuple(terms)
+
+    @kept
+    def tangent(self, terms: Sequence[Term]) -> Tangent:
+        """Errors near the fit of the terms, to first order."""
+        return self.balance(terms).tangent()
+
+    @kept
+    def frame(self, terms: Sequence[Term]) -> Array:
+        """Orthonormal basis (R, P) of changes of the weighted errors by the parameters."""
+        return np.linalg.qr(self.tangent(terms).slopes * self.weights(terms)[:, None])[0]
+
+    def residual(self, terms: Sequence[Term]) -> Array:
+        """Torque (R,) that a fit of the terms does not predict [N m]."""
+        return self.balance(terms).error(self.solve(terms))
+
+    def hidden_noise(self, terms: Sequence[Term]) -> list[tuple[slice, float]]:
+        """Variance of torque noise that terms filter out of the equations, with the rows of the joint [(N m)^2].
+
+        It still counts as error: a lag smooths the noise of the torque together with the torque, which must not raise
+        its likelihood.
+        """
+        filters = [term for term in terms if term.fixed and term.has_state()]
+        return [(self.data.where(term.at), self._absorbed(term)) for term in filters]
+
+    @kept
+    def _absorbed(self, term: Term) -> float:
+        return self.data.part(term.at).absorbed(term)
+
+    def shape_jacobian(self, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
+        """Derivatives (R, S) of the modelled torque with respect to continuous shape parameters, and their names."""
+        slopes: dict[str, Array] = {}
+        first = 0
+        for term in terms:
+            own = theta[first : (first := first + len(term.columns))]
+
+            def torques(variants: Sequence[Term], own: Array = own) -> list[Array]:
+                return [linear @ own + fixed for linear, fixed in self.data.columns(variants)]
+
+            for name, slope in shape_slopes(term, torques).items():
+                slopes[name] = whole = np.zeros(len(self.data.weights))
+                whole[self.data.where(term.at)] = slope
+        return np.column_stack([np.empty((len(self.data.weights), 0)), *slopes.values()]), list(slopes)
