@@ -48,19 +48,6 @@ def unit_of(recordings: Sequence[Recording]) -> str:
     return units[0]
 
 
-def further(recordings: Sequence[Recording]) -> list[Recording]:
-    """The recordings as a torque constant that is one standard error larger has them.
-
-    What that moves the parameters by is what they err by for it: see `widened`.
-    """
-    return [
-        recording
-        if (k := recording.torque_constant) is None
-        else replace(recording, torque=recording.torque * (1 + k.std / k.value))
-        for recording in recordings
-    ]
-
-
 def told(model: Model, data: Dataset, fit: Callable[[Dataset], Model] | None = None) -> Model:
     """A model that was fitted to data, in the unit of their torque, with the torque constant and what it errs by.
 

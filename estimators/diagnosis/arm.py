@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.checks.identifiability import untold_of_arm
 from estimators.checks.residual import Region, everywhere, stand_out
-from estimators.checks.untold import untold_of_arm
 from estimators.comparison import step_of_arm
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import KEPT, UNNAMED, Diagnosis

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.online import Diagnoser, OnlineDiagnosis, Verdict, Watch
-from estimators.schemes.fitting import Convergence
-from estimators.schemes.identification import Identification, Identified
+from estimators.schemes.fitting import Convergence, Identified
+from estimators.schemes.identification import Identification
 from estimators.schemes.six import SCHEMES
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import EstimateParameters
