@@ -140,7 +140,7 @@ def test_effects_at_joints_and_couplings_are_added_and_looked_for(capsys, folder
 
 
 def test_a_model_knows_whether_it_has_rotors_and_whether_the_driver_takes_gravity_off(capsys, folder):
-    chosen = ("--seconds", "4", "--rate", "500", "--no-gravity", "-o", "light.csv")
+    chosen = ("--seconds", "4", "--rate", "250", "--no-gravity", "-o", "light.csv")
     code, _, _ = run(capsys, folder, "record", *chosen)
     assert code == 0
     code, out, _ = run(capsys, folder, "identify", "light.csv", "--scheme", "filtered_dynamic")
@@ -263,9 +263,9 @@ def test_record_an_arm_with_an_effect_at_a_joint(capsys, folder):
     assert len(recording) == 2000 and np.abs(recording.torque).max() <= 12
     code, out, _ = run(capsys, folder, "diagnose", "run.csv", "--only", "torque_offset,spring")
     assert code == 0 and "Missing: torque_offset@elbow" in out
-    arguments = ("--joints", "shoulder", "--seconds", "3", "--rate", "500", "-o", "one.csv")
+    arguments = ("--joints", "shoulder", "--seconds", "3", "--rate", "250", "-o", "one.csv")
     code, out, _ = run(capsys, folder, "record", *arguments)
-    assert code == 0 and "1 joint" in out and len(read_arm_recording(folder / "one.csv", ("shoulder",))) == 1500
+    assert code == 0 and "1 joint" in out and len(read_arm_recording(folder / "one.csv", ("shoulder",))) == 750
 
 
 def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(capsys, tmp_path):
