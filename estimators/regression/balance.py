@@ -145,14 +145,6 @@ class Balance:
         small = _smaller(self)
         return float(np.sum((small.weights * small.error(small.solve())) ** 2))
 
-    @property
-    def unbent(self) -> Mask:
-        """Equations that torque does not bend (R,), as of other joints than the one where it does."""
-        plain = ~self.by_torque.any(axis=1)
-        if self.pushes is not None:
-            plain &= np.abs(self._bends[1] - 1.0).max(axis=1) < SOLVER.unbent
-        return np.asarray(plain)
-
     @classmethod
     def of(cls, y: Array, weights: Array) -> Balance:
         """Equations of a left-hand side (R,) that no term explains yet, with weights (R,)."""
@@ -291,6 +283,14 @@ class Balance:
         return gauss_newton(theta, near, best, Rule(SOLVER.turns, of_cost=SOLVER.enough))
 
 
+def unbent(balance: Balance) -> Mask:
+    """Equations that torque does not bend (R,), as of other joints than the one where it does."""
+    plain = ~balance.by_torque.any(axis=1)
+    if balance.pushes is not None:
+        plain &= np.abs(balance._bends[1] - 1.0).max(axis=1) < SOLVER.unbent
+    return np.asarray(plain)
+
+
 def condensed(balance: Balance, plain: Mask) -> Balance:
     """Fewer equations with the same solutions, those that are kept first.
 
@@ -310,7 +310,7 @@ def condensed(balance: Balance, plain: Mask) -> Balance:
 
 def _smaller(balance: Balance) -> Balance:
     """Equations with the same solutions, without what needs no iteration, where that is much."""
-    if balance.is_linear or np.count_nonzero(plain := balance.unbent) <= 2 * balance.phi.shape[1]:
+    if balance.is_linear or np.count_nonzero(plain := unbent(balance)) <= 2 * balance.phi.shape[1]:
         return balance
     return condensed(balance, plain)
 

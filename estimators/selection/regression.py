@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.kept import kept
-from estimators.regression.balance import Balance, Columns, Tangent, condensed, placed
+from estimators.regression.balance import Balance, Columns, Tangent, condensed, placed, unbent
 from estimators.regression.least_squares import quietest_most
 from estimators.selection.columns import ColumnCutter, bounds
 from estimators.selection.score import BLOCK, FOLDS
@@ -96,7 +96,7 @@ class Regression:
         first, pushes = self.balance(terms), self._cutter.pushes
         elsewhere = np.ones(len(pushes), dtype=bool)
         elsewhere[here] = False
-        if elsewhere.any() and first.unbent[elsewhere].all():
+        if elsewhere.any() and unbent(first)[elsewhere].all():
             first, own_pushes = condensed(first, elsewhere), pushes[here]
             wide = np.tile(pushes.max(axis=0), (len(first.y) - len(own_pushes), 1))
             here, pushes = slice(0, len(own_pushes)), np.concatenate([own_pushes, wide])
