@@ -94,21 +94,24 @@ def own_words() -> Counter[str]:
     return Counter({word: found[word] for word in OWN_WORDS if found[word]})
 
 
+def room(path: Path) -> str:
+    """The folder of a module, or the module itself if it lies directly in its package."""
+    *folders, name = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(folders if len(folders) > 1 else [*folders, name])
+
+
 def circle() -> list[str]:
-    """Folders that import each other in a circle, if any."""
+    """Folders that import each other in a circle, if any; what lies in no folder of its package stands for itself."""
     graph: dict[str, set[str]] = {}
     for package in PACKAGES:
         for path in modules(package):
-            here = ".".join(path.parent.relative_to(ROOT).parts)
+            here = room(path)
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in PACKAGES:
-                    there = (
-                        node.module
-                        if (ROOT / node.module.replace(".", "/")).is_dir()
-                        else node.module.rpartition(".")[0]
-                    )
-                    if there and there != here:
-                        graph.setdefault(here, set()).add(there)
+                    there = ROOT / node.module.replace(".", "/")
+                    place = room(there / "__init__.py" if there.is_dir() else there.with_suffix(".py"))
+                    if place != here:
+                        graph.setdefault(here, set()).add(place)
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:

@@ -22,7 +22,7 @@ from pendulum_env.physics import Estimate
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import draw_effect
 from pendulum_env.recording import Recording
-from workbench.commands.demo import Hidden
+from workbench.runs import Hidden
 
 SPREAD = 0.25  # of what nobody told, to either side
 JOINTS = joint_names(len(TWO_LINK))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,14 +23,11 @@ from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.arms.plane import planar_links
 from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.excitation import MOST_TORQUE
-from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.recording.study import Source, read_as
 from pendulum_env.words import Table, listing, plus_minus
-from workbench.export.joints import FORMATS
-from workbench.export.request import Request
 from workbench.inputs import Opened, check_outputs, given, read_all, sources_of, wrote
 from workbench.mistakes import InputError
 from workbench.robot import RobotFile, held_text, loaded_text, meaning, straying
@@ -132,22 +128,12 @@ def of_payload(found: Payload, body: Body) -> list[Part]:
     ]
 
 
-def export_arm(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Write a model as MuJoCo's XML or as a robot description."""
+def read_arm_model(arguments: argparse.Namespace) -> ArmModel:
+    """The model of a robot that the arguments name; raises ModelError, and BodyError as `RobotFile.body`."""
     refuse(arguments)
-    if arguments.to not in FORMATS:
-        raise InputError(f"an arm is exported to {listing(list(FORMATS))}, not to {arguments.to}")
-    check_outputs([arguments.output], [arguments.model, arguments.robot])
     made = Asked.of_model(arguments.model)
     body = _robot(arguments, replace(made, joints=arguments.joints or made.joints)).body(made.held)
-    found = FORMATS[arguments.to](ArmModel.load(arguments.model, body), Request(arguments.approximate, arguments.step))
-    if arguments.output is None:
-        sys.stdout.write(found.content)
-        return
-    write_whole(arguments.output, found.content)
-    for note in found.notes:
-        terminal.say(note, style="yellow")
-    wrote([arguments.output], terminal)
+    return ArmModel.load(arguments.model, body)
 
 
 def opened_arm(arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal) -> Opened:

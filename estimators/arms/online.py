@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -199,3 +199,48 @@ class ArmEstimator:
                     if usable[k]:
                         self.state = step(self.state, equations.phi[k], float(equations.y[k]))
         return self.state
+
+
+class ArmEstimators:
+    """One `ArmEstimator` for each of several schemes, as wrappers feed them.
+
+    Attributes:
+        rate: samples per second [Hz].
+        schemes: that run.
+        names: of the parameters.
+        each: by scheme.
+    """
+
+    def __init__(self, body: Body, rate: float, terms: Sequence[Term], schemes: Sequence[Scheme], counts: int) -> None:
+        """Take the arm and its encoders as `ArmEstimator` does; raises as it does."""
+        self.rate, self.schemes = rate, tuple(schemes)
+        self.each = {one.id: ArmEstimator(body, rate, terms, one, counts=counts) for one in schemes}
+        self.names = tuple(column.name for column in next(iter(self.each.values())).model.columns)
+        self._last: tuple[float, Array] | None = None  # time and positions of the sample before
+
+    def reset(self, which: Mask | None = None) -> None:
+        """Forget what was estimated."""
+        self._last = None
+        for estimator in self.each.values():
+            estimator.reset()
+
+    def take(self, time: Array, position: Array, torque: Array) -> None:
+        """Take in a sample: time (1,), positions and torques (1, n), those over the period that ends with it."""
+        if self._last is not None:
+            for estimator in self.each.values():
+                estimator.update(*self._last, torque[0])
+        self._last = float(time[0]), position[0]
+
+    def tell(self, info: dict[str, Any]) -> None:
+        """Put what is known into an info."""
+        info["parameters"] = self.names
+        info["estimates"] = {
+            id: {"theta": own.state.theta, "P": own.state.P, "prediction_error": own.state.error}
+            for id, own in self.each.items()
+        }
+
+    def lines(self) -> tuple[str, ...]:
+        """What a picture says: estimates of the first scheme, three in a row."""
+        id, first = next(iter(self.each.items()))
+        told = [f"{name:<16}{v:7.3f}" for name, v in zip(self.names, first.state.theta.tolist(), strict=True)]
+        return (id, *(" ".join(told[k : k + 3]) for k in range(0, len(told), 3)))

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.checks.identifiability import untold_of_arm
 from estimators.checks.residual import Region, everywhere, stand_out
-from estimators.checks.untold import untold_of_arm
 from estimators.comparison import step_of_arm
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import KEPT, UNNAMED, Diagnosis
@@ -20,7 +20,8 @@ from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.moves import explaining
 from estimators.selection.search import select
-from estimators.weak_form.dataset import HALF_WIDTHS, NEGLIGIBLE, Dataset
+from estimators.signals.motion import HALF_WIDTHS
+from estimators.weak_form.dataset import NEGLIGIBLE, Dataset
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.windows import in_a_row
 from pendulum_env.arms.body import Body

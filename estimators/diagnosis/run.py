@@ -34,8 +34,8 @@ from estimators.selection.physical import impossible
 from estimators.selection.prepared import Comparable, Data
 from estimators.selection.search import Selection, select
 from estimators.signals.measurements import measure_segments
+from estimators.signals.motion import SLOWEST
 from estimators.weak_form.instruments import fit_by_reference
-from estimators.weak_form.windows import SLOWEST
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import body_of
 from pendulum_env.arms.recording import of_arms

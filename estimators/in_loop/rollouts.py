@@ -9,9 +9,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from estimators.signals.motion import known_load
 from estimators.simulation.output_error import Point
 from estimators.weak_form.dataset import Structure
-from estimators.weak_form.windows import Windows, known_load
+from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad, Samples
 from pendulum_env.recording import Recording, RecordingError

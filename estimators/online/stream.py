@@ -16,7 +16,7 @@ from estimators.online.bank import equations, gated, guards_of, windows_of
 from estimators.online.rows import HELD, POSITION, TIME, TORQUE, VELOCITY, Course, Guarded, clear_of_stick, laws, rows
 from estimators.schemes.six import Scheme
 from estimators.signals.measurements import Smoothing
-from estimators.weak_form.windows import LEAD_IN
+from estimators.signals.motion import LEAD_IN
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.compiled import Machine, Step

@@ -100,7 +100,7 @@ class Balance:
         """Largest error of the predicted torque that is told from a larger one, of each equation (R,) [N m]."""
         return np.full(len(self.y), np.inf) if self.pushes is None else 0.5 * self.pushes[:, -1]
 
-    @property
+    @cached_property
     def of_torque(self) -> Mask:
         """Which parameters' columns depend on the torque (P,)."""
         return np.any(self.by_torque, axis=0)
@@ -108,7 +108,7 @@ class Balance:
     @property
     def is_linear(self) -> bool:
         """Whether the errors are linear in the parameters."""
-        return self.response is None and not self.by_torque.any()
+        return self.response is None and not self.of_torque.any()
 
     @cached_property
     def _bends(self) -> tuple[Array, Array]:
@@ -119,7 +119,10 @@ class Balance:
 
     def _error(self, theta: Array) -> tuple[Array, Array]:
         """Errors (R,) and the slopes of the equations by the torque (R,) there."""
-        left, taken = (self.y - self.phi @ theta) / self.passed, self.by_torque @ theta
+        left = (self.y - self.phi @ theta) / self.passed
+        if self.is_linear:
+            return left, np.ones(len(left))
+        taken = self.by_torque @ theta
         if self.response is None or self.pushes is None:
             slope = np.maximum(1.0 - taken, LEAST_SLOPE)
             return left / slope, slope
@@ -142,14 +145,6 @@ class Balance:
         small = _smaller(self)
         return float(np.sum((small.weights * small.error(small.solve())) ** 2))
 
-    @property
-    def unbent(self) -> Mask:
-        """Equations that torque does not bend (R,), as of other joints than the one where it does."""
-        plain = ~self.by_torque.any(axis=1)
-        if self.pushes is not None:
-            plain &= np.abs(self._bends[1] - 1.0).max(axis=1) < SOLVER.unbent
-        return np.asarray(plain)
-
     @classmethod
     def of(cls, y: Array, weights: Array) -> Balance:
         """Equations of a left-hand side (R,) that no term explains yet, with weights (R,)."""
@@ -171,11 +166,17 @@ class Balance:
             if own.taken is not None and pushes is not None:
                 response, known = (pushes if response is None else response).copy(), pushes
                 response[here] -= own.taken
+        linear = placed(count, [(here, own.linear) for here, own in parts])
+        slopes = np.zeros(linear.shape)
+        if any(own.slope.any() for _, own in parts):
+            slopes = placed(count, [(here, own.slope) for here, own in parts])
+        if self.phi.shape[1]:
+            linear, slopes = np.column_stack([self.phi, linear]), np.column_stack([self.by_torque, slopes])
         return replace(
             self,
-            phi=np.column_stack([self.phi, placed(count, [(here, own.linear) for here, own in parts])]),
+            phi=linear,
             y=y,
-            by_torque=np.column_stack([self.by_torque, placed(count, [(here, own.slope) for here, own in parts])]),
+            by_torque=slopes,
             least=np.append(self.least, least),
             most=np.append(self.most, most),
             response=response,
@@ -240,6 +241,8 @@ class Balance:
         """Errors (R,) and these derivatives."""
         error, slope = self._error(theta)
         passed = np.broadcast_to(self.passed, slope.shape)[:, None]
+        if self.is_linear and jacobian is None:
+            return error, self.phi / passed
         own = self.phi / passed - error[:, None] * self.by_torque
         whole = own if jacobian is None else np.column_stack([own, jacobian / passed])
         return error, whole / slope[:, None]
@@ -253,6 +256,8 @@ class Balance:
     def _solve(self, theta: Array, free: Mask) -> Array:
         """The parameters with the free ones moved to where the squared error is least (Gauss-Newton)."""
         plain, w = free & ~self.of_torque, self.weights
+        if self.is_linear and free.all():
+            return least_squares(self.phi * np.reshape(w / self.passed, (-1, 1)), self.y * w / self.passed)
         theta = np.where(plain, 0.0, theta)
         slope = np.maximum(1.0 - self.by_torque @ theta, LEAST_SLOPE) * self.passed
         known = (self.y - self.phi @ theta) * w / slope
@@ -278,6 +283,14 @@ class Balance:
         return gauss_newton(theta, near, best, Rule(SOLVER.turns, of_cost=SOLVER.enough))
 
 
+def unbent(balance: Balance) -> Mask:
+    """Equations that torque does not bend (R,), as of other joints than the one where it does."""
+    plain = ~balance.by_torque.any(axis=1)
+    if balance.pushes is not None:
+        plain &= np.abs(balance._bends[1] - 1.0).max(axis=1) < SOLVER.unbent
+    return np.asarray(plain)
+
+
 def condensed(balance: Balance, plain: Mask) -> Balance:
     """Fewer equations with the same solutions, those that are kept first.
 
@@ -297,8 +310,7 @@ def condensed(balance: Balance, plain: Mask) -> Balance:
 
 def _smaller(balance: Balance) -> Balance:
     """Equations with the same solutions, without what needs no iteration, where that is much."""
-    plain = balance.unbent
-    if balance.is_linear or np.count_nonzero(plain) <= 2 * balance.phi.shape[1]:
+    if balance.is_linear or np.count_nonzero(plain := unbent(balance)) <= 2 * balance.phi.shape[1]:
         return balance
     return condensed(balance, plain)
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.checks.torque_constant import widened
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import Fit, least_squares, quietest_most, solve
 from estimators.regression.recursive import evenly, history
@@ -17,8 +18,12 @@ from estimators.schemes.six import Regression, Regressor, Scheme, give
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
+from pendulum_env.arms.model import model_of
+from pendulum_env.notebook import shown
 from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.physics.term import zero
+from pendulum_env.recording.record import TorqueConstant
+from pendulum_env.words import per
 
 POINTS = 200  # of the history
 CLUSTER = 0.5  # [s], longer than residuals stay correlated, except those that drift; shorter in short recordings
@@ -71,21 +76,69 @@ class Stack:
     starts: tuple[int, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Solved:
-    """What a scheme's equations give.
+@dataclass(frozen=True, eq=False, repr=False)
+class Identified:
+    """What one scheme finds.
 
     Attributes:
-        model: terms with estimates and standard errors.
-        convergence: the recursion on its way there.
-        fit: of the parameters that were free.
-        residuals: root mean square of the residual, of each joint or of all together.
+        scheme: its id.
+        model: terms with estimates and standard errors that hold under correlated residuals.
+        convergence: the recursive estimate on its way; it ends at the model up to P(0).
+        residual_rms: the paper's norm (10) of the scheme's own residual, in `unit`.
+        unit: of y and the residual.
+        condition: condition number of the regressor, columns scaled to equal length.
+        used: equations that were used, of all there are.
+        residuals: the norm of each joint of an arm, or of all together, in `units`; empty of a pendulum.
+        units: of these.
     """
 
+    scheme: str
     model: Model
     convergence: Convergence
-    fit: Fit
-    residuals: tuple[float, ...]
+    residual_rms: float
+    unit: str
+    condition: float
+    used: tuple[int, int]
+    residuals: tuple[float, ...] = ()
+    units: tuple[str, ...] = ()
+
+    @property
+    def withheld(self) -> frozenset[str]:
+        """Parameters that are unknown, see the identification's doubts."""
+        return frozenset(name for name, estimate in self.model.estimates.items() if estimate.is_unknown)
+
+    def __repr__(self) -> str:
+        told = (f"{name} {estimate.text}" for name, estimate in self.model.estimates.items())
+        return f"<Identified by {self.scheme}: {', '.join(told)}>"
+
+    def _repr_html_(self) -> str:
+        return shown(self)
+
+    def per(self, torque_unit: str) -> Identified:
+        """The same numbers, said of a torque that is in another unit."""
+        return replace(self, model=self.model.per(torque_unit), unit=per(self.unit, torque_unit))
+
+    def calibrated(self, constant: TorqueConstant, there: Model) -> Identified:
+        """The same with the error of the torque constant, one of which more moves the parameters `there`."""
+        model = widened(self.model, constant, self.model, there)
+        old, new = (np.array([e.std for e in m.estimates.values()])[: len(m.theta)] for m in (self.model, model))
+        course = replace(self.convergence, std=self.convergence.std * (new / np.maximum(old, 1e-300)))
+        return replace(self, model=model, convergence=course)
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON; withheld estimates are null."""
+        theta = {
+            name: {"value": None, "std": None, "unit": estimate.unit} if estimate.is_unknown else estimate.json()
+            for name, estimate in self.model.estimates.items()
+        }
+        joints = {"rms": list(self.residuals), "units": list(self.units)}
+        return {
+            "theta": theta,
+            "residual": joints if self.units else {"rms": self.residual_rms, "unit": self.unit},
+            "condition": self.condition,
+            "used": list(self.used),
+            "convergence": self.convergence.json(),
+        }
 
 
 def regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Regression]]:
@@ -155,14 +208,14 @@ def levels(values: Array, joint: Index) -> Array:
     return np.sqrt(np.maximum(np.bincount(joint, values**2) / np.maximum(np.bincount(joint), 1), 1e-24))
 
 
-def fitted(data: Stack, terms: Sequence[Term], lender: Model | None = None, *, drifts: bool = False) -> Solved:
+def fitted(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model | None = None) -> Identified:
     """Batch estimate with honest standard errors, and the recursion on its way there.
 
     Args:
+        scheme: that made the equations.
         data: the equations.
         terms: of the model, in the order of the columns.
         lender: model whose inertia is given, or all that makes the momentum of an arm; None estimates it.
-        drifts: whether errors are running sums.
     """
     columns = [column for term in terms for column in term.columns]
     loans = {j: lender.estimates[columns[j].name] for j in _of_momentum(terms)} if lender is not None else {}
@@ -183,7 +236,7 @@ def fitted(data: Stack, terms: Sequence[Term], lender: Model | None = None, *, d
         if not left:
             break
         known |= {j: Estimate(columns[j].nearest(values[j]), 0.0, columns[j].unit) for j in left}  # stays at its bound
-    if drifts:
+    if scheme.drifts:
         fit = replace(fit, covariance=_random_walk_covariance(equations, data, fit.theta))
 
     theta, std, count = np.empty(len(columns)), np.empty(len(columns)), len(free)
@@ -192,8 +245,25 @@ def fitted(data: Stack, terms: Sequence[Term], lender: Model | None = None, *, d
     model = Model.build(terms, theta, std).correlated([columns[j].name for j in free], fit.covariance[:count, :count])
     each = int(data.joint.max()) + 1  # equations of an instant, which the recursion takes one after the other
     last = (evenly(len(data.time) // each, POINTS) + 1) * each - 1
-    convergence = _converge(equations, data, fit, free, theta, std, last)
-    return Solved(model, convergence, fit, tuple(levels(fit.residual, data.joint[use]).tolist()))
+    return Identified(
+        scheme=scheme.id,
+        model=model_of(model),
+        convergence=_converge(equations, data, fit, free, theta, std, last),
+        residual_rms=fit.rms,
+        unit=scheme.unit,
+        condition=fit.condition,
+        used=(int(use.sum()), len(use)),
+        residuals=tuple(levels(fit.residual, data.joint[use]).tolist()) if body_of(terms) is not None else (),
+        units=_units(scheme, terms),
+    )
+
+
+def _units(scheme: Regressor, terms: Sequence[Term]) -> tuple[str, ...]:
+    """Units of the residuals of an arm's joints, or of all together; none of a pendulum."""
+    if (body := body_of(terms)) is None:
+        return ()
+    is_sum = isinstance(scheme, Scheme) and scheme.adds_up
+    return (scheme.unit,) if is_sum else tuple(body.worded(at, scheme.unit) for at in body.joints)
 
 
 def _of_momentum(terms: Sequence[Term]) -> list[int]:

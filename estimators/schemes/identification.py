@@ -20,14 +20,13 @@ from estimators.arguments import (
 )
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
-from estimators.checks.identifiability import Doubt, identifiability, inseparable, is_driven, untold
+from estimators.checks.identifiability import Doubt, identifiability, inseparable, is_driven, untold, untold_of_arm
 from estimators.checks.remedies import wrong_columns
-from estimators.checks.torque_constant import told, widened
-from estimators.checks.untold import untold_of_arm
+from estimators.checks.torque_constant import told
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import for_arms, measure_arm, series
-from estimators.schemes.fitting import Convergence, Segments, fitted, regressions, stack
+from estimators.schemes.fitting import Identified, Segments, fitted, regressions, stack
 from estimators.schemes.six import SCHEMES, LowPass, Regressor, Scheme
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.physical import driving_friction
@@ -36,85 +35,19 @@ from estimators.weak_form.dataset import Dataset, prepare
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
-from pendulum_env.arms.model import model_of
 from pendulum_env.arms.recording import of_arms
 from pendulum_env.lookup import find
 from pendulum_env.notebook import shown
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
-from pendulum_env.words import json_per, listing, per
+from pendulum_env.words import json_per, listing
 
 SCHEMA, ARM_SCHEMA = "pendulum-ident/identification@1", "pendulum-ident/arm-identification@1"
 SAVED = "filtered_dynamic"  # scheme whose model of an arm is the one to go on with
 APART = 5.0  # standard errors between two schemes, to which noise alone does not bring them: 2.3 is the most seen,
 COARSE = 0.05  # and share of a parameter, to which slow sampling does not: 0.034 is what 50 Hz do
 FEWEST = 10  # that hold motion, below which standard errors mean little
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Identified:
-    """What one scheme finds.
-
-    Attributes:
-        scheme: its id.
-        model: terms with estimates and standard errors that hold under correlated residuals.
-        convergence: the recursive estimate on its way; it ends at the model up to P(0).
-        residual_rms: the paper's norm (10) of the scheme's own residual, in `unit`.
-        unit: of y and the residual.
-        condition: condition number of the regressor, columns scaled to equal length.
-        used: equations that were used, of all there are.
-        residuals: the norm of each joint of an arm, or of all together, in `units`; empty of a pendulum.
-        units: of these.
-    """
-
-    scheme: str
-    model: Model
-    convergence: Convergence
-    residual_rms: float
-    unit: str
-    condition: float
-    used: tuple[int, int]
-    residuals: tuple[float, ...] = ()
-    units: tuple[str, ...] = ()
-
-    @property
-    def withheld(self) -> frozenset[str]:
-        """Parameters that are unknown, see the identification's doubts."""
-        return frozenset(name for name, estimate in self.model.estimates.items() if estimate.is_unknown)
-
-    def __repr__(self) -> str:
-        told = (f"{name} {estimate.text}" for name, estimate in self.model.estimates.items())
-        return f"<Identified by {self.scheme}: {', '.join(told)}>"
-
-    def _repr_html_(self) -> str:
-        return shown(self)
-
-    def per(self, torque_unit: str) -> Identified:
-        """The same numbers, said of a torque that is in another unit."""
-        return replace(self, model=self.model.per(torque_unit), unit=per(self.unit, torque_unit))
-
-    def calibrated(self, constant: TorqueConstant, there: Model) -> Identified:
-        """The same with the error of the torque constant, one of which more moves the parameters `there`."""
-        model = widened(self.model, constant, self.model, there)
-        old, new = (np.array([e.std for e in m.estimates.values()])[: len(m.theta)] for m in (self.model, model))
-        course = replace(self.convergence, std=self.convergence.std * (new / np.maximum(old, 1e-300)))
-        return replace(self, model=model, convergence=course)
-
-    def json(self) -> JSON:
-        """Plain dictionary for JSON; withheld estimates are null."""
-        theta = {
-            name: {"value": None, "std": None, "unit": estimate.unit} if estimate.is_unknown else estimate.json()
-            for name, estimate in self.model.estimates.items()
-        }
-        joints = {"rms": list(self.residuals), "units": list(self.units)}
-        return {
-            "theta": theta,
-            "residual": joints if self.units else {"rms": self.residual_rms, "unit": self.unit},
-            "condition": self.condition,
-            "used": list(self.used),
-            "convergence": self.convergence.json(),
-        }
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -350,25 +283,8 @@ def _by_schemes(
         if scheme.borrows is not None and scheme.borrows not in results:
             raise ValueError(f"{scheme.id} borrows from {scheme.borrows}: put {scheme.borrows} before it")
         lender = results[scheme.borrows].model if scheme.borrows is not None else None
-        found = fitted(data, terms, lender, drifts=scheme.drifts)
-        results[scheme.id] = Identified(
-            scheme=scheme.id,
-            model=model_of(found.model),
-            convergence=found.convergence,
-            residual_rms=found.fit.rms,
-            unit=scheme.unit,
-            condition=found.fit.condition,
-            used=(int(data.usable.sum()), len(data.usable)),
-            residuals=found.residuals if body is not None else (),
-            units=_units(scheme, body) if body is not None else (),
-        )
+        results[scheme.id] = fitted(scheme, data, terms, lender)
     return results
-
-
-def _units(scheme: Regressor, body: Body) -> tuple[str, ...]:
-    """Units of the residuals of an arm's joints, or of all together."""
-    is_sum = isinstance(scheme, Scheme) and scheme.adds_up
-    return (scheme.unit,) if is_sum else tuple(body.worded(at, scheme.unit) for at in body.joints)
 
 
 def _mistakes(given: Preprocessed, fits: Sequence[Own], terms: Sequence[Term]) -> list[str]:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.kept import kept
-from estimators.regression.balance import Balance, Columns, Tangent, condensed, placed
+from estimators.regression.balance import Balance, Columns, Tangent, condensed, placed, unbent
 from estimators.regression.least_squares import quietest_most
 from estimators.selection.columns import ColumnCutter, bounds
 from estimators.selection.score import BLOCK, FOLDS
@@ -19,6 +19,8 @@ from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.shapes import shape_slopes
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Term
+
+RECENT = 4  # sets of terms whose equations are kept
 
 
 class Regression:
@@ -31,6 +33,7 @@ class Regression:
     def __init__(self, data: Dataset) -> None:
         self.data = data
         self._cutter = ColumnCutter(data)
+        self._recent: dict[tuple[Term, ...], Balance] = {}
         self._torque = data.net_torque()
         self._owner = data.recording_of_window
         self._fold: Index = data.blocks(BLOCK)[0] % FOLDS
@@ -51,11 +54,16 @@ class Regression:
 
     def balance(self, terms: Sequence[Term]) -> Balance:
         """Equations of some terms, with smaller weights for recordings of larger residuals."""
-        return self.assembled(terms, self.parts(terms), self.weights(terms))
+        return replace(self.equations(terms), weights=self.weights(terms))
 
     def equations(self, terms: Sequence[Term]) -> Balance:
-        """The same, weighted by noise alone."""
-        return self.assembled(terms, self.parts(terms), self.data.weights)
+        """The same, weighted by noise alone; those of the last sets are kept."""
+        key = tuple(terms)
+        if key not in self._recent:
+            if len(self._recent) >= RECENT:
+                self._recent.pop(next(iter(self._recent)))
+            self._recent[key] = self.assembled(terms, self.parts(terms), self.data.weights)
+        return self._recent[key]
 
     def parts(self, terms: Sequence[Term]) -> list[Columns]:
         """Columns of each of some terms."""
@@ -88,7 +96,7 @@ class Regression:
         first, pushes = self.balance(terms), self._cutter.pushes
         elsewhere = np.ones(len(pushes), dtype=bool)
         elsewhere[here] = False
-        if elsewhere.any() and first.unbent[elsewhere].all():
+        if elsewhere.any() and unbent(first)[elsewhere].all():
             first, own_pushes = condensed(first, elsewhere), pushes[here]
             wide = np.tile(pushes.max(axis=0), (len(first.y) - len(own_pushes), 1))
             here, pushes = slice(0, len(own_pushes)), np.concatenate([own_pushes, wide])

@@ -9,7 +9,8 @@ import numpy as np
 
 from estimators.comparison import Comparison
 from estimators.diagnosis.result import Addition, Diagnosis
-from estimators.schemes.identification import Identification, Identified
+from estimators.schemes.fitting import Identified
+from estimators.schemes.identification import Identification
 from estimators.show.story import (
     TRUST,
     Part,

@@ -19,8 +19,7 @@ import numpy as np
 
 from estimators.regression.equations import IdentificationError
 from estimators.signals.differentiation import encoder_noise, near_turns, scatter
-from estimators.weak_form.dataset import HALF_WIDTHS
-from estimators.weak_form.windows import LEAD_IN, SLOWEST, known_load
+from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, SLOWEST, known_load
 from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.term import ROOM, UNLOADED, Memory

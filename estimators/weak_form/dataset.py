@@ -11,6 +11,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from estimators.regression.equations import Equations, IdentificationError
+from estimators.signals.motion import HALF_WIDTHS
 from estimators.weak_form.windows import WHOLE, Part, Rows, Windows, cut, in_a_row, trace_all
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import BASE, Samples, Term
@@ -18,7 +19,6 @@ from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Recording
 
-HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
 LEAST_NOISE = 5e-4  # of the RMS torque, error of smoothing and integration
 NEGLIGIBLE = 0.01  # share of the torque; encoder noise below it hides no effect of practical use
 LEAST_WINDOWS = 10  # below which no error can be estimated

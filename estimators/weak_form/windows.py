@@ -26,14 +26,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.sparse import block_diag, csr_array
 
 from estimators.signals.differentiation import from_position, from_velocity, near_turns, shared, white_noise
+from estimators.signals.motion import LEAD_IN, SLOWEST, known_load
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.physics import Column, KnownLoad, Samples, Term
-from pendulum_env.physics.term import LOAD, ROOM, UNLOADED, traces
+from pendulum_env.physics.term import LOAD, ROOM, traces
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import NEWTON_METRE
-
-LEAD_IN = 0.3  # [s] at the start, in which effects with memory still depend on their unrecorded initial state
-SLOWEST = 0.02  # [rad/s]; below it, or below five times its noise, a velocity has no sign
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,13 +249,6 @@ def held(torque: Array) -> Array:
     averages = torque.copy()
     averages[1:] = 0.5 * (torque[1:] + torque[:-1])
     return averages
-
-
-def known_load(recording: Recording) -> KnownLoad:
-    """The known load of a recording, for samples of it; none where torque is no torque, and cannot be compared."""
-    if recording.load is None or recording.torque_unit != NEWTON_METRE:
-        return UNLOADED
-    return KnownLoad(recording.load.inertia, recording.load.gravity)
 
 
 def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list[Samples]]:

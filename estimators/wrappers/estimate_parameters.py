@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import gymnasium as gym
@@ -11,11 +11,17 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from estimators.arguments import chosen_schemes
+from estimators.arms.online import ArmEstimators
 from estimators.online import Estimates, JointState, OnlineEstimator, SchemeEstimate, SchemeEstimates
+from estimators.schemes.balance import for_arms
 from estimators.schemes.six import Scheme
+from estimators.wrappers.arms import arm_of, terms_of
 from estimators.wrappers.measuring import Measuring, MeasuringVector, measured
-from estimators.wrappers.options import Names, make
+from estimators.wrappers.options import AnyEnv, Names, make, rate_of
 from pendulum_env._typing import Array, Mask
+from pendulum_env.arms.body import Body
+from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.physics import Term
 
 BOUND = 1e6  # of what is put into an observation
@@ -31,6 +37,10 @@ class EstimateParameters(Measuring):
     - `estimates_time`: time of the newest sample used [s]: smoothing and stick need to see both sides of a sample.
     - `regressor`: (P,), the torque balance's row at that sample, 0 in stick.
     - `parameters`: their names in order.
+
+    Of an arm, base parameters come first. `estimates` then have `P` (P, P), the covariance for unit noise, in the place
+    of `covariance`, they lag behind as those of `ArmEstimator` do, and there is no time and no regressor. It needs the
+    extra `arms`.
 
     Examples:
         >>> import gymnasium as gym
@@ -49,6 +59,7 @@ class EstimateParameters(Measuring):
         *,
         rate: float | None = None,
         in_observation: bool = False,
+        robot: str | None = None,
         **options: Any,
     ) -> None:
         """Wrap an environment whose `info` carries `time`, `position` and `torque`.
@@ -59,9 +70,12 @@ class EstimateParameters(Measuring):
                 others: position, velocity and parameters in one state, without a delay, see `JointState`.
             terms: all terms of the model, by id or, with shape parameters of their own, as they are, such as
                 `(*BASE, Stribeck(stribeck_velocity=0.4))`; None are the paper's four. A term without linear parameters,
-                such as `dead_time`, is taken to be known.
+                such as `dead_time`, is taken to be known. Of an arm, terms at joints, `viscous@elbow`; None are viscous
+                and Coulomb friction at each.
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
-            in_observation: whether theta and the standard errors of all schemes are appended to a Box observation.
+            in_observation: whether theta and the standard errors of all schemes are appended to a Box observation, of
+                a pendulum.
+            robot: file of an arm's links, URDF or MJCF, of which lengths and axes are used; None asks the environment.
             options: of `estimators.online.OnlineEstimator`: `forgetting` (factor for every equation, 1 forgets none),
                 `random_walk` (by which parameters may wander, as a share of their value [1/sqrt(s)]), `prior` (P(0)
                 on the diagonal), `smoothing`, and `recursion` ("KalmanFilter" for filterpy's in the place of ours).
@@ -70,25 +84,34 @@ class EstimateParameters(Measuring):
             ValueError: if a name is unknown or an option is out of its range; when running, if samples do not come at
                 the rate.
         """
-        estimator = make(env, schemes, terms, rate, 1, options)
-        super().__init__(
-            env, estimator, schemes=schemes, terms=terms, rate=rate, in_observation=in_observation, **options
-        )
-        self.estimator, self._in_observation = estimator, in_observation
+        arguments: dict[str, Any] = {"schemes": schemes, "terms": terms, "rate": rate, **options}
+        body = arm_of(env, robot)
+        if body is not None and (in_observation or options):
+            raise ValueError(f"{', '.join(options) or 'in_observation'}: is of a pendulum, leave it out for an arm")
+        self.arm = None if body is None else of_arm(env, body, schemes, terms, rate)
+        learner: Any = self.arm or make(env, schemes, terms, rate, 1, options)
+        super().__init__(env, learner, in_observation=in_observation, robot=robot, **arguments)
+        self.estimator, self._in_observation = learner, in_observation
         if in_observation:
-            self.observation_space = widened(env.observation_space, estimator)
+            self.observation_space = widened(env.observation_space, learner)
 
     @property
     def schemes(self) -> tuple[Scheme | JointState, ...]:
         """The schemes that run."""
-        return self.estimator.schemes
+        return tuple(self.estimator.schemes)
 
     def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
-        now = self._known
-        tell(info, now, self.estimator, 0)
+        if self.arm is not None:
+            self.arm.tell(info)
+            lines: Callable[[], tuple[str, ...]] = self.arm.lines
+        else:
+            tell(info, self._known, self.estimator, 0)
+            lines = functools.partial(self._lines, self._known)
         if self.env.render_mode is not None:
-            self.env.unwrapped.overlay = functools.partial(self._lines, now)  # type: ignore[attr-defined]
-        return np.concatenate([observation, told(now)[0]], dtype=np.float32) if self._in_observation else observation
+            self.env.unwrapped.overlay = lines  # type: ignore[attr-defined]
+        if not self._in_observation:
+            return observation
+        return np.concatenate([observation, told(self._known)[0]], dtype=np.float32)
 
     def _lines(self, now: Estimates) -> tuple[str, ...]:
         """What the picture says."""
@@ -156,6 +179,16 @@ def tell(info: dict[str, Any], now: Estimates, estimator: OnlineEstimator, pendu
     info["estimates_time"] = now.time[pendulum]
     info["regressor"] = now.regressor[pendulum]
     info["parameters"] = estimator.names
+
+
+def of_arm(
+    env: AnyEnv, body: Body, schemes: Names, terms: Sequence[str | Term] | None, rate: float | None
+) -> ArmEstimators:
+    """Estimators for an arm; raises ValueError if a name is unknown, or a scheme cannot run so."""
+    counts = getattr(env.unwrapped, "counts", COUNTS)
+    _, *at_joints = terms_of(body, terms)
+    chosen = for_arms(chosen_schemes(schemes))  # type: ignore[arg-type]  # of the six
+    return ArmEstimators(body, rate_of(env, rate), at_joints, chosen, counts)
 
 
 def told(now: Estimates) -> Array:

@@ -99,10 +99,10 @@ def make(
     """Estimator for an environment; see `OnlineEstimator` for the options.
 
     Raises:
-        ValueError: if the environment is an arm.
+        ValueError: if the environment is a vector of arms.
     """
     if is_arm(env):
-        raise ValueError("the environment is an arm: wrap it, or each one of a vector, in EstimateArmParameters")
+        raise ValueError("arms are estimated one by one: wrap each environment of the vector")
     rate = rate_of(env, rate)
     if options.get("smoothing") is None:
         options = {**options, "smoothing": smoothing_of(env, rate)}

@@ -12,10 +12,8 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
-import pymunk
 
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import FRICTION, effect_at
@@ -137,6 +135,8 @@ class PlanarBodies:
 
     def start(self, position: Array, velocity: Array) -> None:
         """Put the arm at joint angles (n,) [rad] with joint velocities (n,) [rad/s]."""
+        import pymunk  # who only reads recordings of arms does not wait for it
+
         self._space = pymunk.Space()
         self._space.gravity = (0.0, -GRAVITY)
         self._space.iterations = ITERATIONS
@@ -218,6 +218,8 @@ class PlanarBodies:
 
 def urdf(links: Sequence[Link], names: Sequence[str]) -> str:
     """The arm as URDF, with its joints' names and friction; angles are counted as in the simulation."""
+    from xml.sax.saxutils import quoteattr  # it brings all of urllib
+
     bodies, joints = ['<link name="base"/>'], []
     parent, place = "base", "0 0 0"
     for k, (link, joint) in enumerate(zip(links, names, strict=True)):

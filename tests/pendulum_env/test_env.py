@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import NormalizeObservation, RecordVideo, RescaleAction, TimeLimit
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.wrappers import EstimateArmParameters, EstimateParameters
+from estimators.wrappers import EstimateParameters
 from pendulum_env import interface
 from pendulum_env.env import DirectDrivePendulum
 from pendulum_env.excitation import excitation
@@ -279,7 +279,7 @@ def test_who_trains_on_a_plant_is_warned_and_who_identifies_is_not(id, tmp_path,
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         run(RecordMeasurements(gym.make(id), tmp_path / "run.csv")).close()
-        run((EstimateParameters if id == PENDULUM else EstimateArmParameters)(gym.make(id)))
+        run(EstimateParameters(gym.make(id)))
         run(run(gym.make(id), 15), 15)
         run(gym.make(id).unwrapped.__class__())
         if id == PENDULUM:

@@ -19,7 +19,7 @@ ALIKE = ("stribeck@elbow", "spring@elbow")
 def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, capsys, monkeypatch):
     few = ("load_dependent_friction", "stribeck", "spring")  # else it takes long
     monkeypatch.setattr(demo, "diagnose", partial(diagnose, only=few))
-    monkeypatch.setattr(demo, "SECONDS", 8.0)
+    monkeypatch.setattr(demo, "SECONDS", 5.0)
     report, files = tmp_path / "r.html", [tmp_path / f"r.{part}.csv" for part in ("train", "holdout")]
     assert main(["demo", "--robot", "two-link", "--seed", "2", "-o", str(report)]) == 0
     told = capsys.readouterr().out
@@ -29,7 +29,7 @@ def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, capsys, monk
     rows = {line.split()[0]: line.split() for line in told.splitlines() if "@" in line and "±" in line}
     for name in ("mz@shoulder", "Iyy@elbow", "coulomb@elbow"):  # the file has other masses
         assert float(rows[name][2]) == pytest.approx(float(rows[name][1]), rel=0.01)
-    assert all(len(read_arm_recording(file, ("shoulder", "elbow"))) == 8000 for file in files)
+    assert all(len(read_arm_recording(file, ("shoulder", "elbow"))) == 5000 for file in files)
     assert report.stat().st_size > 0
 
 

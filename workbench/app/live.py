@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.online import Diagnoser, OnlineDiagnosis, Verdict, Watch
-from estimators.schemes.fitting import Convergence
-from estimators.schemes.identification import Identification, Identified
+from estimators.schemes.fitting import Convergence, Identified
+from estimators.schemes.identification import Identification
 from estimators.schemes.six import SCHEMES
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import EstimateParameters
@@ -31,11 +31,11 @@ from pendulum_env.policy import transitions
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing, name
 from workbench.cli import parse
-from workbench.commands.record import environment, experiment
 from workbench.inputs import plant_of
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.processes import LOST, Done, Failed, Worker
 from workbench.rig import configured, connected, controller, cut_at
+from workbench.runs import environment, experiment
 
 SLICE = 0.02  # [s] of the run between two looks at the clock
 LOOK = 0.1  # [s] between two entries of the history

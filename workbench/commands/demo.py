@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
-from estimators.progress import Progress
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
-from pendulum_env.physics import BASE, Estimate, Model, Term, effect
+from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.words import listing
 from workbench.inputs import check_outputs, take, whole, wrote
+from workbench.runs import Hidden
 from workbench.story import story
 from workbench.terminal import Terminal
 
@@ -38,27 +37,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER/report.html",
         help=f"report to write, with the recordings beside it (default {FOLDER / 'report.html'})",
     )
-
-
-@dataclass(frozen=True)
-class Hidden:
-    """A simulated plant with an effect hidden in it.
-
-    Attributes:
-        title: what it is.
-        effect: what is hidden.
-        law: of the effect.
-        truth: true parameters by name.
-        terms: of the model that knows nothing of the effect.
-        record: makes a recording of a name.
-    """
-
-    title: str
-    effect: str
-    law: str
-    truth: Mapping[str, Estimate]
-    terms: Sequence[Term]
-    record: Callable[[str, Progress], Recording]
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -81,13 +81,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Export, perhaps check, and say what the form does not hold."""
-    if arguments.robot is not None:
-        from workbench.arms import export_arm  # who has no arm does not wait for it
-
-        return export_arm(arguments, terminal)
     sources = _checked(arguments)
     outputs = [arguments.output, arguments.callback]
-    check_outputs(outputs, [arguments.model, *(str(source.file) for source in sources)])
+    robot = [arguments.robot] if arguments.robot is not None else []
+    check_outputs(outputs, [arguments.model, *robot, *(str(source.file) for source in sources)])
     _refuse(arguments)
     language: Language | None = None
     if arguments.callback is not None:
@@ -95,7 +92,12 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     request = Request(
         arguments.approximate, arguments.step, arguments.mass, arguments.armature, arguments.drive, language
     )
-    model = read_model(arguments.model)
+    if arguments.robot is not None:
+        from workbench.arms import read_arm_model  # who has no arm does not wait for it
+
+        model: Model = read_arm_model(arguments)
+    else:
+        model = read_model(arguments.model)
     exported = export(model, arguments.to, request)
     if sources:
         sources = tuple(read_as(source, model.log_format, arguments.model) for source in sources)

@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
-from agents import multisine
 from agents.network import NAMES as SHIPPED
-from agents.network import load
 from agents.observer import EPISODE
 from agents.pilot import Pilot
 from estimators.wrappers.options import smoothing_of
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
-from pendulum_env.excitation import EXCITATIONS, MOST_TORQUE, USUAL_SPEED, Excitation, excitation
-from pendulum_env.interface import MAX_TORQUE
+from pendulum_env.excitation import EXCITATIONS, MOST_TORQUE, USUAL_SPEED, Excitation
 from pendulum_env.physics import Model
 from pendulum_env.policy import rollout
 from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.checks import BOUNDS
 from pendulum_env.recording.storage import WRITERS
-from pendulum_env.registration import PENDULUM
 from workbench.inputs import (
     check_outputs,
     number,
     of_pendulums,
     one_of,
     plant_of,
-    read_suggestion,
     take_plant,
     take_robot,
     whole,
@@ -39,6 +32,7 @@ from workbench.inputs import (
 )
 from workbench.mistakes import InputError
 from workbench.rig import configured, controller, describe, record_rig
+from workbench.runs import LEARNT, SECONDS, SUGGESTED, environment, experiment
 from workbench.terminal import Terminal
 from workbench.until import DIAGNOSED, LONGEST, Here, verdict_text
 
@@ -50,10 +44,6 @@ BACKENDS = (
     "replay",  # a recording again
     "dm1015b",  # the rig
 )
-SECONDS = 30.0  # length of a recording
-USUAL = "paper"  # excitation
-SUGGESTED = "suggested"  # excitation that a diagnosis holds
-LEARNT = "rl"  # excitation that a policy chooses while the arm moves
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -185,38 +175,6 @@ def _samples(seconds: float, rate: float) -> int:
     return round(samples)
 
 
-def experiment(
-    arguments: argparse.Namespace, rng: np.random.Generator, rate: float
-) -> tuple[Excitation | Pilot, float]:
-    """Torque command and length [s]: drawn, as a diagnosis suggests, or by a policy.
-
-    Raises:
-        InputError: if the arguments do not go together, the diagnosis suggests nothing, or there is no such policy.
-    """
-    kind = arguments.excitation
-    for name, only in (("policy", LEARNT), ("diagnosis", SUGGESTED)):
-        if getattr(arguments, name) is not None and kind != only:
-            raise InputError(f"--{name} goes with --excitation {only} only")
-    if kind in (LEARNT, SUGGESTED) and arguments.amplitude is not None:
-        bound = "the policy decides as the arm moves" if kind == LEARNT else "`diagnose --max-torque` bounds its torque"
-        raise InputError(f"--amplitude does not go with --excitation {kind}: {bound}")
-    if kind == LEARNT:
-        if arguments.replay is not None or arguments.backend == "simulated":
-            raise InputError(f"--excitation {LEARNT} needs a backend that answers step by step: use --backend pymunk")
-        seconds = arguments.seconds or (EPISODE if arguments.until is None else LONGEST)
-        network = load(arguments.policy or "peak")
-        return Pilot(network, network.constraint, seconds, rate), seconds
-    if kind == SUGGESTED:
-        if arguments.diagnosis is None:
-            raise InputError(f"--excitation {SUGGESTED} needs --diagnosis FILE, which `diagnose --json FILE` writes")
-        suggestion = read_suggestion(arguments.diagnosis)
-        return suggestion.signal, arguments.seconds or suggestion.seconds
-    seconds = arguments.seconds or (SECONDS if arguments.until is None else LONGEST)
-    if arguments.until is not None and kind is None:
-        return multisine.separating(arguments.amplitude), seconds
-    return excitation(kind or USUAL, rng, seconds, arguments.amplitude), seconds
-
-
 def _run(
     arguments: argparse.Namespace,
     plant: Model,
@@ -251,18 +209,3 @@ def _run(
     if judge is not None:
         terminal.say(verdict_text(judge.close(), len(recording) < steps))
     return recording
-
-
-def environment(arguments: argparse.Namespace, plant: Model, command: Excitation | Pilot) -> gym.Env[Any, Any]:
-    """What answers step by step: a simulated plant, or a recording that is replayed."""
-    return gym.make(
-        PENDULUM,
-        max_episode_steps=-1,
-        backend=arguments.backend or "pymunk",
-        model=None if arguments.replay is not None else plant,
-        rate=arguments.rate,
-        counts=arguments.counts,
-        torque_noise=arguments.noise,
-        max_torque=max(MAX_TORQUE, command.amplitude),
-        recording=arguments.replay,
-    )

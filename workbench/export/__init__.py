@@ -10,11 +10,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
+from pendulum_env.arms.model import ArmModel
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
+from pendulum_env.words import listing
 from workbench.export import actuator, mjcf, program, robot
 from workbench.export.request import Exported, ExportError, Request
 from workbench.export.servo import in_units_of
+from workbench.mistakes import InputError
 
 
 class Format(NamedTuple):
@@ -43,10 +46,15 @@ def export(model: Model, format: str, request: Request | None = None) -> Exporte
         ValueError: if the format is unknown.
         ExportError: if the format cannot hold the model, and approximations are not allowed, or a drive is in another
             unit than the model.
-        InputError: if a library of the extra `export` is not installed.
+        InputError: if a library of the extra `export` is not installed, or the format is none of an arm.
     """
-    write = find("format", format, FORMATS).write
-    request = request or Request()
+    request, write = request or Request(), find("format", format, FORMATS).write
+    if isinstance(model, ArmModel):
+        from workbench.export.joints import FORMATS as OF_ARMS  # needs Pinocchio
+
+        if format not in OF_ARMS:
+            raise InputError(f"an arm is exported to {listing(list(OF_ARMS))}, not to {format}")
+        return OF_ARMS[format](model, request)
     if request.drive is not None:
         request = replace(request, drive=in_units_of(model, request.drive))
     return write(model, request)

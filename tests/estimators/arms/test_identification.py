@@ -5,8 +5,7 @@ import pytest
 
 from benchmarks.two_link import Multisine, TwoLink
 from estimators import compare, identify
-from estimators.checks.identifiability import untold
-from estimators.checks.untold import untold_of_arm
+from estimators.checks.identifiability import untold, untold_of_arm
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import for_arms
 from estimators.schemes.six import PAPER, SCHEMES

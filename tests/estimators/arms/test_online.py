@@ -15,7 +15,13 @@ from estimators.schemes import six
 from estimators.schemes.balance import for_arms
 from estimators.schemes.six import SCHEMES, Integral
 from estimators.signals.measurements import Smoothing
-from estimators.wrappers import DiagnoseOnline, EstimateArmParameters, EstimateParameters, WatchModel, WatchModelVector
+from estimators.wrappers import (
+    DiagnoseOnline,
+    EstimateParameters,
+    EstimateParametersVector,
+    WatchModel,
+    WatchModelVector,
+)
 from pendulum_env import ARM, PENDULUM
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.joints import arm_base, at_joint
@@ -180,7 +186,7 @@ def file(tmp_path):
 
 def test_an_arm_is_known_after_a_few_seconds_as_well_as_from_its_recording(file):
     arm = gym.make(ARM, max_episode_steps=-1, rate=RATE, substeps=2, torque_noise=0.01)
-    env, body = EstimateArmParameters(arm, ["filtered_dynamic", "energy"]), read_body(file)
+    env, body = EstimateParameters(arm, ["filtered_dynamic", "energy"]), read_body(file)
     info, samples = driven(env, 3000)
     offline = identify(ArmRecording.of("run", body.joints, *samples), arm_base(body))
     friction = [value for link in TWO_LINK for value in (link.viscous, link.coulomb)]
@@ -192,7 +198,7 @@ def test_an_arm_is_known_after_a_few_seconds_as_well_as_from_its_recording(file)
 
 
 def test_spec_rebuilds_it_and_the_picture_shows_what_is_known():
-    env = EstimateArmParameters(gym.make(ARM, rate=RATE, render_mode="rgb_array"), "dynamic")
+    env = EstimateParameters(gym.make(ARM, rate=RATE, render_mode="rgb_array"), "dynamic")
     again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
     a, b = (driven(one, 400)[0]["estimates"]["dynamic"]["theta"] for one in (env, again))
     np.testing.assert_array_equal(a, b)
@@ -231,14 +237,14 @@ def test_an_arm_is_watched_by_a_model_of_the_same_arm(links, body, tmp_path):
 def test_environments_and_files_of_other_plants_are_refused(tmp_path):
     (tmp_path / "six.urdf").write_text(six_joint.urdf())
     with pytest.raises(ValueError, match=r"joints shoulder, elbow, and .*six\.urdf base, shoulder"):
-        EstimateArmParameters(gym.make(ARM), robot=str(tmp_path / "six.urdf"))
-    with pytest.raises(ValueError, match="does not tell its links: pass robot="):
-        EstimateArmParameters(gym.make(PENDULUM))
-    with pytest.raises(ValueError, match="wrap it, or each one of a vector, in EstimateArmParameters"):
-        EstimateParameters(gym.make(ARM))
+        EstimateParameters(gym.make(ARM), robot=str(tmp_path / "six.urdf"))
+    with pytest.raises(ValueError, match="one by one"):
+        EstimateParametersVector(gym.make_vec(ARM, num_envs=2))
+    with pytest.raises(ValueError, match="forgetting: is of a pendulum"):
+        EstimateParameters(gym.make(ARM), forgetting=0.99)
 
 
-@pytest.mark.parametrize("wrapper", [EstimateArmParameters, WatchModel, DiagnoseOnline])
+@pytest.mark.parametrize("wrapper", [EstimateParameters, WatchModel, DiagnoseOnline])
 def test_all_wrappers_take_terms_of_joints_by_name(wrapper):
     names = ["viscous@shoulder", "viscous@elbow", "coulomb@elbow"]
     wrapper(gym.make(ARM, rate=RATE), terms=names).reset(seed=0)

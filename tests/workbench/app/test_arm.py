@@ -65,7 +65,7 @@ def drop(session, *files: Path) -> None:
 def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkeypatch):
     from workbench.app.stages import add, diagnose
 
-    drop(session, *two_link(tmp_path))
+    drop(session, *two_link(tmp_path, 4.0))
     state = session.state
     assert session.notice == "" and state.body is not None and not state.trouble
     assert told(state)[1].startswith("The torque of elbow is")

@@ -574,7 +574,7 @@ def test_an_arm_from_its_file_to_an_effect_at_a_joint(tab, tmp_path):
     page.click(press("diagnose"))
     page.wait_for_selector(".ranking")
     assert tab.title() == "Missing: torque_offset@elbow"
-    page.get_by_role("button", name="Add torque offset@elbow").click()
+    page.get_by_role("button", name="Add a torque offset at elbow").click()
     page.wait_for_selector("p:has-text('All that the diagnosis calls for is in the model')")
     tab.go("add")
     assert "torque_offset@elbow" in page.inner_text("#stage")

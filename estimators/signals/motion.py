@@ -1,0 +1,19 @@
+"""What instants and windows of a recording have in common: where motion has a sign, and what hangs on the joint."""
+
+from __future__ import annotations
+
+from pendulum_env.physics import KnownLoad
+from pendulum_env.physics.term import UNLOADED
+from pendulum_env.recording import Recording
+from pendulum_env.recording.record import NEWTON_METRE
+
+HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
+LEAD_IN = 0.3  # [s] at the start, in which effects with memory still depend on their unrecorded initial state
+SLOWEST = 0.02  # [rad/s]; below it, or below five times its noise, a velocity has no sign
+
+
+def known_load(recording: Recording) -> KnownLoad:
+    """The known load of a recording, for samples of it; none where torque is no torque, and cannot be compared."""
+    if recording.load is None or recording.torque_unit != NEWTON_METRE:
+        return UNLOADED
+    return KnownLoad(recording.load.inertia, recording.load.gravity)
