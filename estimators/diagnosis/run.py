@@ -41,6 +41,7 @@ from pendulum_env.arms.joints import body_of
 from pendulum_env.arms.recording import of_arms
 from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.table import TABLES
+from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import listing
 
@@ -123,9 +124,16 @@ def diagnose(
         return examine_arm(of_arms(fitted), of_arms(unseen), setting, body)
     if are_driven([*fitted, *unseen]):
         return diagnose_in_loop(fitted, unseen, setting)
-    progress("reading the motion", 0.0)
-    calibrated = Preprocessed.of(fitted, unseen)
-    progress("timing the torque", 0.0)
+    return _by_torque(fitted, unseen, setting, max_torque)
+
+
+def _by_torque(
+    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, max_torque: float | None
+) -> Diagnosis:
+    """Find the effects that recorded torque calls for; timed anew where an effect explains its delay."""
+    setting.progress("reading the motion", 0.0)
+    calibrated = Preprocessed.of(recordings, holdout)
+    setting.progress("timing the torque", 0.0)
     given = calibrated.timed()
     usual = _usual_torque(given)
     setting = replace(setting, usual=usual, limits=replace(setting.limits, torque=max_torque or usual))
@@ -135,7 +143,7 @@ def diagnose(
         again = calibrated.timed(beside)
         if not again.agrees(given):
             given, found = again, _of_one_plant(again, setting)
-    progress("done", 1.0)
+    setting.progress("done", 1.0)
     return _with_channel(found, given)
 
 
