@@ -21,6 +21,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -202,23 +203,23 @@ class _Model:
     effects: frozenset[str]
     motor_friction: bool  # of the batch's transmissions
 
-    @property
+    @cached_property
     def two_masses(self) -> bool:
         return bool(self.effects & _TRANSMISSION)
 
-    @property
+    @cached_property
     def lag(self) -> int:  # row of the lagged torque
         return 4 if self.two_masses else 2
 
-    @property
+    @cached_property
     def bristle(self) -> int:  # row of the presliding torque
         return self.lag + ("actuator_lag" in self.effects)
 
-    @property
+    @cached_property
     def states(self) -> int:
         return self.bristle + ("presliding" in self.effects)
 
-    @property
+    @cached_property
     def sliding(self) -> int:  # row of the velocity that friction opposes
         return 3 if self.two_masses and self.motor_friction else 1
 
@@ -297,13 +298,12 @@ def _friction(
         dry = np.maximum(dry + p.pos_s * np.sin(q) + p.pos_c * np.cos(q), 0)
     if "friction_spot" in model.effects:
         dry = dry + p.spot_f * np.exp(-(((q - p.spot_q) / p.spot_w) ** 2))
-    warmth = np.ones_like(v)
+    moved = p.asym_c if "coulomb_asymmetry" in model.effects else None  # [-(fc - a), fc + a] is [-fc, fc] moved by a
     if "friction_drift" in model.effects:
         warm = p.drift_a * np.exp(-time / p.drift_T)
-        warmth, fluid = 1 + warm, fluid * (1 + p.drift_b * warm)
-    if "coulomb_asymmetry" in model.effects:
-        fluid = fluid + p.asym_c * warmth  # the set [-(fc - a), fc + a] is [-fc, fc] moved by a
-    return fluid, dry * warmth
+        fluid, dry = fluid * (1 + p.drift_b * warm), dry * (1 + warm)
+        moved = None if moved is None else moved * (1 + warm)
+    return fluid if moved is None else fluid + moved, dry
 
 
 def _balance(model: _Model, p: _Table, time: float | Array, state: Array) -> tuple[Array, Array, Array, Array | None]:
@@ -348,7 +348,7 @@ def _rate(model: _Model, p: _Table, state: Array, direction: Array, balance: _Ba
         rate[model.bristle] = bristle
         viscous = p.dahl_d * bristle / np.where(p.dahl_sigma > 0, p.dahl_sigma, 1)
         friction = np.where(p.dahl_sigma > 0, z + viscous, friction)
-    own = np.where(direction == 0, 0.0, (drive - friction) / inertia)
+    own = (direction != 0) * (drive - friction) / inertia
     rate[0], rate[1] = state[1], own
     if other is not None:
         rate[2], rate[3] = state[3], other
@@ -505,28 +505,25 @@ class _Clock:
         self.control = np.array([e.control for e in self.experiments])
         goals = np.gradient(self.reference, axis=0) * self.experiments[0].rate
         self.goal = np.where(self.control == "speed", goals, self.reference)
-        self.position, self.exact, self.velocity, self.acceleration = (np.zeros(shape) for _ in range(4))
+        self.angle, self.rate, self.rate_change, self.position = (np.zeros(shape) for _ in range(4))
+        self.follows = policy is not None or bool(self.closed.any())
         self.sliding = np.zeros(shape, bool)
 
     def due(self, i: int) -> bool:
         return i % self.every == 0 and i // self.every < self.samples
 
     def measure(self, i: int, state: Array, two_masses: bool) -> None:
-        """Read the encoder and, in a closed loop, decide the command."""
-        k, row = i // self.every, self.row if two_masses else 0 * self.row
-        q = state[row, self.columns]
-        seen = q + self.eccentricity * np.sin(q + self.phase)
-        self.exact[k] = seen
-        self.velocity[k] = state[row + 1, self.columns] * (1 + self.eccentricity * np.cos(q + self.phase))
-        seen = seen + self.position_noise[k]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            counted = np.floor(seen / self.count + self.shift) * self.count
-        self.position[k] = np.where(self.count > 0, counted, seen)
+        """Note the motion and, where the command depends on it, read the encoder and decide the command."""
+        k, row = i // self.every, self.row if two_masses else 0
+        self.angle[k], self.rate[k] = state[row, self.columns], state[row + 1, self.columns]
+        if not self.follows:
+            return
+        self.position[k] = position = self.read(self.angle[k], self.position_noise[k])
         if self.closed.any():
             back = max(k - 1, 0)
             rate = self.experiments[0].rate
-            self.speed += self.smoothing * ((self.position[k] - self.position[back]) * rate - self.speed)
-            error = self.reference[k] - self.position[k]
+            self.speed += self.smoothing * ((position - self.position[back]) * rate - self.speed)
+            error = self.reference[k] - position
             error_rate = (self.reference[k] - self.reference[back]) * rate - self.speed
             wanted = self.gains[0] * error + self.gains[1] * error_rate
             wanted = np.where(self.control == "servo", self.gains[0] * error - self.gains[1] * self.speed, wanted)
@@ -536,33 +533,44 @@ class _Clock:
             torque = np.clip(np.where(self.control == "speed", by_speed, wanted), -self.limit, self.limit)
             self.command[k] = np.where(self.closed, torque, self.command[k])
         if self.policy is not None:
-            self.command[k] = self.policy(self.position[k])
+            self.command[k] = self.policy(position)
+
+    def read(self, angle: Array, noise: Array) -> Array:
+        """What the encoders say of angles (..., B)."""
+        seen = angle + self.eccentricity * np.sin(angle + self.phase) + noise
+        with np.errstate(invalid="ignore", divide="ignore"):
+            counted = np.floor(seen / self.count + self.shift) * self.count
+        return np.where(self.count > 0, counted, seen)
 
     def acting(self, i: int) -> Array:
         """The command that acts during inner step i, after its dead time."""
+        if not self.delay.any():
+            k = min(i // self.every, self.samples - 1)
+            return self.command[k] + self.felt * self.torque_noise[k]
         k = np.minimum((i - self.delay) // self.every, self.samples - 1)
         at = np.maximum(k, 0), np.arange(len(k))
         return np.where(k >= 0, self.command[at] + self.felt * self.torque_noise[at], 0.0)
 
-    def keep(self, i: int, state: Array, rate: Array, direction: Array, two_masses: bool) -> None:
-        """Store what is only known once the command is: acceleration, and whether the joint slides."""
-        k, row = i // self.every, self.row if two_masses else 0 * self.row
-        q, v, a = state[row, self.columns], state[row + 1, self.columns], rate[row + 1, self.columns]
-        angle = q + self.phase
-        self.acceleration[k] = a * (1 + self.eccentricity * np.cos(angle)) - self.eccentricity * v**2 * np.sin(angle)
-        self.sliding[k] = direction[self.columns] != 0
+    def keep(self, i: int, rate: Array, direction: Array, two_masses: bool) -> None:
+        """Note what is only known once the command is: acceleration, and whether the joint slides."""
+        k, row = i // self.every, self.row if two_masses else 0
+        self.rate_change[k], self.sliding[k] = rate[row + 1, self.columns], direction[self.columns] != 0
 
     def recordings(self) -> list[SimulatedRecording]:
+        q, v, e = self.angle, self.rate, self.eccentricity
+        exact, turned = q + e * np.sin(q + self.phase), 1 + e * np.cos(q + self.phase)
+        velocity, acceleration = v * turned, self.rate_change * turned - e * v**2 * np.sin(q + self.phase)
+        position = self.read(q, self.position_noise)
         recordings = []
         for j, (plant, experiment) in enumerate(zip(self.plants, self.experiments, strict=True)):
             n = experiment.samples
             torque = self.command[:n, j] + self.torque_noise[:n, j]
             if experiment.torque_step:
                 torque = np.round(torque / experiment.torque_step) * experiment.torque_step
-            kept = (self.command, self.exact, self.velocity, self.acceleration, self.sliding, self.goal)
+            kept = (self.command, exact, velocity, acceleration, self.sliding, self.goal)
             time = np.arange(n) / experiment.rate
             copies = (array[:n, j].copy() for array in kept)
-            recordings.append(SimulatedRecording(plant, experiment, time, self.position[:n, j].copy(), torque, *copies))
+            recordings.append(SimulatedRecording(plant, experiment, time, position[:n, j].copy(), torque, *copies))
         return recordings
 
 
@@ -639,7 +647,7 @@ def _simulate_batch(
             p.command[clock.columns] = clock.acting(i)
         after, end, direction, rate = _step(model, p, time, step, state, direction)
         for clock in due:
-            clock.keep(i, state, rate, direction, model.two_masses)
+            clock.keep(i, rate, direction, model.two_masses)
         state, direction = after, end
 
     done: list[Any] = [None] * len(cases)
