@@ -256,8 +256,6 @@ class Balance:
     def _solve(self, theta: Array, free: Mask) -> Array:
         """The parameters with the free ones moved to where the squared error is least (Gauss-Newton)."""
         plain, w = free & ~self.of_torque, self.weights
-        if self.is_linear and free.all():
-            return least_squares(self.phi * np.reshape(w / self.passed, (-1, 1)), self.y * w / self.passed)
         theta = np.where(plain, 0.0, theta)
         slope = np.maximum(1.0 - self.by_torque @ theta, LEAST_SLOPE) * self.passed
         known = (self.y - self.phi @ theta) * w / slope
