@@ -64,10 +64,16 @@ class Preprocessed:
         Torque that is logged a little late is no hindrance: to first order, what comes of it is odd in the velocity.
 
         Raises:
-            IdentificationError: if units differ, or if the recordings hold too little motion to tell anything.
+            IdentificationError: if units differ, from that of the constant, too, or if the recordings hold too little
+                motion to tell anything.
         """
-        if unit_of((*recordings, *holdout)) == NEWTON_METRE:
+        unit = unit_of((*recordings, *holdout))
+        if unit == NEWTON_METRE:
             return cls(tuple(recordings), tuple(holdout))
+        if constant is not None and constant.of != unit:
+            raise IdentificationError(
+                f"torque is in {unit}, but the torque constant is of {constant.of}: convert the log"
+            )
         found = constant or torque_constant(recordings)
         if isinstance(found, str):
             return cls(tuple(recordings), tuple(holdout), found)
@@ -82,11 +88,13 @@ class Preprocessed:
         fitted = align_each(self.recordings, beside)
         alike = all(one is fitted[0] for one in fitted)
         unseen = fitted[:1] * len(self.holdout) if alike else align_each(self.holdout, beside)
-        moved, checks = (
-            tuple(one.apply(recording) for one, recording in zip(alignments, part, strict=True))
-            for alignments, part in ((fitted, self.recordings), (unseen, self.holdout))
-        )
-        return replace(self, recordings=moved, holdout=checks, alignments=(*fitted, *unseen))
+        return self.corrected((*fitted, *unseen))
+
+    def corrected(self, alignments: Sequence[Alignment]) -> Self:
+        """The same with the torque of each recording as its alignment has it, fitted ones first."""
+        every = zip(alignments, (*self.recordings, *self.holdout), strict=True)
+        moved, count = tuple(one.apply(recording) for one, recording in every), len(self.recordings)
+        return replace(self, recordings=moved[:count], holdout=moved[count:], alignments=tuple(alignments))
 
     def without(self, odd: Container[int]) -> Self:
         """The same without fitted recordings of the given numbers, counted from 1."""

@@ -67,7 +67,7 @@ def story(found: Diagnosis, every: bool = False) -> Story:
         estimates = {name: own for id in found.selected for name, own in found.model.of(id).items()}
     lines = [*found.laws, errors_line(found)]
     lines += parameters_line(estimates, bool(found.unexplained))
-    first = found.unexplained[:1]
+    first = found.unexplained[:1] if found.body is None else found.unexplained  # of an arm, one a joint
     lines += [f"left: {found.told_of(region)}" for region in first if region.text != found.next_step]
     lines += [f"{one.text}, and is not fitted: diagnose it on its own" for one in found.disagreements]
     return Story(found.headline, lines, found.next_step, of_diagnosis(found, every, ALL), found.remarks)

@@ -4,7 +4,7 @@ Many logs hold torque late: it was read after the position, came over a slow bus
 that, since none acts before its cause; but several effects together can hide it, so that it has to be found first.
 
 With tau the torque that acts and u the one that is logged, held from its sample to the next, the laws of the torque
-channel, fitted by `channel_fits`, are
+channel, fitted by `channel`, are
 
     tau(t) = u(t + delay)                    delay > 0: logged late; delay < 0: it acts late, as after a dead time
     tau = u + lag u'                         lag > 0: logged through a low-pass filter

@@ -122,6 +122,7 @@ class Diagnosis:
         torque_unit: `N m`, or that of a current in whose stead parameters and errors are per unit of it.
         torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
         data: that it was made of, without recordings that disagree; None of a diagnosis that was read from a file.
+        searched: whether anybody has looked for effects; not in a comparison that is drawn like a diagnosis.
         left: of an arm, torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
         heavier: of an arm, joints that feel heavier in slow motion than in all, and how many times.
     """
@@ -142,6 +143,7 @@ class Diagnosis:
     torque_unit: str = NEWTON_METRE
     torque_constant: TorqueConstant | None = None
     data: Preprocessed | None = field(default=None, compare=False, repr=False)
+    searched: bool = True
     left: Mapping[str, float] = field(default_factory=dict)
     heavier: Mapping[str, float] = field(default_factory=dict)
 
@@ -181,7 +183,7 @@ class Diagnosis:
         if found:
             rest = ", and more that no known effect explains" if self.unexplained else ""
             return f"{opening(listing(found))} {'is' if len(found) == 1 else 'are'} missing{rest}"
-        if not self.candidates:  # nobody has looked yet
+        if not self.searched:
             return "Something is missing in this model" if self.unexplained else "The model explains what was measured"
         if self.unexplained:
             return "Something is missing, and no known effect explains it"
@@ -190,7 +192,7 @@ class Diagnosis:
     @property
     def _headline_of_arm(self) -> str:
         where = listing(list(self.left))
-        if not self.candidates:  # nobody has looked yet
+        if not self.searched:
             return worst(self.steps[-1].errors["holdout"])
         if self.selected:
             more = f", and more at {where} that no known effect explains" if where else ""

@@ -39,6 +39,7 @@ from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import body_of
 from pendulum_env.arms.recording import of_arms
+from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import Recording
@@ -121,6 +122,8 @@ def diagnose(
         by_reference=by_reference,
     )
     if body is not None:
+        if by_reference or any(bound is not None for bound in (max_torque, max_angle, max_speed)):
+            raise Mistake("by_reference and bounds of an experiment are for pendulums alone: leave them out for an arm")
         return examine_arm(of_arms(fitted), of_arms(unseen), setting, body)
     if are_driven([*fitted, *unseen]):
         return diagnose_in_loop(fitted, unseen, setting)

@@ -289,11 +289,12 @@ def _random_walk_covariance(equations: Equations, data: Stack, theta: Array) -> 
     """
     weights = (data.weights * data.usable)[:, None]
     phi, error = equations.phi * weights, (equations.y - equations.phi @ theta) * data.usable
-    ends = [*data.starts[1:], len(error)]
+    ends, joints = [*data.starts[1:], len(error)], int(data.joint.max()) + 1
     rest, increment = np.empty_like(phi), np.empty_like(error)
     for begin, end in zip(data.starts, ends, strict=True):
-        rest[begin:end] = np.cumsum((phi * weights)[begin:end][::-1], axis=0)[::-1]
-        increment[begin:end] = np.diff(error[begin:end], prepend=0.0)
+        for own in (slice(first, end, joints) for first in range(begin, begin + joints)):  # each sums by itself
+            rest[own] = np.cumsum((phi * weights)[own][::-1], axis=0)[::-1]
+            increment[own] = np.diff(error[own], prepend=0.0)
     scores = np.zeros((int(data.clusters.max()) + 1, phi.shape[1]))
     np.add.at(scores, data.clusters, rest * increment[:, None])
     bread = np.linalg.pinv(phi.T @ phi, hermitian=True)

@@ -85,7 +85,7 @@ def refined(term: Term, residuals: Residuals) -> Term:
     if not shapes:
         return term
     factor = np.array([shape.low > 0 for shape in shapes])
-    known: dict[Term, Array] = {}  # residuals of the last batch
+    known: dict[Term, Array] = {}  # residuals of what was tried
 
     def at(term: Term) -> tuple[Array, Array]:
         """Values of the shape parameters and the units that they move by."""

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.preprocessing import Preprocessed
+from estimators.regression.equations import IdentificationError
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import TorqueConstant
@@ -58,3 +59,9 @@ def test_a_torque_constant_that_is_known_is_not_asked_of_loads():
     assert known.doubt is None and known.unit == "N m" and known.constant.value == 2.0
     for one in (*known.recordings, *known.holdout):
         np.testing.assert_array_equal(one.torque, 2.0 * current.torque)
+
+
+def test_a_constant_of_another_unit_is_refused():
+    volts = replace(recording("moving"), torque_unit="V")
+    with pytest.raises(IdentificationError, match="torque is in V, but the torque constant is of A"):
+        Preprocessed.of([volts], constant=TorqueConstant(2.0, 0.1, "A"))

@@ -13,6 +13,8 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, cast, get_args, get_origin, get_type_hints
 
+from estimators.diagnosis.result import Diagnosis
+from estimators.preprocessing import Preprocessed
 from pendulum_env._typing import JSON
 from pendulum_env.arms.joints import links_of
 from pendulum_env.arms.model import ArmModel
@@ -56,6 +58,9 @@ def pack(state: State) -> bytes:
         known |= {"base": ArmModel.build(state.base_terms, 1.0) if state.terms else None}
     else:
         known |= {"base": _of(state.base_terms), **{key: getattr(state, name) for key, name in MEMBERS.items()}}
+        if state.diagnosis is not None and (data := state.diagnosis.data) is not None:
+            cut = {"window_share": data.window_share, "impacts_beside": data.impacts_beside}
+            known["diagnosis"] = _plain(state.diagnosis) | cut
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(CONTENTS, json.dumps(known, default=_plain, indent=1))
@@ -108,6 +113,9 @@ def opened(folder: Path) -> State:
         state = State(loaded=whole, terms=terms, **known)
         state.asked.check(terms)
         if not state.trouble:
+            if state.diagnosis is not None:
+                data = _data_of(state, state.diagnosis, content["diagnosis"])
+                state = replace(state, diagnosis=replace(state.diagnosis, data=data))
             state.told.json()  # what a page would stumble over
             state.standing.residuals(state.prepared.data.parts[0])
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -124,6 +132,17 @@ def _robot(told: Any, folder: Path, sources: Sequence[Source]) -> RobotFile:
     except (LookupError, TypeError, ValueError) as error:
         raise Unreadable(f"'robot' of {CONTENTS} makes no sense ({error}); {HINT}") from None
     return replace(robot, file=folder / robot.file)
+
+
+def _data_of(state: State, found: Diagnosis, content: JSON) -> Preprocessed:
+    """What a saved diagnosis was made of: the recordings, with their torque corrected and cut as it says."""
+    train, holdout = ([one.recording for one in state.loaded if one.held_out is held] for held in (False, True))
+    data = Preprocessed.of(train, holdout)
+    data = data.corrected(found.alignments) if found.alignments else data
+    beside = _typed(tuple[Term, ...] | None, content.get("impacts_beside"))
+    share = _typed(float, content.get("window_share", 1.0))
+    data = data.without([one.recording for one in found.disagreements])
+    return replace(data, window_share=share, impacts_beside=beside)
 
 
 def _of_one_table(diagnosis: JSON | None) -> None:

@@ -439,9 +439,9 @@ class State:
         """
         found = self.diagnosis
         if self.body is not None:
-            return found or Diagnosis(self.ladder, (), (), (), np.nan, (), data=self.prepared.data)
-        if found is not None and found.data is None:  # of a saved session
-            found = replace(found, data=self.prepared.timed.without([one.recording for one in found.disagreements]))
+            data = self.prepared.data
+            shown = Preprocessed(data.holdout or tuple(parted(of_arms(data.recordings))[1]))
+            return found or Diagnosis(self.ladder, (), (), (), np.nan, (), data=shown, searched=False)
         if found is not None and set(self.added) < set(self.called):
             return replace(found, steps=self.called_for)
         prepared, model = self.prepared.data.parts[0], self.model
@@ -455,7 +455,7 @@ class State:
         if found is not None:
             return replace(found, steps=self.ladder, unexplained=left)
         doubts = tuple(doubt.text for doubt in self.doubts)
-        return Diagnosis(self.ladder, (), (), left, floor, doubts, data=self.prepared.data)
+        return Diagnosis(self.ladder, (), (), left, floor, doubts, data=self.prepared.data, searched=False)
 
     @property
     def table(self) -> str | None:

@@ -32,9 +32,9 @@ Drawn = tuple[str, str, Step]  # how the page calls a model, the colour of its c
 def sections(case: Case) -> list[Section]:
     """What a report tells of an arm: of a diagnosis, or of a comparison, in which nobody has looked for effects."""
     found, models = case.diagnosis, ends(case.diagnosis.steps, case.first)
-    measured = "held-out data" if found.candidates else "the recordings compared with"
+    measured = "held-out data" if found.searched else "the recordings compared with"
     return [
-        joints(models, measured, found.headline, found if found.candidates else None),
+        joints(models, measured, found.headline, found if found.searched else None),
         strips(models, gather_arm(of_arms(case.data.recordings), found.model.terms)),
         *([ranked(found.candidates)] if found.candidates else []),
         parameters(models),

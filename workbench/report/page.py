@@ -131,5 +131,7 @@ def render_comparison(compared: Comparison) -> str:
 def _case(compared: Comparison) -> Case:
     """The comparison as a diagnosis in which nobody has looked for effects, and all is fitted and checked alike."""
     step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
-    found = Diagnosis((step,), (), (), compared.regions, compared.joint.noise_floor, (), data=compared.data)
+    found = Diagnosis(
+        (step,), (), (), compared.regions, compared.joint.noise_floor, (), data=compared.data, searched=False
+    )
     return Case(found, first="model")  # nothing is added to it

@@ -7,8 +7,9 @@ from benchmarks.two_link import Multisine, TwoLink
 from estimators import compare, identify
 from estimators.checks.identifiability import untold, untold_of_arm
 from estimators.regression.equations import IdentificationError
+from estimators.schemes import six
 from estimators.schemes.balance import for_arms
-from estimators.schemes.six import PAPER, SCHEMES
+from estimators.schemes.six import PAPER, SCHEMES, Integral
 from estimators.signals.measurements import measure_segments
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.joints import Links, arm_base, friction
@@ -51,6 +52,15 @@ def test_standard_errors_are_those_of_the_errors(found, truth):
         model = found[scheme].model
         std = np.array([estimate.std for estimate in model.estimates.values()])
         assert np.all(np.abs(model.theta - truth) < 4 * std)
+
+
+def test_rows_that_are_summed_from_the_start_are_so_joint_by_joint(recording, body, truth):
+    summed = six.scheme("dynamic", operator=Integral(window=None))
+    model = identify(recording, arm_base(body), schemes=[summed])["dynamic"].model
+    for name, true in zip(model.estimates, truth, strict=True):
+        if name.startswith(("viscous", "coulomb")):
+            own = model.estimates[name]
+            assert abs(own.value - true) < 4 * own.std < 0.02
 
 
 def test_the_hamiltonian_pair_equals_the_dynamic_pair(found):

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from estimators.regression.balance import Balance
 from estimators.regression.equations import Equations
-from estimators.regression.least_squares import jackknife, least_squares, solve
+from estimators.regression.least_squares import jackknife, least_squares, quietest_most, solve
 from estimators.weak_form.shapes import cross_entropy, refined
 from pendulum_env.physics import Samples, Term, effect
 
@@ -267,3 +267,9 @@ def test_a_fit_of_torque_on_both_sides_scatters_as_it_says():
     scatter = np.std(estimates, axis=0)
     assert np.mean(estimates, axis=0) == pytest.approx([2.0, 0.3], abs=0.01)
     assert np.all((0.6 < scatter / np.mean(told, axis=0)) & (scatter / np.mean(told, axis=0) < 1.5))
+
+
+def test_the_quietest_recording_counts_most_and_one_without_equations_not_at_all():
+    assert quietest_most(np.array([40.0, 4000.0]), np.array([40, 40]), 0.0) == pytest.approx([1.0, 0.1])
+    assert quietest_most(np.array([40.0, 4000.0]), np.array([40, 40]), 5.0) == pytest.approx([1.0, 0.5])
+    assert quietest_most(np.array([4.0, 0.0]), np.array([1, 0]), 0.5).tolist() == [1.0, 0.0]

@@ -5,6 +5,7 @@ import json
 import math
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 from estimators import add, diagnose
 from estimators.selection.score import Gain
+from pendulum_env.physics.potential import HardStop
 from tests.workbench.app.plants import files_of, limited, recorded, upload, url, written
 
 pytest.importorskip("dash")
@@ -151,6 +153,20 @@ def test_archives_that_are_damaged_or_hold_too_much_are_refused(worked, tmp_path
 def test_a_record_comes_back_from_json(number):
     back = _typed(Gain, plain(Gain(number, 0.0, 0.5)))
     assert (back.error, back.chance) == (0.0, 0.5) and back.total == pytest.approx(number, nan_ok=True)
+
+
+def test_windows_and_timing_of_a_diagnosis_come_back(worked, tmp_path):
+    state = worked.state
+    assert state.diagnosis is not None and state.diagnosis.data is not None
+    beside = (*state.terms, HardStop())
+    late = [replace(one, channel=replace(one.channel, delay=0.004)) for one in state.diagnosis.alignments]
+    data = replace(state.diagnosis.data, window_share=0.5, impacts_beside=beside)
+    session = Session(tmp_path / "first")
+    session.state = replace(state, diagnosis=replace(state.diagnosis, data=data, alignments=tuple(late)))
+    found = opened(tmp_path, pack(session.state)).state.diagnosis
+    assert found is not None and found.data is not None and found.data.impacts_beside is not None
+    assert [term.id for term in found.data.impacts_beside] == [term.id for term in beside]
+    assert found.data.window_share == 0.5 and [one.delay for one in found.data.alignments] == [0.004, 0.004]
 
 
 # ------------------------------------------------------------------------------------------------ undo
