@@ -75,7 +75,9 @@ class ArmModel(Model):
             raise ModelError(f"is of an arm with joints {', '.join(joints)}, not {', '.join(body.joints)}")
         base = data["base"].content
         if base != {parameter.name: parameter.text for parameter in body.base}:
-            raise ModelError("is of an arm with other links, or with rotors where this has none, or without")
+            raise ModelError(
+                "is of other links than this robot has: give the file that it was made with, --rotors as then"
+            )
         theta = data["theta"]
         known = theta.content if isinstance(theta.content, dict) else {}
         terms = [

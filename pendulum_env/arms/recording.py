@@ -24,6 +24,7 @@ from pendulum_env.words import listing
 
 QUANTITIES = ("position", "torque")
 OF_JOINTS = (*QUANTITIES, "temperature", "link_position")  # the last two where there are any
+SHOWN = 12  # columns of a file that are named where one is missing
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -238,10 +239,11 @@ def _named(
         if len(missing) == len(joints) == len(numbered):
             found |= {f"{quantity}_{joint}": plain[name] for joint, name in zip(joints, numbered, strict=True)}
         elif missing and quantity in QUANTITIES:
+            need = "joints need as many columns" if len(joints) > 1 else "joint needs a column"
             raise ColumnError(
-                f"{path}: {len(joints)} joints need as many columns of {quantity}, there is none for "
-                f"{', '.join(missing)}: name them {quantity}_{missing[0]} and so on, say which with --columns, or hold "
-                "joints by naming those that move, --joints A,B,C (joints=)"
+                f"{path}: {len(joints)} {need} of {quantity}, there is none for {', '.join(missing)} among "
+                f"{', '.join([*plain][:SHOWN])}: name them {quantity}_{missing[0]} and so on, say which with "
+                "--columns, or hold joints by naming those that move, --joints A,B,C"
             )
         for header in plain:
             if header.startswith(f"{quantity}_") and header not in wanted and plain[header] not in found.values():
