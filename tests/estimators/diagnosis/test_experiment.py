@@ -156,7 +156,7 @@ def test_unless_asked_an_experiment_stays_within_what_was_recorded(first, name):
 def test_nothing_is_suggested_for_what_no_effect_explains():
     found = diagnosed("cubic_damping")
     assert found.unexplained and found.suggestion is None
-    assert found.table == "friction_by_speed" and "as a table" in found.next_step
+    assert found.tables == ("friction_by_speed",) and "as a table" in found.next_step
 
 
 def test_an_experiment_goes_where_most_is_left(models):

@@ -45,12 +45,12 @@ def kept(hidden: str, table: str) -> Addition:
 def test_a_diagnosis_names_the_table_that_keeps_a_law_without_a_name(hidden):
     found = diagnosed(hidden)
     assert not found.selected
-    assert found.table == found.json()["table"] == hidden
+    assert found.tables == (hidden,) and found.json()["table"] == hidden
     assert f"add MODEL.json {hidden}" in found.next_step
 
 
 def test_where_nothing_is_hidden_no_table_is_named():
-    assert diagnosed("nothing").table is None
+    assert diagnosed("nothing").tables == ()
 
 
 @pytest.mark.parametrize("hidden", [id for id in HIDDEN if id != "nothing"])
