@@ -221,7 +221,7 @@ def test_a_diagnosis_names_what_is_missing_where_a_joint_slides_in_its_units(cap
     [
         (
             "identify run.csv",
-            "there is none for left: name them torque_left and so on.* naming those that move",
+            "there is none for left among .*: name them torque_left and so on.* naming those that move",
         ),
         ("identify run.csv --joints torso,sholder", "unknown joint 'sholder': did you mean shoulder"),
         ("identify run.csv --joints torso,,elbow", "names of joints with commas"),
