@@ -122,7 +122,6 @@ class Diagnosis:
         torque_unit: `N m`, or that of a current in whose stead parameters and errors are per unit of it.
         torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
         data: that it was made of, without recordings that disagree; None of a diagnosis that was read from a file.
-        searched: whether anybody has looked for effects; not in a comparison that is drawn like a diagnosis.
         left: of an arm, torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
         heavier: of an arm, joints that feel heavier in slow motion than in all, and how many times.
     """
@@ -143,7 +142,6 @@ class Diagnosis:
     torque_unit: str = NEWTON_METRE
     torque_constant: TorqueConstant | None = None
     data: Preprocessed | None = field(default=None, compare=False, repr=False)
-    searched: bool = True
     left: Mapping[str, float] = field(default_factory=dict)
     heavier: Mapping[str, float] = field(default_factory=dict)
 
@@ -172,6 +170,11 @@ class Diagnosis:
         """Laws of the effects found to be missing: `stribeck: fs exp(-|q'/vs|^n) sgn q'`."""
         known = {term.id: term.law for term in self.model.terms}
         return [f"{id}: {known[id]}" for id in self.selected if id in known]
+
+    @property
+    def searched(self) -> bool:
+        """Whether anybody has looked for effects: not in a comparison that is drawn like a diagnosis."""
+        return bool(self.candidates or self.left)
 
     @property
     def headline(self) -> str:

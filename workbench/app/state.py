@@ -439,9 +439,10 @@ class State:
         """
         found = self.diagnosis
         if self.body is not None:
-            data = self.prepared.data
-            shown = Preprocessed(data.holdout or tuple(parted(of_arms(data.recordings))[1]))
-            return found or Diagnosis(self.ladder, (), (), (), np.nan, (), data=shown, searched=False)
+            if found is not None:
+                return found
+            unseen = tuple(parted(of_arms(self.train), of_arms(self.holdout))[1])
+            return Diagnosis(self.ladder, (), (), (), np.nan, (), data=Preprocessed(unseen))
         if found is not None and set(self.added) < set(self.called):
             return replace(found, steps=self.called_for)
         prepared, model = self.prepared.data.parts[0], self.model
@@ -455,7 +456,7 @@ class State:
         if found is not None:
             return replace(found, steps=self.ladder, unexplained=left)
         doubts = tuple(doubt.text for doubt in self.doubts)
-        return Diagnosis(self.ladder, (), (), left, floor, doubts, data=self.prepared.data, searched=False)
+        return Diagnosis(self.ladder, (), (), left, floor, doubts, data=self.prepared.data)
 
     @property
     def table(self) -> str | None:

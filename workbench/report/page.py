@@ -66,7 +66,8 @@ def render(diagnosis: Diagnosis) -> str:
         sections = [of_diagnosis(case), candidates(case), parameters(case)]
     else:
         sections = [section for make in SECTIONS if (section := make(case)) is not None]
-    page = assemble(sections, f"diagnosis of {words.listing([recording.name for recording in case.data.recordings])}")
+    kind = "comparison with" if diagnosis.body is not None and not diagnosis.searched else "diagnosis of"
+    page = assemble(sections, f"{kind} {words.listing([recording.name for recording in case.data.recordings])}")
     return words.per(page, diagnosis.torque_unit)
 
 
@@ -131,7 +132,5 @@ def render_comparison(compared: Comparison) -> str:
 def _case(compared: Comparison) -> Case:
     """The comparison as a diagnosis in which nobody has looked for effects, and all is fitted and checked alike."""
     step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
-    found = Diagnosis(
-        (step,), (), (), compared.regions, compared.joint.noise_floor, (), data=compared.data, searched=False
-    )
+    found = Diagnosis((step,), (), (), compared.regions, compared.joint.noise_floor, (), data=compared.data)
     return Case(found, first="model")  # nothing is added to it
