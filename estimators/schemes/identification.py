@@ -25,9 +25,9 @@ from estimators.checks.remedies import wrong_columns
 from estimators.checks.torque_constant import told
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.balance import for_arms, measure_arm, series
+from estimators.schemes.balance import Joints, for_arms, measure_arm, series
 from estimators.schemes.fitting import Identified, Segments, fitted, regressions, stack
-from estimators.schemes.six import SCHEMES, LowPass, Regressor, Scheme
+from estimators.schemes.six import SCHEMES, LowPass, Regression, Regressor, Scheme
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.physical import driving_friction
 from estimators.signals.measurements import Measurements, measure_segments, remember
@@ -165,12 +165,12 @@ def identify(
         )
     chosen, slowed = _at_rate(chosen, segments)
     doubts = (*identifiability(measurements, terms), *slowed)
-    results = _by_schemes(chosen, segments, terms, recordings)
+    results = _by_schemes(chosen, segments, terms, recordings, regressions(terms))
     first = next(iter(results.values())).model
     if given.constant is not None:
         larger = 1 + given.constant.std / given.constant.value
         moved = [replace(one, torque=larger * one.torque) if one.torque_constant else one for one in recordings]
-        there = _by_schemes(chosen, _measured(moved, terms, measured), terms, recordings)
+        there = _by_schemes(chosen, _measured(moved, terms, measured), terms, recordings, regressions(terms))
         results = {id: own.calibrated(given.constant, there[id].model) for id, own in results.items()}
     else:
         results = {id: own.per(given.unit) for id, own in results.items()}
@@ -208,8 +208,9 @@ def _of_arm(
                 f"{_names(recordings)}: joint '{joint}' never moves: record with all joints moving"
             )
     chosen, slowed = _at_rate(for_arms(schemes), segments)
-    results = _by_schemes(chosen, segments, terms, recordings)
-    first = stack(segments, partial(regressions(terms), chosen[0]))
+    of = regressions(terms)
+    results = _by_schemes(chosen, segments, terms, recordings, of)
+    first = stack(segments, partial(of, chosen[0]))
     phi, columns = first.equations.phi, [column.name for term in terms for column in term.columns]
     doubts = [*slowed, *inseparable(phi[first.usable], columns, np.any(phi, axis=0))]
     parts = [series(joints, "position", "velocity", "held") for joints in measured]
@@ -262,10 +263,14 @@ def _withheld(
 
 
 def _by_schemes(
-    schemes: Sequence[Regressor], segments: Segments, terms: Sequence[Term], recordings: Sequence[Recording]
+    schemes: Sequence[Regressor],
+    segments: Segments,
+    terms: Sequence[Term],
+    recordings: Sequence[Recording],
+    of: Callable[[Regressor, Joints], list[Regression]],
 ) -> dict[str, Identified]:
-    """What each scheme finds in the segments of recordings, by its id."""
-    of, body, names = regressions(terms), body_of(terms), _names(recordings)
+    """What each scheme finds in the segments of recordings, by its id; `of` makes regressions, see `regressions`."""
+    body, names = body_of(terms), _names(recordings)
     results: dict[str, Identified] = {}
     for scheme in schemes:
         data = stack(segments, partial(of, scheme))

@@ -85,7 +85,7 @@ def refined(term: Term, residuals: Residuals) -> Term:
     if not shapes:
         return term
     factor = np.array([shape.low > 0 for shape in shapes])
-    known: dict[Term, Array] = {}  # residuals of what was tried
+    known: dict[Term, Array] = {}  # residuals of the last batch
 
     def at(term: Term) -> tuple[Array, Array]:
         """Values of the shape parameters and the units that they move by."""
@@ -106,6 +106,7 @@ def refined(term: Term, residuals: Residuals) -> Term:
             moved(term, shapes, np.where(factor, values * np.exp(share * step), values + share * step * unit))
             for share in STEPS
         ]
+        known.clear()
         known.update(zip(tried, residuals(tried), strict=True))
         return least_of(tried, [float(known[term] @ known[term]) for term in tried])
 

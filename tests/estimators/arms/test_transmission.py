@@ -11,6 +11,7 @@ from benchmarks.two_link import Multisine
 from estimators.arms.transmission import find_transmissions
 from pendulum_env.arms.recording import ArmRecording, read_arm_recording
 from pendulum_env.recording import write_recording
+from tests.runge_kutta import stepped
 
 MOTOR, LINK, WEIGHT = 0.03, 0.06, 1.5  # [kg m^2], [kg m^2], [N m]
 VISCOUS, COULOMB = 0.2, 0.4  # [N m s/rad], [N m]
@@ -27,26 +28,19 @@ def run(play=0.0, stiffness=STIFFNESS, seconds=8.0):
     waves = zip(torque.amplitude[0], torque.frequency[0], torque.phase[0], strict=True)
     driven = sum(a * np.sin(w * halves + phase) for a, w, phase in waves).tolist()
 
-    def slope(u, q, link, v, w):
+    def rate(t, q, link, v, w):
         off = q - link
         stretch = off - min(max(off, -play), play)
         through = stiffness * stretch + DAMPING * (v - w) * (stretch != 0)
         friction = VISCOUS * v + COULOMB * tanh(v / 2e-3)
-        return v, w, (u - friction - through) / MOTOR, (through - WEIGHT * sin(link)) / LINK
-
-    def moved(x, k, by):
-        return [one + by * rate for one, rate in zip(x, k, strict=True)]
+        pushed = driven[round(2 * t / step)] - friction - through
+        return v, w, pushed / MOTOR, (through - WEIGHT * sin(link)) / LINK
 
     x, path = [0.0] * 4, []
-    for k in range(STEPS * len(time)):  # classical Runge-Kutta
+    for k in range(STEPS * len(time)):
         if k % STEPS == 0:
             path.append(x[:2])
-        begin, middle, end = driven[2 * k : 2 * k + 3]
-        k1 = slope(begin, *x)
-        k2 = slope(middle, *moved(x, k1, step / 2))
-        k3 = slope(middle, *moved(x, k2, step / 2))
-        k4 = slope(end, *moved(x, k3, step))
-        x = [one + step / 6 * (a + 2 * (b + c) + d) for one, a, b, c, d in zip(x, k1, k2, k3, k4, strict=True)]
+        x = stepped(rate, k * step, x, step)
     step = 2 * np.pi / COUNTS
     q, link = np.round(np.array(path).T[:, :, None] / step) * step
     held = torque.held(time, 2e-3)[:, :1] + 0.01 * np.random.default_rng(0).normal(size=(len(time), 1))

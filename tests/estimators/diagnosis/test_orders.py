@@ -10,6 +10,7 @@ from pendulum_env.physics import Samples
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
 from tests import slow
+from tests.runge_kutta import stepped
 
 INERTIA, VISCOUS, NOISE = 2e-4, 4e-4, 5e-4  # of a motor of the size of a palm, in SI units
 RATE, SECONDS, STEPS = 500.0, 12.0, 10
@@ -24,22 +25,16 @@ def turned(cogging: dict[int, tuple[float, float]], seed: int) -> Recording:
     wave = np.sin(2 * np.pi * np.outer(time, tones) + phases).sum(axis=1)
     torque = 0.05 * wave / np.abs(wave).max()
 
-    path, step = np.empty(len(time)), 1 / RATE / STEPS
-    q, v = 0.0, 0.0
+    path, step, x = np.empty(len(time)), 1 / RATE / STEPS, [0.0, 0.0]
     for k, held in enumerate(torque.tolist()):
-        path[k] = q
+        path[k] = x[0]
 
-        def push(q: float, v: float, held: float = held) -> float:
+        def rate(t: float, q: float, v: float, held: float = held) -> tuple[float, float]:
             cogs = sum(s * sin(n * q) + c * cos(n * q) for n, (s, c) in cogging.items())
-            return (held - VISCOUS * v - cogs) / INERTIA
+            return v, (held - VISCOUS * v - cogs) / INERTIA
 
-        for _ in range(STEPS):  # classical Runge-Kutta
-            a1 = push(q, v)
-            a2 = push(q + step / 2 * v, v + step / 2 * a1)
-            a3 = push(q + step / 2 * (v + step / 2 * a1), v + step / 2 * a2)
-            a4 = push(q + step * (v + step / 2 * a2), v + step * a3)
-            q += step * (v + step / 6 * (a1 + a2 + a3))
-            v += step / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        for _ in range(STEPS):
+            x = stepped(rate, 0.0, x, step)
     return Recording(f"rotor {seed}", time, path, torque + NOISE * rng.standard_normal(len(time)))
 
 

@@ -12,6 +12,7 @@ from pendulum_env.physics import BASE, KnownLoad, effect
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.servo.drive import Drive, DriveError
 from pendulum_env.servo.loop import Servos, follow
+from tests.runge_kutta import stepped
 from tests.terms import Clipped, Table
 
 INERTIA, GRAVITY, VISCOUS = 0.02, 0.8, 0.1
@@ -67,14 +68,9 @@ def test_motion_is_that_of_an_independent_integrator(drive):
         winds = abs(asked) > drive.most and asked * error > 0
         return v, (torque - GRAVITY * math.sin(q) - VISCOUS * v) / INERTIA, 0.0 if winds else error
 
-    step, y, exact = 4 * STEP, (0.0, 0.0, 0.0), [0.0]
-    for k in range(len(goal) // 4):  # classical Runge-Kutta
-        t = k * step
-        a = rate(t, *y)
-        b = rate(t + step / 2, *(x + step / 2 * d for x, d in zip(y, a, strict=True)))
-        c = rate(t + step / 2, *(x + step / 2 * d for x, d in zip(y, b, strict=True)))
-        d = rate(t + step, *(x + step * d for x, d in zip(y, c, strict=True)))
-        y = tuple(x + step / 6 * (p + 2 * q + 2 * r + s) for x, p, q, r, s in zip(y, a, b, c, d, strict=True))
+    step, y, exact = 4 * STEP, [0.0, 0.0, 0.0], [0.0]
+    for k in range(len(goal) // 4):
+        y = stepped(rate, k * step, y, step)
         exact.append(y[0])
     assert np.abs(path(drive, goal)[::4] - exact).max() < 2e-4 * np.ptp(exact)
 

@@ -67,7 +67,7 @@ def downloads(state: State) -> Component:
     }
     if state.diagnosis is not None:
         saved["diagnosis"] = DIAGNOSIS, "verdicts and reasons, for programs"
-    if getattr(state.diagnosis, "suggestion", None) is not None:
+    if state.diagnosis is not None and state.diagnosis.suggestion is not None:
         saved["experiment"] = EXPERIMENT, "torque of the next experiment over time, for your controller or for record"
     rows = [html.Li([saves(file, id, primary=id == "report"), html.Span(what)]) for id, (file, what) in saved.items()]
     return panel("Save", html.Ul(rows, className="downloads"))
