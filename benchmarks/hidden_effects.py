@@ -36,7 +36,6 @@ from pendulum_env.physics import effects
 from workbench.terminal import Terminal
 
 NULLS, PAIRS, OUTSIDE = 1 / 5, 1 / 8, 1 / 12  # shares of the set
-CHUNK = 8  # cases simulated together
 SIZES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, np.inf)  # bins of the effect's RMS torque over the noise's
 SCORES = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0 + 1e-9)  # bins of the score
 INTERVAL = 1.96  # standard errors, 95 % of a normal distribution
@@ -61,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     n = arguments.n
     counts = (0, 0, 0, n) if arguments.misfits else tuple(round(share * n) for share in (NULLS, PAIRS, OUTSIDE))
-    truths = generate(folder, n, arguments.seed, counts, options, arguments.workers, terminal)
+    truths = generate(folder, n, arguments.seed, counts, options, terminal)
     outcomes = examine_all(folder, truths, arguments.workers, terminal)
     tell(outcomes, terminal)
     page = folder / "hidden_effects.html"
@@ -82,7 +81,6 @@ def generate(
     seed: int,
     counts: Sequence[int],
     options: dict[str, bool],
-    workers: int,
     terminal: Terminal,
 ) -> list[Truth]:
     """Simulate the set, or take it from the folder if it is there; `counts` of nulls, pairs and so on."""
@@ -92,13 +90,9 @@ def generate(
     (folder / "truth.json").unlink(missing_ok=True)
     cases = blind_set(np.random.default_rng(seed), n, *counts, **options)
     with terminal.progress("simulating") as progress:
-        for first in range(0, n, CHUNK * workers):
-            progress(f"{first} of {n}", first / n)
-            chunk = cases[first : first + CHUNK * workers]
-            runs = [(case.plant, experiment) for case in chunk for experiment in (case.train, case.holdout)]
-            recordings = simulate(runs, workers=workers)
-            for j in range(len(chunk)):
-                write_case(folder, f"case_{first + j:03d}", recordings[2 * j], recordings[2 * j + 1])
+        for j, case in enumerate(cases):
+            progress(f"{j} of {n}", j / n)
+            write_case(folder, f"case_{j:03d}", *simulate([(case.plant, case.train), (case.plant, case.holdout)]))
     return read_truth(folder)
 
 

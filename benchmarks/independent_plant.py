@@ -2,10 +2,9 @@
 
     I q'' + mgl sin q + b q' + fc Sgn q' + effects = tau          q = 0 hangs down, counter-clockwise positive, SI units
 
-Many different plants run at once: the batch axis holds recordings, each with its own parameters, effects, excitation,
-sampling rate and sensors. While the joint slides one way the right-hand side is smooth and a classical Runge-Kutta step
-is as good as exact. Where the velocity would change sign inside a step, the step is cut at the zero; there the joint
-sticks if the torques at rest are within the dry friction, and otherwise slides on in the direction they push.
+While the joint slides one way the right-hand side is smooth and a classical Runge-Kutta step is as good as exact. Where
+the velocity would change sign inside a step, the step is cut at the zero; there the joint sticks if the torques at rest
+are within the dry friction, and otherwise slides on in the direction they push. The steps are machine code (Numba).
 
     python -m benchmarks.independent_plant OUT --n 60 --seed 1        # a blind set: recordings and truth.json
 """
@@ -16,16 +15,14 @@ import argparse
 import difflib
 import gzip
 import json
-import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -83,7 +80,6 @@ OUTSIDE_LIBRARY = ("cubic_damping", "knocks", "random_walk_torque", "friction_sp
 LIBRARY = tuple(effect for effect in EFFECTS if effect not in OUTSIDE_LIBRARY)
 _TRANSMISSION = frozenset({"backlash", "joint_flexibility"})
 _STIFF = frozenset({"presliding", "hard_stop"})
-_RESTLESS = _TRANSMISSION | {"actuator_lag", "periodic_disturbance", "friction_drift"}  # free a stuck joint at any time
 _NEUTRAL = {name: value for parameters in EFFECTS.values() for name, value in parameters.items()}
 
 
@@ -195,392 +191,364 @@ def _require(name: str, known: Iterable[str], what: str) -> None:
 
 # ---------------------------------------------------------------------------------------------------------- physics
 
+_SWITCHES = ("two_masses", "motor_friction", "motor_encoder", "dead_steps", "payload_step")
+_PARAMETERS = np.dtype([(name, float) for name in ("inertia", "gravity", "viscous", "coulomb", *_NEUTRAL, *_SWITCHES)])
 
-@dataclass(frozen=True)
-class _Model:
-    """Which effects a batch has, and where each state is in the rows of the state array."""
-
-    effects: frozenset[str]
-    motor_friction: bool  # of the batch's transmissions
-
-    @cached_property
-    def two_masses(self) -> bool:
-        return bool(self.effects & _TRANSMISSION)
-
-    @cached_property
-    def lag(self) -> int:  # row of the lagged torque
-        return 4 if self.two_masses else 2
-
-    @cached_property
-    def bristle(self) -> int:  # row of the presliding torque
-        return self.lag + ("actuator_lag" in self.effects)
-
-    @cached_property
-    def states(self) -> int:
-        return self.bristle + ("presliding" in self.effects)
-
-    @cached_property
-    def sliding(self) -> int:  # row of the velocity that friction opposes
-        return 3 if self.two_masses and self.motor_friction else 1
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+State = tuple[
+    float, float, float, float, float, float
+]  # angle and speed of link and motor, lagged torque, bristle torque
 
 
-class _Table:
-    """Parameters of a batch: one row per name, readable and writable as an attribute view, one column per recording."""
-
-    def __init__(self, names: Sequence[str], rows: Array) -> None:
-        self.names, self.rows = names, rows
-        self.__dict__.update(zip(names, rows, strict=True))
-
-    def __getattr__(self, name: str) -> Array:  # only reached for names that are not rows
-        raise AttributeError(f"no parameter '{name}' in the table")
-
-    def take(self, columns: NDArray[np.intp]) -> _Table:
-        return _Table(self.names, self.rows[:, columns])
+def _compiled(function: _Function) -> _Function:
+    """A function of numbers, arrays and records, as machine code that is kept beside this file."""
+    return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
 
 
-def _table(model: _Model, plants: Sequence[Plant]) -> _Table:
-    """Rows for the base parameters, the effects any plant has, and the torques that change on the way."""
-    needed = model.effects | (_TRANSMISSION if model.two_masses else frozenset())
-    unused = {name for effect in EFFECTS.keys() - needed for name in EFFECTS[effect]} - {
-        name for effect in needed for name in EFFECTS[effect]
-    }
-    columns = [plant.parameters | {"command": 0.0, "push": 0.0} for plant in plants]
-    names = [name for name in columns[0] if name not in unused]
-    return _Table(names, np.array([[column[name] for column in columns] for name in names], dtype=float))
-
-
-def _motor_torque(model: _Model, p: _Table, state: Array, angle: Array) -> Array:
+@_compiled
+def _motor_torque(p: Any, command: float, x: State) -> float:
     """Torque the motor makes of the (delayed) command."""
-    tau = p.command
-    if "actuator_lag" in model.effects:
-        tau = np.where(p.lag_T > 0, state[model.lag], tau)
-    if "torque_saturation" in model.effects:
-        clipped = np.clip(tau, -p.sat, p.sat)
-        ratio = tau / p.sat
-        tau = np.select([p.sat_law == 0, p.sat_law == 1], [p.sat * np.tanh(ratio), clipped], tau / np.hypot(1, ratio))
-    if "torque_ripple" in model.effects:
-        tau = tau * (1 + p.rip_s * np.sin(p.rip_n * angle) + p.rip_c * np.cos(p.rip_n * angle))
-    if "gain_falls_with_speed" in model.effects:
-        tau = tau * np.maximum(1 - p.fall * np.abs(state[3] if model.two_masses else state[1]), 0)
-    return tau
+    tau = x[4] if p.lag_T > 0 else command
+    if p.sat < NEVER:
+        if p.sat_law == 0:
+            tau = p.sat * np.tanh(tau / p.sat)
+        elif p.sat_law == 1:
+            tau = min(max(tau, -p.sat), p.sat)
+        else:
+            tau = tau / np.hypot(1.0, tau / p.sat)
+    if p.rip_n:
+        tau *= 1 + p.rip_s * np.sin(p.rip_n * x[2]) + p.rip_c * np.cos(p.rip_n * x[2])
+    return tau * max(1 - p.fall * abs(x[3]), 0.0)
 
 
-def _link_load(model: _Model, p: _Table, q: Array, v: Array) -> Array:
+@_compiled
+def _link_load(p: Any, q: float, v: float) -> float:
     """Torque of gravity, springs and walls against the motion of the link."""
-    load = p.gravity * np.sin(q)
-    if "gravity_tilt" in model.effects:
-        load = load + p.tilt_cos * np.cos(q)
-    if "spring" in model.effects:
-        load = load + p.spring_k * (q - p.spring_q0)
-    if "hard_stop" in model.effects:
-        for side, depth in ((1, q - p.wall_hi), (-1, p.wall_lo - q)):
-            push = p.wall_k * depth * (1 + p.wall_c * side * v) + p.wall_d * side * v
-            load = load + side * (depth > 0) * np.maximum(push, 0)
+    load = p.gravity * np.sin(q) + p.tilt_cos * np.cos(q) + p.spring_k * (q - p.spring_q0)
+    for side, depth in ((1, q - p.wall_hi), (-1, p.wall_lo - q)):
+        if depth > 0:
+            load += side * max(p.wall_k * depth * (1 + p.wall_c * side * v) + p.wall_d * side * v, 0.0)
     return load
 
 
-def _friction(
-    model: _Model, p: _Table, time: float | Array, q: Array, v: Array, tau: Array
-) -> tuple[Array, Array]:  # fluid, dry
+@_compiled
+def _friction(p: Any, time: float, q: float, v: float, tau: float) -> tuple[float, float]:  # fluid, dry
     """Friction that is a function of the velocity, and the bound of the dry friction (which may be set-valued)."""
-    fluid, dry = p.viscous * v, p.coulomb
-    if "viscous_asymmetry" in model.effects:
-        fluid = fluid + p.asym_v * np.abs(v)
-    if "quadratic_drag" in model.effects:
-        fluid = fluid + p.drag * v * np.abs(v)
-    if "cubic_damping" in model.effects:
-        fluid = fluid + p.cubic * v**3
-    if "stribeck" in model.effects:
-        dry = dry + p.strib_d * np.exp(-(np.abs(v / p.strib_v) ** p.strib_p))
-    if "load_dependent_friction" in model.effects:
-        dry = dry + p.load_mu * np.abs(tau + p.load_w * np.sin(q)) + p.load_out * np.abs(np.sin(q))
-    if "position_dependent_friction" in model.effects:
-        dry = np.maximum(dry + p.pos_s * np.sin(q) + p.pos_c * np.cos(q), 0)
-    if "friction_spot" in model.effects:
-        dry = dry + p.spot_f * np.exp(-(((q - p.spot_q) / p.spot_w) ** 2))
-    moved = p.asym_c if "coulomb_asymmetry" in model.effects else None  # [-(fc - a), fc + a] is [-fc, fc] moved by a
-    if "friction_drift" in model.effects:
-        warm = p.drift_a * np.exp(-time / p.drift_T)
-        fluid, dry = fluid * (1 + p.drift_b * warm), dry * (1 + warm)
-        moved = None if moved is None else moved * (1 + warm)
-    return fluid if moved is None else fluid + moved, dry
+    fluid = p.viscous * v + p.asym_v * abs(v) + p.drag * v * abs(v) + p.cubic * v**3
+    dry = p.coulomb + p.load_mu * abs(tau + p.load_w * np.sin(q)) + p.load_out * abs(np.sin(q))
+    if p.strib_d:
+        dry += p.strib_d * np.exp(-(abs(v / p.strib_v) ** p.strib_p))
+    dry = max(dry + p.pos_s * np.sin(q) + p.pos_c * np.cos(q), 0.0)
+    if p.spot_f:
+        dry += p.spot_f * np.exp(-(((q - p.spot_q) / p.spot_w) ** 2))
+    warm = p.drift_a * np.exp(-time / p.drift_T)
+    moved = p.asym_c  # [-(fc - a), fc + a] is [-fc, fc] moved by a
+    return fluid * (1 + p.drift_b * warm) + moved * (1 + warm), dry * (1 + warm)
 
 
-def _balance(model: _Model, p: _Table, time: float | Array, state: Array) -> tuple[Array, Array, Array, Array | None]:
+@_compiled
+def _balance(p: Any, command: float, push: float, time: float, x: State) -> tuple[float, float, float, float]:
     """Torque on the rubbing body without dry friction, bound of the dry friction, its inertia, the other body's q''."""
-    q, v = state[0], state[1]
-    angle, speed = (state[2], state[3]) if model.two_masses else (q, v)
-    tau = _motor_torque(model, p, state, angle)
-    load = _link_load(model, p, q, v)
-    friction_at = (angle, speed) if model.motor_friction else (q, v)
-    fluid, dry = _friction(model, p, time, *friction_at, tau)
-    if "torque_offset" in model.effects:
-        tau = tau + p.offset
-    if "cogging" in model.effects:
-        tau = tau + p.cog_s * np.sin(p.cog_n * angle) + p.cog_c * np.cos(p.cog_n * angle)
-    if "periodic_disturbance" in model.effects:
-        load = load - p.dist_a * np.sin(p.dist_w * time + p.dist_ph)
-    if "knocks" in model.effects or "random_walk_torque" in model.effects:
-        load = load - p.push
-    if not model.two_masses:
-        return tau - load - fluid, dry, p.inertia, None
+    q, v, angle, speed = x[:4]
+    tau = _motor_torque(p, command, x)
+    load = _link_load(p, q, v) - p.dist_a * np.sin(p.dist_w * time + p.dist_ph) - push
+    fluid, dry = _friction(p, time, angle, speed, tau) if p.motor_friction else _friction(p, time, q, v, tau)
+    tau += p.offset + p.cog_s * np.sin(p.cog_n * angle) + p.cog_c * np.cos(p.cog_n * angle)
+    if not p.two_masses:
+        return tau - load - fluid, dry, p.inertia, 0.0
     twist = angle - q
-    stretch = twist - np.clip(twist, -p.bl_gap, p.bl_gap)
-    coupling = p.bl_k * stretch + p.bl_d * (speed - v) * (stretch != 0)
-    coupling = np.where((p.bl_grip == 0) & (coupling * stretch < 0), 0.0, coupling)
-    if model.motor_friction:
+    stretch = twist - min(max(twist, -p.bl_gap), p.bl_gap)
+    coupling = p.bl_k * stretch + p.bl_d * (speed - v) if stretch else 0.0
+    if not p.bl_grip and coupling * stretch < 0:
+        coupling = 0.0
+    if p.motor_friction:
         return tau - coupling - fluid, dry, p.Jm, (coupling - load) / (p.inertia - p.Jm)
     return coupling - load - fluid, dry, p.inertia - p.Jm, (tau - coupling) / p.Jm
 
 
-_Balance = tuple[Array, Array, Array, Array | None]
+@_compiled
+def _rubbing(p: Any, x: State) -> float:
+    """The velocity that friction opposes, of a state; of its derivative, the acceleration."""
+    return x[3] if p.motor_friction else x[1]
 
 
-def _rate(model: _Model, p: _Table, state: Array, direction: Array, balance: _Balance) -> Array:
+@_compiled
+def _stopped(p: Any, x: State) -> State:
+    """The state with the rubbing body at rest."""
+    q, v, angle, speed, lagged, bristle = x
+    if p.motor_friction or not p.two_masses:
+        speed = 0.0
+    if not p.motor_friction or not p.two_masses:
+        v = 0.0
+    return q, v, angle, speed, lagged, bristle
+
+
+@_compiled
+def _rate(p: Any, command: float, push: float, time: float, x: State, direction: float) -> State:
     """Time derivative of the state while `direction` (-1, 0 sticking, 1) does not change."""
-    drive, dry, inertia, other = balance
-    rate = np.empty_like(state)
-    friction = direction * dry
-    if "presliding" in model.effects:
-        v, z = state[model.sliding], state[model.bristle]
-        room = 1 - np.sign(v) * z / dry
-        bristle = p.dahl_sigma * v * np.sign(room) * np.abs(room) ** p.dahl_n
-        rate[model.bristle] = bristle
-        viscous = p.dahl_d * bristle / np.where(p.dahl_sigma > 0, p.dahl_sigma, 1)
-        friction = np.where(p.dahl_sigma > 0, z + viscous, friction)
-    own = (direction != 0) * (drive - friction) / inertia
-    rate[0], rate[1] = state[1], own
-    if other is not None:
-        rate[2], rate[3] = state[3], other
-        if model.motor_friction:
-            rate[1], rate[3] = other, own
-    if "actuator_lag" in model.effects:
-        rate[model.lag] = (p.command - state[model.lag]) / np.where(p.lag_T > 0, p.lag_T, 1)
-    return rate
+    drive, dry, inertia, other = _balance(p, command, push, time, x)
+    friction, bristle = direction * dry, 0.0
+    if p.dahl_sigma > 0:
+        v = _rubbing(p, x)
+        room = 1 - np.sign(v) * x[5] / dry
+        bristle = p.dahl_sigma * v * np.sign(room) * abs(room) ** p.dahl_n
+        friction = x[5] + p.dahl_d * bristle / p.dahl_sigma
+    own = (drive - friction) / inertia if direction else 0.0
+    lagged = (command - x[4]) / p.lag_T if p.lag_T > 0 else 0.0
+    link, motor = own, own
+    if p.two_masses:
+        link, motor = (other, own) if p.motor_friction else (own, other)
+    return x[1], link, x[3], motor, lagged, bristle
 
 
-def _runge_kutta(
-    model: _Model,
-    p: _Table,
-    time: float | Array,
-    step: float | Array,
-    state: Array,
-    direction: Array,
-    balance: _Balance,
-) -> tuple[Array, Array]:  # state after the step, rate before it
-    """One classical fourth-order step without a change of direction; `balance` is the one at its beginning."""
-
-    def rate(after: float | Array, moved: Array) -> Array:
-        return _rate(model, p, moved, direction, _balance(model, p, time + after, moved))
-
-    k1 = _rate(model, p, state, direction, balance)
-    k2 = rate(step / 2, state + step / 2 * k1)
-    k3 = rate(step / 2, state + step / 2 * k2)
-    k4 = rate(step, state + step * k3)
-    return state + step / 6 * (k1 + 2 * (k2 + k3) + k4), k1
+@_compiled
+def _moved(x: State, rate: State, time: float) -> State:
+    """x + time rate"""
+    return (
+        x[0] + time * rate[0],
+        x[1] + time * rate[1],
+        x[2] + time * rate[2],
+        x[3] + time * rate[3],
+        x[4] + time * rate[4],
+        x[5] + time * rate[5],
+    )
 
 
-def _direction_from_rest(balance: _Balance) -> Array:
+@_compiled
+def _runge_kutta(p: Any, command: float, push: float, time: float, step: float, x: State, direction: float) -> State:
+    """The state after one classical fourth-order step without a change of direction."""
+    k1 = _rate(p, command, push, time, x, direction)
+    k2 = _rate(p, command, push, time + step / 2, _moved(x, k1, step / 2), direction)
+    k3 = _rate(p, command, push, time + step / 2, _moved(x, k2, step / 2), direction)
+    k4 = _rate(p, command, push, time + step, _moved(x, k3, step), direction)
+    mean = _moved(_moved(k1, k4, 1.0), _moved(k2, k3, 1.0), 2.0)  # six times
+    return _moved(x, mean, step / 6)
+
+
+@_compiled
+def _direction_from_rest(drive: float, dry: float) -> float:
     """Where a joint at rest starts to slide; 0 if dry friction holds it."""
-    drive, dry = balance[:2]
-    return np.sign(drive) * (np.abs(drive) > dry)
+    return np.sign(drive) if abs(drive) > dry else 0.0
 
 
-def _first_zero(before: Array, rate: Array, after: Array) -> Array:
+@_compiled
+def _first_zero(before: float, rate: float, after: float) -> float:
     """Fraction of the step at which the parabola through both velocities, with the given rate, first changes sign."""
-    c0, c1 = before, rate
-    c2 = after - c0 - c1
-    r = -0.5 * (c1 + np.where(c1 < 0, -1, 1) * np.sqrt(np.maximum(c1**2 - 4 * c2 * c0, 0)))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        one, two = r / c2, c0 / r
-    inside = (one > 0) & (one <= 1)
-    fraction: Array = np.clip(np.nan_to_num(np.where(inside, one, two)), 0, 1)
-    return fraction * (before != 0)
+    if before == 0:
+        return 0.0
+    curve = after - before - rate
+    root = np.sqrt(max(rate**2 - 4 * curve * before, 0.0))
+    r = -0.5 * (rate - root if rate < 0 else rate + root)
+    one, two = r / curve, before / r
+    return min(max(one if 0 < one <= 1 else two, 0.0), 1.0)
 
 
+@_compiled
 def _finish(
-    model: _Model, p: _Table, time: Array, step: Array, state: Array, direction: Array, balance: _Balance
-) -> tuple[Array, Array]:
+    p: Any, command: float, push: float, time: float, step: float, x: State, direction: float
+) -> tuple[State, float]:
     """State and direction after the rest of a step that changed its direction; a second change in it ends in stick."""
-    after, _ = _runge_kutta(model, p, time, step, state, direction, balance)
-    again = direction * after[model.sliding] < 0
-    after[model.sliding, again] = 0.0
-    return after, np.where(again, 0.0, direction)
+    after = _runge_kutta(p, command, push, time, step, x, direction)
+    if direction * _rubbing(p, after) < 0:
+        return _stopped(p, after), 0.0
+    return after, direction
 
 
-def _select(balance: _Balance, columns: NDArray[np.intp]) -> _Balance:
-    drive, dry, inertia, other = balance
-    return drive[columns], dry[columns], inertia[columns], None if other is None else other[columns]
-
-
+@_compiled
 def _step(
-    model: _Model, p: _Table, time: float, step: float, state: Array, direction: Array
-) -> tuple[Array, Array, Array, Array]:  # state and direction after the step, direction and rate at its beginning
-    """One inner step, cut where the sliding of a recording ends or begins."""
-    balance = _balance(model, p, time, state)
-    direction = np.where(direction == 0, _direction_from_rest(balance), direction)
-    after, rate = _runge_kutta(model, p, time, step, state, direction, balance)
-    end, row = direction.copy(), model.sliding
-
-    turned = direction * after[row] < 0
-    if "presliding" in model.effects:
-        turned &= p.dahl_sigma == 0  # friction with a state is smooth through zero
-    if (at := np.flatnonzero(turned)).size:
-        some, start = p.take(at), state[:, at]
-        part = step * _first_zero(start[row], step * rate[row, at], after[row, at])
-        stop, _ = _runge_kutta(model, some, time, part, start, direction[at], _select(balance, at))
-        stop[row] = 0.0
-        at_rest = _balance(model, some, time + part, stop)
-        onward = _direction_from_rest(at_rest) * (start[row] != 0)  # what only just came free and fell back sticks
-        after[:, at], end[at] = _finish(model, some, time + part, step - part, stop, onward, at_rest)
-
-    if model.effects & _RESTLESS and (at := np.flatnonzero(direction == 0)).size:
-        some, held = p.take(at), _select(balance, at)
-        later = _balance(model, some, time + step, after[:, at])
-        if (freed := np.flatnonzero(_direction_from_rest(later))).size:
-            at, some, held, later = at[freed], some.take(freed), _select(held, freed), _select(later, freed)
-            before, beyond = held[1] - np.abs(held[0]), np.abs(later[0]) - later[1]  # distance to slipping
-            part = step * before / (before + beyond)
-            slip, _ = _runge_kutta(model, some, time, part, state[:, at], direction[at], held)
-            at_slip = _balance(model, some, time + part, slip)
-            onward = np.sign(later[0])
-            after[:, at], end[at] = _finish(model, some, time + part, step - part, slip, onward, at_slip)
-    return after, end, direction, rate
+    p: Any, command: float, push: float, time: float, step: float, x: State, direction: float
+) -> tuple[State, float]:
+    """State and direction after one inner step, which is cut where the sliding ends or begins."""
+    after = _runge_kutta(p, command, push, time, step, x, direction)
+    before, then = _rubbing(p, x), _rubbing(p, after)
+    if direction * then < 0 and p.dahl_sigma == 0:  # friction with a state is smooth through zero
+        rate = _rate(p, command, push, time, x, direction)
+        part = step * _first_zero(before, step * _rubbing(p, rate), then)
+        stop = _stopped(p, _runge_kutta(p, command, push, time, part, x, direction))
+        drive, dry = _balance(p, command, push, time + part, stop)[:2]
+        onward = _direction_from_rest(drive, dry) if before else 0.0  # what only just came free and fell back sticks
+        return _finish(p, command, push, time + part, step - part, stop, onward)
+    if direction == 0:
+        drive, dry = _balance(p, command, push, time + step, after)[:2]
+        if abs(drive) > dry:
+            held, bound = _balance(p, command, push, time, x)[:2]
+            inside, beyond = bound - abs(held), abs(drive) - dry  # distances to slipping
+            part = step * inside / (inside + beyond)
+            slip = _runge_kutta(p, command, push, time, part, x, direction)
+            return _finish(p, command, push, time + part, step - part, slip, np.sign(drive))
+    return after, direction
 
 
 # ------------------------------------------------------------------------------------------------- command and sensors
 
+_CONTROLS = ("pd", "servo", "speed")
+_LOOP = np.dtype([(name, float) for name in ("closed", "control", "stiffness", "damping", "limit", "smoothing")])
+_SENSORS = np.dtype([(name, float) for name in ("rate", "step", "every", "count", "shift", "felt")])
+_NOW = np.dtype([("x", float, 6), *((name, float) for name in ("direction", "speed", "integral"))])
+_SAMPLE = np.dtype(
+    [(name, float) for name in ("command", "torque_noise", "position_noise", "reference", "goal", "position")]
+    + [(name, float) for name in ("angle", "rate", "rate_change", "sliding")]  # of the body that the encoder sees
+)
 
-class _Clock:
-    """Commands and measurements of all recordings of a batch that share a sampling rate.
+
+@_compiled
+def _read(p: Any, sensors: Any, angle: float, noise: float) -> float:
+    """What the encoder says of an angle."""
+    seen = angle + p.ecc_e * np.sin(angle + p.ecc_ph) + noise
+    if sensors.count == 0:
+        return seen
+    return np.floor(seen / sensors.count + sensors.shift) * sensors.count
+
+
+@_compiled
+def _controlled(loop: Any, rate: float, now: Any, sample: Any, before: Any) -> float:
+    """The torque that a closed loop asks for at a sample."""
+    now.speed += loop.smoothing * ((sample.position - before.position) * rate - now.speed)
+    error = sample.reference - sample.position
+    if loop.control == 2:
+        slow = sample.goal - now.speed
+        torque = loop.stiffness * slow + loop.damping * now.integral
+        if abs(torque) <= loop.limit or torque * slow <= 0:
+            now.integral += slow / rate
+    elif loop.control == 1:
+        torque = loop.stiffness * error - loop.damping * now.speed
+    else:
+        torque = loop.stiffness * error
+        torque += loop.damping * ((sample.reference - before.reference) * rate - now.speed)
+    return min(max(torque, -loop.limit), loop.limit)
+
+
+@_compiled
+def _advance(p: Any, loop: Any, sensors: Any, now: Any, samples: Any, pushes: Array, first: int, last: int) -> None:
+    """Go on from one sample to another: note the motion, decide a closed loop's command, and take the inner steps."""
+    seen, every = 2 * int(p.motor_encoder), int(sensors.every)
+    direction = now.direction
+    x = (now.x[0], now.x[1], now.x[2], now.x[3], now.x[4], now.x[5])
+    for k in range(first, last):
+        sample = samples[k]
+        sample.angle, sample.rate = x[seen], x[seen + 1]
+        sample.position = _read(p, sensors, sample.angle, sample.position_noise)
+        if loop.closed:
+            sample.command = _controlled(loop, sensors.rate, now, sample, samples[max(k - 1, 0)])
+        for i in range(k * every, (k + 1) * every):
+            time = i * sensors.step
+            if i == p.payload_step:
+                p.inertia += p.pay_I
+                p.gravity += p.pay_mgl
+            push = pushes[int(time * PUSH_RATE + 1e-6)] if len(pushes) else 0.0
+            asked = int(np.floor((i - p.dead_steps) / every))
+            command = samples[asked].command + sensors.felt * samples[asked].torque_noise if asked >= 0 else 0.0
+            if direction == 0:
+                drive, dry = _balance(p, command, push, time, x)[:2]
+                direction = _direction_from_rest(drive, dry)
+            if i == k * every:  # what is only known once the command is
+                sample.rate_change = _rate(p, command, push, time, x, direction)[seen + 1]
+                sample.sliding = abs(direction)
+            x, direction = _step(p, command, push, time, sensors.step, x, direction)
+    for j in range(6):
+        now.x[j] = x[j]
+    now.direction = direction
+
+
+def _record(kind: np.dtype[Any], values: dict[str, Any]) -> Any:
+    """Numbers by name, as compiled functions take them."""
+    record = np.recarray(1, kind)[0]
+    for name in kind.names or ():
+        record[name] = values[name]
+    return record
+
+
+class _Run:
+    """A plant in an experiment, and how far it has come.
 
     Args:
-        columns: where these recordings are in the batch.
-        every: inner steps per sample.
-        commands: a command (N,) for each recording, replacing its excitation where not None.
-        policy: decides all commands from the positions that are read, (B,) both.
+        command: torque (N,) [N m] in place of the excitation, where not None.
     """
 
-    def __init__(
-        self,
-        cases: Sequence[tuple[Plant, Experiment]],
-        columns: NDArray[np.intp],
-        every: int,
-        commands: Sequence[Array | None],
-        policy: Policy | None,
-    ) -> None:
-        self.columns, self.every, self.policy = columns, every, policy
-        self.plants, self.experiments = zip(*cases, strict=True)
-        count, longest = len(cases), max(experiment.samples for experiment in self.experiments)
-        self.samples = longest
-        shape = (longest, count)
-        self.command, self.torque_noise, self.position_noise = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-        self.reference = np.zeros(shape)
-        self.closed = np.array([e.excitation in CLOSED_LOOP for e in self.experiments])
-        for j, (experiment, command) in enumerate(zip(self.experiments, commands, strict=True)):
-            n, time = experiment.samples, np.arange(experiment.samples) / experiment.rate
-            rng, noise = (np.random.default_rng([experiment.seed, stream]) for stream in (0, 1))
-            if command is not None:
-                self.command[:n, j], self.closed[j] = command, False
-            elif self.closed[j]:
-                self.reference[:n, j] = CLOSED_LOOP[experiment.excitation](rng, time, experiment.scale)
-                self.reference[n:, j] = self.reference[n - 1, j]
-            else:
-                self.command[:n, j] = OPEN_LOOP[experiment.excitation](rng, time, experiment.scale)
-            self.torque_noise[:n, j] = experiment.torque_noise * noise.standard_normal(n)
-            self.position_noise[:n, j] = experiment.position_noise * noise.standard_normal(n)
-        parameters = [plant.parameters for plant in self.plants]
-        self.eccentricity, self.phase = (np.array([p[name] for p in parameters]) for name in ("ecc_e", "ecc_ph"))
-        self.delay = np.array([round(p["dead_n"] * every) for p in parameters])  # inner steps
-        self.felt = np.array([e.noise_in_plant for e in self.experiments])
-        self.count = np.array([2 * np.pi / (e.counts or np.inf) for e in self.experiments])  # rad
-        self.shift = np.array([0.0 if e.truncate else 0.5 for e in self.experiments])
-        self.gains, self.limit = (
-            np.array([e.gains for e in self.experiments]).T,
-            np.array([e.torque_limit for e in self.experiments]),
+    def __init__(self, plant: Plant, experiment: Experiment, command: Array | None = None) -> None:
+        self.plant, self.experiment = plant, experiment
+        every, rate, excitation = _inner_steps(plant, experiment), experiment.rate, experiment.excitation
+        step, two_masses, values = 1 / (rate * every), bool(_TRANSMISSION & plant.effects.keys()), plant.parameters
+        closed = command is None and excitation in CLOSED_LOOP
+        self.p = _record(
+            _PARAMETERS,
+            values
+            | {"two_masses": two_masses, "dead_steps": round(values["dead_n"] * every)}
+            | {"motor_friction": two_masses and plant.friction_side == "motor"}
+            | {"motor_encoder": two_masses and plant.encoder_side == "motor"}
+            | {"payload_step": round(values["pay_t"] / step)},
         )
-        self.smoothing = 1 - np.exp(-2 * np.pi * 30 / self.experiments[0].rate)  # of the loop's velocity, 30 Hz
-        self.row = np.array([2 * (plant.encoder_side == "motor") for plant in self.plants])
-        self.speed, self.integral = np.zeros((2, count))
-        self.control = np.array([e.control for e in self.experiments])
-        goals = np.gradient(self.reference, axis=0) * self.experiments[0].rate
-        self.goal = np.where(self.control == "speed", goals, self.reference)
-        self.angle, self.rate, self.rate_change, self.position = (np.zeros(shape) for _ in range(4))
-        self.follows = policy is not None or bool(self.closed.any())
-        self.sliding = np.zeros(shape, bool)
+        stiffness, damping = experiment.gains
+        self.loop = _record(
+            _LOOP,
+            {"closed": closed, "control": _CONTROLS.index(experiment.control), "limit": experiment.torque_limit}
+            | {"stiffness": stiffness, "damping": damping, "smoothing": 1 - np.exp(-2 * np.pi * 30 / rate)},  # 30 Hz
+        )
+        self.sensors = _record(
+            _SENSORS,
+            {"rate": rate, "step": step, "every": every, "count": 2 * np.pi / (experiment.counts or np.inf)}
+            | {"shift": 0.0 if experiment.truncate else 0.5, "felt": experiment.noise_in_plant},
+        )
+        angle, speed = experiment.start
+        direction = 1.0 if values["dahl_sigma"] > 0 else np.sign(speed)  # friction with a state never sticks
+        start = (angle, speed, angle, speed, 0.0, 0.0)
+        self.now = _record(_NOW, {"x": start, "direction": direction, "speed": 0.0, "integral": 0.0})
 
-    def due(self, i: int) -> bool:
-        return i % self.every == 0 and i // self.every < self.samples
+        n, time = experiment.samples, np.arange(experiment.samples) / rate
+        rng, noise = (np.random.default_rng([experiment.seed, stream]) for stream in (0, 1))
+        self.samples = np.zeros(n, _SAMPLE).view(np.recarray)
+        if closed:
+            self.samples.reference = reference = CLOSED_LOOP[excitation](rng, time, experiment.scale)
+            self.samples.goal = np.gradient(reference) * rate if experiment.control == "speed" else reference
+        else:
+            self.samples.command = OPEN_LOOP[excitation](rng, time, experiment.scale) if command is None else command
+        self.samples.torque_noise = experiment.torque_noise * noise.standard_normal(n)
+        self.samples.position_noise = experiment.position_noise * noise.standard_normal(n)
+        self.pushes = _pushes(plant, experiment)
 
-    def measure(self, i: int, state: Array, two_masses: bool) -> None:
-        """Note the motion and, where the command depends on it, read the encoder and decide the command."""
-        k, row = i // self.every, self.row if two_masses else 0
-        self.angle[k], self.rate[k] = state[row, self.columns], state[row + 1, self.columns]
-        if not self.follows:
-            return
-        self.position[k] = position = self.read(self.angle[k], self.position_noise[k])
-        if self.closed.any():
-            back = max(k - 1, 0)
-            rate = self.experiments[0].rate
-            self.speed += self.smoothing * ((position - self.position[back]) * rate - self.speed)
-            error = self.reference[k] - position
-            error_rate = (self.reference[k] - self.reference[back]) * rate - self.speed
-            wanted = self.gains[0] * error + self.gains[1] * error_rate
-            wanted = np.where(self.control == "servo", self.gains[0] * error - self.gains[1] * self.speed, wanted)
-            slow = self.goal[k] - self.speed
-            by_speed = self.gains[0] * slow + self.gains[1] * self.integral
-            self.integral += np.where((np.abs(by_speed) > self.limit) & (by_speed * slow > 0), 0.0, slow / rate)
-            torque = np.clip(np.where(self.control == "speed", by_speed, wanted), -self.limit, self.limit)
-            self.command[k] = np.where(self.closed, torque, self.command[k])
-        if self.policy is not None:
-            self.command[k] = self.policy(position)
+    def read(self, k: int) -> float:
+        """The position at sample k, where the run has come to."""
+        seen = 2 * int(self.p.motor_encoder)
+        return _read(self.p, self.sensors, self.now.x[seen], self.samples.position_noise[k])
 
-    def read(self, angle: Array, noise: Array) -> Array:
-        """What the encoders say of angles (..., B)."""
-        seen = angle + self.eccentricity * np.sin(angle + self.phase) + noise
-        with np.errstate(invalid="ignore", divide="ignore"):
-            counted = np.floor(seen / self.count + self.shift) * self.count
-        return np.where(self.count > 0, counted, seen)
+    def advance(self, first: int, last: int) -> None:
+        """Simulate from one sample to another."""
+        _advance(self.p, self.loop, self.sensors, self.now, self.samples, self.pushes, first, last)
 
-    def acting(self, i: int) -> Array:
-        """The command that acts during inner step i, after its dead time."""
-        if not self.delay.any():
-            k = min(i // self.every, self.samples - 1)
-            return self.command[k] + self.felt * self.torque_noise[k]
-        k = np.minimum((i - self.delay) // self.every, self.samples - 1)
-        at = np.maximum(k, 0), np.arange(len(k))
-        return np.where(k >= 0, self.command[at] + self.felt * self.torque_noise[at], 0.0)
-
-    def keep(self, i: int, rate: Array, direction: Array, two_masses: bool) -> None:
-        """Note what is only known once the command is: acceleration, and whether the joint slides."""
-        k, row = i // self.every, self.row if two_masses else 0
-        self.rate_change[k], self.sliding[k] = rate[row + 1, self.columns], direction[self.columns] != 0
-
-    def recordings(self) -> list[SimulatedRecording]:
-        q, v, e = self.angle, self.rate, self.eccentricity
-        exact, turned = q + e * np.sin(q + self.phase), 1 + e * np.cos(q + self.phase)
-        velocity, acceleration = v * turned, self.rate_change * turned - e * v**2 * np.sin(q + self.phase)
-        position = self.read(q, self.position_noise)
-        recordings = []
-        for j, (plant, experiment) in enumerate(zip(self.plants, self.experiments, strict=True)):
-            n = experiment.samples
-            torque = self.command[:n, j] + self.torque_noise[:n, j]
-            if experiment.torque_step:
-                torque = np.round(torque / experiment.torque_step) * experiment.torque_step
-            kept = (self.command, exact, velocity, acceleration, self.sliding, self.goal)
-            time = np.arange(n) / experiment.rate
-            copies = (array[:n, j].copy() for array in kept)
-            recordings.append(SimulatedRecording(plant, experiment, time, position[:n, j].copy(), torque, *copies))
-        return recordings
+    def recording(self) -> SimulatedRecording:
+        """What a user would have, with the truth behind it."""
+        s, experiment = self.samples, self.experiment
+        q, v, e, phase = s.angle, s.rate, self.p.ecc_e, self.p.ecc_ph
+        exact, turned = q + e * np.sin(q + phase), 1 + e * np.cos(q + phase)
+        acceleration = s.rate_change * turned - e * v**2 * np.sin(q + phase)
+        torque = s.command + s.torque_noise
+        if experiment.torque_step:
+            torque = np.round(torque / experiment.torque_step) * experiment.torque_step
+        return SimulatedRecording(
+            self.plant,
+            experiment,
+            np.arange(experiment.samples) / experiment.rate,
+            s.position.copy(),
+            torque,
+            s.command.copy(),
+            exact,
+            v * turned,
+            acceleration,
+            s.sliding > 0,
+            s.goal.copy(),
+        )
 
 
-def _pushes(plant: Plant, experiment: Experiment, seconds: float) -> Array:
-    """Random disturbing torque at PUSH_RATE [N m]: knocks and wandering."""
-    n = round(seconds * PUSH_RATE) + 1
-    rng, p, push = np.random.default_rng([experiment.seed, 2]), plant.parameters, np.zeros(n)
+def _pushes(plant: Plant, experiment: Experiment) -> Array:
+    """Random disturbing torque at PUSH_RATE [N m]: knocks and wandering; empty where there is neither."""
+    p = plant.parameters
+    if not (p["knock_rate"] or p["walk_rms"]):
+        return np.zeros(0)
+    n = round(experiment.seconds * PUSH_RATE) + 1
+    rng, push = np.random.default_rng([experiment.seed, 2]), np.zeros(n)
     if p["knock_rate"]:
         pulse = np.sin(np.pi * (np.arange(round(p["knock_width"] * PUSH_RATE)) + 0.5) / (p["knock_width"] * PUSH_RATE))
-        for begin in rng.uniform(0, seconds, rng.poisson(p["knock_rate"] * seconds)):
+        for begin in rng.uniform(0, experiment.seconds, rng.poisson(p["knock_rate"] * experiment.seconds)):
             at = int(begin * PUSH_RATE)
             push[at : at + len(pulse)] += p["knock_height"] * rng.choice([-1, 1]) * pulse[: n - at]
     if p["walk_rms"]:
@@ -603,100 +571,30 @@ def _inner_steps(plant: Plant, experiment: Experiment) -> int:
     return max(1, int(np.ceil(1 / (experiment.rate * longest) - 1e-9)))
 
 
-def _simulate_batch(
-    cases: Sequence[tuple[Plant, Experiment]], commands: Sequence[Array | None], policy: Policy | None = None
-) -> list[Any]:
-    """Recordings of plants that share an inner step and the side of friction, in the order given."""
-    plants, experiments = zip(*cases, strict=True)
-    model = _Model(frozenset().union(*(plant.effects for plant in plants)), plants[0].friction_side == "motor")
-    if not model.two_masses:
-        model = replace(model, motor_friction=False)
-    p = _table(model, plants)
-
-    step = 1 / (experiments[0].rate * _inner_steps(*cases[0]))
-    every = np.array([round(1 / (experiment.rate * step)) for experiment in experiments])
-    clocks = []
-    for n in np.unique(every).tolist():
-        columns = np.flatnonzero(every == n)
-        members = columns.tolist()
-        clocks.append(_Clock([cases[j] for j in members], columns, n, [commands[j] for j in members], policy))
-    seconds = max(experiment.seconds for experiment in experiments)
-    pushed = [j for j, plant in enumerate(plants) if {"knocks", "random_walk_torque"} & plant.effects.keys()]
-    pushes = np.array([_pushes(plants[j], experiments[j], seconds) for j in pushed])
-    loaded = {j: round(p.pay_t[j] / step) for j, plant in enumerate(plants) if "payload_change" in plant.effects}
-
-    state = np.zeros((model.states, len(cases)))
-    state[:2] = np.array([experiment.start for experiment in experiments]).T
-    if model.two_masses:
-        state[2:4] = state[:2]
-    direction = np.sign(state[model.sliding])
-    if "presliding" in model.effects:
-        direction[p.dahl_sigma > 0] = 1.0  # never sticks
-    for i in range(max(clock.every * clock.samples for clock in clocks)):
-        time = i * step
-        for j, begin in loaded.items():
-            if i == begin:
-                p.inertia[j] += p.pay_I[j]
-                p.gravity[j] += p.pay_mgl[j]
-        if pushed:
-            p.push[pushed] = pushes[:, int(time * PUSH_RATE + 1e-6)]
-        due = [clock for clock in clocks if clock.due(i)]
-        for clock in due:
-            clock.measure(i, state, model.two_masses)
-        for clock in due if "dead_time" not in model.effects else clocks:
-            p.command[clock.columns] = clock.acting(i)
-        after, end, direction, rate = _step(model, p, time, step, state, direction)
-        for clock in due:
-            clock.keep(i, rate, direction, model.two_masses)
-        state, direction = after, end
-
-    done: list[Any] = [None] * len(cases)
-    for clock in clocks:
-        for j, recording in zip(clock.columns.tolist(), clock.recordings(), strict=True):
-            done[j] = recording
-    return done
-
-
 def steer(cases: Sequence[tuple[Plant, Experiment]], policy: Policy) -> list[SimulatedRecording]:
-    """Simulate plants of one inner step and rate under a policy that is asked once a sample."""
-    recordings: list[SimulatedRecording] = _simulate_batch(cases, [None] * len(cases), policy)
-    return recordings
+    """Simulate plants side by side, for as many samples each, under a policy that is asked once a sample."""
+    runs = [_Run(plant, experiment) for plant, experiment in cases]
+    for k in range(cases[0][1].samples):
+        for run, torque in zip(runs, policy(np.array([run.read(k) for run in runs])).tolist(), strict=True):
+            run.samples.command[k] = torque
+            run.advance(k, k + 1)
+    return [run.recording() for run in runs]
 
 
 def simulate(
-    cases: Sequence[tuple[Plant, Experiment]], commands: Sequence[Array | None] | None = None, workers: int = 1
+    cases: Sequence[tuple[Plant, Experiment]], commands: Sequence[Array | None] | None = None
 ) -> list[SimulatedRecording]:
     """Simulate every (plant, experiment) and return the recordings in the same order.
 
-    Recordings that can share an inner step run as one batch, whatever their effects, rates and lengths.
-
     Args:
         commands: a torque command (N,) [N m] per case, replacing its excitation where not None.
-        workers: processes to spread the batches over.
     """
-    commands = [None] * len(cases) if commands is None else list(commands)
-    groups: dict[tuple[Any, ...], list[int]] = {}
-    for j, (plant, experiment) in enumerate(cases):
-        step = 1 / (experiment.rate * _inner_steps(plant, experiment))
-        two = bool(_TRANSMISSION & plant.effects.keys())
-        key = (round(step * 1e12), two, plant.friction_side if two else "")
-        groups.setdefault(key, []).append(j)
-    jobs = []
-    for members in groups.values():  # alike effects together, so that a batch computes few laws
-        members.sort(key=lambda j: sorted(cases[j][0].effects))
-        pieces = workers if len(members) > 8 * workers else 1
-        jobs += [part.tolist() for part in np.array_split(members, pieces)]
-    jobs.sort(key=len, reverse=True)
-    arguments = [([cases[j] for j in job], [commands[j] for j in job]) for job in jobs]
-    if workers > 1 and len(jobs) > 1:
-        with ProcessPoolExecutor(workers) as pool:
-            batches = list(pool.map(_simulate_batch, *zip(*arguments, strict=True)))
-    else:
-        batches = [_simulate_batch(*argument) for argument in arguments]
-    done: dict[int, SimulatedRecording] = {}
-    for job, batch in zip(jobs, batches, strict=True):
-        done.update(zip(job, batch, strict=True))
-    return [done[j] for j in range(len(cases))]
+    done = []
+    for (plant, experiment), command in zip(cases, commands or [None] * len(cases), strict=True):
+        run = _Run(plant, experiment, command)
+        run.advance(0, experiment.samples)
+        done.append(run.recording())
+    return done
 
 
 @dataclass(frozen=True)
@@ -941,7 +839,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--wide", action="store_true", help="plants half to twice the usual ranges")
     parser.add_argument("--variants", action="store_true", help="also less usual laws of the same effects")
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     args = parser.parse_args(argv)
     rng = np.random.default_rng(args.seed)
     try:
@@ -951,7 +848,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     runs = [(case.plant, experiment) for case in cases for experiment in (case.train, case.holdout)]
-    recordings = simulate(runs, workers=args.workers)
+    recordings = simulate(runs)
     for j in range(len(cases)):
         write_case(args.out, f"case_{j:03d}", recordings[2 * j], recordings[2 * j + 1])
     print(f"{len(cases)} cases in {args.out}")

@@ -240,7 +240,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     make = {"benches": bench, "loops": loop, "goals": goal}[args.what]
     seeds = range(args.first, args.first + args.n)
     cases = [make(seed) for seed in seeds]
-    runs = iter(simulate([run for case in cases for run in case.runs], workers=args.workers))
+    runs = iter(simulate([run for case in cases for run in case.runs]))
     recordings = [[case.recorded(k, next(runs)) for k in range(len(case.runs))] for case in cases]
     with ProcessPoolExecutor(args.workers) as pool:
         results = []

@@ -1,8 +1,9 @@
 """A catalogue of recordings whose truth is known, from a simulator that shares no model code, and their diagnoses.
 
-All are simulated at once, as a simulation of many takes little longer than one, and each is diagnosed once.
+Each is diagnosed once.
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -213,31 +214,16 @@ CASES = NULLS | SINGLES | TRANSMISSIONS | TWINS | PAIR | SHORT | OUTSIDE | SPECI
 QUICK_NULLS = ("paper's encoder", "steps", "position control")
 QUICK_SINGLES = ("stribeck", "cogging", "payload_change", "actuator_lag")
 NULLS_TRIED, SINGLES_TRIED = slow.but(QUICK_NULLS, NULLS), slow.but(QUICK_SINGLES, SINGLES)
-QUICK = {  # what `make test` reads: simulated together, without what takes longer
-    *QUICK_NULLS,
-    *QUICK_SINGLES,
-    *("backlash", "stribeck and tilt", "torque_offset", "knocks", "cubic_damping", "random 0", "short"),
-    *("bouncing", "brief", "moving", "quadratic_drag", "torque_saturation", "filtered noise"),
-}
-assert CASES.keys() >= QUICK
 
 
+@functools.cache
 def recording(name: str) -> Recording:
     """The recording of a case."""
-    return _recordings(tuple(other for other in CASES if (other in QUICK) == (name in QUICK)))[name]
-
-
-@once("benchmarks", "pendulum_env/recording")
-def _recordings(names: tuple[str, ...]) -> dict[str, Recording]:
-    cases = [CASES[name] for name in names]
-    plants = [
-        Plant(c.plant.inertia, c.plant.gravity, c.plant.viscous, c.plant.coulomb, c.plant.effects | c.hidden)
-        for c in cases
-    ]
-    runs = simulate(
-        [(plant, case.experiment) for plant, case in zip(plants, cases, strict=True)], [case.command for case in cases]
-    )
-    return {name: Recording(name, r.time, r.position, r.torque) for name, r in zip(names, runs, strict=True)}
+    case = CASES[name]
+    p = case.plant
+    plant = Plant(p.inertia, p.gravity, p.viscous, p.coulomb, p.effects | case.hidden)
+    (run,) = simulate([(plant, case.experiment)], [case.command])
+    return Recording(name, run.time, run.position, run.torque)
 
 
 Some = str | Recording | Sequence[str | Recording]

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from benchmarks import independent_plant
-from benchmarks.independent_plant import EFFECTS, LIBRARY, Experiment, Plant, effect_share, random_case, simulate
+from benchmarks.independent_plant import EFFECTS, Experiment, Plant, effect_share, random_case, simulate
 
 EXACT = {"counts": None, "torque_noise": 0.0}
 SIZES = {
@@ -107,7 +107,6 @@ def test_two_masses_with_play_agree_with_dop853(friction_side: str) -> None:
     np.testing.assert_allclose(run.position, path, atol=1e-5, rtol=0)
 
 
-@pytest.mark.slow
 def test_halving_the_inner_step_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     effects = ("presliding", "joint_flexibility", "actuator_lag", "hard_stop", "torque_ripple", "friction_drift")
     cases = [random_case(np.random.default_rng(5), [e], excitation="two_tone", seconds=1.0, **EXACT) for e in effects]
@@ -156,18 +155,6 @@ def test_encoder_counts_and_torque_noise_are_as_stated() -> None:
     assert np.std(noisy.torque - noisy.command) == pytest.approx(0.05, rel=0.03)
 
 
-@pytest.mark.slow
-def test_a_recording_does_not_depend_on_its_batch() -> None:
-    rng = np.random.default_rng(8)
-    rates, effects = (200, 500, 1000, 2000), (*LIBRARY, "knocks", "random_walk_torque")
-    cases = [random_case(rng, [e], rate=rates[j % 4], seconds=0.2 + 0.05 * (j % 3)) for j, e in enumerate(effects)]
-    runs = [(case.plant, case.train) for case in cases]
-    for together, run in zip(simulate(runs), runs, strict=True):
-        (alone,) = simulate([run])
-        np.testing.assert_allclose(together.position, alone.position, atol=1e-9, err_msg=str(run[0].effects))
-        assert len(alone.time) == run[1].samples
-
-
 def test_dead_time_delays_the_command() -> None:
     command = 3 * np.sin(2 * np.arange(3000) / 1000)
     late = np.concatenate([np.zeros(12), command[:-12]])
@@ -177,7 +164,6 @@ def test_dead_time_delays_the_command() -> None:
     np.testing.assert_allclose(one.position, other.position, atol=1e-12)
 
 
-@pytest.mark.slow
 def test_every_effect_has_a_share_and_nothing_hidden_has_none() -> None:
     def case(effect: str) -> tuple[Plant, Experiment]:
         drawn = random_case(np.random.default_rng(2), [effect], excitation="two_tone", rate=200.0, seconds=3)
@@ -192,7 +178,7 @@ def test_every_effect_has_a_share_and_nothing_hidden_has_none() -> None:
 
 def test_blind_set_is_written_with_its_truth(tmp_path: Path) -> None:
     arguments = [str(tmp_path), "--n", "4", "--nulls", "1", "--pairs", "1", "--outside", "1", "--seconds", "1"]
-    assert independent_plant.main([*arguments, "--workers", "1"]) == 0
+    assert independent_plant.main(arguments) == 0
     truth = json.loads((tmp_path / "truth.json").read_text())
     assert sorted(len(case["hidden"]) for case in truth.values()) == [0, 1, 1, 2]
     for name, case in truth.items():
