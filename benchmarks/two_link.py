@@ -7,13 +7,17 @@ it is smooth between events; recordings hold its mean over each period, as a DAC
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from math import cos, sin
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 GRAVITY = 9.81
+
+Signal = Callable[[float], Sequence[float]]  # torque of each joint at a time
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,8 @@ class TwoLink:
     inertia: tuple[float, float] = (0.02, 0.008)  # about the centre of mass [kg m^2]
     viscous: tuple[float, float] = (0.3638, 0.3638)  # the paper's Table 2, at each joint
     coulomb: tuple[float, float] = (0.9163, 0.9163)
+    drag: tuple[float, float] = (0.0, 0.0)  # of the air, of the square of the speed [N m s^2/rad^2]
+    cogging: tuple[float, float] = (0.0, 0.0)  # torque that comes twelve times a turn [N m]
 
     def urdf(self) -> str:
         """The same arm for a parser; its axes point so that gravity is the same."""
@@ -40,48 +46,66 @@ class TwoLink:
         return f'<robot name="two-link"><link name="base"/>{links}{joints}</robot>'
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
-        (m1, m2), (c1, c2), (i1, i2), l1 = self.mass, self.center, self.inertia, self.length
-        coupled = m2 * l1 * c2 * np.cos(q[1])
-        m22 = m2 * c2**2 + i2
-        m12 = m22 + coupled
-        return np.array([[m1 * c1**2 + i1 + m2 * l1**2 + m22 + 2 * coupled, m12], [m12, m22]])
+        m11, m12, m22 = self._masses(*q)
+        return np.array([[m11, m12], [m12, m22]])
 
     def bias(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """C(q, q') q' + g(q)."""
-        (m1, m2), (c1, c2), l1 = self.mass, self.center, self.length
-        h = m2 * l1 * c2 * np.sin(q[1])
-        g2 = m2 * c2 * GRAVITY * np.sin(q[0] + q[1])
-        g1 = (m1 * c1 + m2 * l1) * GRAVITY * np.sin(q[0]) + g2
-        return np.array([g1 - h * (2 * v[0] + v[1]) * v[1], g2 + h * v[0] ** 2])
+        return np.array(self._bias(*q, *v))
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> float:
         (m1, m2), (c1, c2), l1 = self.mass, self.center, self.length
         height = -(m1 * c1 + m2 * l1) * np.cos(q[0]) - m2 * c2 * np.cos(q[0] + q[1])
         return float(0.5 * v @ self.mass_matrix(q) @ v + GRAVITY * height)
 
+    def _masses(self, q1: float, q2: float) -> tuple[float, float, float]:  # 11, 12, 22
+        (m1, m2), (c1, c2), (i1, i2), l1 = self.mass, self.center, self.inertia, self.length
+        coupled = m2 * l1 * c2 * cos(q2)
+        m22 = m2 * c2**2 + i2
+        return m1 * c1**2 + i1 + m2 * l1**2 + m22 + 2 * coupled, m22 + coupled, m22
+
+    def _bias(self, q1: float, q2: float, v1: float, v2: float) -> tuple[float, float]:
+        (m1, m2), (c1, c2), l1 = self.mass, self.center, self.length
+        h = m2 * l1 * c2 * sin(q2)
+        g2 = m2 * c2 * GRAVITY * sin(q1 + q2)
+        g1 = (m1 * c1 + m2 * l1) * GRAVITY * sin(q1) + g2
+        return g1 - h * (2 * v1 + v2) * v2, g2 + h * v1**2
+
     def accelerations(
-        self, q: np.ndarray, v: np.ndarray, torque: np.ndarray, sliding: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, x: Sequence[float], torque: Sequence[float], sliding: Sequence[float]
+    ) -> tuple[tuple[float, float], tuple[float, float]]:
         """Accelerations with friction in the directions `sliding`, and the reactions of joints that stick (0 there)."""
-        rest = torque - self.bias(q, v) - np.array(self.viscous) * v - np.array(self.coulomb) * sliding
-        matrix, free = self.mass_matrix(q), sliding != 0
-        a = np.zeros(2)
-        if free.any():
-            a[free] = np.linalg.solve(matrix[np.ix_(free, free)], rest[free])
-        return a, np.where(free, 0.0, rest - matrix @ a)
+        q, v = x[:2], x[2:]
+        bias = self._bias(*q, *v)
+        r1, r2 = (
+            torque[k]
+            - bias[k]
+            - (self.viscous[k] + self.drag[k] * abs(v[k])) * v[k]
+            - self.cogging[k] * sin(12 * q[k])
+            - self.coulomb[k] * sliding[k]
+            for k in range(2)
+        )
+        m11, m12, m22 = self._masses(*q)
+        if sliding[0] and sliding[1]:
+            det = m11 * m22 - m12**2
+            return ((m22 * r1 - m12 * r2) / det, (m11 * r2 - m12 * r1) / det), (0.0, 0.0)
+        if sliding[0]:
+            return (r1 / m11, 0.0), (0.0, r2 - m12 * r1 / m11)
+        if sliding[1]:
+            return (0.0, r2 / m22), (r1 - m12 * r2 / m22, 0.0)
+        return (0.0, 0.0), (r1, r2)
 
     def simulate(
         self,
-        torque: Callable[[float], np.ndarray],
+        torque: Signal,
         time: np.ndarray,
         q0: tuple[float, float] = (0.0, 0.0),
         v0: tuple[float, float] = (0.0, 0.0),
         rtol: float = 1e-9,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities (N, 2) at the instants."""
-        dry = np.array(self.coulomb)
-        x, t, sliding = np.array([*q0, *v0], dtype=float), float(time[0]), np.sign(np.array(v0, dtype=float))
-        sliding = self._directions(t, x, torque, sliding) if dry.any() else np.ones(2)
+        x, t, sliding = np.array([*q0, *v0], dtype=float), float(time[0]), [float(np.sign(v)) for v in v0]
+        sliding = self._directions(t, x, torque, sliding) if any(self.coulomb) else [1.0, 1.0]
         done = [x[None]]
         known = 1
         while known < len(time):
@@ -98,53 +122,55 @@ class TwoLink:
                 x[2 + joint] = 0.0
                 sliding[joint] = 0.0
             else:
-                sliding[joint] = np.sign(self.accelerations(x[:2], x[2:], torque(t), sliding)[1][joint])
+                sliding[joint] = float(np.sign(self.accelerations(x.tolist(), torque(t), sliding)[1][joint]))
                 x[2 + joint] = 1e-12 * sliding[joint]  # [rad/s], so that it is seen to leave
             sliding = self._directions(t, x, torque, sliding)
         states = np.concatenate(done)
         return states[:, :2], states[:, 2:]
 
-    def _stretch(self, torque: Callable[[float], np.ndarray], sliding: np.ndarray) -> tuple[Callable, list[Callable]]:
+    def _stretch(self, torque: Signal, sliding: list[float]) -> tuple[Callable, list[Callable]]:
         """Derivative of the state while friction keeps its directions, and the events that end this."""
-        dry = np.array(self.coulomb)
 
-        def slope(t: float, x: np.ndarray) -> np.ndarray:
-            return np.concatenate([x[2:], self.accelerations(x[:2], x[2:], torque(t), sliding)[0]])
+        def slope(t: float, x: np.ndarray) -> tuple[float, ...]:
+            state = x.tolist()
+            return *state[2:], *self.accelerations(state, torque(t), sliding)[0]
 
         def make(joint: int) -> Callable[[float, np.ndarray], float]:
             def event(t: float, x: np.ndarray) -> float:
                 if sliding[joint] == 0:
-                    return dry[joint] - abs(self.accelerations(x[:2], x[2:], torque(t), sliding)[1][joint])
+                    return self.coulomb[joint] - abs(self.accelerations(x.tolist(), torque(t), sliding)[1][joint])
                 return x[2 + joint] * sliding[joint]
 
             event.terminal, event.direction = True, -1.0
             return event
 
-        return slope, [make(joint) for joint in range(2)] if dry.any() else []
+        return slope, [make(joint) for joint in range(2)] if any(self.coulomb) else []
 
-    def _directions(
-        self, t: float, x: np.ndarray, torque: Callable[[float], np.ndarray], sliding: np.ndarray
-    ) -> np.ndarray:
+    def _directions(self, t: float, x: np.ndarray, torque: Signal, sliding: list[float]) -> list[float]:
         """Directions once joints at rest whose reactions are beyond dry friction have broken loose."""
         for _ in range(4):
-            reaction = self.accelerations(x[:2], x[2:], torque(t), sliding)[1]
-            loose = (sliding == 0) & (np.abs(reaction) >= np.array(self.coulomb) * (1 - 1e-9))
-            if not loose.any():
+            reaction = self.accelerations(x.tolist(), torque(t), sliding)[1]
+            loose = [sliding[k] == 0 and abs(reaction[k]) >= self.coulomb[k] * (1 - 1e-9) for k in range(2)]
+            if not any(loose):
                 break
-            sliding = np.where(loose, np.sign(reaction), sliding)
+            sliding = [float(np.sign(reaction[k])) if loose[k] else sliding[k] for k in range(2)]
         return sliding
 
 
 @dataclass(frozen=True)
 class Multisine:
-    """A sum of sines of each joint; called with a time it gives the torque (n,), `held` the mean over each period."""
+    """A sum of sines of each joint; called with a time it gives their torques, `held` the means over each period."""
 
     amplitude: np.ndarray  # (n, K) [N m]
     frequency: np.ndarray  # (n, K) [rad/s]
     phase: np.ndarray  # (n, K)
 
-    def __call__(self, time: float) -> np.ndarray:
-        return np.sum(self.amplitude * np.sin(self.frequency * time + self.phase), axis=1)
+    def __call__(self, time: float) -> list[float]:
+        return [sum(a * sin(w * time + p) for a, w, p in tones) for tones in self._tones]
+
+    @cached_property
+    def _tones(self) -> list[list[list[float]]]:
+        return np.stack([self.amplitude, self.frequency, self.phase], axis=-1).tolist()
 
     def held(self, time: np.ndarray, period: float) -> np.ndarray:
         w = self.frequency[None]

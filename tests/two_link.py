@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from benchmarks.two_link import Multisine, TwoLink
@@ -11,17 +9,6 @@ from pendulum_env.arms.recording import ArmRecording
 from tests.once import once
 
 JOINTS = ("shoulder", "elbow")
-
-
-@dataclass(frozen=True)
-class Hidden(TwoLink):
-    """With air drag [N m s^2/rad^2], and a torque that comes twelve times a turn [N m], at its joints."""
-
-    drag: tuple[float, float] = (0.0, 0.0)
-    cogging: tuple[float, float] = (0.0, 0.0)
-
-    def bias(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return super().bias(q, v) + np.array(self.drag) * v * np.abs(v) + np.array(self.cogging) * np.sin(12 * q)
 
 
 @once("benchmarks")

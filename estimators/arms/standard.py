@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from pendulum_env._typing import JSON, Array
@@ -33,6 +34,8 @@ class NearestSettings:
 
 
 NEAREST = NearestSettings()
+DIAGONAL, BELOW = np.arange(4), np.tril_indices(4, -1)
+ENTRIES = np.concatenate([DIAGONAL, BELOW[0]]), np.concatenate([DIAGONAL, BELOW[1]])  # ten, in the order of `_factors`
 
 
 @dataclass(frozen=True)
@@ -77,12 +80,18 @@ def nearest_body(model: Model) -> Nearest:
     std = np.maximum(std, NEAREST.least * np.maximum(np.abs(theta), 1e-3 * np.abs(theta).max()))
     first, scale = _factors(body)
 
+    links = len(body.links)
+
     def misfit(x: Array) -> Array:
-        base = body.combine @ _standard(first + scale * x, len(body.links))
+        base = body.combine @ _standard(first + scale * x, links)
         return np.concatenate([(base - theta) / std, x / NEAREST.open])
 
-    found = least_squares(misfit, np.zeros(len(first)), x_scale="jac", max_nfev=NEAREST.turns)
-    values = _standard(first + scale * found.x, len(body.links))
+    def slope(x: Array) -> Array:
+        base = body.combine @ (_slope(first + scale * x, links) * scale)
+        return np.vstack([base / std[:, None], np.eye(len(x)) / NEAREST.open])
+
+    found = least_squares(misfit, np.zeros(len(first)), slope, x_scale="jac", max_nfev=NEAREST.turns)
+    values = _standard(first + scale * found.x, links)
     parameters = {
         name: Estimate(own, 0.0, body.unit_of(name)) for name, own in zip(body.standard, values.tolist(), strict=True)
     }
@@ -106,13 +115,13 @@ def pseudo_inertia(standard: Array) -> Array:
 
 def _factors(body: Body) -> tuple[Array, Array]:
     """Logarithms of the diagonals and rows below of each link's L, and of rotors; and how far each may usually move."""
-    links, below = len(body.links), np.tril_indices(4, -1)
+    links = len(body.links)
     values, scales = [], []
     for own in body.standard_values[: 10 * links].reshape(links, 10):
         matrix = pseudo_inertia(own)
         factor = np.linalg.cholesky(matrix + NEAREST.smallest * np.trace(matrix) * np.eye(4))
-        size = np.sqrt(np.diag(matrix))[below[0]]
-        values += [np.log(np.diag(factor)), factor[below]]
+        size = np.sqrt(np.diag(matrix))[BELOW[0]]
+        values += [np.log(np.diag(factor)), factor[BELOW]]
         scales += [np.ones(4), np.maximum(size, 1e-3 * size.max())]
     rotors = body.standard_values[10 * links :]
     values.append(np.log(np.maximum(rotors, 1e-3)))
@@ -120,14 +129,33 @@ def _factors(body: Body) -> tuple[Array, Array]:
     return np.concatenate(values), np.concatenate(scales)
 
 
+def _cholesky(x: Array, links: int) -> Array:
+    """Factors L (links, 4, 4) of logarithms and rows as in `_factors`."""
+    own, factor = x[: 10 * links].reshape(links, 10), np.zeros((links, 4, 4))
+    factor[:, DIAGONAL, DIAGONAL] = np.exp(own[:, :4])
+    factor[:, BELOW[0], BELOW[1]] = own[:, 4:]
+    return factor
+
+
+def _ten(matrix: Array) -> Array:
+    """Standard parameters (..., 10) of pseudo-inertias (..., 4, 4), in which they are linear."""
+    moments, h, m = matrix[..., :3, :3], matrix[..., :3, 3], matrix[..., 3:, 3]
+    inertia = np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments
+    return np.concatenate([m, h, inertia[..., [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]], axis=-1)
+
+
 def _standard(x: Array, links: int) -> Array:
     """Standard parameters (S,) of logarithms and rows as in `_factors`."""
-    parts, below = [], np.tril_indices(4, -1)
-    for own in x[: 10 * links].reshape(links, 10):
-        factor = np.diag(np.exp(own[:4]))
-        factor[below] = own[4:]
-        matrix = factor @ factor.T
-        moments, h, m = matrix[:3, :3], matrix[:3, 3], matrix[3, 3]
-        inertia = np.trace(moments) * np.eye(3) - moments
-        parts.append([m, *h, *inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
-    return np.concatenate([np.ravel(parts), np.exp(x[10 * links :])])
+    factor = _cholesky(x, links)
+    return np.concatenate([np.ravel(_ten(factor @ factor.swapaxes(-1, -2))), np.exp(x[10 * links :])])
+
+
+def _slope(x: Array, links: int) -> Array:
+    """Their derivative by the logarithms and rows (S, S)."""
+    factor = _cholesky(x, links)
+    moved = np.zeros((links, 10, 4, 4))  # of L
+    moved[:, np.arange(10), *ENTRIES] = 1.0
+    moved[:, DIAGONAL, DIAGONAL, DIAGONAL] = factor[:, DIAGONAL, DIAGONAL]
+    turned = moved @ factor[:, None].swapaxes(-1, -2)  # of L L', but for its transpose
+    own = _ten(turned + turned.swapaxes(-1, -2))  # (links, 10 of L, 10)
+    return block_diag(*own.swapaxes(-1, -2), np.diag(np.exp(x[10 * links :])))

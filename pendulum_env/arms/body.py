@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -226,10 +226,10 @@ class Body:
         return self._with_rotors(self._regress(self._weightless, q, np.zeros_like(v), v), v)
 
     def _regress(self, model: Any, q: Array, v: Array, a: Array) -> Array:
-        data, regressor = self._data, pinocchio().computeJointTorqueRegressor
-        # of a single joint, Pinocchio gives no row but a vector
-        links = self._each(lambda q, v, a: np.atleast_2d(regressor(model, data, q, v, a)), *self._all(q, v, a))
-        return links if len(self.links) == len(self.joints) else np.einsum("kn,Nkp->Nnp", self.ratios, links)
+        regressor = partial(pinocchio().computeJointTorqueRegressor, model, self._data)
+        count = len(self.links)  # of a single one, Pinocchio gives no row but a vector
+        links = self._each(regressor, *self._all(q, v, a)).reshape(len(q), count, 10 * count)
+        return links if count == len(self.joints) else np.einsum("kn,Nkp->Nnp", self.ratios, links)
 
     def _all(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
         """Motion of all links' joints, (N, links) each."""

@@ -6,14 +6,14 @@ from benchmarks.two_link import TwoLink
 from estimators import add, identify
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import ModelError
-from tests.two_link import Hidden, recorded
+from tests.two_link import recorded
 
 DRAG = 0.06  # [N m s^2/rad^2]
 
 
 @pytest.fixture(scope="module")
 def recording():
-    return recorded(Hidden(drag=(0.0, DRAG)))
+    return recorded(TwoLink(drag=(0.0, DRAG)))
 
 
 @pytest.fixture(scope="module")

@@ -29,7 +29,7 @@ from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import TWO_LINK
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE, Model, effects
-from tests.two_link import Hidden, recorded
+from tests.two_link import recorded
 
 RATE, COUNTS, CHANGE = 500.0, 65_536, 7.0
 TWO = TwoLink()
@@ -109,9 +109,9 @@ def test_samples_and_schemes_that_make_no_sense_are_refused_at_once(body):
 @pytest.mark.parametrize(
     ("plant", "group"),
     [
-        (Hidden(), ()),
-        (Hidden(drag=(0.0, 0.05)), ("quadratic_drag@elbow",)),
-        (Hidden(cogging=(0.4, 0.0)), ("cogging@shoulder",)),
+        (TwoLink(), ()),
+        (TwoLink(drag=(0.0, 0.05)), ("quadratic_drag@elbow",)),
+        (TwoLink(cogging=(0.4, 0.0)), ("cogging@shoulder",)),
     ],
     ids=["none", "drag", "cogging"],
 )
@@ -140,7 +140,7 @@ def before():
     [
         (TWO, "predicts"),
         (replace(TWO, viscous=(0.3638, 0.5)), "value"),
-        (Hidden(cogging=(0.0, 0.3)), "structure"),
+        (TwoLink(cogging=(0.0, 0.3)), "structure"),
     ],
     ids=["none", "value", "structure"],
 )
