@@ -9,7 +9,6 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from pendulum_env.recording import Recording
-from tests.once import once
 
 PLANT = Plant()  # inertia 0.09, gravity 2, viscous 0.35, coulomb 0.8
 
@@ -22,7 +21,6 @@ class Run:
     theta: np.ndarray  # inertia, gravity, viscous, coulomb
 
 
-@once("benchmarks", "pendulum_env/recording")
 def simulated(plants: list[Plant], commands: list[np.ndarray | None] | None = None, **experiment: Any) -> list[Run]:
     """One recording of each plant, all under the same kind of experiment, with seeds 0, 1, ..."""
     cases = [(plant, Experiment(**{"seed": j, **experiment})) for j, plant in enumerate(plants)]

@@ -20,7 +20,6 @@ HIDDEN = {
 }
 
 
-@once("estimators", "pendulum_env", "benchmarks")
 def recordings(hidden: str) -> list[Recording]:
     """Two recordings of one plant."""
     experiments = (Experiment(rate=500.0, seconds=15.0, seed=seed) for seed in (1, 2))
