@@ -191,13 +191,12 @@ def _require(name: str, known: Iterable[str], what: str) -> None:
 
 # ---------------------------------------------------------------------------------------------------------- physics
 
-_SWITCHES = ("two_masses", "motor_friction", "motor_encoder", "dead_steps", "payload_step")
-_PARAMETERS = np.dtype([(name, float) for name in ("inertia", "gravity", "viscous", "coulomb", *_NEUTRAL, *_SWITCHES)])
+_DERIVED = ("two_masses", "motor_friction", "motor_encoder", "dead_steps", "payload_step")  # three switches, two counts
+_PARAMETERS = np.dtype([(name, float) for name in ("inertia", "gravity", "viscous", "coulomb", *_NEUTRAL, *_DERIVED)])
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
-State = tuple[
-    float, float, float, float, float, float
-]  # angle and speed of link and motor, lagged torque, bristle torque
+# angle and speed of the link, the same of the motor (equal where they are one), lagged torque, bristle torque
+State = tuple[float, float, float, float, float, float]
 
 
 def _compiled(function: _Function) -> _Function:
@@ -242,8 +241,8 @@ def _friction(p: Any, time: float, q: float, v: float, tau: float) -> tuple[floa
     if p.spot_f:
         dry += p.spot_f * np.exp(-(((q - p.spot_q) / p.spot_w) ** 2))
     warm = p.drift_a * np.exp(-time / p.drift_T)
-    moved = p.asym_c  # [-(fc - a), fc + a] is [-fc, fc] moved by a
-    return fluid * (1 + p.drift_b * warm) + moved * (1 + warm), dry * (1 + warm)
+    # [-(fc - a), fc + a] is [-fc, fc] moved by a
+    return fluid * (1 + p.drift_b * warm) + p.asym_c * (1 + warm), dry * (1 + warm)
 
 
 @_compiled
@@ -382,6 +381,7 @@ def _step(
 # ------------------------------------------------------------------------------------------------- command and sensors
 
 _CONTROLS = ("pd", "servo", "speed")
+_SERVO, _SPEED = _CONTROLS.index("servo"), _CONTROLS.index("speed")
 _LOOP = np.dtype([(name, float) for name in ("closed", "control", "stiffness", "damping", "limit", "smoothing")])
 _SENSORS = np.dtype([(name, float) for name in ("rate", "step", "every", "count", "shift", "felt")])
 _NOW = np.dtype([("x", float, 6), *((name, float) for name in ("direction", "speed", "integral"))])
@@ -405,12 +405,12 @@ def _controlled(loop: Any, rate: float, now: Any, sample: Any, before: Any) -> f
     """The torque that a closed loop asks for at a sample."""
     now.speed += loop.smoothing * ((sample.position - before.position) * rate - now.speed)
     error = sample.reference - sample.position
-    if loop.control == 2:
+    if loop.control == _SPEED:
         slow = sample.goal - now.speed
         torque = loop.stiffness * slow + loop.damping * now.integral
         if abs(torque) <= loop.limit or torque * slow <= 0:
             now.integral += slow / rate
-    elif loop.control == 1:
+    elif loop.control == _SERVO:
         torque = loop.stiffness * error - loop.damping * now.speed
     else:
         torque = loop.stiffness * error
@@ -494,7 +494,8 @@ class _Run:
         start = (angle, speed, angle, speed, 0.0, 0.0)
         self.now = _record(_NOW, {"x": start, "direction": direction, "speed": 0.0, "integral": 0.0})
 
-        n, time = experiment.samples, np.arange(experiment.samples) / rate
+        n = experiment.samples
+        self.time = time = np.arange(n) / rate
         rng, noise = (np.random.default_rng([experiment.seed, stream]) for stream in (0, 1))
         self.samples = np.zeros(n, _SAMPLE).view(np.recarray)
         if closed:
@@ -527,7 +528,7 @@ class _Run:
         return SimulatedRecording(
             self.plant,
             experiment,
-            np.arange(experiment.samples) / experiment.rate,
+            self.time,
             s.position.copy(),
             torque,
             s.command.copy(),

@@ -1,11 +1,8 @@
-"""A catalogue of recordings whose truth is known, from a simulator that shares no model code, and their diagnoses.
-
-Each is diagnosed once.
-"""
+"""Recordings whose truth is known, from a simulator that shares no model code, and their diagnoses, made once."""
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -220,8 +217,7 @@ NULLS_TRIED, SINGLES_TRIED = slow.but(QUICK_NULLS, NULLS), slow.but(QUICK_SINGLE
 def recording(name: str) -> Recording:
     """The recording of a case."""
     case = CASES[name]
-    p = case.plant
-    plant = Plant(p.inertia, p.gravity, p.viscous, p.coulomb, p.effects | case.hidden)
+    plant = replace(case.plant, effects=case.plant.effects | case.hidden)
     (run,) = simulate([(plant, case.experiment)], [case.command])
     return Recording(name, run.time, run.position, run.torque)
 

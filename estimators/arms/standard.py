@@ -79,7 +79,6 @@ def nearest_body(model: Model) -> Nearest:
     theta, std = model.theta[:count], np.array([model.estimates[name].std for name in body.names])
     std = np.maximum(std, NEAREST.least * np.maximum(np.abs(theta), 1e-3 * np.abs(theta).max()))
     first, scale = _factors(body)
-
     links = len(body.links)
 
     def misfit(x: Array) -> Array:
