@@ -1,9 +1,11 @@
 """Fits of whole rollouts: parameters moved until simulated motion is as likely as can be (Gauss-Newton).
 
-Errors of a rollout last for seconds, and some of them are large: what counts is their density as Student's t, with a
-scale for each recording, as in the score.
+Errors of a rollout last for seconds, and some of them are large, where a servo sticks elsewhere than its model: what
+counts is their density as that of a hyperbolic secant, sech(pi e / 2 s) / 2 s, which is normal in the middle and
+exponential in its tails. So no error is left out, and what is large counts as it does in the mean distance that servos
+are compared by. One scale s serves all recordings of a servo.
 
-Source: Lange, Little and Taylor, JASA 84(408), 1989, for the weights.
+Source: Fischer, Generalized Hyperbolic Secant Distributions, 2014.
 """
 
 from __future__ import annotations
@@ -17,7 +19,6 @@ from estimators.in_loop.rollouts import FINE, Rollouts, are_driven, with_gain
 from estimators.regression.gauss_newton import Near, Rule, gauss_newton
 from estimators.selection.columns import bounds
 from estimators.selection.errors import Errors
-from estimators.selection.score import NU
 from estimators.simulation.output_error import Point
 from estimators.weak_form.shapes import continuous
 from pendulum_env._typing import Array
@@ -47,30 +48,25 @@ class LoopSettings:
 LOOP = LoopSettings()
 
 
-def squared_scales(rollouts: Rollouts, errors: Array) -> Array:
-    """Squared scale of Student's t of each error (R, V) of V models: that of its recording's."""
-    owner, least = rollouts.recording_of, rollouts.resolution
-    starts = np.flatnonzero(np.diff(owner, prepend=-1))
-    number = np.diff(np.append(starts, len(owner)))[:, None]
-    squares = errors**2
-
-    def mean(values: Array) -> Array:
-        return np.maximum(np.add.reduceat(values, starts) / number, least**2)
-
-    square = mean(squares)
+def scales(rollouts: Rollouts, errors: Array) -> Array:
+    """Scale (V,) that fits errors (R, V) of V models best [rad]; no encoder tells less than its resolution."""
+    absolute = np.pi / 2 * np.abs(errors)
+    scale = np.maximum(np.mean(absolute, axis=0), rollouts.resolution)
     for _ in range(LOOP.scales):
-        square = mean((NU + 1) * squares / (NU + squares / np.repeat(square, number[:, 0], axis=0)))
-    return np.asarray(square[owner])
+        scale = np.sqrt(scale * np.mean(absolute * np.tanh(absolute / scale), axis=0))
+        scale = np.maximum(scale, rollouts.resolution)
+    return np.asarray(scale)
 
 
 def likelihood(rollouts: Rollouts, errors: Array) -> Array:
     """Log density of errors of V models (R, V) with the scales that fit them, but for a constant (V,) [nat]."""
-    square = squared_scales(rollouts, errors)
-    return np.asarray(-np.sum(0.5 * np.log(square) + (NU + 1) / 2 * np.log1p(errors**2 / (NU * square)), axis=0))
+    scale = scales(rollouts, errors)
+    relative = np.pi / 2 * np.abs(errors) / scale
+    return np.asarray(-len(errors) * np.log(scale) - np.sum(relative + np.log1p(np.exp(-2 * relative)), axis=0))
 
 
 def scale_of(rollouts: Rollouts, error: Array) -> float:
-    """Geometric mean of the scales that fit errors (R,), heavy tails included [rad]: smaller is likelier."""
+    """Scale that errors (R,) are as likely as [rad]: smaller is likelier."""
     return float(np.exp(-likelihood(rollouts, error[:, None])[0] / len(error)))
 
 
@@ -109,8 +105,9 @@ def linear(rollouts: Rollouts, point: Point, typical: Array, shapes: bool) -> Li
     nearby = [point.at(values + own) for own in np.eye(count, len(values)) * steps[:, None]]
     errors = rollouts.misses([point, *nearby])
     slopes = (errors[:, 1:] - errors[:, :1]) / steps  # of what is known: `Point.at` keeps it where it is
-    square = squared_scales(rollouts, errors[:, :1])[:, 0]
-    weights = np.sqrt((NU + 1) / (NU * square + errors[:, 0] ** 2))
+    scale = scales(rollouts, errors[:, :1])[0]
+    relative = np.maximum(np.pi / 2 * np.abs(errors[:, 0]) / scale, 1e-6)
+    weights = np.pi / 2 / scale * np.sqrt(np.tanh(relative) / relative)
     return Linear(point, errors[:, 0], slopes, weights)
 
 

@@ -219,7 +219,7 @@ class BackEmf(Term):
     @property
     def columns(self) -> tuple[Column, ...]:
         def force(x: Samples) -> ArrayLike:
-            return x.velocity * x.memory.get("back_emf", (1.0,))[0]
+            return x.velocity * powered(x)
 
         return (Column("back_emf", "N m s/rad", force=force, least=0.0),)
 
@@ -228,3 +228,8 @@ class BackEmf(Term):
 
     def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
         return (memory[0] + 0.0,)
+
+
+def powered(x: Samples) -> ArrayLike:
+    """Whether the motor is on, as far as anyone says."""
+    return x.memory.get(BackEmf.id, (1.0,))[0]

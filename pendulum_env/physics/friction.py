@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
+from pendulum_env.physics.actuation import powered
 from pendulum_env.physics.term import ROOM, Column, Memory, Samples, Shape, Term, one
 
 WARMER = 1.0  # [K], by which the temperature has to change to tell of it
@@ -126,13 +127,14 @@ class QuadraticDrag(Term):
 class LoadDependentFriction(Term):
     """Dry friction that grows with the load of a gear, (mu |tau| + mu_o |w sin q|) sgn q'.
 
-    Teeth are pressed from both sides, each with a coefficient of its own: by the motor, and by what hangs on the
-    output, which is the model's own gravity w and the known load. Where the motor drives all motion, mu and the scale
-    of the torque are one number.
+    Teeth are pressed from both sides, each with a coefficient of its own: by the motor, whose back-EMF is no torque
+    that gets there, and by what hangs on the output, which is the model's own gravity w and the known load. Where the
+    motor drives all motion, mu and the scale of the torque are one number.
     Source: Duclusaud et al., Extended Friction Models for the Physics Simulation of Servo Actuators, 2024.
     """
 
     weight: float = 0.0
+    back_emf: float = 0.0
 
     id = "load_dependent_friction"
     law = "(mu |tau| + mu_o |w sin q|) sgn q'"
@@ -144,7 +146,10 @@ class LoadDependentFriction(Term):
         "speed, two torques give two frictions."
     )
     resembles = ("position_dependent_friction", "torque_saturation")
-    shapes = (Shape("weight", "N m", -1e9, 1e9, follows="gravity"),)
+    shapes = (
+        Shape("weight", "N m", -1e9, 1e9, follows="gravity"),
+        Shape("back_emf", "N m s/rad", -1e9, 1e9, follows="back_emf"),
+    )
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -152,7 +157,7 @@ class LoadDependentFriction(Term):
             Column(
                 "load_dependent_friction",
                 "1",
-                dry=lambda x: np.abs(x.torque),
+                dry=lambda x: np.abs(x.torque - self.back_emf * x.velocity * powered(x)),
                 of_torque=True,
                 least=0.0,
                 most=SELF_LOCKING,

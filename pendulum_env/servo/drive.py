@@ -3,9 +3,9 @@
     u = kp (goal - q) - kd q' + ki int (goal - q) dt        position control
     u = kp (goal - q') + ki int (goal - q') dt              velocity control
 
-held between its turns, within a limit, late by a delay, and off while the motor is open. Out of u, which is a share of
-the supply, a voltage, a current or a torque, comes the motor's torque: in SI if its gain is known, and per volt or
-ampere otherwise, as parameters are then.
+held between its turns, within a limit, late by a delay, and off while the motor is open; q' is the speed between the
+positions of two turns, as an encoder tells it. Out of u, which is a share of the supply, a voltage, a current or a
+torque, comes the motor's torque: in SI if its gain is known, and per volt or ampere otherwise, as parameters are then.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from pendulum_env.physics.symbols import name, repeated
 from pendulum_env.physics.term import upper
 from pendulum_env.servo.drive import Drive
 
-GAINS = ("kp", "ki", "kd", "most", "seen", "turn")  # of each servo
+GAINS = ("kp", "ki", "kd", "most", "seen", "old", "turn")  # of each servo
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,16 @@ class Servos:
 
 
 class State(NamedTuple):
-    """What a controller remembers: the output it holds, those before, its integral, and the speed it sees."""
+    """What a controller remembers: the output it holds, those before, its integral, and the speed that it sees.
+
+    `velocity` is the true one at its last look: the positions of two looks tell the mean of both.
+    """
 
     held: Any
     before: tuple[Any, ...]
     integral: Any
     speed: Any
+    velocity: Any
 
 
 class Given(NamedTuple):
@@ -97,15 +101,16 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     x = Samples(t, q, v, np.zeros(shape), load=servos.load)
     balance = Balance(terms, theta, loaded)
     x = replace(x, memory=balance.start(x))
-    state = State(np.zeros(shape), (np.zeros(shape),) * (len(weights) - 1), np.zeros(shape), v)
+    state = State(np.zeros(shape), (np.zeros(shape),) * (len(weights) - 1), np.zeros(shape), v, v)
     states = np.array([np.broadcast_to(row, shape) for row in _flat(x, state, integrates)])
     if program.step is not None:
         return np.asarray(program.step(inputs, own, states, every)[:, 1])
 
     def once(given: Array, now: Array) -> list[Any]:  # a law of a user's is no formula
         held, *late = now[len(rows(x)) :]
-        before, (seen, *integral) = late[: len(weights) - 1], late[len(weights) - 1 :]
-        begin, then = samples(now, x, x.torque), State(held, tuple(before), integral[0] if integrates else 0.0, seen)
+        before, (seen, last, *integral) = late[: len(weights) - 1], late[len(weights) - 1 :]
+        then = State(held, tuple(before), integral[0] if integrates else 0.0, seen, last)
+        begin = samples(now, x, x.torque)
         named = dict(zip(GAINS, gains, strict=True))
         return _flat(*servo_step(balance, begin, then, Given(*given), named, [*weights], speed, h), integrates)
 
@@ -113,15 +118,19 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
 
 
 def gains_of(drive: Drive, step: float) -> tuple[float, ...]:
-    """Gains of a servo, the share of a new speed that its filter takes over in a turn, and the time of a turn [s]."""
-    turn = step if drive.rate is None else max(step, 1.0 / drive.rate)
+    """Gains of a servo, its filter's share of a new speed, the share of the last one in that, and its turn [s].
+
+    An encoder tells the speed by the difference of two positions, which is that of half a turn ago.
+    """
+    period = 0.0 if drive.rate is None else 1.0 / drive.rate
+    turn = max(step, period)
     seen = 1.0 if drive.cutoff is None else 1.0 - math.exp(-2 * math.pi * drive.cutoff * turn)
-    return drive.kp, drive.ki, drive.kd, drive.most, seen, turn
+    return drive.kp, drive.ki, drive.kd, drive.most, seen, 0.5 * period / turn, turn
 
 
 def _flat(x: Samples, state: State, integrates: bool) -> list[Any]:
     """All that changes from step to step."""
-    return [*rows(x), state.held, *state.before, state.speed, *([state.integral] if integrates else [])]
+    return [*rows(x), state.held, *state.before, state.speed, state.velocity, *([state.integral] if integrates else [])]
 
 
 def _taps(terms: Sequence[Term], servos: Servos, shape: tuple[int, int]) -> Array:
@@ -170,7 +179,8 @@ def control(
 ) -> tuple[Any, State]:
     """Torque that a motor is asked for over a step, and what its controller remembers; in symbols or arrays."""
     looks = given.due > 0
-    seen = np.where(looks, state.speed + gains["seen"] * (x.velocity - state.speed), state.speed)
+    measured = x.velocity - gains["old"] * (x.velocity - state.velocity)
+    seen = np.where(looks, state.speed + gains["seen"] * (measured - state.speed), state.speed)
     error = given.goal - (seen if speed else x.position)
     wanted = gains["kp"] * error + gains["ki"] * state.integral - (0.0 if speed else gains["kd"] * seen)
     output = np.maximum(np.minimum(wanted, gains["most"]), -gains["most"])
@@ -180,7 +190,7 @@ def control(
     held = np.where(looks, output * given.scale, state.held)
     line = (held, *state.before)
     torque: Any = given.on * sum(weight * past for weight, past in zip(taps, line, strict=True))
-    return torque, State(held, line[: len(state.before)], integral, seen)
+    return torque, State(held, line[: len(state.before)], integral, seen, np.where(looks, x.velocity, state.velocity))
 
 
 def _prepared(
@@ -195,7 +205,7 @@ def _prepared(
     weights = [name(f"tap_{k}") for k in range(taps)]
     before = tuple(name(f"before_{k}") for k in range(taps - 1))
     integral: Any = name("integral") if integrates else 0.0
-    state = State(name("held"), before, integral, name("speed"))
+    state = State(name("held"), before, integral, name("speed"), name("velocity_seen"))
     try:
         balance, x, shapes = in_symbols(terms, loaded)
         after, later = servo_step(balance, x, state, given, gains, weights, speed, h)

@@ -60,7 +60,9 @@ def test_every_effect_has_a_case():
 def test_known_effect_is_recovered_by_all_schemes(id, runs):
     run, kind = runs[id], effects()[id]
     known = Truth.of(id, run.truth).parameters
-    known = {f"{id}.{shape.name}": known[shape.follows] for shape in kind.shapes if shape.follows} | dict(known)
+    known = {f"{id}.{shape.name}": known[shape.follows] for shape in kind.shapes if shape.follows in known} | dict(
+        known
+    )
     term = kind(**{shape.name: known.get(f"{id}.{shape.name}", shape.usual) for shape in kind.shapes})
     theta = [known[column.name] for own in (*BASE, term) for column in own.columns]
     found = identify([Recording(id, run.time, run.position, run.torque)], (*BASE, term))

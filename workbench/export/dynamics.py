@@ -211,15 +211,21 @@ class _Parts:
         due = 1.0 if looks_always else phase - (1.0 - 1e-6)
         before = tuple(name(f"before_{k + 1}") for k in range(len(weights) - 1))
         speed = x.velocity if looks_always and gains["seen"] == 1.0 else name("speed")
-        state = State(name("held"), before, name("integral") if drive.ki else 0.0, speed)
+        last = name("last_velocity") if gains["old"] else x.velocity
+        state = State(name("held"), before, name("integral") if drive.ki else 0.0, speed, last)
         on: Any = name("on")
         torque, after = control(x, state, Given(name("goal"), scale, on, due), gains, weights, drive.acts_on_speed)
         memory = {id: (on,) if id == BackEmf.id else own for id, own in x.memory.items()}
         self.x = replace(x, torque=torque, memory=memory)
         turn = np.where(due > 0, phase - 1.0, phase) + seconds * (drive.rate or 0.0)
         self.after = {"held": after.held, "integral": after.integral, "speed": after.speed, "phase": turn}
+        self.after["last_velocity"] = after.velocity
         self.after |= {symbol.label: value for symbol, value in zip(before, after.before, strict=True)}
-        self.start |= dict.fromkeys(self.after, 0.0) | {"speed": name("velocity"), "phase": 1.0}
+        self.start |= dict.fromkeys(self.after, 0.0) | {
+            "speed": name("velocity"),
+            "last_velocity": name("velocity"),
+            "phase": 1.0,
+        }
 
     def memory(self, values: Mapping[str, Memory]) -> dict[str, Any]:
         """Values of what terms remember, by name."""

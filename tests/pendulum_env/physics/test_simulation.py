@@ -55,8 +55,8 @@ CASES = {
     "load_dependent_friction": case(
         "load_dependent_friction",
         (0.1, 0.05),
-        shapes=(2.0,),
-        dry=lambda t, q, v, u: FC + 0.1 * abs(u) + 0.05 * abs(2.0 * np.sin(q)),
+        shapes=(2.0, 0.3),
+        dry=lambda t, q, v, u: FC + 0.1 * abs(u - 0.3 * v) + 0.05 * abs(2.0 * np.sin(q)),
     ),
     "position_dependent_friction": case(
         "position_dependent_friction", (0.3, -0.2), dry=lambda t, q, v, u: FC + 0.3 * np.sin(q) - 0.2 * np.cos(q)

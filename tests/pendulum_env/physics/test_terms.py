@@ -8,6 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from pendulum_env.physics import BASE, Column, Model, Samples, Term, effect, effects, library, register
+from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.physics.term import Kind, Symptom, traces
 from pendulum_env.plant import read_parameters, typical
@@ -92,7 +93,7 @@ def test_term_says_its_law_and_its_fields_are_shape_parameters_within_their_limi
     assert [field.name for field in fields(term)] == [shape.name for shape in term.shapes]
     for shape in term.shapes:
         assert shape.low <= term.shape[shape.name] <= shape.high and shape.unit
-        assert not shape.follows or shape.follows in {c.name for base in BASE for c in base.columns}
+        assert not shape.follows or shape.follows in {c.name for base in (*BASE, BackEmf()) for c in base.columns}
 
 
 @pytest.mark.parametrize("id", [kind.id for kind in BUILT_IN])

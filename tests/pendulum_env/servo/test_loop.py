@@ -100,6 +100,25 @@ def test_controller_holds_its_output_between_its_turns():
     assert np.all(moved[:21] == 0.0) and moved[21] > 0.0
 
 
+@pytest.mark.parametrize("control", ["position", "velocity"])
+def test_controller_sees_the_speed_between_the_positions_of_two_turns(control):
+    turn, steps = 4e-3, 40
+    drive = Drive(control, "torque", kp=2.0 if control == "position" else 0.5, kd=0.3, rate=1 / turn, cutoff=30.0)
+    goal = np.ones(100 * steps)
+
+    def rate(t: float, q: float, v: float, torque: float) -> tuple[float, float, float]:
+        return v, (torque - GRAVITY * math.sin(q) - VISCOUS * v) / INERTIA, 0.0
+
+    y, before, seen, exact = [0.0, 0.0, 0.0], 0.0, 0.0, [0.0]
+    for k in range(100):
+        seen += (1 - math.exp(-2 * math.pi * drive.cutoff * turn)) * ((y[0] - before) / turn - seen)
+        before = y[0]
+        y[2] = drive.kp * (1.0 - seen) if drive.acts_on_speed else drive.kp * (1.0 - y[0]) - drive.kd * seen
+        y = stepped(rate, k * turn, y, turn)
+        exact.append(y[0])
+    assert path(drive, goal)[::steps] == pytest.approx(exact, abs=2e-4)
+
+
 def test_dead_time_of_the_model_and_delay_of_the_drive_are_one():
     late = effect("dead_time")(dead_time=12 * STEP)
     drive = Drive(kp=0.5, gain=0.4)
