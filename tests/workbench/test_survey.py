@@ -486,6 +486,19 @@ def test_what_cannot_be_is_one_line(tmp_path, refused):
     assert "there is no such folder or file" in refused("survey", tmp_path / "nothere", "-o", tmp_path / "out")
 
 
+def test_folders_without_end_are_one_line(tmp_path, capsys, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.chdir(tmp_path)
+        for _ in range(1200):
+            os.mkdir("d")
+            os.chdir("d")
+    try:
+        assert main(["survey", str(tmp_path / "d"), "-o", str(tmp_path / "out")]) == 2
+        assert "folders in folders" in capsys.readouterr().err
+    finally:
+        subprocess.run(["rm", "-r", tmp_path / "d"], check=True)  # pytest itself cannot
+
+
 def test_settings_that_decide_have_another_mark(tmp_path):
     path = write(tmp_path, "arm/elbow", 0)
     (case,) = cases(path)

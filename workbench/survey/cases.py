@@ -105,7 +105,7 @@ def _in_folder(folder: Path, reading: Namespace) -> Iterator[Source]:
     """Recordings below a folder, read as a study there says; hidden files and rows of surveys are none."""
     in_study: set[str] = set()
     files: list[Path] = []
-    for where, folders, names in os.walk(folder):
+    for where, folders, names in _walk(folder):
         own = ["cases"] if is_survey(Path(where)) else []
         folders[:] = sorted(name for name in folders if not name.startswith(".") and name not in own)
         if STUDY in names:
@@ -116,6 +116,13 @@ def _in_folder(folder: Path, reading: Namespace) -> Iterator[Source]:
     for file in files:
         if os.path.realpath(file) not in in_study:
             yield from sources_of(str(file), reading)
+
+
+def _walk(folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
+    try:
+        yield from os.walk(folder)
+    except RecursionError:  # which Python 3.12 no longer knows
+        raise InputError(f"{folder}: has folders in folders without end: survey one further down") from None
 
 
 def is_survey(folder: Path) -> bool:
