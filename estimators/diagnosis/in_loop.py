@@ -64,14 +64,15 @@ class Looped:
         unseen = unseen or fitted
         base, windows = base_of(setting.base, fitted), PreparedData.of(fitted, part=first)
         ways = [InLoop(Rollouts(fitted, is_held=held, shares=first), windows) for held in (True, False)]
-        train = likelier(ways, base)
+        library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
+        train = likelier(ways, base, list(library.values()))
         rest = Rollouts(unseen, is_held=train.data.is_held, shares=last)
         check = InLoop(rest, PreparedData.of(unseen, part=last), train)
         models = Models(
             train,
             check,
             setting.progress,
-            {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"},
+            library,
             replace(setting.criterion, share=LOOP.needed, needed=LOOP.needed),
             setting.rng,
             base,
@@ -164,14 +165,18 @@ def _calibrated(recordings: Sequence[Recording], holdout: Sequence[Recording]) -
     return Preprocessed.of(recordings, holdout)
 
 
-def likelier(ways: Sequence[InLoop], base: Sequence[Term]) -> InLoop:
-    """That of several ways to look at recordings under which a model of some terms is the likeliest."""
+def likelier(ways: Sequence[InLoop], base: Sequence[Term], effects: Sequence[type[Term]]) -> InLoop:
+    """That of several ways to look at recordings under which a model is likeliest, with one more effect if need be.
+
+    A goal that is held is late by half a sample, which a model without what is missing may well prefer.
+    """
 
     def of(one: InLoop) -> float:
-        one.regression.settle(base)
-        return one.regression.likelihood(base)
+        terms = one.regression.settle(base)
+        beside = (trial.fitted_rms for effect in effects for trial in one.screen.ranked(terms, effect)[:1])
+        return min([one.screen.trial(terms).fitted_rms, *beside])
 
-    return max(ways, key=of)
+    return min(ways, key=of)
 
 
 def base_of(base: Sequence[Term], recordings: Sequence[Recording]) -> tuple[Term, ...]:
