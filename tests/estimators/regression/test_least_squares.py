@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from estimators.regression.balance import Balance
 from estimators.regression.equations import Equations
-from estimators.regression.least_squares import jackknife, least_squares, quietest_most, solve
+from estimators.regression.least_squares import jackknife, least_squares, quietest_most, solve, solved
 from estimators.weak_form.shapes import cross_entropy, refined
 from pendulum_env.physics import Samples, Term, effect
 
@@ -30,6 +30,15 @@ def test_solve_minimises_the_weighted_squares():
     np.testing.assert_allclose(fit.theta, expected, rtol=1e-9)
     np.testing.assert_allclose(fit.residual, y - phi @ expected, atol=1e-9)
     assert fit.rms == pytest.approx(np.sqrt(np.mean(fit.residual**2)))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_normal_equations_within_bounds_are_solved_as_by_scipy(seed):
+    phi, y, theta = regression(seed)
+    least, most = theta + np.sort(np.random.default_rng(seed).normal(0.0, 0.5, (2, 4)), axis=0)
+    rows = np.column_stack([y, phi])
+    found = solved(rows.T @ rows, least, most)
+    np.testing.assert_allclose(found, lsq_linear(phi, y, (least, most), tol=1e-14).x, rtol=1e-6, atol=1e-9)
 
 
 def test_two_equal_columns_share_what_they_explain_and_the_fit_says_so():

@@ -17,6 +17,7 @@ from tests.terms import CubicDamping
 
 TERMS = {term.id: term for term in BASE} | {id: kind() for id, kind in effects().items()}
 TERMS["hard_stop"] = effect("hard_stop")(-2.0, 3.0, 0.1, 0.01)  # by itself it is nowhere
+TERMS["joint_flexibility"] = effect("joint_flexibility")(50.0, 4.0)  # a damping of one hides how it enters
 COLUMNS = {
     f"{column.name}{' (fixed)' * (column in term.fixed)}": (id, part, place)
     for id, term in TERMS.items()
