@@ -148,7 +148,7 @@ class LoadDependentFriction(Term):
     resembles = ("position_dependent_friction", "torque_saturation")
     shapes = (
         Shape("weight", "N m", -1e9, 1e9, follows="gravity"),
-        Shape("back_emf", "N m s/rad", -1e9, 1e9, follows="back_emf"),
+        Shape("back_emf", "N m s/rad", -1e9, 1e9, follows="back_emf", usual=0.0),
     )
 
     @property
