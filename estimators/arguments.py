@@ -12,7 +12,7 @@ from pendulum_env.arms.joints import at_joints, body_of, check_places, joint_eff
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics import BASE, Model, ModelError, Term, effects
+from pendulum_env.physics import BASE, Model, ModelError, Term, effects, nameable
 from pendulum_env.physics.library import term
 from pendulum_env.physics.limits import Limits, check_names, limited, limited_term, limits_of
 from pendulum_env.reading import shown
@@ -105,7 +105,7 @@ def chosen_effects(
         known = {kind.id: kind for kind in at_joints((joint_effects() if library is None else library).values(), body)}
         barred, allowed = ({kind.id: kind for kind in kinds_at(_listed(ids), body)} for ids in (without, only or ()))
     else:
-        known = effects() if library is None else dict(library)
+        known = nameable() if library is None else dict(library)
         barred, allowed = ({id: find("effect", id, known) for id in _listed(ids)} for ids in (without, only or ()))
     chosen = {id: kind for id, kind in (known if only is None else allowed).items() if id not in barred}
     if not chosen and known:

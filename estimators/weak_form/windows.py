@@ -261,7 +261,8 @@ def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list
     for w, x in zip(windows, driving, strict=True):
         for begin, end in pairwise((*w.recording.starts, len(w.recording))):
             part = slice(begin, end)
-            runs.append(Samples(x.time[part], x.position[part], x.velocity[part], x.torque[part]))
+            warm = np.broadcast_to(x.temperature, x.time.shape)[part]
+            runs.append(Samples(x.time[part], x.position[part], x.velocity[part], x.torque[part], temperature=warm))
             commands.append(w.recording.torque[begin:end])
             periods.append(1.0 / w.recording.rate)
     if kind.trace is not Term.trace:

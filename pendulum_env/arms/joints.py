@@ -16,9 +16,9 @@ import numpy as np
 
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics import Column, Term, effects
+from pendulum_env.physics import Column, Term, nameable
 from pendulum_env.physics.base import Coulomb, Viscous
-from pendulum_env.physics.friction import TemperatureDependentFriction
+from pendulum_env.physics.library import MEASURED
 from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.term import loads, one
 from pendulum_env.words import along
@@ -179,8 +179,7 @@ def links_of(terms: Sequence[object]) -> Body:
 
 def joint_effects() -> dict[str, type[Term]]:
     """Effects of the library that can sit at a joint of an arm, and the coupling of two, by id."""
-    more = (Coupling, TemperatureDependentFriction)
-    return {id: effect for id, effect in effects().items() if can_sit(id)} | {kind.id: kind for kind in more}
+    return {id: effect for id, effect in nameable().items() if can_sit(id)} | {Coupling.id: Coupling}
 
 
 def at_joints(kinds: Iterable[type[Term]], body: Body) -> list[type[Term]]:
@@ -235,7 +234,7 @@ def effect_at(
             effect is of those that turn.
     """
     id, at, joint = text.partition("@")
-    if known is None and id in (Coupling.id, TemperatureDependentFriction.id):
+    if known is None and id in (Coupling.id, *MEASURED):
         raise Mistake(f"{id} is nothing that the simulator here has: leave it out")
     if not at and id not in NOT_DECENTRALISED:
         raise Mistake(f"'{text}' should say at which joint: {text}@{joints[0]}, for one")

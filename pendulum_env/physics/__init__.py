@@ -1,7 +1,7 @@
 """Physics of the pendulum: terms, the library of effects, models and their simulation."""
 
 from pendulum_env.physics.base import BASE, Coulomb, Gravity, Inertia, Viscous
-from pendulum_env.physics.library import addable, effect, effects, register
+from pendulum_env.physics.library import addable, effect, effects, nameable, register
 from pendulum_env.physics.model import Estimate, Model, ModelError
 from pendulum_env.physics.plugin import PluginError, load_plugin
 from pendulum_env.physics.simulation import Trajectory, simulate
@@ -27,6 +27,7 @@ __all__ = [
     "effect",
     "effects",
     "load_plugin",
+    "nameable",
     "register",
     "simulate",
 ]

@@ -13,6 +13,7 @@ from pendulum_env.physics.actuation import powered
 from pendulum_env.physics.term import ROOM, Column, Memory, Samples, Shape, Term, one
 
 WARMER = 1.0  # [K], by which the temperature has to change to tell of it
+WHILE = 1.0  # [s], over which its rate of change is taken
 SELF_LOCKING = 0.7  # share of the torque: gears that eat more are not driven backwards by any weight
 
 
@@ -211,21 +212,34 @@ class TemperatureDependentFriction(Term):
     kind = "dissipative"
     omitted = "friction is that at 25 deg C"
     reveal = "a recording that warms the joint up, with a column of its temperature"
+    typical = "viscous=-0.001,coulomb=0.001"
+    signature = "Friction is larger or smaller when the joint is warm, in any motion and at any time."
     resembles = ("friction_drift",)
     shares = ("viscous", "coulomb")
 
-    columns = (
-        Column(
-            "temperature_dependent_friction.viscous",
-            "N m s/rad/K",
-            force=lambda x: x.velocity * (x.temperature - ROOM),
-        ),
-        Column(
-            "temperature_dependent_friction.coulomb",
-            "N m/K",
-            dry=lambda x: (x.temperature - ROOM) * np.ones_like(x.velocity),
-        ),
-    )
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        def warmer(x: Samples) -> ArrayLike:
+            return x.memory.get(self.id, (x.temperature,))[0] - ROOM
+
+        return (
+            Column("temperature_dependent_friction.viscous", "N m s/rad/K", force=lambda x: x.velocity * warmer(x)),
+            Column(
+                "temperature_dependent_friction.coulomb", "N m/K", dry=lambda x: warmer(x) * np.ones_like(x.velocity)
+            ),
+        )
+
+    def start(self, x: Samples) -> Memory:
+        temperature = x.temperature + 0.0 * x.position
+        return temperature, 0.0 * temperature
+
+    def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
+        temperature, rate = memory  # nobody measures while it is simulated
+        return temperature + duration * rate, rate + 0.0
+
+    def trace(self, x: Samples, command: Array, period: float) -> Memory:
+        measured = np.broadcast_to(x.temperature, x.time.shape)
+        return measured, (np.interp(x.time + WHILE, x.time, measured) - measured) / WHILE
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:

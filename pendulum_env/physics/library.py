@@ -39,6 +39,9 @@ BUILT_IN: tuple[type[Term], ...] = (
     sensor.EncoderEccentricity,
     potential.HardStop,
 )
+MEASURED: dict[str, type[Term]] = {  # which act by another measured quantity than motion and torque
+    friction.TemperatureDependentFriction.id: friction.TemperatureDependentFriction,
+}
 
 _registered: dict[str, type[Term]] = {}
 
@@ -49,7 +52,7 @@ def register(effect: type[Term]) -> type[Term]:
     Raises:
         ValueError: if its id is taken by another effect or by a base term.
     """
-    taken = {term.id for term in BASE} | {built_in.id for built_in in BUILT_IN}
+    taken = {term.id for term in BASE} | {built_in.id for built_in in BUILT_IN} | MEASURED.keys()
     if effect.id in taken or _registered.get(effect.id, effect) is not effect:
         raise ValueError(f"effect id '{effect.id}' is taken: choose another id for {effect.__name__}")
     _registered[effect.id] = effect
@@ -80,9 +83,14 @@ def effects() -> dict[str, type[Term]]:
     return {effect.id: effect for effect in (*BUILT_IN, *installed(), *_registered.values())}
 
 
+def nameable() -> dict[str, type[Term]]:
+    """Effects that a diagnosis may name, by id: those of the library, and those that act by what else was measured."""
+    return effects() | MEASURED
+
+
 def addable() -> dict[str, type[Term]]:
-    """All that can be added to a model, by id: effects, and functions that are kept as tables."""
-    return effects() | TABLES
+    """All that can be added to a model, by id: effects that may be named, and functions that are kept as tables."""
+    return nameable() | TABLES
 
 
 def effect(id: str) -> type[Term]:
@@ -101,5 +109,5 @@ def addition(id: str) -> type[Term]:
 
 def term(id: str) -> type[Term]:
     """Base term, effect or table of that id; raises ValueError like `effect`."""
-    base = {item.id: type(item) for item in (*BASE, actuation.BackEmf(), friction.TemperatureDependentFriction())}
+    base = {item.id: type(item) for item in (*BASE, actuation.BackEmf())}
     return base[id] if id in base else addition(id)

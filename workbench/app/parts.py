@@ -10,7 +10,7 @@ from dash.development.base_component import Component
 
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import at_joints, joint_effects
-from pendulum_env.physics import addable, effects
+from pendulum_env.physics import addable, nameable
 from pendulum_env.physics.table import TABLES
 from pendulum_env.words import name, opening
 from workbench.report import page
@@ -72,8 +72,8 @@ def saves(file: str, what: str, of: str = "", primary: bool = False, **more: Any
 
 
 def effects_to_choose(body: Body | None = None, nothing: str = "", tables: bool = False) -> dict[str, str]:
-    """Names of all effects by id, and perhaps of none, and of tables; of an arm at its joints, or at every one."""
-    ids = list(addable() if tables else effects())
+    """Names of effects by id, and perhaps of none, and of tables; of an arm at its joints, or at every one."""
+    ids = list(addable() if tables else nameable())
     if body is not None:
         kinds = joint_effects() | (TABLES if tables else {})
         ids = [*([] if tables else kinds), *(kind.id for kind in at_joints(kinds.values(), body))]

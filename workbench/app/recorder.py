@@ -15,6 +15,7 @@ from agents.network import NAMES
 from estimators.progress import Progress
 from pendulum_env.excitation import EXCITATIONS
 from pendulum_env.files import write_whole
+from pendulum_env.physics.library import MEASURED
 from pendulum_env.recording import Source
 from pendulum_env.words import opening
 from workbench.app.parts import KEPT, dropdown, effects_to_choose, labelled, number_field
@@ -113,7 +114,7 @@ def fields(prefix: str, seconds: float) -> list[Component]:
     """A form for a run of so many seconds: its torque, and what is hidden in the plant; `options` reads it."""
     torques = {id: opening(id) for id in EXCITATIONS}
     torques |= {id: f"Learnt policy, {bound} torque bounded" for id, bound in LEARNT.items()}
-    hidden = effects_to_choose(nothing="nothing")
+    hidden = {id: text for id, text in effects_to_choose(nothing="nothing").items() if id not in MEASURED}
     return [
         labelled("Excitation", dropdown(f"{prefix}excitation", torques, "paper", searchable=False, **KEPT)),
         labelled("Hidden effect", dropdown(f"{prefix}effect", hidden, "", **KEPT)),

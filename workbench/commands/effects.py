@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from pendulum_env.physics import BASE, Term, effects
+from pendulum_env.physics import BASE, Term, nameable
 from pendulum_env.physics.library import addition
 from pendulum_env.physics.table import TABLES, Table
 from pendulum_env.plant import typical
@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             terminal.say(line)
     if arguments.effects:
         return
-    rows = [(id, kind.kind, kind.law, parameters(kind)) for id, kind in effects().items()]
+    rows = [(id, kind.kind, kind.law, parameters(kind)) for id, kind in nameable().items()]
     terminal.heading(f"torque = {' + '.join(term.law for term in BASE)} + any of {len(rows)} effects")
     terminal.table(
         ("effect", "kind", "law", "parameters, of typical size"),

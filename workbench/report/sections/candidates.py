@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimators.diagnosis.result import Candidate, Detectable, Verdict
-from pendulum_env.physics import effects
+from pendulum_env.physics import nameable
 from workbench.report.case import Case
 from workbench.report.figure import Figure, Section, axis, line
 
@@ -21,7 +21,7 @@ def candidates(case: Case) -> Section:
 
 def ranked(found: Sequence[Candidate], detectable: Sequence[Detectable] = ()) -> Section:
     """The same of any candidates."""
-    laws = {id: kind.law for id, kind in effects().items()}
+    laws = {id: kind.law for id, kind in nameable().items()}
     rows = [(one, laws.get(one.effect.partition("@")[0], ""), ORDER.index(one.verdict)) for one in found]
     widest = max([1.25, *(min(one.error_ratio, 2.0) for one in found)])
     content = {"rows": rows, "widest": widest, "detectable": detectable}
