@@ -17,7 +17,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
 from estimators.schemes.six import SCHEMES
-from pendulum_env.physics import BASE, effects
+from pendulum_env.physics import BASE, effects, nameable
 from pendulum_env.physics.term import Symptom
 from pendulum_env.words import listing, name, opening
 from workbench.cli import main
@@ -118,19 +118,20 @@ def effects_page() -> str:
     """The library of effects, one by one."""
     parts = [
         "# Effects",
-        f"The model is torque = {_law(' + '.join(term.law for term in BASE))}, and any of {len(effects())} effects. "
+        f"The model is torque = {_law(' + '.join(term.law for term in BASE))}, and any of {len(nameable())} effects. "
         "Each law is added to that side of the balance unless it says otherwise. Your own effect is "
         "[a few lines of Python](../how-to/effect.md).",
         "| effect | law | kind |\n|---|---|---|",
     ]
-    parts[-1] += "".join(f"\n| [`{id}`](#{id}) | {_law(kind.law)} | {kind.kind} |" for id, kind in effects().items())
-    for id, kind in effects().items():
+    parts[-1] += "".join(f"\n| [`{id}`](#{id}) | {_law(kind.law)} | {kind.kind} |" for id, kind in nameable().items())
+    for id, kind in nameable().items():
+        looks = f" [How it looks](../which-effect.md#{id})." if id in effects() else ""
         parts += [
             f"## `{id}` {{ #{id} }}",
             _law(kind.law),
             _prose(kind),
             f"Parameters, of a size that a rig might show: {parameters(kind)}.",
-            f"To show it, a recording needs {kind.reveal}. [How it looks](../which-effect.md#{id}).",
+            f"To show it, a recording needs {kind.reveal}.{looks}",
         ]
     return "\n\n".join(parts)
 
