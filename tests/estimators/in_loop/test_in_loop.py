@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks import servos
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import add, compare, diagnose
 from estimators.arguments import within_limits
@@ -93,6 +94,17 @@ def test_standard_errors_hold_what_a_late_log_does(plain):
     )
     moved = {name: abs(late[name].value - found[name].value) / found[name].std for name in TRUE}
     assert max(moved.values()) < 2.0 and max(moved.values()) > 0.3  # which is most of some
+
+
+def test_goals_run_on_where_only_a_model_that_lacks_something_would_have_them_held():
+    """Under control of the speed, which a goal that is half a sample late disturbs as much as what hides."""
+    case = servos.goal(5)
+    recordings = [case.recorded(k, run) for k, run in enumerate(simulate(case.runs))]
+    found = diagnose(recordings[:-1], recordings[-1:], only=("coulomb_asymmetry", "stribeck"))
+    assert found.selected == case.hidden == ("coulomb_asymmetry",) and not found.unexplained
+    for name, value in case.truth.items():
+        own = found.model.estimates[name]
+        assert abs(own.value - value) < 3 * own.std
 
 
 def test_friction_that_grows_with_the_load_is_named_and_the_error_falls(pressed):
