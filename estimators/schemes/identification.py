@@ -315,23 +315,20 @@ def _lacking(results: Sequence[Identified], prepared: PreparedData, terms: Seque
     Schemes see the same noise, so that their estimates differ by less than independent ones would; but they take what
     the terms lack each for something else.
     """
-    left = prepared.times(prepared.regression.residual(terms))
-    times = {at: own for at, own in left.items() if own > AGREEMENT.misfits}
+    data, floors = prepared.data, prepared.floors
+    left = data.errors(prepared.regression.residual(terms))
+    least = {at: AGREEMENT.misfits * max(floors[at], data.negligible(at)) for at in left}
+    times = {at: error / floors[at] for at, error in left.items() if error > least[at]}
     apart = {name: gap for gap, name in sorted(_gaps(results)) if gap > APART}  # of each name the largest
-    found = [f"what these terms leave is {_most(times)} times what noise gives{_where(times)}"] if times else []
-    found += [f"the schemes differ by {_most(apart)} of their standard errors{_where(apart)}"] if apart else []
+    found = [f"what these terms leave is {_at_most(times, 'times what noise gives')}"] if times else []
+    found += [f"the schemes differ by up to {_at_most(apart, 'of their standard errors')}"] if apart else []
     return [f"{listing(found)}: something is missing, run diagnose"] if found else []
 
 
-def _most(sizes: Mapping[str, float]) -> str:
-    """The largest of some sizes, in words."""
-    return f"{'up to ' * (len(sizes) > 1)}{max(sizes.values()):.2g}"
-
-
-def _where(sizes: Mapping[str, float]) -> str:
-    """Their names, the largest first; nothing of the one joint of a pendulum."""
+def _at_most(sizes: Mapping[str, float], of: str) -> str:
+    """The largest of some sizes in words, and their names, the largest first; that of a pendulum's joint is none."""
     names = listing(sorted(filter(None, sizes), key=lambda name: -sizes[name]))
-    return f" ({names})" if names else ""
+    return f"{max(sizes.values()):.2g} {of}{f' ({names})' * bool(names)}"
 
 
 def _gaps(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:

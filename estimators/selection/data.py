@@ -128,13 +128,6 @@ class PreparedData:
         felt = self.inertias(self.base)
         return {at: self.data.part(at).noise(felt[at]) for at in self.data.joints}
 
-    def times(self, residual: Array) -> dict[str, float]:
-        """How many times what noise alone gives a residual (R,) [N m] is at each joint."""
-        return {
-            at: error / max(self.floors[at], self.data.negligible(at), 1e-300)
-            for at, error in self.data.errors(residual).items()
-        }
-
     def stand_out(self, residual: Array, at: str, axes: Sequence[str] = tuple(SYMBOLS), most: int = 6) -> list[Region]:
         """Where a residual (R,) [N m] stands out of the noise at a joint, the most telling first."""
         own, least, body = residual[self.data.where(at)], self.data.negligible(at), body_of(self.base)
