@@ -209,7 +209,7 @@ class Diagnosis:
 
     def told_of(self, region: Region) -> str:
         """What is left unexplained in a region, in words; of an arm at its joint, with how much that is."""
-        if self.body is None:
+        if self.body is None or region.at not in self.left:
             return region.text
         left = f"{self.left[region.at]:.2g} {self.body.worded(region.at, NEWTON_METRE)} at {region.at}"
         return f"{left}; {region.text}" if region.text else left
