@@ -192,7 +192,9 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
         together = joined(parts)
     joint, *distances = (
         distance(name, part, model)
-        for name, part in zip(("all", *(recording.name for recording in recordings)), (together, *parts), strict=False)
+        for name, part in zip(
+            ("all", *(recording.name for recording in recordings)), (together, *parts), strict=False
+        )  # an arm has no parts
     )
     left = together.residual(model.terms, model.theta)
     fits = own_fits([together.data], model.terms) if body is None else []

@@ -350,7 +350,7 @@ class Addition:
         error = self.after.errors["holdout"]
         if self.is_in_loop:  # where what is left counts as noise up to some times the encoder's
             return error.in_loop / (Criterion().misfit * of_one(self.floors))
-        return max(error.joints[at] / floor for at, floor in self.floors.items())
+        return max(error.joints[at] / max(floor, 1e-300) for at, floor in self.floors.items())
 
     @property
     def model(self) -> Model:
