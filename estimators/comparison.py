@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves
 from estimators.checks.homogeneity import Disagreement, disagreements_with, misfits, own_fits
-from estimators.checks.residual import Profile, Region, profiles, stand_out
+from estimators.checks.residual import Profile, Region, profiles
 from estimators.checks.torque_constant import unit_of
 from estimators.in_loop.fit import in_loop
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.balance import ARM_SCHEMES, measure_arm, series
-from estimators.schemes.fitting import regressions, stack
 from estimators.selection.data import PreparedData
-from estimators.selection.errors import Errors, Step, noise_floor
+from estimators.selection.errors import Errors, of_one
 from estimators.simulation.free_running import growth, select
 from estimators.simulation.multiple_shooting import has_link
 from estimators.weak_form.dataset import dataset
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
-from pendulum_env.arms.model import model_of
 from pendulum_env.arms.recording import of_arms
 from pendulum_env.notebook import shown
 from pendulum_env.physics import Model, ModelError
@@ -34,6 +30,7 @@ from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import json_per, percent
 
 SCHEMA, ARM_SCHEMA = "pendulum-ident/comparison@1", "pendulum-ident/arm-comparison@1"
+SHOWN = 6  # regions where a model fails, shared by the joints
 GROWS = 10.0  # times, that an error of the initial position grows in a window of free run where the motion is unstable
 
 
@@ -44,15 +41,20 @@ class Distance:
     Attributes:
         name: of the recording.
         errors: in torque and in free-running position.
-        noise_floor: torque error that measurement noise alone gives [N m]; NaN of an arm, for which nobody has counted.
+        floors: torque error that measurement noise alone gives at each joint [N m].
         unstable: share of the one-second windows in which a small error grows tenfold, as with the arm balanced
             upright; they are not counted in the error of position, unless there are no others.
     """
 
     name: str
     errors: Errors
-    noise_floor: float
+    floors: Mapping[str, float]
     unstable: float = 0.0
+
+    @property
+    def noise_floor(self) -> float:
+        """That of the one joint that there is; NaN of several."""
+        return of_one(self.floors)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -70,10 +72,11 @@ class Comparison:
 
     Attributes:
         model: as it came; nothing is fitted.
-        distances: one a recording; empty of an arm, of which nothing but `joint` and the model is known.
+        distances: one a recording; empty of an arm.
         joint: all recordings together.
-        profiles: residual torque over position, velocity, torque, time and frequency, all recordings together.
-        regions: where it stands out of the noise, the most telling first.
+        profiles: residual torque over position, velocity, torque, time and frequency, all recordings together; empty of
+            an arm.
+        regions: where it stands out of the noise, the most telling first, of an arm joint by joint.
         disagreements: recordings that show another plant than the model is of, or than the others.
         torque_constant: by which a current was turned into torque, if one was.
         data: that it was made of, all compared alike.
@@ -105,14 +108,11 @@ class Comparison:
     @property
     def headline(self) -> str:
         """The result in one sentence."""
-        if self.joint.errors.shares:
-            return worst(self.joint.errors)
-        torque, position = self.joint.errors.torque_rms, self.joint.errors.position_rms
-        times = torque / max(self.joint.noise_floor, 1e-300)
-        return (
-            f"the model is off by {torque:.3g} {self.torque_unit}, {times:.2g} times what noise leaves, and by "
-            f"{position:.3g} rad in free run"
-        )
+        errors, body = self.joint.errors, body_of(self.model.terms)
+        times, at = max((errors.joints[at] / max(floor, 1e-300), at) for at, floor in self.joint.floors.items())
+        unit, where = (self.torque_unit, "") if body is None else (body.worded(at, NEWTON_METRE), f" at {at}")
+        told = f"the model is off by {errors.joints[at]:.3g} {unit}{where}, {times:.2g} times what noise leaves"
+        return told if body is not None else f"{told}, and by {errors.position_rms:.3g} rad in free run"
 
     @property
     def told_in_loop(self) -> str | None:
@@ -130,7 +130,9 @@ class Comparison:
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         if (body := body_of(self.model.terms)) is not None:
-            return {"schema": ARM_SCHEMA, "joints": of_joints(self.joint.errors, body)}
+            regions = [region.json() | {"joint": region.at} for region in self.regions]
+            joints = of_joints(self.joint.errors, self.joint.floors, body)
+            return {"schema": ARM_SCHEMA, "joints": joints, "regions": regions}
         data = {
             "schema": SCHEMA,
             "torque_constant": self.torque_constant.json() if self.torque_constant is not None else None,
@@ -158,10 +160,8 @@ def distance(name: str, prepared: PreparedData, model: Model) -> Distance:
     steady = [growth(segments, model.terms, model.theta) < GROWS for segments in prepared.segments]
     kept = tuple(select(*pair) for pair in zip(prepared.segments, steady, strict=True) if pair[1].any())
     errors = (replace(prepared, segments=kept) if kept else prepared).errors(model)
-    unstable = 1.0 - float(np.mean(np.concatenate(steady)))
-    scatter = prepared.data.noise(abs(model.estimates["inertia"].value))
-    errors = in_loop(model, prepared.recordings, errors)
-    return Distance(name, errors, noise_floor(scatter, [errors]), unstable)
+    unstable = 1.0 - float(np.mean(np.concatenate(steady))) if steady else 0.0
+    return Distance(name, in_loop(model, prepared.recordings, errors), prepared.floors, unstable)
 
 
 def joined(parts: Sequence[PreparedData]) -> PreparedData:
@@ -175,78 +175,52 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     """Compare a model with recordings, as it is: torque residual and free-running simulation.
 
     Where a current was logged, the model's own torque constant turns it into torque, or else their known loads do.
-    Of an arm, the errors are those of the torque of each joint, clear of stick and reversals.
+    Of an arm, the errors are those of the torque of each joint, all recordings together.
 
     Raises:
-        IdentificationError: if one of the recordings holds too little motion, or a joint is never clear of stick.
+        IdentificationError: if one of the recordings holds too little motion, or a joint of an arm does.
         ModelError: if the model has no inertia, or is of a current and the recordings are not.
         TypeError: if something else is given than a model and recordings.
     """
     model = model_that_moves(model)
-    recordings = chosen_recordings(recordings, body=body_of(model.terms))
-    if body_of(model.terms) is not None:
-        given, errors = Preprocessed(recordings), torque_errors(model, recordings)
-        return Comparison(model, (), Distance("all", errors, np.nan), (), (), data=given)
-    recordings = in_units_of(model, recordings).recordings
-    parts = [_prepared(recording, model) for recording in recordings]
-    together = joined(parts)
+    body = body_of(model.terms)
+    recordings = in_units_of(model, chosen_recordings(recordings, body=body)).recordings
+    if body is not None:
+        parts, together = [], PreparedData.of_arm(of_arms(recordings), model.terms)
+    else:
+        parts = [_prepared(recording, model) for recording in recordings]
+        together = joined(parts)
     joint, *distances = (
         distance(name, part, model)
-        for name, part in zip(("all", *(recording.name for recording in recordings)), (together, *parts), strict=True)
+        for name, part in zip(
+            ("all", *(recording.name for recording in recordings)), (together, *parts), strict=False
+        )  # an arm has no parts
     )
-    left = together.samples, together.residual(model.terms, model.theta), joint.noise_floor
-    fits = own_fits([together.data], model.terms)
-    odd = (*disagreements_with(model, fits), *misfits(fits))
+    left = together.residual(model.terms, model.theta)
+    fits = own_fits([together.data], model.terms) if body is None else []
+    terms, most = model.terms if body is not None else (), max(1, SHOWN // len(joint.floors))
     return Comparison(
         model,
         tuple(distances),
         joint,
-        tuple(profiles(*left)),
-        tuple(stand_out(*left)),
-        odd,
+        tuple(profiles(together.samples, left, joint.noise_floor) if body is None else ()),
+        tuple(region for at in joint.floors for region in together.stand_out(left, at, most=most)),
+        (*disagreements_with(model, fits), *misfits(fits)),
         recordings[0].torque_constant,
-        Preprocessed(recordings, recordings).holding((together, together)),
+        Preprocessed(recordings, recordings, terms=terms).holding((together, together)),
     )
 
 
-def torque_errors(model: Model, recordings: Sequence[Recording]) -> Errors:
-    """Torque errors of a model of an arm on recordings, joint by joint: the paper's norm (10), clear of stick.
-
-    Raises:
-        IdentificationError: if a recording is too short, or a joint is never clear of stick.
-    """
-    segments = [measure_arm(recording) for recording in of_arms(recordings)]
-    data = stack(segments, partial(regressions(model.terms), ARM_SCHEMES[0]))
-    left = data.equations.y - data.equations.phi @ model.theta
-    torque = np.concatenate([series(joints, "torque")[0].ravel() for own in segments for joints in own])
-    body, errors, shares = body_of(model.terms), {}, {}
-    for k, joint in enumerate(body.joints if body is not None else ()):
-        own = data.usable & (data.joint == k)
-        if not own.any():
-            raise IdentificationError(
-                f"{recordings[0].name}: joint '{joint}' is never clear of stick and reversals: its error cannot be told"
-            )
-        errors[joint], size = (float(np.sqrt(np.mean(values[own] ** 2))) for values in (left, torque))
-        shares[joint] = errors[joint] / size if size else None
-    return Errors(float(np.sqrt(np.mean(np.square(list(errors.values()))))), np.nan, joints=errors, shares=shares)
-
-
-def step_of_arm(added: str | None, model: Model, **parts: Sequence[Recording]) -> Step:
-    """A model of an arm with its torque errors on parts of the data, `train` and `holdout`; raises as they do."""
-    return Step(added, model_of(model), {part: torque_errors(model, own) for part, own in parts.items()})
-
-
-def worst(errors: Errors) -> str:
-    """The joint of an arm whose torque a model has least, in a headline."""
-    shares = {at: share or 0.0 for at, share in errors.shares.items()}
-    most = max(shares, key=lambda at: shares[at])
-    return f"The torque of {most} is {percent(shares[most])} off, the most of {len(shares)} joints"
-
-
-def of_joints(errors: Errors, body: Body) -> list[JSON]:
+def of_joints(errors: Errors, floors: Mapping[str, float], body: Body) -> list[JSON]:
     """Torque errors of an arm, joint by joint, as plain dictionaries for JSON."""
     return [
-        {"joint": at, "torque_rms": error, "share": errors.shares[at], "unit": body.worded(at, NEWTON_METRE)}
+        {
+            "joint": at,
+            "torque_rms": error,
+            "noise_floor": floors[at],
+            "share": errors.shares[at],
+            "unit": body.worded(at, NEWTON_METRE),
+        }
         for at, error in errors.joints.items()
     ]
 

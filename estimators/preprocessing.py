@@ -20,6 +20,7 @@ from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData, with_impacts
 from estimators.weak_form.dataset import choose_half_width, prepare
+from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
@@ -43,6 +44,7 @@ class Preprocessed:
             filtered is corrected by it. Empty before anybody looked.
         window_share: length of the windows, relative to the length that the noise asks for.
         impacts_beside: terms beside which turns that miss torque are among the windows; None where they are not.
+        terms: of an arm, that may be fitted to it, the links first.
     """
 
     recordings: tuple[Recording, ...]
@@ -51,6 +53,7 @@ class Preprocessed:
     alignments: tuple[Alignment, ...] = ()
     window_share: float = 1.0
     impacts_beside: tuple[Term, ...] | None = None
+    terms: tuple[type[Term] | Term, ...] = ()
 
     @classmethod
     def of(
@@ -119,10 +122,10 @@ class Preprocessed:
         vars(self)["parts"] = parts  # where the property would keep them
         return self
 
-    def fresh(self) -> Self:
-        """The same without what a search has kept with the parts: all columns that it tried."""
+    def fresh(self, terms: tuple[Term, ...] = ()) -> Self:
+        """The same, of an arm for given terms, without what a search has kept with the parts: columns that it tried."""
         train, holdout = map(replace, self.parts)
-        return replace(self).holding((train, holdout))
+        return replace(self, terms=terms).holding((train, holdout))
 
     @cached_property
     def parts(self) -> Parts:
@@ -131,6 +134,9 @@ class Preprocessed:
         Raises:
             IdentificationError: if a part holds too little motion, or torque is never applied.
         """
+        if self.terms:
+            train, holdout = parted(of_arms(self.recordings), of_arms(self.holdout))
+            return PreparedData.of_arm(train, self.terms), PreparedData.of_arm(holdout, self.terms)
         parts = gather(self.recordings, self.holdout, self.window_share)
         return parts if self.impacts_beside is None else with_impacts(parts, self.impacts_beside)
 
@@ -172,6 +178,16 @@ class Preprocessed:
 def _turned(recording: Recording, constant: TorqueConstant) -> Recording:
     torque = constant.value * recording.torque
     return replace(recording, torque=torque, torque_unit=NEWTON_METRE, torque_constant=constant)
+
+
+def parted(
+    recordings: Sequence[ArmRecording], holdout: Sequence[ArmRecording] = ()
+) -> tuple[list[ArmRecording], list[ArmRecording]]:
+    """What is fitted of an arm and what is held out: the last 30 % of each recording, where no others are."""
+    if holdout:
+        return list(recordings), list(holdout)
+    pairs = [recording.split(1 - HELD_OUT) for recording in recordings]
+    return [first for first, _ in pairs], [last for _, last in pairs]
 
 
 def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), shorter: float = 1.0) -> Parts:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import errno
 import os
 import sys
@@ -23,6 +24,9 @@ PROGRAM = "pendulum-ident"
 DESCRIPTION = "Compare a pendulum's model with measurements, see where it fails, and find the effect that is missing."
 
 
+ELSEWHERE = {"report": "a report is written by diagnose or compare, with --report FILE.html"}  # what is no command
+
+
 class Parser(argparse.ArgumentParser):
     """Parser whose complaints are one line."""
 
@@ -38,6 +42,8 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         InputError: if they make no sense.
     """
     named = argv[0] if argv and not argv[0].startswith("-") else None
+    if named in ELSEWHERE:
+        raise InputError(f"there is no command '{named}': {ELSEWHERE[named]}")
     if named is not None:
         find("command", named, COMMANDS)
     plugins(argv)
@@ -53,7 +59,13 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
                 "--plugin", metavar="FILE.py", action="append", help="know the effects that this file registers, too"
             )
             sub.set_defaults(command=name, run=command.run)
-    return program.parse_args(argv)
+    arguments, unknown = program.parse_known_args(argv)
+    if unknown:
+        used = commands.choices.get(named or "", program)
+        wrong = next((word for word in unknown if word.startswith("-")), "").partition("=")[0]
+        near = difflib.get_close_matches(wrong, used._option_string_actions, n=1)
+        used.error(f"unrecognized arguments: {' '.join(unknown)}{f': did you mean {near[0]}?' if near else ''}")
+    return arguments
 
 
 def plugins(argv: Sequence[str]) -> None:

@@ -534,6 +534,9 @@ def opened(
     path = getattr(arguments, "model", None) or ""
     model = read_model(path) if path else Model()
     asked = asked.read_as(model.log_format, path)
+    for source in (*asked.fitted, *asked.held_out):  # also those that are not read
+        if not os.path.exists(source.file):
+            raise InputError(f"{source.file}: there is no such file: check the path")
     fitted = read_recordings(asked.fitted, terminal)
     return Opened(model, asked.fitted, fitted, read_recordings(asked.held_out if holdout else (), terminal))
 

@@ -82,7 +82,10 @@ def errors_line(found: Diagnosis) -> str:
 
     if body is not None:
         units = {at: body.worded(at, NEWTON_METRE) for at in body.joints}
-        falls = [f"{at} {fall(first.joints[at], own, units[at])}" for at, own in last.joints.items()]
+        falls = [
+            f"{at} {fall(first.joints[at], own, units[at])} (noise alone {found.floors[at]:.3g})"
+            for at, own in last.joints.items()
+        ]
         return f"error held out: {', '.join(falls)}"
     if last.is_in_loop:
         return f"error held out: in the loop {fall(first.in_loop, last.in_loop, 'rad')} (encoder alone {floor:.2g})"

@@ -9,8 +9,6 @@ import numpy as np
 
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves, within_limits
 from estimators.checks.torque_constant import told
-from estimators.comparison import step_of_arm
-from estimators.diagnosis.arm import models_of_arm, parted
 from estimators.diagnosis.in_loop import Looped
 from estimators.diagnosis.result import CHANCE, Addition
 from estimators.diagnosis.setting import Setting
@@ -19,16 +17,16 @@ from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData
-from estimators.selection.errors import Step, noise_floor
+from estimators.selection.errors import Step
 from estimators.selection.models import Models
 from estimators.selection.motion import refit
 from estimators.selection.moves import best, is_hidden, loosened, settle
 from estimators.selection.physical import objection
 from estimators.selection.search import Selection
 from pendulum_env.arms.joints import body_of, kind_at
-from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.library import addition
+from pendulum_env.recording import Recording
 
 
 def fit(train: PreparedData, holdout: PreparedData, terms: Sequence[Term] = BASE) -> Step:
@@ -77,13 +75,13 @@ def add(
     model, kind = replace(model, terms=terms), library[kind.id]
     setting = Setting(model.terms, library, progress=progress)
     if body is not None:
-        return _added_at_joint(of_arms(recordings), of_arms(holdout), setting, kind)
+        return _added_at_joint(recordings, holdout, setting, kind)
     if are_driven([*recordings, *holdout]):
         servos = Looped.of(recordings, holdout, setting)
         before, longer, against = _searched(servos.models, kind)
         shown, after = servos.sharpened(before), servos.sharpened(longer)
         against = objection(after, shown, servos.models.train.motions) or against
-        return Addition(shown, after, servos.floor(after), against, servos.given.doubt)
+        return Addition(shown, after, servos.models.left.floors, against, servos.given.doubt)
     progress("reading the motion", 0.0)
     given = Preprocessed.of(recordings, holdout).with_impacts(model.terms)
     models = setting.models(given.parts)
@@ -95,26 +93,23 @@ def add(
     *_, after = refit(Selection(models, [before, longer]), start).steps
     against = objection(after, shown, models.train.motions) or (None if is_hidden(more) else against)  # motion tells it
     shown, after = (replace(step, model=told(step.model, given.parts[0].data)) for step in (shown, after))
-    floor = noise_floor(models.left.floor, after.errors.values())
-    return Addition(shown, after, floor, against, given.doubt)
+    return Addition(shown, after, models.left.floors, against, given.doubt)
 
 
 def _added_at_joint(
-    recordings: Sequence[ArmRecording], holdout: Sequence[ArmRecording], setting: Setting, kind: type[Term]
+    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, kind: type[Term]
 ) -> Addition:
     """An effect added at a joint of an arm."""
-    train, held = parted(recordings, holdout)
-    models = models_of_arm(train, held, setting)
+    models = setting.models(Preprocessed(tuple(recordings), tuple(holdout), terms=(*setting.base, kind)).parts)
     trial = best(models, models.base, kind)
     if trial is None:
-        names = ", ".join(recording.name for recording in train)
+        names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(f"{names}: the motion does not show {kind.id} at all: record another one")
     without, with_it = models.report(None, models.base), models.report(kind.id, trial.terms)
     against = objection(with_it, without, models.train.motions)
     if against is None and not models.is_significant(trial.terms, models.base):
         against = CHANCE
-    before, after = (step_of_arm(own.added, own.model, train=train, holdout=held) for own in (without, with_it))
-    return Addition(before, after, np.nan, against)
+    return Addition(without, with_it, models.left.floors, against)
 
 
 def _searched(models: Models, kind: type[Term]) -> tuple[Step, Step, str | None]:

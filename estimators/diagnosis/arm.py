@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.checks.identifiability import untold_of_arm
-from estimators.checks.residual import Region, everywhere, stand_out
-from estimators.comparison import step_of_arm
+from estimators.checks.residual import Region, everywhere
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import KEPT, UNNAMED, Diagnosis
 from estimators.diagnosis.setting import Setting
-from estimators.preprocessing import HELD_OUT, Preprocessed
+from estimators.preprocessing import Preprocessed, parted
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData
 from estimators.selection.left import Terms
@@ -21,91 +20,50 @@ from estimators.selection.models import Models
 from estimators.selection.moves import explaining
 from estimators.selection.search import select
 from estimators.signals.motion import HALF_WIDTHS
-from estimators.weak_form.dataset import NEGLIGIBLE, Dataset
-from estimators.weak_form.links import prepare_arm
+from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.windows import in_a_row
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Coupling, Links, kind_at
-from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.physics import Term
+from pendulum_env.arms.joints import kind_at
+from pendulum_env.arms.recording import of_arms
+from pendulum_env.recording import Recording
 from pendulum_env.words import listing
 
 HEAVIER = 1.2  # times, by which a joint feels heavier in slow motion without its friction being the reason
 
 
-def parted(
-    recordings: Sequence[ArmRecording], holdout: Sequence[ArmRecording] = ()
-) -> tuple[list[ArmRecording], list[ArmRecording]]:
-    """What is fitted and what is held out: the last 30 % of each recording, where no others are."""
-    if holdout:
-        return list(recordings), list(holdout)
-    pairs = [recording.split(1 - HELD_OUT) for recording in recordings]
-    return [first for first, _ in pairs], [last for _, last in pairs]
-
-
-def gather_arm(
-    recordings: Sequence[ArmRecording], terms: Sequence[type[Term] | Term], shortest: float = 0.0
-) -> PreparedData:
-    """Prepared data of an arm's recordings, with the columns of terms that joints share; no simulation follows them.
-
-    Args:
-        recordings: of the arm.
-        terms: that may be fitted to it, the links first.
-        shortest: half a window at least [s].
-
-    Raises:
-        IdentificationError: if a joint hardly moves clear of stick.
-    """
-    links = terms[0]
-    assert isinstance(links, Links)
-    kinds = dict.fromkeys(term if isinstance(term, type) else type(term) for term in terms)
-    shared = [kind for kind in kinds if issubclass(kind, Coupling)]
-    return PreparedData(prepare_arm(recordings, links, shared, shortest), ())
-
-
-def models_of_arm(train: Sequence[ArmRecording], held: Sequence[ArmRecording], setting: Setting) -> Models:
-    """What recordings of an arm say of models.
-
-    Raises:
-        IdentificationError: if a joint hardly moves clear of stick.
-    """
-    kinds: tuple[type[Term] | Term, ...] = (*setting.base, *setting.library.values())
-    return setting.models((gather_arm(train, kinds), gather_arm(held, kinds)))
-
-
 def examine_arm(
-    recordings: Sequence[ArmRecording], holdout: Sequence[ArmRecording], setting: Setting, body: Body
+    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, body: Body
 ) -> Diagnosis:
     """Find the effects at joints that recordings of an arm call for.
 
     Raises:
         IdentificationError: if a joint hardly moves clear of stick.
     """
-    train, held = parted(recordings, holdout)
     known = {term.id for term in setting.base}
-    library = {id: kind for id, kind in setting.library.items() if id not in known}
-    models = models_of_arm(train, held, replace(setting, library=library))
+    setting = replace(setting, library={id: kind for id, kind in setting.library.items() if id not in known})
+    given = Preprocessed(tuple(recordings), tuple(holdout), terms=(*setting.base, *setting.library.values()))
+    models = setting.models(given.parts)
     found = select(models)
     candidates, groups = judge(found, found.terms)
     left = left_at_joints(models, found.terms)
     by_law = ([table for table in models.tables if table.at == at] for at in left)
     tables = tuple(id for laws in by_law if (id := explaining(models, found.terms, laws)) is not None)
-    steps = [step_of_arm(step.added, step.model, holdout=held) for step in found.steps]
-    model = steps[-1].model.biased() if left else steps[-1].model
+    *others, last = found.steps
+    model = last.model.biased() if left else last.model
     seen = (in_a_row([w.samples for w in models.train.data.part(at).windows]) for at in body.joints)
     motion = zip(*((x.position, x.velocity, x.torque) for x in seen), strict=True)
     model = model.withholding(untold_of_arm(model, *map(np.column_stack, motion)))
-    heavier = heavier_when_slow(models, train, left) if left else {}
+    heavier = heavier_when_slow(models, given, left) if left else {}
     return Diagnosis(
-        steps=(*steps[:-1], replace(steps[-1], model=model)),
+        steps=(*others, replace(last, model=model)),
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=where_it_stands_out(models, found.terms, left),
-        noise_floor=float("nan"),
+        floors=models.left.floors,
         advice=tuple(said_of_slow_motion(joint, times) for joint, times in heavier.items()),
         forbidden=what_is_open(groups, tables, bool(left), body),
         tables=tables,
-        data=Preprocessed(tuple(train), tuple(held)),
+        data=given.fresh(model.terms),
         left=left,
         heavier=heavier,
     )
@@ -115,29 +73,25 @@ def left_at_joints(models: Models, terms: Terms) -> dict[str, float]:
     """Torque that terms leave of joints and that is no noise [N m]: what neighbouring windows share, or all."""
     found, data = models.left.structures(terms)[0], models.train.data
     assert isinstance(data, Dataset)  # nothing simulates an arm in its loop
-    negligible = {at: max(NEGLIGIBLE * float(np.std(data.part(at).torque())), data.least()) for at in data.joints}
     return {
         at: own.shared if own.sure > models.criterion.sure else own.all
         for at, own in found.items()
-        if not models.criterion.is_noise(own, max(models.left.noise_of(models.train, at), negligible[at]))
+        if not models.criterion.is_noise(own, max(models.left.floors[at], data.negligible(at)))
     }
 
 
 def where_it_stands_out(models: Models, terms: Terms, joints: Collection[str]) -> tuple[Region, ...]:
     """Where what terms leave stands out most of the noise, one region of each joint, everywhere if it does nowhere."""
-    data, residual, found = models.train.data, models.regression.residual(terms), []
-    assert isinstance(data, Dataset)
-    for at in joints:
-        x, noise = data.part(at).samples, models.left.noise_of(models.train, at)
-        place, *_ = (*stand_out(x, residual[data.where(at)], noise, most=1), everywhere(""))
-        found.append(replace(place, at=at))
-    return tuple(found)
+    data, residual = models.train, models.regression.residual(terms)
+    assert isinstance(data, PreparedData)
+    return tuple(next(iter(data.stand_out(residual, at, most=1)), replace(everywhere(""), at=at)) for at in joints)
 
 
-def heavier_when_slow(models: Models, train: Sequence[ArmRecording], joints: Collection[str]) -> dict[str, float]:
+def heavier_when_slow(models: Models, given: Preprocessed, joints: Collection[str]) -> dict[str, float]:
     """Of some joints those that feel surely heavier in the longest windows, and how many times."""
+    train, _ = parted(of_arms(given.recordings), of_arms(given.holdout))
     try:
-        slow = gather_arm(train, models.base, HALF_WIDTHS[-1]).inertias(models.base)
+        slow = PreparedData.of_arm(train, models.base, HALF_WIDTHS[-1]).inertias(models.base)
     except IdentificationError:  # they are too few
         return {}
     times = {at: slow[at] / max(models.left.inertia[at], 1e-300) for at in joints}

@@ -99,10 +99,6 @@ class Looped:
         }
         return widened(model, constant, model, replace(model, estimates=there))
 
-    def floor(self, last: Step) -> float:
-        """Error that the encoder alone leaves, which is no more than a model leaves [rad]."""
-        return min(self.models.left.floor, *(error.in_loop for error in last.errors.values()))
-
 
 def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Diagnosis:
     """Find what the model of a servo lacks; see `estimators.diagnose`.
@@ -125,7 +121,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=tuple(left),
-        noise_floor=servos.floor(last),
+        floors=models.left.floors,
         advice=(*remedies(model, recordings, groups), *filter(None, [given.doubt])),
         forbidden=UNNAMED if left else None,
         torque_unit=given.unit,

@@ -11,12 +11,12 @@ import numpy as np
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.checks.residual import Region
-from estimators.comparison import of_joints, worst
+from estimators.comparison import of_joints
 from estimators.diagnosis.likeness import likenesses
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.preprocessing import Preprocessed
 from estimators.selection.criterion import Criterion
-from estimators.selection.errors import Step
+from estimators.selection.errors import Step, of_one
 from estimators.selection.score import Gain
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
@@ -109,7 +109,7 @@ class Diagnosis:
         ambiguous: groups of effects that these data cannot tell apart.
         unexplained: regions whose residual no candidate explains, empty when the noise floor is reached; of an arm one
             of each joint that leaves more than noise, without a text where it stands out nowhere.
-        noise_floor: torque error that measurement noise alone gives [N m]; NaN of an arm.
+        floors: torque error that measurement noise alone gives at each joint [N m], in the loop that of position [rad].
         advice: experiments that would settle what is open, in words.
         suggestion: the experiment that would settle most of what is open, None if nothing is, or none would.
         forbidden: why no experiment settles what is open or left, above all the limits of the rig; None if nothing is.
@@ -130,7 +130,7 @@ class Diagnosis:
     candidates: tuple[Candidate, ...]
     ambiguous: tuple[tuple[str, ...], ...]
     unexplained: tuple[Region, ...]
-    noise_floor: float
+    floors: Mapping[str, float]
     advice: tuple[str, ...]
     suggestion: Suggestion | None = None
     forbidden: str | None = None
@@ -149,6 +149,11 @@ class Diagnosis:
     def model(self) -> Model:
         """The final model."""
         return self.steps[-1].model
+
+    @property
+    def noise_floor(self) -> float:
+        """That of the one joint that there is; NaN of several."""
+        return of_one(self.floors)
 
     @property
     def body(self) -> Body | None:
@@ -179,7 +184,7 @@ class Diagnosis:
     @property
     def headline(self) -> str:
         """The result in one sentence: `Stribeck friction is missing`; of an arm `Missing: stribeck@elbow`."""
-        if self.body is not None:
+        if self.body is not None and self.searched:
             return self._headline_of_arm
         rivals = {group[0]: group for group in self.ambiguous}
         found = [listing([name(id) for id in rivals.get(effect, (effect,))], "or") for effect in self.selected]
@@ -195,8 +200,6 @@ class Diagnosis:
     @property
     def _headline_of_arm(self) -> str:
         where = listing(list(self.left))
-        if not self.searched:
-            return worst(self.steps[-1].errors["holdout"])
         if self.selected:
             more = f", and more at {where} that no known effect explains" if where else ""
             return f"Missing: {listing(self.selected)}{more}"
@@ -206,10 +209,10 @@ class Diagnosis:
 
     def told_of(self, region: Region) -> str:
         """What is left unexplained in a region, in words; of an arm at its joint, with how much that is."""
-        if self.body is None:
+        if self.body is None or region.at not in self.left:
             return region.text
         left = f"{self.left[region.at]:.2g} {self.body.worded(region.at, NEWTON_METRE)} at {region.at}"
-        return f"{left}; {self.body.worded(region.at, region.text)}" if region.text else left
+        return f"{left}; {region.text}" if region.text else left
 
     @property
     def next_step(self) -> str:
@@ -273,7 +276,7 @@ class Diagnosis:
             "selected": list(self.selected),
             "ambiguous": [list(group) for group in self.ambiguous],
             "candidates": [candidate.json() for candidate in self.candidates],
-            "errors": {name: of_joints(step.errors["holdout"], body) for name, step in ends.items()},
+            "errors": {name: of_joints(step.errors["holdout"], self.floors, body) for name, step in ends.items()},
             "unexplained": dict(self.left),
             "regions": {region.at: region.json() for region in self.unexplained if region.text},
             "tables": list(self.tables),
@@ -302,14 +305,14 @@ class Addition:
     Attributes:
         before: the model refitted without the effect, and its errors.
         after: the same with the effect.
-        noise_floor: torque error that measurement noise alone gives [N m]; NaN of an arm.
+        floors: torque error that measurement noise alone gives at each joint [N m], in the loop that of position [rad].
         objection: what speaks against the effect, None if nothing does.
         doubt: why the torque constant of a current is not known; None if it is, or torque was logged.
     """
 
     before: Step
     after: Step
-    noise_floor: float
+    floors: Mapping[str, float]
     objection: str | None = None
     doubt: str | None = None
 
@@ -346,8 +349,8 @@ class Addition:
         """Held-out error that is left, in noise floors."""
         error = self.after.errors["holdout"]
         if self.is_in_loop:  # where what is left counts as noise up to some times the encoder's
-            return error.in_loop / (Criterion().misfit * self.noise_floor)
-        return error.torque_rms / self.noise_floor
+            return error.in_loop / (Criterion().misfit * of_one(self.floors))
+        return max(error.joints[at] / max(floor, 1e-300) for at, floor in self.floors.items())
 
     @property
     def model(self) -> Model:

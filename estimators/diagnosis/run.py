@@ -26,7 +26,6 @@ from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, forward, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import fit_terms
-from estimators.selection.errors import noise_floor
 from estimators.selection.models import Models, held_out_cost
 from estimators.selection.motion import is_misfit, refine, refit
 from estimators.selection.moves import explaining, ids, settle
@@ -38,7 +37,6 @@ from estimators.signals.motion import SLOWEST
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import body_of
-from pendulum_env.arms.recording import of_arms
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.table import TABLES
@@ -124,7 +122,7 @@ def diagnose(
     if body is not None:
         if by_reference or any(bound is not None for bound in (max_torque, max_angle, max_speed)):
             raise Mistake("by_reference and bounds of an experiment are for pendulums alone: leave them out for an arm")
-        return examine_arm(of_arms(fitted), of_arms(unseen), setting, body)
+        return examine_arm(fitted, unseen, setting, body)
     if are_driven([*fitted, *unseen]):
         return diagnose_in_loop(fitted, unseen, setting)
     return _by_torque(fitted, unseen, setting, max_torque)
@@ -254,7 +252,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=tuple(left),
-        noise_floor=noise_floor(models.left.floor, steps[-1].errors.values()),
+        floors=models.left.floors,
         advice=(
             *look_alike,
             *_of_little(first.train.data),
@@ -312,7 +310,7 @@ def _mislogged(given: Preprocessed, models: Models, base: Sequence[Term], text: 
     """What is said of torque that is logged turned round: no effect is named before that is mended."""
     step = models.report(None, settle(models, tuple(base)))
     region = Region("time", 0.0, float(models.train.samples.time.max()), 0.0, 0.0, text)
-    return Diagnosis((step,), (), (), (region,), models.left.floor, (text,), forbidden=text, data=given)
+    return Diagnosis((step,), (), (), (region,), models.left.floors, (text,), forbidden=text, data=given)
 
 
 def unexplained(found: Selection) -> list[Region]:

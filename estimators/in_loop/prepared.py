@@ -72,6 +72,11 @@ class InLoop:
         """The same of a joint."""
         return self.windows.reach_of(joint)
 
+    @cached_property
+    def floors(self) -> dict[str, float]:
+        """Error in the loop that the encoder alone gives, by the joint's name [rad]."""
+        return dict.fromkeys(self.data.joints, self.data.noise(0.0))
+
     def inertias(self, base: Sequence[Term]) -> dict[str, float]:
         """Inertia by which noise is scaled, by the joint's name: that of positions needs none."""
         return dict.fromkeys(self.data.joints, 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import combinations
@@ -84,7 +85,7 @@ class Identification:
     def windows(self) -> Model:
         """The least-squares fit over windows, on which `compare` and `diagnose` stand, too; raises as `fitted`."""
         terms = next(iter(self.schemes.values())).model.terms
-        return self.fitted(lambda data: fit_terms(PreparedData(data, ()), terms)[0])
+        return self.fitted(lambda data: fit_terms(PreparedData(data), terms)[0])
 
     def fitted(self, fit: Callable[[Dataset], Model]) -> Model:
         """The model that a fit finds in the windows, in their unit of torque, and with their torque constant.
@@ -177,12 +178,10 @@ def identify(
     results, doubts = _withheld(results, measurements, doubts)
     mistakes = wrong_columns(first, recordings) or driving_friction(first)
     data = None
-    try:
+    with suppress(IdentificationError):  # windows need more motion than some schemes
         data = prepare(recordings)
-        fits = own_fits([data], terms)
-        mistakes = [*mistakes, *_mistakes(given, fits, terms)] or _lacking(list(results.values()), fits)
-    except IdentificationError:  # windows need more motion than some schemes
-        pass
+        mistakes = [*mistakes, *_mistakes(given, own_fits([data], terms), terms)]
+        mistakes = mistakes or _lacking(list(results.values()), PreparedData(data), terms)
     unknown = (given.doubt,) if given.doubt is not None else ()
     ends = tuple(np.cumsum([sum(len(m) * m.period for (m,) in own) for own in segments]).tolist())
     return Identification(
@@ -221,6 +220,9 @@ def _of_arm(
         text = f"{listing(alone)} cannot be told: these data hardly depend on {'it' if len(alone) == 1 else 'them'}"
         doubts.append(Doubt(f"{text}, move all joints faster, wider and together", tuple(alone)))
     results = {id: replace(one, model=one.model.withholding(unknown[id] | alike)) for id, one in results.items()}
+    with suppress(IdentificationError):
+        prepared = PreparedData.of_arm(of_arms(recordings), terms)
+        doubts += map(Doubt, _lacking(list(results.values()), prepared, terms))
     return Identification(results, tuple(doubts), tuple(recording.name for recording in recordings))
 
 
@@ -307,17 +309,26 @@ def _mistakes(given: Preprocessed, fits: Sequence[Own], terms: Sequence[Term]) -
     ]
 
 
-def _lacking(results: Sequence[Identified], fits: Sequence[Own]) -> list[str]:
+def _lacking(results: Sequence[Identified], prepared: PreparedData, terms: Sequence[Term]) -> list[str]:
     """One line where the terms surely do not explain the recordings: by what they leave, or by schemes that disagree.
 
     Schemes see the same noise, so that their estimates differ by less than independent ones would; but they take what
     the terms lack each for something else.
     """
-    times = max((fit.times for fit in fits), default=0.0)
-    apart, name = max(_gaps(results), default=(0.0, ""))
-    found = [f"what these terms leave is {times:.2g} times what noise gives"] if times > AGREEMENT.misfits else []
-    found += [f"the schemes differ by up to {apart:.2g} of their standard errors ({name})"] if apart > APART else []
+    data, floors = prepared.data, prepared.floors
+    left = data.errors(prepared.regression.residual(terms))
+    least = {at: AGREEMENT.misfits * max(floors[at], data.negligible(at)) for at in left}
+    times = {at: error / max(floors[at], 1e-300) for at, error in left.items() if error > least[at]}
+    apart = {name: gap for gap, name in sorted(_gaps(results)) if gap > APART}  # of each name the largest
+    found = [f"what these terms leave is {_at_most(times, 'times what noise gives')}"] if times else []
+    found += [f"the schemes differ by up to {_at_most(apart, 'of their standard errors')}"] if apart else []
     return [f"{listing(found)}: something is missing, run diagnose"] if found else []
+
+
+def _at_most(sizes: Mapping[str, float], of: str) -> str:
+    """The largest of some sizes in words, and their names, the largest first; that of a pendulum's joint is none."""
+    names = listing(sorted(filter(None, sizes), key=lambda name: -sizes[name]))
+    return f"{max(sizes.values()):.2g} {of}{f' ({names})' * bool(names)}"
 
 
 def _gaps(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:

@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from estimators.checks.residual import SYMBOLS, Region, stand_out
 from estimators.regression.least_squares import Fit
 from estimators.selection.candidates import Screen
 from estimators.selection.errors import Errors
@@ -17,8 +18,11 @@ from estimators.selection.regression import Regression
 from estimators.simulation.free_running import Segments, choose_segments, deviation, position_rms
 from estimators.simulation.multiple_shooting import has_link, hidden_state, link_of, watch
 from estimators.weak_form.dataset import Dataset, prepare
+from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
+from pendulum_env.arms.joints import Coupling, Links, arm_base, body_of
+from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE, Model, Samples, Term
 from pendulum_env.physics.term import loads
 from pendulum_env.recording import Recording
@@ -29,10 +33,17 @@ PLACES = (1e-3, 10.0)  # [s], trial displacements of an instant, for its standar
 
 @dataclass(frozen=True)
 class PreparedData:
-    """Recordings, ready to be compared with models."""
+    """Recordings, ready to be compared with models.
+
+    Attributes:
+        data: as windowed equations.
+        segments: for simulation; none of an arm.
+        base: terms of the model whose inertia scales the noise, of an arm its links first.
+    """
 
     data: Dataset
-    segments: tuple[Segments, ...]
+    segments: tuple[Segments, ...] = ()
+    base: tuple[Term, ...] = BASE
 
     in_loop: ClassVar[bool] = False  # whether the controller is simulated along, and a link with it
 
@@ -43,6 +54,29 @@ class PreparedData:
         """Prepare recordings, or a part of each; raises IdentificationError if they hold too little motion."""
         data = prepare(recordings, half_widths, part)
         return cls(data, tuple(choose_segments(w) for w in data.windows))
+
+    @classmethod
+    def of_arm(
+        cls, recordings: Sequence[ArmRecording], terms: Sequence[type[Term] | Term], shortest: float = 0.0
+    ) -> PreparedData:
+        """Prepare recordings of an arm, with the columns of terms that joints share.
+
+        Args:
+            recordings: of the arm.
+            terms: that may be fitted to it, the links first.
+            shortest: half a window at least [s].
+
+        Raises:
+            IdentificationError: if a joint hardly moves clear of stick.
+            RecordingError: if a joint's torque is a current of unknown gain.
+        """
+        for recording in recordings:
+            recording.refuse_currents()
+        links, *others = terms
+        assert isinstance(links, Links)
+        kinds = dict.fromkeys(term if isinstance(term, type) else type(term) for term in others)
+        shared = [kind for kind in kinds if issubclass(kind, Coupling)]
+        return cls(prepare_arm(recordings, links, shared, shortest), base=arm_base(links.body))
 
     @cached_property
     def regression(self) -> Regression:
@@ -88,6 +122,22 @@ class PreparedData:
         theta = self.regression.solve(base)[: len(first.columns)]
         return dict(zip(data.joints, np.abs(data.given[first.id].inertia @ theta).tolist(), strict=True))
 
+    @cached_property
+    def floors(self) -> dict[str, float]:
+        """Torque error that measurement noise alone gives at each joint, by the scatter of the log [N m]."""
+        felt = self.inertias(self.base)
+        return {at: self.data.part(at).noise(felt[at]) for at in self.data.joints}
+
+    def stand_out(self, residual: Array, at: str, axes: Sequence[str] = tuple(SYMBOLS), most: int = 6) -> list[Region]:
+        """Where a residual (R,) [N m] stands out of the noise at a joint, the most telling first."""
+        own, least, body = residual[self.data.where(at)], self.data.negligible(at), body_of(self.base)
+        found = stand_out(self.data.part(at).samples, own, self.floors[at], axes, most)
+        return [
+            replace(region, at=at, text=region.text if body is None else body.worded(at, region.text))
+            for region in found
+            if abs(region.residual) > least
+        ]
+
     def watching(self, model: Model) -> PreparedData:
         """The same with the link of the model's transmission, if it has one, as the motion around each instant tells.
 
@@ -108,14 +158,19 @@ class PreparedData:
         return self.regression.balance(terms).error(theta)
 
     def errors(self, model: Model) -> Errors:
-        """Errors of a model, in torque and in free-running position."""
-        residual = self.residual(model.terms, model.theta)
+        """Errors of a model, in torque and in free-running position; of an arm what is left of each joint's torque."""
+        residual, body = self.residual(model.terms, model.theta), body_of(self.base)
         torque, position, fit = float(np.sqrt(np.mean(residual**2))), np.nan, np.nan
+        joints, shares = self.data.errors(residual), {}
+        if body is not None:
+            torque = torque if len({*body.slides}) == 1 else np.nan  # no N m and N in one number
+            sizes = self.data.errors(self.data.torque())
+            shares = {at: error / sizes[at] if sizes[at] else None for at, error in joints.items()}
         if self.segments:
             position = position_rms(self.segments, model.terms, model.theta)
             fit = _fit(position, deviation(self.segments))
         torque_fit = _fit(torque, float(np.std(self.data.torque())))
-        return Errors(torque, position, torque_fit, fit, self.data.errors(residual))
+        return Errors(torque, position, torque_fit, fit, joints, shares)
 
 
 def _fit(error: float, deviation: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,7 +17,8 @@ class Errors:
     """Errors of a model on a recording.
 
     Attributes:
-        torque_rms: the paper's norm (10) of measured minus modelled torque over the windows used [N m].
+        torque_rms: the paper's norm (10) of measured minus modelled torque over the windows used [N m]; NaN of an arm
+            with joints that turn and joints that slide.
         position_rms: free-running simulation against measured position over one-second windows [rad].
         torque_fit: 100 % less the torque error relative to the torque's own deviation from its mean; 100 is perfect, at
             0 a constant would do as well [%]. NaN where nobody has counted.
@@ -68,9 +69,9 @@ def error_at(joints: Mapping[str, float], at: str, otherwise: float) -> float:
     return float(np.sqrt(np.mean(np.square(own)))) if own else otherwise
 
 
-def noise_floor(scatter: float, errors: Iterable[Errors]) -> float:
-    """Torque error that noise alone gives [N m]: by the scatter of the log, and no more than a model leaves."""
-    return min(scatter, *(error.torque_rms for error in errors))
+def of_one(floors: Mapping[str, float]) -> float:
+    """The noise floor of the one joint that there is [N m]; NaN of several."""
+    return next(iter(floors.values())) if len(floors) == 1 else np.nan
 
 
 @dataclass(frozen=True)

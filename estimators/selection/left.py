@@ -41,7 +41,7 @@ class Left:
         train: recordings to fit.
         holdout: recordings to predict.
         criterion: what counts as noise.
-        base: terms whose fit gives the inertia, and so the noise floor.
+        base: terms whose fit gives the inertia.
     """
 
     train: Comparable
@@ -53,7 +53,8 @@ class Left:
         self.parts = (self.train, self.holdout)
         self.joints = self.train.data.joints
         self.inertia = self.train.inertias(self.base)
-        self._floors = [{at: part.data.part(at).noise(self.inertia[at]) for at in self.joints} for part in self.parts]
+        self.floors = self.train.floors
+        self._unseen = {at: self.holdout.data.part(at).noise(self.inertia[at]) for at in self.joints}
 
     @kept
     def power(self, terms: Terms) -> list[dict[str, Power]]:
@@ -100,7 +101,7 @@ class Left:
 
     def noise_of(self, part: Comparable, at: str | None = None) -> float:
         """Torque error due to measurement noise alone [N m]."""
-        return self._floors[0 if part is self.train else 1][self.joints[0] if at is None else at]
+        return (self.floors if part is self.train else self._unseen)[self.joints[0] if at is None else at]
 
     def shows(self, terms: Terms) -> bool:
         """Whether the terms leave more than white noise on the training data of any joint."""

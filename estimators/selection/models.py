@@ -22,6 +22,7 @@ from estimators.selection.score import BLOCK, Blocks, Bootstrap, Gain, cross_val
 from estimators.simulation import output_error
 from estimators.simulation.multiple_shooting import has_link
 from pendulum_env._typing import Array
+from pendulum_env.arms.model import model_of
 from pendulum_env.physics import BASE, Model, Term, effects
 from pendulum_env.physics.table import COMPETING, ByTime
 from pendulum_env.physics.term import loads
@@ -161,7 +162,7 @@ class Models:
         parts = {"train": self.train, "holdout": self.holdout}
         if self.linked is None and has_link(model.terms):
             parts = {name: part.watching(model) for name, part in parts.items()}
-        return Step(added, model, {name: part.errors(model) for name, part in parts.items()})
+        return Step(added, model_of(model), {name: part.errors(model) for name, part in parts.items()})
 
     def in_motion(self, step: Step) -> Step:
         """A step with the parameters that follow the motion best.

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
 
-from estimators.selection.errors import Step
+from estimators.selection.errors import Step, error_at
 from estimators.selection.left import Terms
 from estimators.selection.models import Models, held_out_cost
 from estimators.selection.moves import (
@@ -143,7 +143,9 @@ def refines(models: Models, longer: Terms, terms: Terms) -> bool:
     changed = {id for id, *_ in forms(longer) ^ forms(terms)}
     if ids(longer) != ids(terms) or len(changed) != 1:
         return False
-    after, before = (models.step(None, one).errors["holdout"].torque_rms for one in (longer, terms))
+    at = next(term.at for term in longer if term.id in changed)
+    errors = (models.step(None, one).errors["holdout"] for one in (longer, terms))
+    after, before = (error_at(own.joints, at, own.torque_rms) for own in errors)
     return after < before and models.lowers_errors(longer, tuple(term for term in longer if term.id not in changed))
 
 

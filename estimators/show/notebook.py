@@ -11,6 +11,7 @@ from estimators.comparison import Comparison
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.schemes.fitting import Identified
 from estimators.schemes.identification import Identification
+from estimators.selection.errors import of_one
 from estimators.show.story import (
     TRUST,
     Part,
@@ -143,7 +144,7 @@ def show_diagnosis(found: Diagnosis) -> str:
 @shown.register
 def show_addition(found: Addition) -> str:
     """Errors before and after, what follows from them, and the parameters."""
-    noise = note(noise_text(found.noise_floor) if np.isfinite(found.noise_floor) else "")
+    noise = note(noise_text(floor, found.is_in_loop) if np.isfinite(floor := of_one(found.floors)) else "")
     title = f"The model with {found.after.added}"
     return per(card(title, noise, *_parts(of_addition(found))), found.after.model.torque_unit)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -48,7 +48,8 @@ class Part(NamedTuple):
 def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[Part]:
     """A diagnosis, with the candidates that matter or every one; `how` the others are shown."""
     if found.body is not None:
-        errors = Part(f"Torque errors on held-out data, {CLEAR}", [joints_table(ends(found.steps), found.body)])
+        table = joints_table(ends(found.steps), found.floors, found.body)
+        errors = Part(f"Torque errors on held-out data, {CLEAR}", [table])
     else:
         noise = noise_text(found.noise_floor, found.is_in_loop)
         errors = Part("Errors", [errors_table(found.steps), fit_text(found.steps), noise])
@@ -94,7 +95,7 @@ def of_addition(found: Addition) -> list[Part]:
     body = body_of(found.model.terms)
     if body is None:
         return [Part(f"Errors, {title}", [errors_table(steps), *sentences]), *parameters]
-    fitted, unseen = (joints_table(ends(steps, part), body) for part in ("train", "holdout"))
+    fitted, unseen = (joints_table(ends(steps, part), found.floors, body) for part in ("train", "holdout"))
     return [
         Part(f"Torque errors on fitted data, {title}", [fitted]),
         Part(f"Torque errors on held-out data, {title}", [unseen, *sentences]),
@@ -104,11 +105,9 @@ def of_addition(found: Addition) -> list[Part]:
 
 def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
     """Errors of a model, and where it fails: a profile as a table, unless it is drawn."""
-    if (body := body_of(found.model.terms)) is not None:
-        table = joints_table((found.joint.errors,), body, ("torque error",))
-        return [Part(f"Torque errors, {CLEAR}", [table])]
-    several = len(found.distances)
-    where: list[Table | str | tuple[str, ...]] = [tuple(region.text for region in found.regions)]
+    body, several = body_of(found.model.terms), len(found.distances)
+    texts = [f"{region.at}: {region.text}" if region.at else region.text for region in found.regions]
+    where: list[Table | str | tuple[str, ...]] = [tuple(texts)]
     axes = [region.axis for region in found.regions if region.axis != "frequency"]
     profile = next((item for axis in axes for item in found.profiles if item.axis == axis), None)
     if profile is not None and not is_drawn:
@@ -117,7 +116,7 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
         where.append("regions of different quantities may be of the same moments")
     if found.regions:
         where.append("`diagnose` tells which effect would explain this")
-    elif found.joint.errors.position_fit >= FOLLOWED:
+    elif not found.joint.errors.position_fit < FOLLOWED:  # an arm is not simulated
         where.append("nothing stands out of the noise: the model explains these recordings")
     else:
         error = f"{found.joint.errors.position_rms:.3g} rad"
@@ -127,25 +126,32 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
         )
     in_words = [text for text in (found.told_in_loop, found.caveat) if text]
     title = f"Errors of the model with {listing([term.id for term in found.model.terms])}"
+    table = distances_table(found)
+    if body is not None:
+        title = f"Torque errors, {CLEAR}"
+        table = joints_table((found.joint.errors,), found.joint.floors, body, ("torque error",))
     return [
-        Part(title, [distances_table(found), *in_words]),
+        Part(title, [table, *in_words]),
         *disagreeing(found.disagreements),
         Part(f"Where, all {several} recordings together" if several > 1 else "Where", where),
     ]
 
 
-def joints_table(columns: Sequence[Errors], body: Body, headers: Sequence[str] = ("before", "after")) -> Table:
-    """A row a joint: torque errors of one or more models, and the share of the torque that the last one leaves."""
+def joints_table(
+    columns: Sequence[Errors], floors: Mapping[str, float], body: Body, headers: Sequence[str] = ("before", "after")
+) -> Table:
+    """A row a joint: torque errors of models, what noise alone leaves, and the share of the torque that is left."""
     rows = [
         (
             at,
             *(f"{errors.joints[at]:.4g}" for errors in columns),
+            f"{floors[at]:.4g}",
             body.worded(at, NEWTON_METRE),
             "" if share is None else f"{100 * share:.2g} %",
         )
         for at, share in columns[-1].shares.items()
     ]
-    return Table(("joint", *headers, "unit", "of its torque"), rows, left=("unit",))
+    return Table(("joint", *headers, "noise floor", "unit", "of its torque"), rows, left=("unit",))
 
 
 def errors_table(steps: Sequence[Step]) -> Table:

@@ -201,6 +201,10 @@ class Dataset:
         """Largest such error of all joints [N m]: a joint without a motor has no torque, but is no more exact."""
         return max(self.part(at).precision() for at in self.joints)
 
+    def negligible(self, at: str) -> float:
+        """Torque that may be left of a joint of an arm without a meaning [N m]: other joints' errors enter it."""
+        return max(NEGLIGIBLE * float(np.std(self.part(at).torque())), self.least()) if self.given else 0.0
+
     def with_more_torque(self, more: float) -> Dataset:
         """The same motion under a torque with an offset [N m], for the slope of columns by the torque."""
         pushed = (w.under(w.recording.torque + more, w.samples.torque + more) for w in self.windows)

@@ -83,7 +83,10 @@ def test_identify_compare_and_diagnose_an_arm(capsys, folder):
     assert code == 0
     brief = out.partition("\n\n")[2].splitlines()
     assert brief[:2] == ["Missing: torque_offset@elbow", "torque_offset@elbow: c"] and len(brief) <= 8
-    assert re.match(r"error held out: shoulder \S+ -> \S+ N m, elbow 0\.\d+ -> 0\.0\d+ N m$", brief[2])
+    assert re.match(
+        r"error held out: shoulder \S+ -> \S+ N m \(.*\), elbow 0\.\d+ -> 0\.0\d+ N m \(noise alone 0\.00\d+\)$",
+        brief[2],
+    )
     assert re.match(r"parameters: torque_offset@elbow (0\.\d+ ± 0\.\d+) N m$", brief[3])
     page = (folder / "found.html").read_text()
     assert "<h1" in page and "Missing: torque_offset@elbow" in page and 'id="candidates"' in page
@@ -201,7 +204,7 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(capsys, l
     assert "position converted to m from column 'position_torso [mm]'" in out
     assert [error["unit"] for error in json.loads((lift / "e.json").read_text())["joints"]] == ["N", "N m", "N m"]
     (row,) = [line for line in out.splitlines() if line.startswith("torso")]
-    assert row.split()[2] == "N" and float(row.split()[3]) < 2.0  # [%]
+    assert row.split()[3] == "N" and float(row.split()[4]) < 2.0  # [%]
     titles = [figure["layout"]["xaxis"]["title"]["text"] for figure in Page((lift / "page.html").read_text()).figures]
     assert titles[:2] == ["position q [m]", "velocity q' [m/s]"] and titles[3] == "angle q [rad]"
 
@@ -211,7 +214,7 @@ def test_a_diagnosis_names_what_is_missing_where_a_joint_slides_in_its_units(cap
     robots.write({name: values for name, values in columns.items() if "left" not in name}, lift / "hidden.csv")
     code, out, _ = run(capsys, lift, "diagnose", "hidden.csv", *MOVING, "--only", "torque_offset", "-o", "better.json")
     assert code == 0 and "Missing: torque_offset@torso" in out
-    assert re.search(r"^error held out: torso \S+ -> \S+ N, shoulder \S+ -> \S+ N m,", out, re.M)
+    assert re.search(r"^error held out: torso \S+ -> \S+ N \(.*\), shoulder \S+ -> \S+ N m \(", out, re.M)
     value = json.loads((lift / "better.json").read_text())["theta"]["torque_offset@torso"]
     assert value["value"] == pytest.approx(12.0, rel=0.05) and value["unit"] == "N"
 

@@ -442,9 +442,11 @@ def test_outputs_never_overwrite_recordings_or_each_other(runs, tmp_path, refuse
     [
         ([], "COMMAND"),
         (["diagnos"], "unknown command 'diagnos': did you mean diagnose?"),
+        (["report", "run.csv"], "with --report FILE.html"),
         (["diagnose"], "RECORDING"),
         (["identify", "run.csv", "--scheme", "hamiltonia"], "did you mean hamiltonian?"),
-        (["identify", "run.csv", "--shceme", "all"], "--shceme"),
+        (["identify", "run.csv", "--shceme", "all"], "did you mean --scheme? (see pendulum-ident identify --help)"),
+        (["--shceme", "identify", "run.csv"], "--shceme"),
         (["identify", "run.csv", "--columns", "time"], "'time' should be QUANTITY=NAME"),
         (["diagnose", "run.csv", "--columns", "time=t,angle=q"], "not for 'angle'"),
         (["compare", "m.json", "run.csv", "--columns", "time=t,time=ms:ms"], "time is named twice"),

@@ -8,6 +8,7 @@ import pytest
 
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
+from pendulum_env.recording import write_recording
 from workbench.cli import main
 
 CURRENT = 0.091  # [N m/A]
@@ -51,6 +52,14 @@ def test_identify_fits_what_is_to_be_fitted_and_compare_takes_all_of_a_study(ben
     assert main(["compare", str(tmp_path / "model.json"), str(bench / "study.toml")]) == 0
     told = capsys.readouterr().out
     assert "monday.csv: " in told and "tuesday.csv: " in told
+
+
+def test_a_missing_recording_is_refused_before_any_is_read_even_if_it_is_only_held_out(tmp_path, refused):
+    (tmp_path / "study.toml").write_text(
+        "[[recording]]\nfile = 'a.csv'\n[[recording]]\nfile = 'b.csv'\nrole = 'holdout'"
+    )
+    write_recording(record(None, excitation("paper", 1), 1.0, rng=1), tmp_path / "a.csv")
+    assert "b.csv: there is no such file: check the path" in refused("identify", tmp_path / "study.toml")
 
 
 @pytest.mark.parametrize(

@@ -146,9 +146,11 @@ def _data_of(state: State, found: Diagnosis, content: JSON) -> Preprocessed:
 
 
 def _of_one_table(diagnosis: JSON | None) -> None:
-    """Give a diagnosis of older sessions, which tell one table or none, its tables."""
+    """Give a diagnosis of older sessions, which tell one table or none, and one noise floor, its tables and floors."""
     if diagnosis is not None and "table" in diagnosis:
         diagnosis["tables"] = [] if (table := diagnosis.pop("table")) is None else [table]
+    if diagnosis is not None and "noise_floor" in diagnosis:
+        diagnosis["floors"] = {"": diagnosis.pop("noise_floor")}
 
 
 def _of(terms: tuple[Term, ...]) -> Model:

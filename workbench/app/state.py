@@ -15,14 +15,11 @@ from estimators.arguments import chosen_effects, within_limits
 from estimators.arms.gains import in_torque, without_loads
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import Doubt, identifiability
-from estimators.checks.residual import stand_out
 from estimators.checks.torque_constant import told
-from estimators.comparison import step_of_arm
 from estimators.diagnosis.addition import add, fit
-from estimators.diagnosis.arm import parted
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.diagnosis.run import diagnose
-from estimators.preprocessing import Preprocessed
+from estimators.preprocessing import Preprocessed, parted
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.selection.criterion import Criterion
@@ -205,11 +202,11 @@ def prepare_arm(
 ) -> Prepared:
     """The same of an arm, with friction at each joint or with given terms; raises alike."""
     _refuse_none(train, holdout)
-    fitted, unseen = parted(train, holdout)
+    fitted, _ = parted(train, holdout)
     found = identify(fitted, (Links(body), *terms) if terms else arm_base(body), SCHEMES)
-    base = step_of_arm(None, found[SAVED].model, train=fitted, holdout=unseen)
-    data = Preprocessed(train, holdout)
-    return Prepared(data, data, base, found)
+    model, data = found[SAVED].model, Preprocessed(train, holdout, terms=found[SAVED].model.terms)
+    errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
+    return Prepared(data, data, Step(None, model, errors), found)
 
 
 def _refuse_none(train: Sequence[Recording], loaded: Sequence[object]) -> None:
@@ -417,6 +414,8 @@ class State:
     @cached_property
     def doubts(self) -> tuple[Doubt, ...]:
         """What the fitted recordings cannot tell about the model's parameters."""
+        if self.body is not None:
+            return ()
         fitted = [r for r, one in zip(self.recordings, self.loaded, strict=True) if not one.held_out]
         measured = [segment for recording in fitted for segment in measure_segments(recording)]
         return identifiability(measured, BASE if self.trouble else self.model.terms) if measured else ()
@@ -438,25 +437,25 @@ class State:
         Of an arm, the diagnosis if there is one.
         """
         found = self.diagnosis
-        if self.body is not None:
-            if found is not None:
-                return found
-            unseen = tuple(parted(of_arms(self.train), of_arms(self.holdout))[1])
-            return Diagnosis(self.ladder, (), (), (), np.nan, (), data=Preprocessed(unseen))
+        if found is not None and self.body is not None:
+            return found
         if found is not None and set(self.added) < set(self.called):
             return replace(found, steps=self.called_for)
-        prepared, model = self.prepared.data.parts[0], self.model
-        inertia = abs(model.estimates["inertia"].value) if "inertia" in model.estimates else 0.0
-        floor = prepared.data.noise(inertia) if found is None else found.noise_floor
+        data, model = self.prepared.data, self.model
+        if self.body is not None and self.added:  # perhaps what joints share
+            data = replace(data, terms=model.terms)
+        prepared = data.parts[0]
         left = found.unexplained if found is not None else ()
         if self.added != self.called or found is None:
             residual: Array = prepared.watching(model).residual(model.terms, model.theta)
-            is_noise = Criterion().is_noise(prepared.data.structure(residual, inertia), floor)
-            left = () if is_noise else tuple(stand_out(prepared.samples, residual, floor))
+            felt, part = prepared.inertias(prepared.base), prepared.data
+            structures = {at: part.part(at).structure(residual[part.where(at)], felt[at]) for at in part.joints}
+            some = [at for at, own in structures.items() if not Criterion().is_noise(own, prepared.floors[at])]
+            left = tuple(region for at in some for region in prepared.stand_out(residual, at))
         if found is not None:
             return replace(found, steps=self.ladder, unexplained=left)
         doubts = tuple(doubt.text for doubt in self.doubts)
-        return Diagnosis(self.ladder, (), (), left, floor, doubts, data=self.prepared.data)
+        return Diagnosis(self.ladder, (), (), left, prepared.floors, doubts, data=data)
 
     @property
     def table(self) -> str | None:

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
-from estimators.checks.residual import REGIONS, profiles, stand_out
+from estimators.checks.residual import REGIONS, profiles
 from estimators.comparison import of_joints
-from estimators.diagnosis.arm import gather_arm
 from estimators.diagnosis.result import Diagnosis
 from estimators.selection.data import PreparedData
 from estimators.selection.errors import Step
 from estimators.weak_form.dataset import NEGLIGIBLE
 from pendulum_env.arms.joints import body_of, links_of
-from pendulum_env.arms.recording import of_arms
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import percent
 from workbench.report.case import Case
@@ -34,8 +31,8 @@ def sections(case: Case) -> list[Section]:
     found, models = case.diagnosis, ends(case.diagnosis.steps, case.first)
     measured = "held-out data" if found.searched else "the recordings compared with"
     return [
-        joints(models, measured, found.headline, found if found.searched else None),
-        strips(models, gather_arm(of_arms(case.data.recordings), found.model.terms)),
+        joints(models, measured, found.headline, found.floors, found if found.searched else None),
+        strips(models, case.data.parts[0]),
         *([ranked(found.candidates)] if found.candidates else []),
         parameters(models),
     ]
@@ -46,7 +43,13 @@ def ends(steps: Sequence[Step], first: str = "base model") -> list[Drawn]:
     return [(first, "--base", steps[0]), ("final model", "--final", steps[-1])][: len(steps)]
 
 
-def joints(models: Sequence[Drawn], measured: str, headline: str, found: Diagnosis | None = None) -> Section:
+def joints(
+    models: Sequence[Drawn],
+    measured: str,
+    headline: str,
+    floors: Mapping[str, float],
+    found: Diagnosis | None = None,
+) -> Section:
     """Torque errors of every joint under each model, on the data that `measured` names, and what a diagnosis found."""
     final = models[-1][2].model
     body = links_of(final.terms)
@@ -54,7 +57,7 @@ def joints(models: Sequence[Drawn], measured: str, headline: str, found: Diagnos
     content = {
         "measured": measured,
         "labels": [label for label, _, _ in models],
-        "rows": list(zip(*(of_joints(step.errors["holdout"], body) for _, _, step in models), strict=True)),
+        "rows": list(zip(*(of_joints(step.errors["holdout"], floors, body) for _, _, step in models), strict=True)),
         "laws": [(own.id, own.law, final.of(own.id)) for own in final.terms if own.id in selected],
         "unexplained": [(joint, size, body.worded(joint, NEWTON_METRE)) for joint, size in left],
         "next_step": found.next_step if found is not None else "",
@@ -65,24 +68,13 @@ def joints(models: Sequence[Drawn], measured: str, headline: str, found: Diagnos
 def strips(models: Sequence[Drawn], prepared: PreparedData) -> Section:
     """One strip of plots a joint: mean residual over angle, velocity and time, of each model."""
     curves, data = [(label, color) for label, color, _ in models], prepared.data
-    last = models[-1][2].model
-    body = links_of(last.terms)
+    body = links_of(models[-1][2].model.terms)
     residuals = [prepared.residual(step.model.terms, step.model.theta) for _, _, step in models]
-    inertia = prepared.inertias(last.terms)
     found, standing = [], [False] * len(residuals)
     for k, joint in enumerate(data.joints):
-        part, in_units = data.part(joint), partial(body.worded, joint)
-        x, noise, lefts = part.samples, part.noise(inertia[joint]), [own[data.where(joint)] for own in residuals]
-        negligible = NEGLIGIBLE * float(np.std(part.torque()))
-        maps = [profiles(x, left, noise, SHOWN) for left in lefts]
-        regions = [
-            [
-                replace(region, text=in_units(region.text))
-                for region in stand_out(x, left, noise, SHOWN)
-                if abs(region.residual) > negligible
-            ]
-            for left in lefts
-        ]
+        x, noise, in_units = data.part(joint).samples, prepared.floors[joint], partial(body.worded, joint)
+        maps = [profiles(x, left[data.where(joint)], noise, SHOWN) for left in residuals]
+        regions = [prepared.stand_out(left, joint, SHOWN) for left in residuals]
         standing = [seen or bool(own) for seen, own in zip(standing, regions, strict=True)]
         reach = 1.08 * max(float(np.abs(item.mean).max()) for own in maps for item in own)
         still = regions[-1] if len(maps) > 1 else []

@@ -132,5 +132,5 @@ def render_comparison(compared: Comparison) -> str:
 def _case(compared: Comparison) -> Case:
     """The comparison as a diagnosis in which nobody has looked for effects, and all is fitted and checked alike."""
     step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
-    found = Diagnosis((step,), (), (), compared.regions, compared.joint.noise_floor, (), data=compared.data)
+    found = Diagnosis((step,), (), (), compared.regions, compared.joint.floors, (), data=compared.data)
     return Case(found, first="model")  # nothing is added to it

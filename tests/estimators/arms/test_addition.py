@@ -1,9 +1,12 @@
 """An effect added at a joint, in data from SciPy's integration of the textbook's arm with air drag at the elbow."""
 
+import re
+
+import numpy as np
 import pytest
 
 from benchmarks.two_link import TwoLink
-from estimators import add, identify
+from estimators import add, compare, diagnose, identify
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import ModelError
 from tests.two_link import recorded
@@ -34,6 +37,28 @@ def test_the_hidden_effect_lowers_both_errors_and_its_size_is_found(recording, l
     assert added.objection is None and "lowers the held-out torque error of elbow to" in added.text
     page = added._repr_html_()
     assert added.text in page and "Torque errors on held-out data" in page and "nan" not in page
+
+
+def test_what_is_missing_at_a_joint_is_warned_of_and_judged_and_nothing_where_nothing_is(body, recording, lacking):
+    (doubt,) = identify(recording, arm_base(body)).doubts
+    said = r"what these terms leave is \d\d times what noise gives \(elbow\).*: something is missing, run diagnose"
+    assert re.match(said, doubt.text)
+    compared = compare(lacking, recording)
+    assert {region.at for region in compared.regions} == {"elbow"} and "at elbow" in compared.headline
+    whole = recorded(seed=1)
+    found = identify(whole, arm_base(body))
+    assert not found.doubts and not compare(found["filtered_dynamic"].model, whole).regions
+
+
+def test_every_command_has_the_same_noise_floor_and_the_same_errors(body, recording, lacking):
+    other = recorded(TwoLink(drag=(0.0, DRAG)), 1)
+    added, found = add(lacking, "quadratic_drag@elbow", recording, other), diagnose(recording, other, arm_base(body))
+    assert found.selected == ("quadratic_drag@elbow",)
+    compared, unseen = (compare(found.model, run).joint for run in (recording, other))
+    assert compared.floors == found.floors == added.floors and np.isnan(found.noise_floor)
+    for own, part in ((compared, "train"), (unseen, "holdout")):
+        for step in (found.steps[-1], added.after):
+            assert step.errors[part].joints == pytest.approx(own.errors.joints, rel=1e-9)
 
 
 def test_an_effect_that_is_not_there_is_objected_to(recording, lacking):

@@ -8,10 +8,11 @@ import pytest
 
 from benchmarks.two_link import Multisine
 from estimators import diagnose, identify
-from estimators.diagnosis.arm import gather_arm, models_of_arm
 from estimators.diagnosis.setting import Setting
+from estimators.preprocessing import Preprocessed
 from estimators.regression.balance import Columns
 from estimators.selection.criterion import Criterion
+from estimators.selection.data import PreparedData
 from estimators.selection.models import Models
 from estimators.selection.search import select
 from pendulum_env.arms.joints import Links, arm_base, at_joint, coupling, couplings, placed
@@ -35,17 +36,14 @@ def base(body):
 
 @pytest.fixture(scope="module")
 def prepared(run, base):
-    return gather_arm([run], base)
+    return PreparedData.of_arm([run], base)
 
 
 @pytest.mark.parametrize("counts", [4096, 65_536])
 def test_a_whole_model_leaves_what_the_sensors_of_all_joints_give(body, base, counts):
-    coarse = gather_arm([recorded(seconds=8.0, noise=1e-3, counts=counts)], base)
-    felt, residual = coarse.inertias(base), coarse.regression.residual(base)
-    for joint in body.joints:
-        part = coarse.data.part(joint)
-        left = part.structure(residual[coarse.data.where(joint)], felt[joint])
-        assert left.all == pytest.approx(part.noise(felt[joint]), rel=0.25)
+    coarse = PreparedData.of_arm([recorded(seconds=8.0, noise=1e-3, counts=counts)], base)
+    left = coarse.data.errors(coarse.regression.residual(base))
+    assert left == pytest.approx(coarse.floors, rel=0.25)
 
 
 LAWS = ("load_dependent_friction", "torque_saturation", "actuator_lag", "torque_ripple")
@@ -70,7 +68,7 @@ def test_a_lag_that_only_makes_torque_smaller_gains_nothing_beside_a_true_one(ru
     elbow = Multisine.paper(0, (3.5, 2.2)).held(TIME, 1e-3)[:, 1]
     lags = 0.02 * np.gradient(elbow, 1e-3)  # the elbow's drive follows with a lag of 20 ms
     hums = np.sin(2 * np.pi * 15.0 * TIME)  # and something hums in the shoulder's channel
-    prepared = gather_arm([replace(run, torque=run.torque + np.column_stack([hums, lags]))], base)
+    prepared = PreparedData.of_arm([replace(run, torque=run.torque + np.column_stack([hums, lags]))], base)
     models = Models(prepared, prepared, base=base, tables=())
     lag = effect("actuator_lag")
     true = (*base, at_joint(lag, "elbow")(0.02))
@@ -126,6 +124,5 @@ def test_a_motor_that_turns_with_two_joints_loads_both(body, tmp_path, at, is_he
     assert pickle.loads(pickle.dumps(kind())) == kind()
     base = arm_base(body)
     kinds = {one.id: one for one in (*couplings(body), at_joint(effect("stribeck"), "elbow"))}
-    first, last = recording.split(0.7)
-    models = models_of_arm([first], [last], Setting(base, kinds))
+    models = Setting(base, kinds).models(Preprocessed((recording,), terms=(*base, *kinds.values())).parts)
     assert [term.id for term in select(models).terms[len(base) :]] == [kind.id]

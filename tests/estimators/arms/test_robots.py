@@ -40,14 +40,18 @@ def runs(tmp_path_factory):
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_friction_and_links_are_found_where_joints_are_held_follow_or_slide(runs, robot):
     body, recording = runs[robot]
-    model = identify(recording, arm_base(body), "filtered_dynamic")["filtered_dynamic"].model
+    found = identify(recording, arm_base(body))
+    model = found["filtered_dynamic"].model
     for own in (own for own in ROBOTS[robot][0] if own.sweep):
         assert model.estimates[f"viscous@{own.name}"].value == pytest.approx(own.viscous, rel=0.02)
         assert model.estimates[f"coulomb@{own.name}"].value == pytest.approx(own.coulomb, rel=0.01)
     std = np.array([model.estimates[name].std for name in body.names])
     assert np.all(np.abs(model.theta[: len(body.base)] - body.values) < 5 * std)
     assert np.all(std < 0.02 * np.abs(body.values).max())
-    assert max(compare(model, recording).joint.errors.shares.values()) < 0.02
+    compared = compare(model, recording)
+    assert max(compared.joint.errors.shares.values()) < 0.02
+    assert not compared.regions and not any("is missing" in doubt.text for doubt in found.doubts)
+    assert np.isnan(compared.joint.errors.torque_rms) == (len({*body.slides}) > 1)  # N and N m make no one number
 
 
 def test_a_torso_that_slides_has_its_mass_in_kg_and_its_friction_in_newtons(runs):

@@ -56,7 +56,8 @@ def test_json_is_laid_out_as_promised(name):
     assert data["unexplained"].keys() == {"present", "where"}
     assert data["unexplained"]["present"] == (data["unexplained"]["where"] is not None)
     assert bool(data["regions"]) == data["unexplained"]["present"]
-    assert 0 < data["noise_floor"]["torque_rms"] <= min(e["torque_rms"] for e in data["steps"][-1]["errors"].values())
+    least = min(errors["torque_rms"] for errors in data["steps"][-1]["errors"].values())
+    assert 0 < data["noise_floor"]["torque_rms"] < 1.3 * least  # by the scatter, whatever the model leaves
 
 
 @pytest.mark.parametrize("name", ["steps", "stribeck", "stribeck and tilt"])

@@ -27,7 +27,8 @@ def show(session: Session) -> list[Component]:
     offer = choice(state, busy, effects_to_choose(state.body, tables=True))
     if state.robot is not None:
         rungs = [("base model" if rung.added is None else f"+ {rung.added}", "", rung) for rung in state.ladder]
-        return [offer, panel("Errors step by step", fragment(joints(rungs, "held-out data", "")), *undo)]
+        section = joints(rungs, "held-out data", "", state.told.floors)
+        return [offer, panel("Errors step by step", fragment(section), *undo)]
     section = errors(state.standing)
     plots = html.Div([graph(figure) for figure in section.content["figures"]], className="columns even")
     fall = panel(section.title, html.P(said(state.ladder), className="before-after"), plots, *undo)

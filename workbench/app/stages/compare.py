@@ -16,7 +16,7 @@ from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from estimators.checks.residual import AXES, Region, profiles, stand_out, turns, wrapped
-from estimators.diagnosis.arm import gather_arm
+from estimators.selection.data import PreparedData
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.arms.recording import of_arms
 from pendulum_env.physics import Samples, effect
@@ -193,7 +193,7 @@ def _views(state: Work, id: str, shown: int) -> list[Component]:
 def _strips(state: Work, id: str) -> list[Component]:
     """Residuals of a recording, joint by joint, under the ends of the ladder."""
     recording = state.recordings[state.loaded.index(state.find(id))]
-    section = strips(ends(state.ladder), gather_arm(of_arms([recording]), state.model.terms))
+    section = strips(ends(state.ladder), PreparedData.of_arm(of_arms([recording]), state.model.terms))
     parts = []
     for strip in section.content["strips"]:
         texts: list[Component] = []

@@ -39,7 +39,7 @@ def show(session: Session) -> list[Component]:
         return [*timing(state), search]
     kind = "story found" if state.told.selected else "story"
     if state.robot is not None:
-        result = joints(ends(state.ladder), "held-out data", found.headline, found)
+        result = joints(ends(state.ladder), "held-out data", found.headline, found.floors, found)
     else:
         result = story(state.case)
     return [
