@@ -22,7 +22,7 @@ from estimators.in_loop.prepared import InLoop
 from estimators.in_loop.rollouts import FINE, Rollouts, with_gain
 from estimators.preprocessing import HELD_OUT, Preprocessed
 from estimators.selection.data import PreparedData, fit_terms
-from estimators.selection.errors import Step
+from estimators.selection.errors import Step, of_one
 from estimators.selection.models import Models
 from estimators.selection.moves import ids
 from estimators.selection.search import Selection, select
@@ -121,7 +121,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=tuple(left),
-        floors=models.left.floors,
+        floors=servos.train.data.encoder,
         advice=(*remedies(model, recordings, groups), *filter(None, [given.doubt])),
         forbidden=UNNAMED if left else None,
         torque_unit=given.unit,
@@ -198,7 +198,7 @@ def unexplained(found: Selection, train: InLoop) -> list[Region]:
         return []
     sizes = np.array([np.mean(np.abs(left[data.recording_of == k])) for k in range(len(data.recordings))])
     worst = int(np.argmax(sizes))
-    error, floor = float(np.mean(np.abs(left))), models.left.floor
+    error, floor = float(np.mean(np.abs(left))), of_one(data.encoder)
     most = f", most of it in {data.recordings[worst].name} ({sizes[worst]:.2g} rad)" if len(sizes) > 1 else ""
     times = f"{error / floor:.2g} times the encoder's noise"
     text = f"simulated from its goal, the servo is off by {error:.2g} rad, {times}{most}"

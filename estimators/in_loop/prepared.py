@@ -74,7 +74,7 @@ class InLoop:
 
     @cached_property
     def floors(self) -> dict[str, float]:
-        """Error in the loop that the encoder alone gives, by the joint's name [rad]."""
+        """Root mean square error in the loop that encoder and clock may give, by the joint's name [rad]."""
         return dict.fromkeys(self.data.joints, self.data.noise(0.0))
 
     def inertias(self, base: Sequence[Term]) -> dict[str, float]:

@@ -9,6 +9,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from estimators.signals.differentiation import encoder_noise
 from estimators.signals.motion import known_load
 from estimators.simulation.output_error import Point
 from estimators.weak_form.dataset import Structure
@@ -120,6 +121,12 @@ class Rollouts:
         steps = [np.abs(np.diff(recording.position)) for recording in self.recordings]
         least = min(float(own[own > FINEST].min(initial=np.inf)) for own in steps)
         return least / np.sqrt(12.0) if np.isfinite(least) else FINEST
+
+    @property
+    def encoder(self) -> dict[str, float]:
+        """Mean absolute error that the encoder alone makes, by the joint's name [rad]."""
+        noise = np.mean([encoder_noise(recording.position) for recording in self.recordings])
+        return dict.fromkeys(self.joints, float(np.sqrt(2 / np.pi) * noise))
 
     @cached_property
     def mistimed(self) -> tuple[Self, Self]:
