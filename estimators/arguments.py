@@ -113,6 +113,12 @@ def chosen_effects(
     return chosen
 
 
+def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recording]) -> dict[str, type[Term]]:
+    """Effects that recordings might show: none that needs a quantity which none of them has."""
+    measured = {"", *(name for own in recordings for name, value in vars(own).items() if value is not None)}
+    return {id: kind for id, kind in kinds.items() if kind.needs in measured}
+
+
 def within_limits(
     terms: Sequence[Term], library: Mapping[str, type[Term]], fixed: Mapping[str, float] | None, bounds: Limits | None
 ) -> tuple[tuple[Term, ...], dict[str, type[Term]]]:

@@ -7,7 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.arguments import Recordings, Terms, chosen_effects, chosen_recordings, chosen_terms, within_limits
+from estimators.arguments import (
+    Recordings,
+    Terms,
+    chosen_effects,
+    chosen_recordings,
+    chosen_terms,
+    that_may_show,
+    within_limits,
+)
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import disagreements, own_fits
 from estimators.checks.identifiability import identifiability, untold
@@ -110,6 +118,7 @@ def diagnose(
     terms, chosen = within_limits(terms, chosen, fixed, bounds)
     progress = forward(progress)
     fitted, unseen = chosen_recordings(recordings, body=body), chosen_recordings(holdout, empty=True, body=body)
+    chosen = that_may_show(chosen, fitted) if only is None else chosen
     setting = Setting(
         terms,
         chosen,

@@ -210,6 +210,7 @@ class TemperatureDependentFriction(Term):
     id = "temperature_dependent_friction"
     law = "(b1 q' + f1 sgn q') (T - 25 deg C)"
     kind = "dissipative"
+    needs = "temperature"
     omitted = "friction is that at 25 deg C"
     reveal = "a recording that warms the joint up, with a column of its temperature"
     typical = "viscous=-0.001,coulomb=0.001"

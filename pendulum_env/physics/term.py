@@ -184,6 +184,7 @@ class Term:
     by_angle: ClassVar[tuple[str, ...]] = ()  # functions of the angle alone that it is, see `of_angle`
     is_smooth: ClassVar[bool] = False  # whether it helps to follow any smooth torque, beside which the rest is noise
     is_of_speed: ClassVar[bool] = False  # whether it is friction that viscous and dry friction can stand in for
+    needs: ClassVar[str] = ""  # quantity that a recording has to have beside motion and torque
     omitted: ClassVar[str] = "it is left out"  # what that means where a simulator does not know it
     multimodal: ClassVar[str] = ""  # shape parameter over which the error has many local minima, searched one by one
     link: ClassVar[bool] = False  # whether its memory is position and velocity of a link behind the motor
