@@ -7,7 +7,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import estimators.arguments
 from estimators import add, compare, diagnose, identify
 from estimators.checks.residual import Region
 from estimators.wrappers import EstimateParameters, EstimateParametersVector
@@ -35,9 +34,7 @@ def runs() -> tuple[Recording, Recording]:
 def results(runs):
     """Every kind of result, by name."""
     few = {id: effects()[id] for id in ("stribeck", "quadratic_drag", "torque_offset")}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(estimators.arguments, "effects", lambda: few)
-        diagnosis = diagnose(*runs)
+    diagnosis = diagnose(*runs, library=few)
     found = identify(runs[0])
     model = found["dynamic"].model
     return {
