@@ -23,7 +23,7 @@ FEW = ("torque_offset", "coulomb_asymmetry", "stribeck", "quadratic_drag", "cogg
 @pytest.fixture
 def few_effects(monkeypatch):
     known = {id: effects()[id] for id in FEW}
-    monkeypatch.setattr(estimators.arguments, "effects", lambda: known)
+    monkeypatch.setattr(estimators.arguments, "nameable", lambda: known)
 
 
 @pytest.fixture(scope="module")
@@ -224,7 +224,7 @@ def test_diagnose_starts_from_a_model_and_holds_out_the_end(runs, tmp_path, caps
 def test_record_plays_what_a_diagnosis_suggests(tmp_path, capsys, monkeypatch):
     """Small swings under gravity look like a spring: the next experiment goes further, and no doubt is left."""
     monkeypatch.setattr(
-        estimators.arguments, "effects", lambda: {id: effects()[id] for id in ("spring", "gravity_tilt")}
+        estimators.arguments, "nameable", lambda: {id: effects()[id] for id in ("spring", "gravity_tilt")}
     )
     first, next_one, path = tmp_path / "first.csv", tmp_path / "next.csv", tmp_path / "d.json"
     plant = ["--theta", "coulomb=0.2,viscous=0.2", "-o"]

@@ -70,7 +70,7 @@ def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, monkeypatch
         "cogging",
     )  # a search among them is quick
     known = {id: effects()[id] for id in few}
-    monkeypatch.setattr(estimators.arguments, "effects", lambda: known)
+    monkeypatch.setattr(estimators.arguments, "nameable", lambda: known)
     rig = emulated("canopen402", effects=["cogging"], limits=PATIENT, encoder=HANGING)
     path = rig.folder / "run.csv"
     command = ["record", "--backend", "dm1015b", "--config", str(rig.config), "--seconds", "5", "-o", str(path)]
