@@ -169,8 +169,9 @@ def likelier(ways: Sequence[InLoop], base: Sequence[Term], effects: Sequence[typ
 
     def of(one: InLoop) -> float:
         terms = one.regression.settle(base)
-        beside = (trial.fitted_rms for effect in effects for trial in one.screen.ranked(terms, effect)[:1])
-        return min([one.screen.trial(terms).fitted_rms, *beside])
+        foreseen = [trial for effect in effects for trial in one.screen.ranked(terms, effect)[:1]]
+        promising = sorted(foreseen, key=lambda trial: trial.fitted_rms)[: LOOP.promising]
+        return min(one.screen.trial(each).fitted_rms for each in (terms, *(trial.terms for trial in promising)))
 
     return min(ways, key=of)
 

@@ -41,6 +41,7 @@ class LoopSettings:
     scales: int = 20  # turns of the fixed point for a scale
     typical: float = 0.05  # of the torque, a size at which a parameter matters
     hopeless: float = 15.0  # [nat], gain that linear equations foresee, below which a single turn says enough
+    promising: int = 3  # effects that are fitted to tell whether goals are held
     most: int = 24  # variants of a grid, from the best of which continuous shape parameters are fitted
     needed: float = 0.3  # of what the others leave, that an effect has to explain: a small error sticks elsewhere
 
