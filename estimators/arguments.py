@@ -12,7 +12,7 @@ from pendulum_env.arms.joints import at_joints, body_of, check_places, joint_eff
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics import BASE, Model, ModelError, Term, effects, nameable
+from pendulum_env.physics import BASE, Model, ModelError, Term, nameable
 from pendulum_env.physics.library import term
 from pendulum_env.physics.limits import Limits, check_names, limited, limited_term, limits_of
 from pendulum_env.reading import shown
@@ -133,7 +133,7 @@ def within_limits(
         return tuple(terms), dict(library)
     if body_of(terms) is not None:
         raise Mistake("values and bounds are known of pendulums alone: leave them out for an arm")
-    check_names(limits, (*(type(item) for item in terms), *effects().values(), *library.values()))
+    check_names(limits, (*(type(item) for item in terms), *nameable().values(), *library.values()))
     return (
         tuple(limited_term(item, limits) for item in terms),
         {id: limited(kind, limits) for id, kind in library.items()},

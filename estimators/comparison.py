@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves
-from estimators.checks.homogeneity import Disagreement, disagreements_with, misfits, own_fits
-from estimators.checks.residual import Profile, Region, profiles
+from estimators.checks.homogeneity import AGREEMENT, Disagreement, disagreements_with, misfits, own_fits
+from estimators.checks.residual import Profile, Region, everywhere, profiles
 from estimators.checks.torque_constant import unit_of
 from estimators.in_loop.fit import in_loop
 from estimators.preprocessing import Preprocessed
@@ -19,7 +19,7 @@ from estimators.selection.errors import Errors, of_one
 from estimators.simulation.free_running import growth, select
 from estimators.simulation.multiple_shooting import has_link
 from estimators.weak_form.dataset import dataset
-from pendulum_env._typing import JSON
+from pendulum_env._typing import JSON, Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.arms.recording import of_arms
@@ -204,11 +204,21 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
         tuple(distances),
         joint,
         tuple(profiles(together.samples, left, joint.noise_floor) if body is None else ()),
-        tuple(region for at in joint.floors for region in together.stand_out(left, at, most=most)),
+        tuple(region for at in joint.floors for region in _fails(together, left, at, most)),
         (*disagreements_with(model, fits), *misfits(fits)),
         recordings[0].torque_constant,
         Preprocessed(recordings, recordings, terms=terms).holding((together, together)),
     )
+
+
+def _fails(prepared: PreparedData, left: Array, at: str, most: int) -> list[Region]:
+    """Where a residual (R,) stands out of the noise at a joint, everywhere if it is far beyond it at no one place."""
+    found, floor = prepared.stand_out(left, at, most=most), prepared.floors[at]
+    error = prepared.data.errors(left)[at]
+    if found or error <= AGREEMENT.misfits * max(floor, prepared.data.negligible(at)):
+        return found
+    text = "more is left than noise leaves, but at no one position, velocity or torque"
+    return [replace(everywhere(text, prepared.data.part(at).samples, error, floor), at=at)]
 
 
 def of_joints(errors: Errors, floors: Mapping[str, float], body: Body) -> list[JSON]:

@@ -22,7 +22,7 @@ from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.files import check_output, write_whole
 from pendulum_env.lookup import find
-from pendulum_env.physics import Model, ModelError, Term, effect
+from pendulum_env.physics import Model, ModelError, Term, nameable
 from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import DIGITS, LARGE, LARGEST, Unreadable, Value, read_json, shown
 from pendulum_env.recording import Recording, Source
@@ -232,9 +232,13 @@ def ids(text: str) -> list[str]:
     return found
 
 
-def known_effect(id: str, known: Callable[[str], type[Term]] = effect) -> str:
-    """Id of an effect, by default of the library, or of the one that only arms have; raises ValueError otherwise."""
-    return id if id == COUPLING else known(id).id
+def known_effect(id: str, known: Callable[[str], type[Term]] | None = None) -> str:
+    """Id of an effect, by default of those that may be named, or of the one that only arms have.
+
+    Raises:
+        ValueError: if there is none; the message names the nearest.
+    """
+    return id if id == COUPLING else (find("effect", id, nameable()) if known is None else known(id)).id
 
 
 def known(text: str) -> dict[str, float]:

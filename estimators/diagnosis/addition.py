@@ -81,7 +81,7 @@ def add(
         before, longer, against = _searched(servos.models, kind)
         shown, after = servos.sharpened(before), servos.sharpened(longer)
         against = objection(after, shown, servos.models.train.motions) or against
-        return Addition(shown, after, servos.train.data.encoder, against, servos.given.doubt)
+        return Addition(shown, after, servos.models.left.floors, against, servos.given.doubt)
     progress("reading the motion", 0.0)
     given = Preprocessed.of(recordings, holdout).with_impacts(model.terms)
     models = setting.models(given.parts)

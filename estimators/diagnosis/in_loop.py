@@ -169,7 +169,8 @@ def likelier(ways: Sequence[InLoop], base: Sequence[Term], effects: Sequence[typ
 
     def of(one: InLoop) -> float:
         terms = one.regression.settle(base)
-        foreseen = [trial for effect in effects for trial in one.screen.ranked(terms, effect)[:1]]
+        beside = [effect for effect in effects if effect.id not in ids(terms)]
+        foreseen = [trial for effect in beside for trial in one.screen.ranked(terms, effect)[:1]]
         promising = sorted(foreseen, key=lambda trial: trial.fitted_rms)[: LOOP.promising]
         return min(one.screen.trial(each).fitted_rms for each in (terms, *(trial.terms for trial in promising)))
 

@@ -3,7 +3,8 @@
 Errors of a rollout last for seconds, and some of them are large, where a servo sticks elsewhere than its model: what
 counts is their density as that of a hyperbolic secant, sech(pi e / 2 s) / 2 s, which is normal in the middle and
 exponential in its tails. So no error is left out, and what is large counts as it does in the mean distance that servos
-are compared by. One scale s serves all recordings of a servo.
+are compared by. One scale s serves all recordings of a servo. (The score of a search, which compares blocks of models
+that are fitted, keeps Student's t, under which no block decides by itself.)
 
 Source: Fischer, Generalized Hyperbolic Secant Distributions, 2014.
 """

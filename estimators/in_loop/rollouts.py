@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from estimators.signals.differentiation import encoder_noise
-from estimators.signals.motion import known_load
+from estimators.signals.motion import known_load, warmth
 from estimators.simulation.output_error import Point
 from estimators.weak_form.dataset import Structure
 from estimators.weak_form.windows import Windows
@@ -84,6 +84,7 @@ class Rollouts:
             np.array([_velocity_at_start(part) for part in parts]),
             np.array([part.time[0] for part in parts]),
             KnownLoad(*loads) if any(np.any(own) for own in loads) else KnownLoad(),
+            between([warmth(part) for part in parts]) if any(part.temperature is not None for part in parts) else None,
         )
 
     @cached_property

@@ -320,7 +320,8 @@ def _lacking(results: Sequence[Identified], prepared: PreparedData, terms: Seque
     least = {at: AGREEMENT.misfits * max(floors[at], data.negligible(at)) for at in left}
     times = {at: error / max(floors[at], 1e-300) for at, error in left.items() if error > least[at]}
     apart = {name: gap for gap, name in sorted(_gaps(results)) if gap > APART}  # of each name the largest
-    found = [f"what these terms leave is {_at_most(times, 'times what noise gives')}"] if times else []
+    most = "up to " * (len(times) > 1)
+    found = [f"what these terms leave is {most}{_at_most(times, 'times what noise gives')}"] if times else []
     found += [f"the schemes differ by up to {_at_most(apart, 'of their standard errors')}"] if apart else []
     return [f"{listing(found)}: something is missing, run diagnose"] if found else []
 

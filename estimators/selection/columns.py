@@ -111,4 +111,4 @@ def bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
 
 def complexity(term: Term) -> int:
     """Number of parameters of a term."""
-    return len(term.columns) + len(term.free)
+    return len(term.columns) + sum(not shape.follows for shape in term.free)

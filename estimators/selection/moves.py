@@ -210,12 +210,12 @@ def ids(terms: Sequence[Term]) -> frozenset[str]:
 
 def forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
     """Ids of some terms, each with the names of its free shape parameters."""
-    return frozenset((term.id, *(shape.name for shape in term.free)) for term in terms)
+    return frozenset((term.id, *(shape.name for shape in term.free if not shape.follows)) for term in terms)
 
 
 def has_bristles(term: Term) -> bool:
     """Whether it is friction with a state, which is not measured."""
-    return term.kind == "dissipative" and term.remembers
+    return term.kind == "dissipative" and term.hides
 
 
 def is_hidden(term: Term) -> bool:

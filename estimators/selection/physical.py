@@ -45,9 +45,7 @@ def _impossible(model: Model, x: Samples, is_coupled: bool) -> list[str]:
     if "inertia" in model.estimates and model.estimates["inertia"].value <= 0:
         found.append("negative inertia")
     rubbing = [(term, column, value) for term, column, value in _parts(model) if term.kind == "dissipative"]
-    power = sum(
-        (value * column.power(x) for term, column, value in rubbing if not term.remembers), np.zeros_like(x.time)
-    )
+    power = sum((value * column.power(x) for term, column, value in rubbing if not term.hides), np.zeros_like(x.time))
     if np.mean(power < 0) > SELDOM and not is_coupled:
         found.append("friction that drives")
     pushing = [(column, value) for term, column, value in _parts(model) if _pushes(term)]
@@ -61,7 +59,7 @@ def _impossible(model: Model, x: Samples, is_coupled: bool) -> list[str]:
 
 def _forms(terms: Sequence[Term]) -> set[tuple[str, str, tuple[str, ...]]]:
     """Which effects there are, where, and with which shape parameters that are told."""
-    return {(term.id, term.at, tuple(shape.name for shape in term.free)) for term in terms}
+    return {(term.id, term.at, tuple(shape.name for shape in term.free if not shape.follows)) for term in terms}
 
 
 def _pushes(term: Term) -> bool:

@@ -19,7 +19,7 @@ import numpy as np
 
 from estimators.regression.equations import IdentificationError
 from estimators.signals.differentiation import encoder_noise, near_turns, scatter
-from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, SLOWEST, known_load
+from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, SLOWEST, known_load, warmth
 from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.term import ROOM, UNLOADED, Memory
@@ -196,9 +196,7 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
         torque_noise=scatter(recording.torque) * _length(before),
         reach=smoothing.reach + 1,
         load=known_load(recording),
-        temperature=ROOM
-        if recording.temperature is None
-        else recording.temperature[smoothing.reach : -smoothing.reach],
+        temperature=warmth(recording)[smoothing.reach : -smoothing.reach],
     )
 
 

@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from pendulum_env._typing import Array
 from pendulum_env.physics import KnownLoad
-from pendulum_env.physics.term import UNLOADED
+from pendulum_env.physics.term import ROOM, UNLOADED
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
 HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
 LEAD_IN = 0.3  # [s] at the start, in which effects with memory still depend on their unrecorded initial state
 SLOWEST = 0.02  # [rad/s]; below it, or below five times its noise, a velocity has no sign
+
+
+def warmth(recording: Recording) -> Array:
+    """Temperature along a recording (N,) [deg C]: that of a room if nobody measured it.
+
+    A thermometer shows it in steps; it is taken to run through their middles.
+    """
+    if recording.temperature is None:
+        return np.full(len(recording), ROOM)
+    begins = np.flatnonzero(np.diff(recording.temperature, prepend=np.nan) != 0)
+    ends = np.append(begins[1:], len(recording)) - 1
+    middles = 0.5 * (recording.time[begins] + recording.time[ends])
+    return np.interp(recording.time, middles, recording.temperature[begins])
 
 
 def known_load(recording: Recording) -> KnownLoad:

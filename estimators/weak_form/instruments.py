@@ -41,7 +41,7 @@ def fit_by_reference(data: Dataset, terms: Sequence[Term]) -> Model:
             motion alone.
     """
     for term in terms:
-        if term.remembers or term.fixed or any(column.of_torque for column in term.columns):
+        if term.hides or term.fixed or any(column.of_torque for column in term.columns):
             raise IdentificationError(f"{term.id} depends on more than the motion: instruments cannot estimate it")
     followed = [_followed(w.recording) for w in data.windows]
     along = [

@@ -26,10 +26,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.sparse import block_diag, csr_array
 
 from estimators.signals.differentiation import from_position, from_velocity, near_turns, shared, white_noise
-from estimators.signals.motion import LEAD_IN, SLOWEST, known_load
+from estimators.signals.motion import LEAD_IN, SLOWEST, known_load, warmth
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.physics import Column, KnownLoad, Samples, Term
-from pendulum_env.physics.term import LOAD, ROOM, traces
+from pendulum_env.physics.term import LOAD, traces
 from pendulum_env.recording import Recording
 
 
@@ -327,7 +327,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
             v,
             held(recording.torque),
             load=known_load(recording),
-            temperature=ROOM if recording.temperature is None else recording.temperature,
+            temperature=warmth(recording),
         ),
         acceleration=motion.acceleration,
         kernel=window,

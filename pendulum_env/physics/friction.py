@@ -240,7 +240,8 @@ class TemperatureDependentFriction(Term):
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
         measured = np.broadcast_to(x.temperature, x.time.shape)
-        return measured, (np.interp(x.time + WHILE, x.time, measured) - measured) / WHILE
+        later = np.minimum(x.time + WHILE, x.time[-1])
+        return measured, (np.interp(later, x.time, measured) - measured) / np.maximum(later - x.time, period)
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:

@@ -296,6 +296,11 @@ class Term:
         return type(self).start is not Term.start
 
     @property
+    def hides(self) -> bool:
+        """Whether it has a state that nobody measured."""
+        return self.remembers and not self.needs
+
+    @property
     def free(self) -> tuple[Shape, ...]:
         """Shape parameters that are to be found: those that are not at their usual value."""
         return tuple(shape for shape in self.shapes if np.any(getattr(self, shape.name) != shape.usual))

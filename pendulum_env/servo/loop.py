@@ -16,9 +16,10 @@ import numpy as np
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.simulation import Balance, Prepared, in_symbols, rows, samples, step
 from pendulum_env.physics.symbols import name, repeated
-from pendulum_env.physics.term import upper
+from pendulum_env.physics.term import ROOM, upper
 from pendulum_env.servo.drive import Drive
 
 GAINS = ("kp", "ki", "kd", "most", "seen", "old", "turn")  # of each servo
@@ -37,6 +38,7 @@ class Servos:
         position, velocity: at the start (B,) [rad, rad/s].
         start: time of the first sample (B,) [s].
         load: what is known to hang on each (B,).
+        temperature: of each over each step (N, B) [deg C]; None: nobody measured it.
     """
 
     drives: tuple[Drive, ...]
@@ -48,12 +50,13 @@ class Servos:
     velocity: Array
     start: Array
     load: KnownLoad
+    temperature: Array | None = None
 
 
 class State(NamedTuple):
     """What a controller remembers: the output it holds, those before, its integral, and the speed that it sees.
 
-    `velocity` is the true one at its last look: the positions of two looks tell the mean of both.
+    `velocity` is the true one at its last look: where the joint speeds up evenly, two positions tell the mean of both.
     """
 
     held: Any
@@ -64,12 +67,13 @@ class State(NamedTuple):
 
 
 class Given(NamedTuple):
-    """What a servo is given over a step: goal, scale of its output, whether it is on, and due to look again."""
+    """What a servo is given over a step: goal, scale of its output, whether it is on, due to look, how warm it is."""
 
     goal: Any
     scale: Any
     on: Any
     due: Any
+    temperature: Any = ROOM
 
 
 def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) -> Array:
@@ -92,7 +96,8 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
     gains = np.array([gains_of(drive, servos.step) for drive in servos.drives]).T
     scale = np.column_stack([drive.scale(own) for drive, own in zip(servos.drives, servos.supply.T, strict=True)])
-    inputs = np.stack([servos.goal, scale, servos.on, _due(servos)], axis=1)
+    warm = np.full_like(servos.goal, ROOM) if servos.temperature is None else servos.temperature
+    inputs = np.stack([servos.goal, scale, servos.on, _due(servos), warm], axis=1)
     program = _prepared(terms, speed, len(weights), loaded, integrates, h)
     theta = theta[:, :, None]
     constants = [*theta, *program.shapes, *gains[:, None], *(servos.load if loaded else ()), *weights, h]
@@ -169,7 +174,8 @@ def servo_step(
 ) -> tuple[Samples, State]:
     """One step of servos and their controllers, in symbols or arrays."""
     torque, state = control(x, state, given, gains, taps, speed)
-    memory: Any = {id: (given.on,) if id == BackEmf.id else own for id, own in x.memory.items()}
+    measured = {BackEmf.id: (given.on,), TemperatureDependentFriction.id: (given.temperature, 0.0)}
+    memory: Any = {id: measured.get(id, own) for id, own in x.memory.items()}
     after = step(balance, replace(x, torque=torque, memory=memory), h)
     return after, state
 

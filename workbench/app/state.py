@@ -15,6 +15,7 @@ from estimators.arguments import chosen_effects, within_limits
 from estimators.arms.gains import in_torque, without_loads
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import Doubt, identifiability
+from estimators.checks.residual import everywhere
 from estimators.checks.torque_constant import told
 from estimators.diagnosis.addition import add, fit
 from estimators.diagnosis.result import Addition, Diagnosis
@@ -451,7 +452,9 @@ class State:
             felt, part = prepared.inertias(prepared.base), prepared.data
             structures = {at: part.part(at).structure(residual[part.where(at)], felt[at]) for at in part.joints}
             some = [at for at, own in structures.items() if not Criterion().is_noise(own, prepared.floors[at])]
-            left = tuple(region for at in some for region in prepared.stand_out(residual, at))
+            left = tuple(
+                region for at in some for region in prepared.stand_out(residual, at) or [replace(everywhere(""), at=at)]
+            )
         if found is not None:
             return replace(found, steps=self.ladder, unexplained=left)
         doubts = tuple(doubt.text for doubt in self.doubts)

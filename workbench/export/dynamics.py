@@ -28,7 +28,7 @@ RESERVED = frozenset(  # names that the exported programs and their languages ha
     switch typedef union unsigned void volatile fabs sin cos tan exp log sqrt tanh atan pow fmax fmin gamma
     round hypot y0 y1 j0 j1 inline restrict memset INFINITY NAN NamedTuple pendulum_step
     np Any Value SimpleNamespace NUMBERS _functions
-    goal supply on applied friction phase held speed integral limit kp ki kd gain""".split()
+    goal supply on applied friction phase held speed last_velocity integral limit kp ki kd gain""".split()
 )
 
 

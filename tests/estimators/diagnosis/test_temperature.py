@@ -43,7 +43,7 @@ ASKED = {kind.id: kind for kind in (TemperatureDependentFriction, FrictionDrift)
 def test_friction_by_temperature_is_named_and_told_per_kelvin(tmp_path):
     known, unseen = warmed(1), warmed(2)
     found = diagnose([known], [unseen], library=ASKED)
-    assert found.selected == ("temperature_dependent_friction",)
+    assert found.selected == ("temperature_dependent_friction",) and not found.unexplained
     for part, share in (("viscous", THINNER), ("coulomb", ROUGHER)):
         own = found.model.derived[f"temperature_dependent_friction.{part}_share"]
         assert own.unit == "%/K"
