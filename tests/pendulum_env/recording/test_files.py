@@ -489,6 +489,18 @@ def test_single_precision_time_shifts_nothing(tmp_path: Path, columns: dict[str,
     np.testing.assert_array_equal(recording.torque, columns["torque"].astype(np.float32))
 
 
+def test_a_motor_is_off_from_the_sample_that_says_so_on_where_jitter_is_resampled(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    time = (np.arange(2000) + rng.uniform(-0.2, 0.2, 2000)) / 500
+    on = (np.sin(5 * time) > -0.5).astype(float)
+    rows = np.column_stack([time, np.sin(3 * time), np.cos(3 * time), on])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="time,position,torque,enabled", comments="")
+    read = read_recording(tmp_path / "log.csv")
+    last = np.array([on[time <= now + 1e-9][-1] for now in read.time])
+    assert any("resampled" in note for note in read.notes)
+    np.testing.assert_array_equal(read.enabled, last)
+
+
 def test_jitter_is_resampled_and_reported(write: Write) -> None:
     rng = np.random.default_rng(1)
     time = np.arange(2000) / 500.0
