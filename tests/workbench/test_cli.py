@@ -50,7 +50,14 @@ def test_version_and_commands_are_said(capsys):
 
 def test_what_is_chosen_and_fixed_on_the_command_line_is_what_is_fitted(runs, tmp_path, capsys):
     train, holdout, model = runs / "train.csv", runs / "holdout.csv", tmp_path / "model.json"
-    chosen = ["--only", "stribeck,quadratic_drag", "--fix", "gravity=2.01", "--bound", "viscous=0:0.5,stribeck=:0.6"]
+    chosen = [
+        "--only",
+        "stribeck,quadratic_drag,temperature_dependent_friction",
+        "--fix",
+        "gravity=2.01",
+        "--bound",
+        "viscous=0:0.5,stribeck=:0.6",
+    ]
     assert main(["diagnose", str(train), "--holdout", str(holdout), *chosen, "--all", "-o", str(model)]) == 0
     out = capsys.readouterr().out
     assert "fit of what was held out: torque 9" in out and re.search(r"^quadratic_drag +rejected", out, re.M)

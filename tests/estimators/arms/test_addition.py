@@ -1,6 +1,7 @@
 """An effect added at a joint, in data from SciPy's integration of the textbook's arm with air drag at the elbow."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,7 +48,12 @@ def test_what_is_missing_at_a_joint_is_warned_of_and_judged_and_nothing_where_no
     assert {region.at for region in compared.regions} == {"elbow"} and "at elbow" in compared.headline
     whole = recorded(seed=1)
     found = identify(whole, arm_base(body))
-    assert not found.doubts and not compare(found["filtered_dynamic"].model, whole).regions
+    model = found["filtered_dynamic"].model
+    assert not found.doubts and not compare(model, whole).regions
+    waves = np.random.default_rng(0).uniform(30.0, 300.0, 12)
+    shaken = 0.06 * np.sin(np.outer(whole.time, waves)).sum(axis=1)[:, None] * [1.0, 0.0]
+    off = compare(model, replace(whole, torque=whole.torque + shaken))  # of no position, velocity or torque
+    assert {region.at for region in off.regions} == {"shoulder"} and "explains" not in off.headline
 
 
 def test_every_command_has_the_same_noise_floor_and_the_same_errors(body, recording, lacking):

@@ -15,6 +15,7 @@ from estimators.in_loop.rollouts import Rollouts, are_driven
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, Model, effects
 from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import (
     Recording,
@@ -220,33 +221,35 @@ def test_fit_finds_the_likeliest_parameters_from_far_away(plain):
 
 
 def geared(kp: float, seed: int) -> Recording:
-    """A servo whose gear is pressed by its motor, less its back-EMF, and by the weight that it drops in the end."""
+    """A servo whose gear is pressed by its motor, less its back-EMF, and by the weight that it drops, and warms up."""
     rng, step, every = np.random.default_rng(seed), 2e-4, 25
     time = step * np.arange(30_000)
     (fast, slow), phase = rng.uniform(2.0, 6.0, 2), rng.uniform(0.0, 6.0)
     goal = (1.0 + 0.7 * np.sin(fast * time) + 0.4 * np.sin(slow * time + phase))[::every]
-    on = time[::every] < 5.0
+    on, warmer = time[::every] < 5.0, 2.5 * time[::every]
     q, v, path = goal[0], 0.0, []
     for k in range(len(time)):
         if k % every == 0:
             path.append(q)
             held = min(max(kp * (goal[k // every] - q), -6.0), 6.0) if on[k // every] else 0.0
         motor, weight = (held - 0.3 * v if on[k // every] else 0.0), -0.9 * np.sin(q)
-        dry = 0.05 + 0.25 * abs(motor) + 0.15 * abs(weight)
+        dry = 0.05 + 0.25 * abs(motor) + 0.15 * abs(weight) + 0.004 * warmer[k // every]
         free = v + step * (motor + weight - 0.02 * v) / 0.012
         after = np.sign(free) * max(abs(free) - step * dry / 0.012, 0.0)
         q, v = q + 0.5 * step * (v + after), after
     drive = Drive(output="torque", kp=kp, limit=6.0, rate=1 / (every * step))
     torque = on * np.clip(kp * (goal - path), -6.0, 6.0)
-    return Recording(f"{kp}", time[::every], np.array(path), torque, reference=goal, drive=drive, enabled=on)
+    known = {"reference": goal, "drive": drive, "enabled": on, "temperature": 25.0 + warmer}
+    return Recording(f"{kp}", time[::every], np.array(path), torque, **known)
 
 
-def test_what_a_motor_loses_by_turning_presses_no_gear():
+def test_what_a_motor_loses_by_turning_presses_no_gear_and_what_warms_up_rubs_more():
     rollouts = Rollouts((geared(4.0, 1), geared(8.0, 2)))
-    terms = (*BASE, BackEmf(), effects()["load_dependent_friction"]())
-    start = Point(terms, np.array([0.01, 0.8, 0.05, 0.1, 0.1, 0.1, 0.1]))
-    found = fit(rollouts, start, np.r_[TYPICAL[:4], 0.05, 0.05, 0.05], share=0.0)
-    assert found.point.theta == pytest.approx([0.012, 0.9, 0.02, 0.05, 0.3, 0.25, 0.15], rel=0.05, abs=2e-3)
+    terms = (*BASE, BackEmf(), effects()["load_dependent_friction"](), TemperatureDependentFriction())
+    start = Point(terms, np.array([0.01, 0.8, 0.05, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0]))
+    found = fit(rollouts, start, np.r_[TYPICAL[:4], 0.05, 0.05, 0.05, 1e-3, 1e-3], share=0.0)
+    assert found.point.theta[:7] == pytest.approx([0.012, 0.9, 0.02, 0.05, 0.3, 0.25, 0.15], rel=0.05, abs=2e-3)
+    assert found.point.theta[7:] == pytest.approx([0.0, 0.004], abs=3e-4)
 
 
 def test_log_of_goals_and_positions_needs_no_torque(plain, tmp_path):
