@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from benchmarks.two_link import TwoLink
 from estimators import add, compare, diagnose, identify
@@ -50,8 +51,8 @@ def test_what_is_missing_at_a_joint_is_warned_of_and_judged_and_nothing_where_no
     found = identify(whole, arm_base(body))
     model = found["filtered_dynamic"].model
     assert not found.doubts and not compare(model, whole).regions
-    waves, phases = np.random.default_rng(0).uniform([[150.0], [0.0]], [[370.0], [6.0]], (2, 200))
-    shaken = 0.02 * np.sin(np.outer(whole.time, waves) + phases).sum(axis=1)[:, None] * [1.0, 0.0]
+    rumble = lfilter(*butter(2, (20.0, 60.0), "bandpass", fs=1000.0), np.random.default_rng(0).normal(size=10_000))
+    shaken = 0.2 * np.column_stack([rumble / rumble.std(), 0 * rumble])
     (left,) = compare(model, replace(whole, torque=whole.torque + shaken)).regions
     assert left.at == "shoulder" and "at no one position" in left.text
 
