@@ -65,7 +65,7 @@ class Looped:
         base, windows = base_of(setting.base, fitted), PreparedData.of(fitted, part=first)
         ways = [InLoop(Rollouts(fitted, is_held=held, shares=first), windows) for held in (True, False)]
         library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
-        train = likelier(ways, base, list(library.values()))
+        train = likeliest_way(ways, base, list(library.values()))
         rest = Rollouts(unseen, is_held=train.data.is_held, shares=last)
         check = InLoop(rest, PreparedData.of(unseen, part=last), train)
         models = Models(
@@ -161,7 +161,7 @@ def _calibrated(recordings: Sequence[Recording], holdout: Sequence[Recording]) -
     return Preprocessed.of(recordings, holdout)
 
 
-def likelier(ways: Sequence[InLoop], base: Sequence[Term], effects: Sequence[type[Term]]) -> InLoop:
+def likeliest_way(ways: Sequence[InLoop], base: Sequence[Term], effects: Sequence[type[Term]]) -> InLoop:
     """That of several ways to look at recordings under which a model is likeliest, with one more effect if need be.
 
     A goal that is held is late by half a sample, which a model without what is missing may well prefer.

@@ -105,7 +105,7 @@ def opened(folder: Path) -> State:
                 begun = replace(begun, terms=terms, model_file=_typed(str, content["model_file"]))
             begun.asked.check(begun.base_terms)
             return begun
-        _of_one_table(content["diagnosis"])
+        _of_older(content["diagnosis"])
         hints, terms = get_type_hints(State), _typed(Model, content["base"]).terms
         known = {name: _typed(hints[name], content[key]) for key, name in MEMBERS.items()}
         origins = _typed(tuple[tuple[str, ...], ...], content["origins"])
@@ -145,7 +145,7 @@ def _data_of(state: State, found: Diagnosis, content: JSON) -> Preprocessed:
     return replace(data, window_share=share, impacts_beside=beside)
 
 
-def _of_one_table(diagnosis: JSON | None) -> None:
+def _of_older(diagnosis: JSON | None) -> None:
     """Give a diagnosis of older sessions, which tell one table or none, and one noise floor, its tables and floors."""
     if diagnosis is not None and "table" in diagnosis:
         diagnosis["tables"] = [] if (table := diagnosis.pop("table")) is None else [table]
