@@ -109,8 +109,8 @@ class Diagnosis:
         ambiguous: groups of effects that these data cannot tell apart.
         unexplained: regions whose residual no candidate explains, empty when the noise floor is reached; of an arm one
             of each joint that leaves more than noise, without a text where it stands out nowhere.
-        floors: torque error that measurement noise alone gives at each joint [N m]; in the loop the mean distance that the
-            encoder alone gives [rad].
+        floors: torque error that measurement noise alone gives at each joint [N m]; in the loop the mean distance
+            that the encoder alone gives [rad].
         advice: experiments that would settle what is open, in words.
         suggestion: the experiment that would settle most of what is open, None if nothing is, or none would.
         forbidden: why no experiment settles what is open or left, above all the limits of the rig; None if nothing is.
@@ -306,8 +306,8 @@ class Addition:
     Attributes:
         before: the model refitted without the effect, and its errors.
         after: the same with the effect.
-        floors: torque error that measurement noise alone gives at each joint [N m]; in the loop that of the position which
-            encoder and clock may give [rad].
+        floors: torque error that measurement noise alone gives at each joint [N m]; in the loop that of the position
+            which encoder and clock may give [rad].
         objection: what speaks against the effect, None if nothing does.
         doubt: why the torque constant of a current is not known; None if it is, or torque was logged.
     """
