@@ -42,7 +42,8 @@ def test_friction_that_surely_drives_is_said_where_no_other_outweighs_it():
     drives = Model.build(BASE, [0.1, 2.0, 0.1, -0.2], [0.01] * 4)
     assert driving_friction(drives)[0].startswith("coulomb came out negative")
     assert driving_friction(Model.build(BASE, [0.1, 2.0, -0.2, -0.2], [0.01] * 4))[0].startswith("viscous and coulomb")
-    assert driving_friction(Model.build(BASE, [0.1, 2.0, 0.1, -0.02], [0.01] * 4)) == []  # or it may be noise
+    assert driving_friction(Model.build(BASE, [0.1, 2.0, 0.1, -0.031], [0.01] * 4))
+    assert driving_friction(Model.build(BASE, [0.1, 2.0, 0.1, -0.029], [0.01] * 4)) == []  # or it may be noise
     assert driving_friction(Model.build(BASE, [0.1, 2.0, 0.1, -0.2], [0.01, 0.01, 0.01, 0.0])) == []  # or what was told
     assert driving_friction(Model.build([*BASE, effect("stribeck")()], [0.1, 2.0, 0.1, -0.2, 0.5], [0.01] * 5)) == []
 
