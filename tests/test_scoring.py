@@ -80,7 +80,7 @@ def test_the_true_parameters_explain_the_recording(id: str, runs: dict[str, Simu
     run = runs[id]
     truth = Truth.of(id, run.truth)
     kind, values = effect(id), dict(truth.parameters)
-    values |= {f"{id}.{shape.name}": values[shape.follows] for shape in kind.shapes if shape.follows}
+    values |= {f"{id}.{shape.name}": values[shape.follows] for shape in kind.shapes if shape.follows in values}
     term = kind(**{shape.name: values.get(f"{id}.{shape.name}", shape.usual) for shape in kind.shapes})
     prepared = PreparedData.of([Recording(id, run.time, run.position, run.torque)])
 

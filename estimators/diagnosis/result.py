@@ -193,7 +193,9 @@ class Diagnosis:
             rest = ", and more that no known effect explains" if self.unexplained else ""
             return f"{opening(listing(found))} {'is' if len(found) == 1 else 'are'} missing{rest}"
         if not self.searched:
-            return "Something is missing in this model" if self.unexplained else "The model explains what was measured"
+            where = listing([at for at in dict.fromkeys(region.at for region in self.unexplained) if at])
+            missing = f"Something is missing {f'at {where}' if where else 'in this model'}"
+            return missing if self.unexplained else "The model explains what was measured"
         if self.unexplained:
             return "Something is missing, and no known effect explains it"
         return "Nothing is missing"
