@@ -68,7 +68,7 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     drop(session, *two_link(tmp_path, 4.0))
     state = session.state
     assert session.notice == "" and state.body is not None and not state.trouble
-    assert told(state)[1] == "Something is missing in this model"
+    assert told(state)[1] == "Something is missing at shoulder and elbow"
     assert effects_to_choose(state.body, tables=True)["torque_by_angle@elbow"].endswith("at elbow")
     session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow")))
     assert session.notice == ""
