@@ -12,6 +12,7 @@ from estimators.checks.homogeneity import AGREEMENT, Disagreement, disagreements
 from estimators.checks.residual import Profile, Region, everywhere, profiles
 from estimators.checks.torque_constant import unit_of
 from estimators.in_loop.fit import in_loop
+from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData
@@ -197,7 +198,8 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
         )  # an arm has no parts
     )
     left = together.residual(model.terms, model.theta)
-    fits = own_fits([together.data], model.terms) if body is None else []
+    told_by_torque = body is None and not are_driven(recordings)
+    fits = own_fits([together.data], model.terms) if told_by_torque else []
     terms, most = model.terms if body is not None else (), max(1, SHOWN // len(joint.floors))
     return Comparison(
         model,

@@ -25,7 +25,8 @@ GRAIN = 0.02  # [s] between the positions that are compared,
 STEPS, FINE = 11, 20  # of the integrator while models are searched for, and in the end
 CLUSTER = 1.5  # [s], errors of a rollout that tell as much as one
 LEAST = 1e-4  # of the motion
-BEGINNING = 0.08  # [s], that tells the speed at the start
+BEGINNING = 0.08  # [s], that tells the speed at the start, where it is a cubic for so long,
+SHORTEST = 6  # samples that do at least
 FINEST = 1e-6  # [rad], below which a step of an encoder is a number's rounding
 JITTER = 0.03  # of a sample, by which a clock is off
 FARTHEST = 2.0  # [rad], error that a larger one counts as
@@ -266,6 +267,13 @@ def are_driven(recordings: Sequence[Recording]) -> bool:
 def _velocity_at_start(recording: Recording) -> float:
     if recording.velocity is not None:
         return float(recording.velocity[0])
-    few = min(len(recording), max(6, round(BEGINNING * recording.rate)))
-    time = recording.time[:few] - recording.time[0]
-    return float(np.polyfit(time, recording.position[:few], min(3, few - 1))[-2])
+    few, noise = (
+        min(len(recording), max(SHORTEST, round(BEGINNING * recording.rate))),
+        encoder_noise(recording.position),
+    )
+    while True:
+        time, position = recording.time[:few] - recording.time[0], recording.position[:few]
+        cubic = np.polyfit(time, position, min(3, few - 1))
+        if few <= SHORTEST or np.std(np.polyval(cubic, time) - position) < 1.2 * noise:
+            return float(cubic[-2])
+        few = max(SHORTEST, few // 2)  # a servo that was told to go at once is no cubic for long

@@ -563,7 +563,9 @@ def test_an_arm_from_its_file_to_an_effect_at_a_joint(tab, tmp_path):
     tab.load(*two_link(tmp_path))
     page.wait_for_selector("td:has-text('run')")
     assert page.locator(".data .js-plotly-plot").count() == 2  # one strip a joint
-    assert "joints that move" in page.inner_text("#stage") and tab.title() == "Something is missing at shoulder and elbow"
+    assert (
+        "joints that move" in page.inner_text("#stage") and tab.title() == "Something is missing at shoulder and elbow"
+    )
     assert tab.unreadable() == []
     page.click("#to-model")
     page.wait_for_selector("th:has-text('mz@elbow')")  # parameters
