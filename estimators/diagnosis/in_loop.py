@@ -80,9 +80,24 @@ class Looped:
         )
         return cls(models, train, check, given)
 
+    @property
+    def fine(self) -> InLoop:
+        """The fitted recordings with shorter steps of the integrator."""
+        return replace(self.train, data=replace(self.train.data, steps=FINE))
+
+    def up_to_noise(self, steps: Sequence[Step]) -> list[Step]:
+        """Steps sharpened, up to the first that leaves no more than noise: effects beyond it made up for long steps."""
+        found: list[Step] = []
+        for step in steps:
+            found.append(self.sharpened(step))
+            left = self.fine.residual(found[-1].model.terms, np.asarray(found[-1].model.theta))
+            if self.models.left.is_noise(self.models.train, left):
+                break
+        return found
+
     def sharpened(self, step: Step) -> Step:
         """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
-        fine, unseen = (replace(part, data=replace(part.data, steps=FINE)) for part in (self.train, self.check))
+        fine, unseen = self.fine, replace(self.check, data=replace(self.check.data, steps=FINE))
         fine.regression.begin_at(Point.of(step.model))
         model = self._in_unit(_timed(fit_terms(fine, step.model.terms)[0], fine))
         return Step(step.added, model, {"train": fine.errors(model), "holdout": unseen.errors(model)})
@@ -110,10 +125,10 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
     models, given = servos.models, servos.given
     found = select(models)
     setting.progress("judging", 0.93)
-    found = replace(found, steps=[servos.sharpened(step) for step in found.steps])
+    found = replace(found, steps=servos.up_to_noise(found.steps))
     candidates, groups = judge(found, found.terms)
     *others, last = found.steps
-    left = unexplained(found, servos.train)
+    left = unexplained(found, servos.fine)
     model = last.model.biased() if left else last.model
     setting.progress("done", 1.0)
     return Diagnosis(

@@ -220,6 +220,14 @@ def test_fit_finds_the_likeliest_parameters_from_far_away(plain):
     assert found.point.theta[:4] == pytest.approx(list(TRUE.values()), rel=0.05)
 
 
+def test_a_servo_that_is_told_to_go_at_once_starts_at_rest():
+    rng, time = np.random.default_rng(0), np.arange(200) / 200.0
+    position = 0.5 * (1.0 - np.cos(25.0 * time)) + 1e-5 * rng.standard_normal(len(time))
+    told = {"reference": np.ones(len(time)), "drive": Drive(output="torque", kp=3.0, rate=1000.0)}
+    (speed,) = Rollouts((Recording("jump", time, position, 3.0 * (1.0 - position), **told),)).servos.velocity
+    assert abs(speed) < 0.1  # where a cubic over 80 ms has half a radian per second
+
+
 def geared(kp: float, seed: int) -> Recording:
     """A servo whose gear is pressed by its motor, less its back-EMF, and by the weight that it drops, and warms up."""
     rng, step, every = np.random.default_rng(seed), 2e-4, 25
