@@ -18,14 +18,19 @@ SLOWEST = 0.02  # [rad/s]; below it, or below five times its noise, a velocity h
 def warmth(recording: Recording) -> Array:
     """Temperature along a recording (N,) [deg C]: that of a room if nobody measured it.
 
-    A thermometer shows it in steps; it is taken to run through their middles.
+    A thermometer shows it in steps. Where it shows another value, the temperature is between both; where it turns
+    round, and at either end, it is taken for what is shown.
     """
     if recording.temperature is None:
         return np.full(len(recording), ROOM)
-    begins = np.flatnonzero(np.diff(recording.temperature, prepend=np.nan) != 0)
-    ends = np.append(begins[1:], len(recording)) - 1
-    middles = 0.5 * (recording.time[begins] + recording.time[ends])
-    return np.interp(recording.time, middles, recording.temperature[begins])
+    time, begins = recording.time, np.flatnonzero(np.diff(recording.temperature, prepend=np.nan) != 0)
+    shown, middles = recording.temperature[begins], 0.5 * (time[begins] + time[np.append(begins[1:], len(time)) - 1])
+    turns = 1 + np.flatnonzero(np.diff(shown)[:-1] * np.diff(shown)[1:] < 0)
+    changes = 0.5 * (time[begins[1:] - 1] + time[begins[1:]])
+    at = np.concatenate([time[[0, -1]], changes, middles[turns]])
+    value = np.concatenate([shown[[0, -1]], 0.5 * (shown[1:] + shown[:-1]), shown[turns]])
+    order = np.argsort(at)
+    return np.interp(time, at[order], value[order])
 
 
 def known_load(recording: Recording) -> KnownLoad:

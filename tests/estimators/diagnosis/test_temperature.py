@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from estimators import compare, diagnose
+from estimators.signals.motion import warmth
 from pendulum_env.physics import Model
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.time_varying import FrictionDrift
@@ -60,3 +61,12 @@ def test_temperature_that_does_nothing_or_was_not_measured_is_not_named():
     assert diagnose([warmed(3, False)], [warmed(4, False)], library=ASKED).selected == ()
     unmeasured = [replace(warmed(seed), temperature=None) for seed in (1, 2)]
     assert "temperature_dependent_friction" not in diagnose(unmeasured[:1], unmeasured[1:], library=ASKED).selected
+
+
+def test_a_thermometer_that_shows_whole_kelvins_is_read_between_them():
+    time = np.arange(30_000) / 500.0
+    for exact in (22.0 + 0.3 * time, 30.0 + 5.0 * np.cos(0.1 * time)):
+        run = Recording("warm", time, np.zeros(len(time)), np.zeros(len(time)), temperature=np.round(exact))
+        error = np.std(warmth(run) - exact)
+        assert error < 0.5 * np.std(run.temperature - exact)
+        assert warmth(replace(run, temperature=exact)) == pytest.approx(exact, abs=1e-2)
