@@ -191,19 +191,15 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     else:
         parts = [_prepared(recording, model) for recording in recordings]
         together = joined(parts)
-    joint, *distances = (
-        distance(name, part, model)
-        for name, part in zip(
-            ("all", *(recording.name for recording in recordings)), (together, *parts), strict=False
-        )  # an arm has no parts
-    )
+    joint = distance("all", together, model)
+    distances = tuple(distance(part.recordings[0].name, part, model) for part in parts)
     left = together.residual(model.terms, model.theta)
     told_by_torque = body is None and not are_driven(recordings)
     fits = own_fits([together.data], model.terms) if told_by_torque else []
     terms, most = model.terms if body is not None else (), max(1, SHOWN // len(joint.floors))
     return Comparison(
         model,
-        tuple(distances),
+        distances,
         joint,
         tuple(profiles(together.samples, left, joint.noise_floor) if body is None else ()),
         tuple(region for at in joint.floors for region in _fails(together, left, at, most)),

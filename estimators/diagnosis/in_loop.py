@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -80,10 +81,15 @@ class Looped:
         )
         return cls(models, train, check, given)
 
+    @cached_property
+    def _fine(self) -> tuple[Rollouts, Rollouts]:
+        """Rollouts of the fitted and of the held-out recordings with shorter steps of the integrator."""
+        return replace(self.train.data, steps=FINE), replace(self.check.data, steps=FINE)
+
     @property
     def fine(self) -> InLoop:
-        """The fitted recordings with shorter steps of the integrator."""
-        return replace(self.train, data=replace(self.train.data, steps=FINE))
+        """The fitted recordings with shorter steps of the integrator, nothing fitted to them yet."""
+        return replace(self.train, data=self._fine[0])
 
     def up_to_noise(self, steps: Sequence[Step]) -> list[Step]:
         """Steps sharpened, up to the first that leaves no more than noise: effects beyond it made up for long steps."""
@@ -97,7 +103,7 @@ class Looped:
 
     def sharpened(self, step: Step) -> Step:
         """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
-        fine, unseen = self.fine, replace(self.check, data=replace(self.check.data, steps=FINE))
+        fine, unseen = self.fine, replace(self.check, data=self._fine[1])
         fine.regression.begin_at(Point.of(step.model))
         model = self._in_unit(_timed(fit_terms(fine, step.model.terms)[0], fine))
         return Step(step.added, model, {"train": fine.errors(model), "holdout": unseen.errors(model)})

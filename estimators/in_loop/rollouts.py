@@ -85,7 +85,7 @@ class Rollouts:
             np.array([_velocity_at_start(part) for part in parts]),
             np.array([part.time[0] for part in parts]),
             KnownLoad(*loads) if any(np.any(own) for own in loads) else KnownLoad(),
-            between([warmth(part) for part in parts]) if any(part.temperature is not None for part in parts) else None,
+            between([warmth(part) for part in parts]),
         )
 
     @cached_property
