@@ -22,6 +22,8 @@ from estimators.in_loop.fit import LOOP
 from estimators.in_loop.prepared import InLoop
 from estimators.in_loop.rollouts import FINE, Rollouts, with_gain
 from estimators.preprocessing import HELD_OUT, Preprocessed
+from estimators.progress import no_progress
+from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.errors import Step, of_one
 from estimators.selection.models import Models
@@ -34,6 +36,7 @@ from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.words import listing, name
 
 
 @dataclass(frozen=True)
@@ -143,11 +146,36 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         ambiguous=tuple(groups),
         unexplained=tuple(left),
         floors=servos.train.data.encoder,
-        advice=(*remedies(model, recordings, groups), *filter(None, [given.doubt])),
+        advice=(
+            *remedies(model, recordings, groups),
+            *filter(None, [given.doubt, _otherwise(found, groups, given, setting)]),
+        ),
         forbidden=UNNAMED if left else None,
         torque_unit=given.unit,
         torque_constant=given.constant,
         data=given,
+    )
+
+
+def _otherwise(found: Selection, groups: Sequence[Sequence[str]], given: Preprocessed, setting: Setting) -> str | None:
+    """What is said where torque that was logged, regressed on the motion, calls for other effects than the loop."""
+    if any(one.origin is not None and "torque" not in one.origin.columns for one in given.recordings):
+        return None  # what the drive asked for is a function of the motion that the loop has simulated
+    setting.progress("looking at the torque", 0.96)
+    try:
+        by_torque = select(replace(setting, progress=no_progress).models(given.timed().parts))
+    except IdentificationError:  # too little motion for a regression
+        return None
+    usual = {*ids(setting.base), *ids(found.models.base)}
+    ours, theirs = ({id for id in ids(terms) if id not in usual} for terms in (found.terms, by_torque.terms))
+    alike = [{*group} for group in groups if ours & {*group} and theirs & {*group}]
+    if not (ours ^ theirs).difference(*alike):  # none that one names and the other does not
+        return None
+    named = [listing([name(id) for id in sorted(own)]) or "nothing" for own in (theirs, ours)]
+    return (
+        f"torque and loop differ: regressed on the motion, the torque that was logged calls for {named[0]}, the loop "
+        f"for {named[1]}; where a servo sticks and leaves shows in the loop alone, and what is wrong with the log or "
+        "with the drive's gains shows in one of them"
     )
 
 

@@ -273,6 +273,21 @@ def test_log_of_goals_and_positions_needs_no_torque(plain, tmp_path):
         read_recording(path, drive=plain[0].drive)
 
 
+@pytest.mark.parametrize("ripple", [0.0, 0.1])
+def test_torque_that_was_logged_and_speaks_of_another_effect_than_the_loop_is_said(plain, tmp_path, ripple):
+    logs = []
+    for own in plain:
+        path = tmp_path / f"{own.name}.csv"
+        torque = own.torque + ripple * np.sin(8 * own.position)
+        rows = np.column_stack([own.time, own.position, own.reference, torque])
+        np.savetxt(path, rows, delimiter=",", header="time,position,goal,torque", comments="")
+        logs.append(read_recording(path, drive=own.drive, columns={"torque": "torque:Nm"}))
+    found = diagnose(logs[:2], logs[2:], only=FEW)
+    assert not found.selected
+    differ = [text for text in found.advice if "torque that was logged calls for cogging torque, the loop for" in text]
+    assert len(differ) == bool(ripple)
+
+
 def test_study_says_the_drive_of_all_and_of_each(plain, tmp_path):
     for recording in plain[:2]:
         write_recording(recording, tmp_path / f"{recording.name}.csv")
