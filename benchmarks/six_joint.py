@@ -1,6 +1,6 @@
-"""Six joints simulated by MuJoCo, which shares no code with this project: identification, and hidden effects named.
+"""Six joints, or seven, simulated by MuJoCo, which shares no code with this project: hidden effects named.
 
-    python -m benchmarks.six_joint [RUNS]
+    python -m benchmarks.six_joint [RUNS [JOINTS]]
 
 The arm is of our own making: links of plausible size, a rotor, viscous and dry friction at each joint, these drawn in
 each run, angles from encoders of 2^20 counts, torque logged with noise. A position controller follows a multisine. What
@@ -26,10 +26,11 @@ from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import ArmRecording
 
-JOINTS = ("base", "shoulder", "elbow", "roll", "pitch", "flange")
-AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
-OFFSETS = ("0 0 0.15", "0 0.08 0.12", "0.38 0 0", "0.12 0 0.05", "0.22 0 0", "0.09 0 0")
-MASSES = (4.0, 5.5, 3.2, 1.6, 1.1, 0.5)  # [kg]
+SEVEN = ("base", "shoulder", "elbow", "roll", "pitch", "flange", "tool")
+JOINTS = SEVEN[:6]
+AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0", "0 0 1")
+OFFSETS = ("0 0 0.15", "0 0.08 0.12", "0.38 0 0", "0.12 0 0.05", "0.22 0 0", "0.09 0 0", "0.07 0 0.02")
+MASSES = (4.0, 5.5, 3.2, 1.6, 1.1, 0.5, 0.6)  # [kg]
 CENTERS = (
     "0.01 0.02 0.06",
     "0.17 0.03 0.01",
@@ -37,6 +38,7 @@ CENTERS = (
     "0.09 0.005 -0.004",
     "0.03 0.01 0.006",
     "0.04 0.003 0.01",
+    "0.06 0.02 0.03",
 )
 INERTIAS = (  # about the centres of mass, along the links' axes [kg m^2]
     (0.018, 0.016, 0.012),
@@ -45,16 +47,22 @@ INERTIAS = (  # about the centres of mass, along the links' axes [kg m^2]
     (0.003, 0.009, 0.008),
     (0.0016, 0.0021, 0.0019),
     (0.0006, 0.0009, 0.0008),
+    (0.0005, 0.0011, 0.001),
 )
-VISCOUS = (1.2, 1.5, 0.9, 0.3, 0.25, 0.1)  # [N m s/rad]
-COULOMB = (2.0, 2.5, 1.6, 0.6, 0.5, 0.2)  # [N m]
-ROTORS = (0.4, 0.5, 0.3, 0.08, 0.06, 0.02)  # [kg m^2]
-NOISE = (0.05, 0.05, 0.04, 0.02, 0.02, 0.01)  # [N m]
-SWEEP = (0.9, 0.5, 0.6, 0.9, 0.8, 1.1)  # [rad], of the reference
-MIDDLE = (0.0, -0.6, 0.7, 0.0, 0.4, 0.0)  # [rad]
+VISCOUS = np.array([1.2, 1.5, 0.9, 0.3, 0.25, 0.1, 0.12])  # [N m s/rad]
+COULOMB = np.array([2.0, 2.5, 1.6, 0.6, 0.5, 0.2, 0.25])  # [N m]
+ROTORS = np.array([0.4, 0.5, 0.3, 0.08, 0.06, 0.02, 0.02])  # [kg m^2]
+NOISE = np.array([0.05, 0.05, 0.04, 0.02, 0.02, 0.01, 0.01])  # [N m]
+SWEEP = np.array([0.9, 0.5, 0.6, 0.9, 0.8, 1.1, 1.0])  # [rad], of the reference
+MIDDLE = np.array([0.0, -0.6, 0.7, 0.0, 0.4, 0.0, 0.2])  # [rad]
+STIFFNESS = np.array([600, 900, 500, 100, 70, 22.0, 22.0])  # [N m/rad], of the controller
+DAMPING = np.array([35, 50, 25, 6, 4, 1.2, 1.2])  # [N m s/rad]
 COUNTS = 2**20
 RATE, STEP = 500.0, 2e-4  # [Hz], [s]
-WARMER, WARM_UP = np.array([18, 14, 16, 12, 15, 10.0]), np.array([9, 12, 7, 10, 8, 11.0])  # [K], [s], of each joint
+WARMER, WARM_UP = (
+    np.array([18, 14, 16, 12, 15, 10.0, 9]),
+    np.array([9, 12, 7, 10, 8, 11.0, 9]),
+)  # [K], [s], of each joint
 VISCOUS_SHARE, COULOMB_SHARE = -0.025, 0.012  # of friction at 25 deg C, by which it changes with each kelvin
 EFFECTS = ("stribeck", "cogging", "torque_offset", "quadratic_drag", "load_dependent_friction", "spring")
 
@@ -68,10 +76,10 @@ class Load:
     inertia: tuple[float, float, float]  # about its centre [kg m^2]
 
 
-def urdf(load: Load | None = None) -> str:
-    """The arm as a file, perhaps with a load at its flange."""
-    text = ['<robot name="six-joint"><link name="ground"/>']
-    for k, joint in enumerate(JOINTS):
+def urdf(load: Load | None = None, joints: Sequence[str] = JOINTS) -> str:
+    """The arm as a file, perhaps with a load at its last link."""
+    text = [f'<robot name="{len(joints)}-joint"><link name="ground"/>']
+    for k, joint in enumerate(joints):
         a, b, c = INERTIAS[k]
         text.append(
             f'<link name="link{k}"><inertial><origin xyz="{CENTERS[k]}"/><mass value="{MASSES[k]}"/>'
@@ -85,7 +93,7 @@ def urdf(load: Load | None = None) -> str:
         text.append(
             f'<link name="load"><inertial><origin xyz="{x} {y} {z}"/><mass value="{load.mass}"/>'
             f'<inertia ixx="{a}" ixy="0" ixz="0" iyy="{b}" iyz="0" izz="{c}"/></inertial></link>'
-            f'<joint name="held" type="fixed"><parent link="link5"/><child link="load"/></joint>'
+            f'<joint name="held" type="fixed"><parent link="link{len(joints) - 1}"/><child link="load"/></joint>'
         )
     return "".join([*text, "</robot>"])
 
@@ -101,14 +109,14 @@ class Hidden:
     @property
     def name(self) -> str:
         """As a verdict names it."""
-        both = JOINTS[self.joint : self.joint + 2] if self.effect == "coupling" else JOINTS[self.joint : self.joint + 1]
-        return f"{self.effect}@{','.join(both)}"
+        count = 2 if self.effect == "coupling" else 1
+        return f"{self.effect}@{','.join(SEVEN[self.joint : self.joint + count])}"
 
     def tie(self, spec: Any) -> None:
         """A motor that turns with two joints: MuJoCo's tendon, of which both angles are the length."""
         if self.effect == "coupling":
             motor, j = spec.add_tendon(name="motor"), self.joint
-            for joint in JOINTS[j : j + 2]:
+            for joint in SEVEN[j : j + 2]:
                 motor.wrap_joint(joint, 1.0)
             motor.damping[0], motor.frictionloss = 0.5 * VISCOUS[j], self.share * COULOMB[j]
             motor.armature = 0.3 * ROTORS[j + 1]
@@ -165,35 +173,37 @@ def simulate(
     seconds: float = 20.0,
     load: Load | None = None,
     thermometers: bool = False,
-    rubs: Sequence[float] = (1.0,) * 6,
+    rubs: Sequence[float] = (1.0,) * len(JOINTS),
 ) -> ArmRecording:
-    """A recording of the arm in MuJoCo, perhaps with temperatures of its joints, and so many times their friction."""
+    """A recording of the arm in MuJoCo, perhaps with temperatures of its joints, and so many times the friction.
+
+    It has as many joints as there are such factors.
+    """
     import mujoco
 
-    rng = np.random.default_rng(seed)
-    spec = mujoco.MjSpec.from_string(urdf(load))
+    rng, n = np.random.default_rng(seed), len(rubs)
+    spec = mujoco.MjSpec.from_string(urdf(load, SEVEN[:n]))
     if hidden is not None:
         hidden.tie(spec)
     model = spec.compile()
     model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    model.dof_damping[:], model.dof_frictionloss[:] = np.multiply(rubs, VISCOUS), np.multiply(rubs, COULOMB)
-    model.dof_armature[:] = ROTORS
+    model.dof_damping[:], model.dof_frictionloss[:] = rubs * VISCOUS[:n], rubs * COULOMB[:n]
+    model.dof_armature[:] = ROTORS[:n]
     model.dof_solref[:], model.dof_solimp[:, :3] = (2 * STEP, 1.0), (0.95, 0.999, 1e-4)
     model.tendon_solref_fri[:], model.tendon_solimp_fri[:, :3] = model.dof_solref[:1], model.dof_solimp[:1, :3]
     data = mujoco.MjData(model)
     law = hidden.forces(rubs[hidden.joint]) if hidden is not None else None
-    reference = drawn_reference(rng, np.array(SWEEP), np.array(MIDDLE))
-    stiffness, damping = np.array([600, 900, 500, 100, 70, 22.0]), np.array([35, 50, 25, 6, 4, 1.2])
+    reference = drawn_reference(rng, SWEEP[:n], MIDDLE[:n])
 
     data.qpos[:], data.qvel[:] = reference(0.0)
     steps, substeps = round(seconds * RATE), round(1 / RATE / STEP)
-    positions, torques = np.empty((2, steps, 6))
-    warmer = WARMER * (1.0 - np.exp(-np.arange(steps)[:, None] / RATE / WARM_UP))  # (steps, 6)
+    positions, torques = np.empty((2, steps, n))
+    warmer = (WARMER * (1.0 - np.exp(-np.arange(steps)[:, None] / RATE / WARM_UP)))[:, :n]  # (steps, n)
     for k in range(steps):
         q, v = reference(k / RATE)
         mujoco.mj_forward(model, data)
-        torque = data.qfrc_bias + stiffness * (q - data.qpos) + damping * (v - data.qvel)
+        torque = data.qfrc_bias + STIFFNESS[:n] * (q - data.qpos) + DAMPING[:n] * (v - data.qvel)
         positions[k], torques[k] = data.qpos, torque
         for _ in range(substeps):
             data.qfrc_applied[:] = torque
@@ -205,29 +215,29 @@ def simulate(
             mujoco.mj_step(model, data)
     count = 2 * np.pi / COUNTS
     positions = np.round(positions / count) * count
-    torques = torques + np.array(NOISE) * rng.normal(size=torques.shape)
+    torques = torques + NOISE[:n] * rng.normal(size=torques.shape)
     name = hidden.name if hidden else f"null {seed}"
-    recording = ArmRecording.of(name, JOINTS, np.arange(steps) / RATE, positions, torques)
+    recording = ArmRecording.of(name, SEVEN[:n], np.arange(steps) / RATE, positions, torques)
     return replace(recording, temperature=25.0 + warmer) if thermometers else recording
 
 
-def body() -> Body:
+def body(joints: Sequence[str] = JOINTS) -> Body:
     """The arm's links as the file has them."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "six.urdf"
-        path.write_text(urdf())
+        path = Path(folder) / "arm.urdf"
+        path.write_text(urdf(joints=joints))
         return read_body(path, rotors=True)
 
 
-def drawn(run: int) -> list[float]:
+def drawn(run: int, joints: int = 6) -> list[float]:
     """Factors on the friction of the joints, another arm in each run."""
-    return np.random.default_rng(run).uniform(0.5, 1.6, 6).tolist()
+    return np.random.default_rng(run).uniform(0.5, 1.6, joints).tolist()
 
 
 def main(arguments: Sequence[str] = ()) -> int:
-    runs = int(arguments[0]) if arguments else 30
-    arm = body()
-    fitted, unseen = simulate(1), simulate(2)
+    runs, n = (int(given) for given in (*arguments, *("30", "6")[len(arguments) :]))
+    arm = body(SEVEN[:n])
+    fitted, unseen = (simulate(seed, rubs=[1.0] * n) for seed in (1, 2))
     began = time.process_time()
     found = identify(fitted, arm_base(arm), [scheme("filtered_dynamic")])
     errors = compare(found["filtered_dynamic"].model, unseen).joint.errors
@@ -237,17 +247,17 @@ def main(arguments: Sequence[str] = ()) -> int:
     print("  " + ", ".join(f"{joint} {100 * share:.2f} %" for joint, share in errors.shares.items()))
     right = alarms = 0
     longest = 0.0
-    hidden_ones = [Hidden(EFFECTS[run % 6], (run + run // 6) % 6) for run in range(runs)]
-    hidden_ones += [Hidden("coupling", run % 5) for run in range(runs // 6)]
+    hidden_ones = [Hidden(EFFECTS[run % 6], (run + run // 6) % n) for run in range(runs)]
+    hidden_ones += [Hidden("coupling", run % (n - 1)) for run in range(runs // 6)]
     for run, hidden in enumerate(hidden_ones):
-        recording = simulate(100 + run, hidden, rubs=drawn(run))
+        recording = simulate(100 + run, hidden, rubs=drawn(run, n))
         began = time.process_time()
         diagnosis = diagnose(recording, (), arm_base(arm))
         longest = max(longest, time.process_time() - began)
         right += diagnosis.selected == (recording.name,)
         print(f"{recording.name:32s} {', '.join(diagnosis.selected) or 'nothing'}", flush=True)
     for run in range(runs // 3):
-        diagnosis = diagnose(simulate(200 + run, rubs=drawn(100 + run)), (), arm_base(arm))
+        diagnosis = diagnose(simulate(200 + run, rubs=drawn(100 + run, n)), (), arm_base(arm))
         alarms += bool(diagnosis.selected)
         print(f"{'nothing':32s} {', '.join(diagnosis.selected) or 'nothing'}", flush=True)
     print(f"named right: {right} of {len(hidden_ones)}; false alarms: {alarms} of {runs // 3}")
