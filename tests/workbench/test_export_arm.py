@@ -22,7 +22,7 @@ def model_of(path, text, *more, rotors=None):
     terms = (*arm_base(body), *(kind(body)() for kind in more))
     standard = body.standard_values
     if rotors:
-        standard[-len(body.joints) :] = six_joint.ROTORS[: len(body.joints)]
+        standard[-len(body.joints) :] = six_joint.ROTORS[:6]
     theta = np.concatenate([body.combine @ standard, 0.2 + 0.1 * np.arange(sum(len(t.columns) for t in terms[1:]))])
     return ArmModel.build(terms, theta, 1e-4 * np.abs(theta) + 1e-6)
 
