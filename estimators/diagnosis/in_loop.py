@@ -148,12 +148,23 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         floors=servos.train.data.encoder,
         advice=(
             *remedies(model, recordings, groups),
-            *filter(None, [given.doubt, _otherwise(found, groups, given, setting)]),
+            *filter(None, [given.doubt, _of_rate(recordings), _otherwise(found, groups, given, setting)]),
         ),
         forbidden=UNNAMED if left else None,
         torque_unit=given.unit,
         torque_constant=given.constant,
         data=given,
+    )
+
+
+def _of_rate(recordings: Sequence[Recording]) -> str | None:
+    """What is said where a controller acts on a speed that it sees late, nobody knows how much."""
+    drives = [own.drive for own in recordings if own.drive is not None and own.drive.rate is None]
+    if not any(drive.kd or drive.acts_on_speed for drive in drives):
+        return None
+    return (
+        "the drive acts on a speed that it takes from two looks at its encoder, and how often it looks is not known: "
+        "give its `rate`; without it, inertia comes out too small by the gain of the speed over twice that rate"
     )
 
 

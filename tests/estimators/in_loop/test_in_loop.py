@@ -288,6 +288,14 @@ def test_torque_that_was_logged_and_speaks_of_another_effect_than_the_loop_is_sa
     assert len(differ) == bool(ripple)
 
 
+def test_a_drive_that_acts_on_the_speed_is_asked_how_often_it_looks(plain):
+    def asked(rate: float | None) -> bool:
+        damped = [replace(own, drive=replace(own.drive, rate=rate, kd=1e-6)) for own in plain[:2]]
+        return any("give its `rate`" in text for text in diagnose(damped, only=["stribeck"]).advice)
+
+    assert asked(None) and not asked(1000.0)
+
+
 def test_study_says_the_drive_of_all_and_of_each(plain, tmp_path):
     for recording in plain[:2]:
         write_recording(recording, tmp_path / f"{recording.name}.csv")
