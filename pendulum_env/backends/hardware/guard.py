@@ -8,9 +8,8 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections import deque
 from datetime import datetime
-from typing import NamedTuple, NoReturn
+from typing import NoReturn
 
 from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import Drive, DriveError, Sent
@@ -20,13 +19,6 @@ from pendulum_env.files import at_once
 
 log = logging.getLogger("pendulum_env.rig")
 log.addHandler(logging.NullHandler())  # whoever wants to see it sets a handler
-
-
-class Event(NamedTuple):
-    """Something that happened to the rig."""
-
-    time: float  # monotonic [s]
-    text: str
 
 
 class Fault(Exception):
@@ -40,13 +32,11 @@ class Guard:
     """
 
     rise = 1.0  # [rad/s] by which an arm may speed up against stall_torque or a brake
-    braking_step = 1e-3  # [s]
 
     def __init__(self, drive: Drive, config: RigConfig) -> None:
         """Take the drive and what is allowed."""
         self.drive, self.config, self.limits = drive, config, config.limits
         self.encoder = Encoder(config.encoder, config.limits.hard_velocity)
-        self.events: deque[Event] = deque(maxlen=1000)
         self.fault: str | None = None
         self.powered = False
         self._open = False
@@ -193,7 +183,7 @@ class Guard:
         """Zero torque and no power, braked first if asked to; never raises: it is the last resort everywhere."""
         if not self.powered:
             return
-        failures = self._brake() if brake else []
+        failures = _brake(self.drive, self.encoder, self.config, self.rise) if brake else []
         self.powered, self.torque = False, 0.0
         for tell in (lambda: self.drive.write(0.0), self.drive.disable):  # the one even if the other fails
             try:
@@ -235,8 +225,7 @@ class Guard:
         raise Fault(what)
 
     def note(self, what: str, level: int = logging.INFO) -> None:
-        """Keep an event."""
-        self.events.append(Event(time.monotonic(), what))
+        """Log what happened, also to the rig's file."""
         log.log(level, what)
         path = self.config.log_file
         if path is not None:
@@ -286,21 +275,24 @@ class Guard:
                 "run `pendulum-ident hardware check`"
             )
 
-    def _brake(self) -> list[Exception]:
-        """Slow the arm down for a while, unless it speeds up; returns what went wrong."""
-        encoder, most = self.encoder, self.config.max_torque
-        until = time.monotonic() + self.config.fault.seconds
-        slowest = abs(encoder.velocity)
-        try:
-            while time.monotonic() < until and self.config.rest.velocity < abs(encoder.velocity) <= slowest + self.rise:
-                torque = min(max(-self.config.fault.gain * encoder.velocity, -most), most)
-                self.drive.write(self.config.torque_sign * torque)
-                time.sleep(self.braking_step)
-                reading = self.drive.read()
-                if reading.fault is not None:
-                    break
-                encoder.take(reading.time, reading.counts)
-                slowest = min(slowest, abs(encoder.velocity))
-        except Exception as error:
-            return [error]
-        return []
+
+def _brake(drive: Drive, encoder: Encoder, config: RigConfig, rise: float, step: float = 1e-3) -> list[Exception]:
+    """Slow the arm down for a while, unless it speeds up by `rise` [rad/s]; returns what went wrong.
+
+    A command every `step` [s].
+    """
+    until = time.monotonic() + config.fault.seconds
+    slowest = abs(encoder.velocity)
+    try:
+        while time.monotonic() < until and config.rest.velocity < abs(encoder.velocity) <= slowest + rise:
+            torque = min(max(-config.fault.gain * encoder.velocity, -config.max_torque), config.max_torque)
+            drive.write(config.torque_sign * torque)
+            time.sleep(step)
+            reading = drive.read()
+            if reading.fault is not None:
+                break
+            encoder.take(reading.time, reading.counts)
+            slowest = min(slowest, abs(encoder.velocity))
+    except Exception as error:
+        return [error]
+    return []
