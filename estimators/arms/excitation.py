@@ -110,18 +110,8 @@ def design_excitation(
         IdentificationError: if no series keeps within the torque limits, or a joint's limits leave no room.
     """
     rng = rng or np.random.default_rng(0)
-    slides, joints = np.array(body.slides), np.array(body.joints)
-    (low, high), usual = body.position_limits, np.where(slides, DESIGN.stroke, DESIGN.angle)
-    low, high = np.where(np.isfinite(low), low, -usual), np.where(np.isfinite(high), high, usual)
-    if max_angle is not None:
-        reach = np.where(slides, np.inf, max_angle)
-        low, high = np.maximum(low, -reach), np.minimum(high, reach)
-        for joint in joints[low >= high]:
-            raise IdentificationError(
-                f"{body.name}: joint '{joint}' is never within {max_angle:g} rad of zero: allow a larger angle"
-            )
-    for joint in joints[high - low < DESIGN.narrowest]:
-        raise IdentificationError(f"{body.name}: the limits of joint '{joint}' leave it no room to move: widen them")
+    low, high = _room(body, max_angle)
+    slides = np.array(body.slides)
     speed = np.where(slides, DESIGN.slide, USUAL_SPEED if max_speed is None else max_speed)
     speed = np.minimum(body.velocity_limits, speed)
     most = np.minimum(body.torque_limits, np.where(slides, np.inf, np.inf if max_torque is None else max_torque))
@@ -157,3 +147,24 @@ def design_excitation(
             "angle, or more torque"
         )
     return best
+
+
+def _room(body: Body, max_angle: float | None) -> tuple[Array, Array]:
+    """Lowest and highest position (n,) of each joint [rad or m].
+
+    Raises:
+        IdentificationError: if they leave a joint no room.
+    """
+    slides, joints = np.array(body.slides), np.array(body.joints)
+    (low, high), usual = body.position_limits, np.where(slides, DESIGN.stroke, DESIGN.angle)
+    low, high = np.where(np.isfinite(low), low, -usual), np.where(np.isfinite(high), high, usual)
+    if max_angle is not None:
+        reach = np.where(slides, np.inf, max_angle)
+        low, high = np.maximum(low, -reach), np.minimum(high, reach)
+        for joint in joints[low >= high]:
+            raise IdentificationError(
+                f"{body.name}: joint '{joint}' is never within {max_angle:g} rad of zero: allow a larger angle"
+            )
+    for joint in joints[high - low < DESIGN.narrowest]:
+        raise IdentificationError(f"{body.name}: the limits of joint '{joint}' leave it no room to move: widen them")
+    return low, high

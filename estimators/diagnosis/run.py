@@ -128,13 +128,20 @@ def diagnose(
         Limits(max_torque or USUAL, max_angle, max_speed),
         by_reference=by_reference,
     )
-    if body is not None:
-        if by_reference or any(bound is not None for bound in (max_torque, max_angle, max_speed)):
+    return _examined(fitted, unseen, setting, max_torque)
+
+
+def _examined(
+    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, max_torque: float | None
+) -> Diagnosis:
+    """Find the effects by what was recorded: an arm, a servo with its controller, or a joint and its torque."""
+    if (body := body_of(setting.base)) is not None:
+        if setting.by_reference or (max_torque, setting.limits.angle, setting.limits.speed) != (None, None, None):
             raise Mistake("by_reference and bounds of an experiment are for pendulums alone: leave them out for an arm")
-        return examine_arm(fitted, unseen, setting, body)
-    if are_driven([*fitted, *unseen]):
-        return diagnose_in_loop(fitted, unseen, setting)
-    return _by_torque(fitted, unseen, setting, max_torque)
+        return examine_arm(recordings, holdout, setting, body)
+    if are_driven([*recordings, *holdout]):
+        return diagnose_in_loop(recordings, holdout, setting)
+    return _by_torque(recordings, holdout, setting, max_torque)
 
 
 def _by_torque(

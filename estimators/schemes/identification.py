@@ -156,6 +156,16 @@ def identify(
     terms, _ = within_limits(terms, {}, fixed, bounds)
     if (body := body_of(terms)) is not None:
         return _of_arm(recordings, terms, chosen, body)
+    return _of_pendulum(recordings, terms, chosen, measured)
+
+
+def _of_pendulum(
+    recordings: Sequence[Recording],
+    terms: Sequence[Term],
+    schemes: Sequence[Regressor],
+    measured: Callable[[Recording], Sequence[Measurements]],
+) -> Identification:
+    """The same of one joint, whose torque constant may be unknown."""
     given = Preprocessed.of(recordings)
     recordings = given.recordings
     segments = _measured(recordings, terms, measured)
@@ -164,7 +174,7 @@ def identify(
         raise IdentificationError(
             f"{_names(recordings)}: torque is never applied: only ratios of parameters are known, record with torque"
         )
-    chosen, slowed = _at_rate(chosen, segments)
+    chosen, slowed = _at_rate(schemes, segments)
     doubts = (*identifiability(measurements, terms), *slowed)
     results = _by_schemes(chosen, segments, terms, recordings, regressions(terms))
     first = next(iter(results.values())).model
