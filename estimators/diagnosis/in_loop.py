@@ -85,31 +85,28 @@ class Looped:
         return cls(models, train, check, given)
 
     @cached_property
-    def _fine(self) -> tuple[Rollouts, Rollouts]:
-        """Rollouts of the fitted and of the held-out recordings with shorter steps of the integrator."""
-        return replace(self.train.data, steps=FINE), replace(self.check.data, steps=FINE)
+    def fine(self) -> tuple[InLoop, InLoop]:
+        """The fitted and the held-out recordings with shorter steps of the integrator."""
+        train = replace(self.train, data=replace(self.train.data, steps=FINE))
+        return train, replace(self.check, data=replace(self.check.data, steps=FINE), guide=train)
 
-    @property
-    def fine(self) -> InLoop:
-        """The fitted recordings with shorter steps of the integrator, nothing fitted to them yet."""
-        return replace(self.train, data=self._fine[0])
-
-    def up_to_noise(self, steps: Sequence[Step]) -> list[Step]:
-        """Steps sharpened, up to the first that leaves no more than noise: effects beyond it made up for long steps."""
-        found: list[Step] = []
-        for step in steps:
-            found.append(self.sharpened(step))
-            left = self.fine.residual(found[-1].model.terms, np.asarray(found[-1].model.theta))
-            if self.models.left.is_noise(self.models.train, left):
+    def confirmed(self, steps: Sequence[Step]) -> list[Step]:
+        """Steps sharpened, up to the first that predicts no better with shorter steps: it made up for long ones."""
+        models = replace(self.models, train=self.fine[0], holdout=self.fine[1])
+        found = [self.sharpened(steps[0])]
+        for step in steps[1:]:
+            longer = self.sharpened(step)
+            if not models.is_significant(longer.model.terms, found[-1].model.terms):
                 break
+            found.append(longer)
         return found
 
     def sharpened(self, step: Step) -> Step:
         """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
-        fine, unseen = self.fine, replace(self.check, data=self._fine[1])
-        fine.regression.begin_at(Point.of(step.model))
-        model = self._in_unit(_timed(fit_terms(fine, step.model.terms)[0], fine))
-        return Step(step.added, model, {"train": fine.errors(model), "holdout": unseen.errors(model)})
+        train, unseen = self.fine
+        train.regression.begin_at(Point.of(step.model))
+        model = self._in_unit(_timed(fit_terms(train, step.model.terms)[0], train))
+        return Step(step.added, model, {"train": train.errors(model), "holdout": unseen.errors(model)})
 
     def _in_unit(self, model: Model) -> Model:
         """A model in the unit of the torque, with its constant, by whose error all parameters may be off alike."""
@@ -134,10 +131,10 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
     models, given = servos.models, servos.given
     found = select(models)
     setting.progress("judging", 0.93)
-    found = replace(found, steps=servos.up_to_noise(found.steps))
+    found = replace(found, steps=servos.confirmed(found.steps))
     candidates, groups = judge(found, found.terms)
     *others, last = found.steps
-    left = unexplained(found, servos.fine)
+    left = unexplained(found, servos.fine[0])
     model = last.model.biased() if left else last.model
     setting.progress("done", 1.0)
     return Diagnosis(
