@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from estimators.regression.equations import IdentificationError
 from estimators.schemes.six import SCHEMES, Regressor, scheme
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import at_joints, body_of, check_places, joint_effects, kinds_at, placed
@@ -117,6 +118,18 @@ def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recordin
     """Effects that recordings might show: none that needs a quantity which none of them has."""
     measured = {"", *(name for own in recordings for name, value in vars(own).items() if value is not None)}
     return {id: kind for id, kind in kinds.items() if kind.needs in measured}
+
+
+def refuse_unmeasured(kinds: Mapping[str, type[Term]], recordings: Sequence[Recording]) -> None:
+    """Refuse effects that were asked for by name and need a quantity that no recording has.
+
+    Raises:
+        IdentificationError: with the effect and the quantity.
+    """
+    for id in kinds.keys() - that_may_show(kinds, recordings).keys():
+        raise IdentificationError(
+            f"{id} needs the joint's {kinds[id].needs}, which no recording has: record it, or say which column it is"
+        )
 
 
 def within_limits(

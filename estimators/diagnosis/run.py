@@ -13,6 +13,7 @@ from estimators.arguments import (
     chosen_effects,
     chosen_recordings,
     chosen_terms,
+    refuse_unmeasured,
     that_may_show,
     within_limits,
 )
@@ -118,7 +119,9 @@ def diagnose(
     terms, chosen = within_limits(terms, chosen, fixed, bounds)
     progress = forward(progress)
     fitted, unseen = chosen_recordings(recordings, body=body), chosen_recordings(holdout, empty=True, body=body)
-    chosen = that_may_show(chosen, fitted) if only is None else chosen
+    if only is None:
+        chosen = that_may_show(chosen, fitted)
+    refuse_unmeasured(chosen, fitted)
     setting = Setting(
         terms,
         chosen,

@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from benchmarks.two_link import TwoLink
-from estimators import add, compare, diagnose, identify
+from estimators import IdentificationError, add, compare, diagnose, identify
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import ModelError
 from tests.two_link import recorded
@@ -78,6 +78,8 @@ def test_an_effect_that_is_not_there_is_objected_to(recording, lacking):
 def test_what_cannot_be_added_is_refused(recording, lacking):
     with pytest.raises(ValueError, match="unknown joint 'wrist'"):
         add(lacking, "spring@wrist", recording)
+    with pytest.raises(IdentificationError, match="temperature_dependent_friction@elbow needs the joint's temperature"):
+        add(lacking, "temperature_dependent_friction@elbow", recording)
     added = add(lacking, "quadratic_drag@elbow", recording)
     with pytest.raises(ModelError, match="has 'quadratic_drag@elbow' already"):
         add(added.after.model, "quadratic_drag@elbow", recording)

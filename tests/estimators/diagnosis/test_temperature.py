@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators import compare, diagnose
+from estimators import IdentificationError, add, compare, diagnose
 from estimators.signals.motion import warmth
 from pendulum_env.physics import Model
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.time_varying import FrictionDrift
+from pendulum_env.plant import paper_plant
 from pendulum_env.recording import Recording, read_recording, write_recording
 
 INERTIA, GRAVITY, VISCOUS, COULOMB = 0.02, 0.8, 0.06, 0.08
@@ -61,6 +62,10 @@ def test_temperature_that_does_nothing_or_was_not_measured_is_not_named():
     assert diagnose([warmed(3, False)], [warmed(4, False)], library=ASKED).selected == ()
     unmeasured = [replace(warmed(seed), temperature=None) for seed in (1, 2)]
     assert "temperature_dependent_friction" not in diagnose(unmeasured[:1], unmeasured[1:], library=ASKED).selected
+    with pytest.raises(IdentificationError, match="needs the joint's temperature, which no recording has"):
+        diagnose(unmeasured, only=["temperature_dependent_friction"])
+    with pytest.raises(IdentificationError, match="needs the joint's temperature, which no recording has"):
+        add(paper_plant(), "temperature_dependent_friction", unmeasured)
 
 
 def test_a_thermometer_that_shows_whole_kelvins_is_read_between_them():
