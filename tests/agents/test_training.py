@@ -25,6 +25,11 @@ def weights(network: Network) -> np.ndarray:
     return np.concatenate([w.ravel() for w in network.weights])
 
 
+def test_an_agent_with_one_level_of_torque_has_nothing_to_choose():
+    with pytest.raises(ValueError, match="levels should be 2 shares of the peak at least"):
+        Config.of({**SMALL, "levels": [1.0]})
+
+
 def test_training_repeats_itself_and_keeps_policies_on_the_way(tmp_path):
     told, settings = [], {**SMALL, "steps": 192}
     first = train(Config.of(settings), lambda text, share: told.append(share), tmp_path)

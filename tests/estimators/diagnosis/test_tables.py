@@ -6,6 +6,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Addition, Diagnosis, add, diagnose
 from estimators.diagnosis.likeness import likenesses
+from estimators.diagnosis.result import looks
 from pendulum_env.physics.table import Curve, Extent, FrictionBySpeed, TorqueByAngle
 from pendulum_env.recording import Recording
 from tests.cases import recorded
@@ -66,6 +67,7 @@ def test_where_nothing_is_hidden_a_table_does_not_earn_its_place(hidden):
     added = kept("nothing", hidden)
     assert added.objection is not None
     assert added.looks_like is None
+    assert "looks like no formula" in looks(added.after)
 
 
 @pytest.mark.parametrize(

@@ -119,6 +119,8 @@ def test_what_comes_again_with_each_turn_is_not_offered_where_a_joint_slides(tmp
     for text in ("cogging@torso", "coupling@torso,shoulder"):
         with pytest.raises(ValueError, match="is of joints that turn: it cannot be at 'torso', which slides"):
             kind_at(text, body)
+    with pytest.raises(ValueError, match="should name two joints, such as coupling@torso,elbow"):
+        kind_at("coupling@-shoulder,elbow", body)
     (speed,) = [shape for shape in kind_at("stribeck@torso", body).shapes if shape.name == "stribeck_velocity"]
     assert speed.unit == "m/s"
 

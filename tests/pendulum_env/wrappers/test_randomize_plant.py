@@ -58,6 +58,8 @@ def test_plants_are_drawn_as_an_identified_model_knows_its_linear_parameters():
 def test_what_cannot_be_drawn_is_refused():
     with pytest.raises(ValueError, match="a recording or a rig is as it is"):
         RandomizePlant(gym.make("Pendulum-v1"))
+    with pytest.raises(ValueError, match="only the plants of batched pendulums can be drawn"):
+        RandomizePlantVector(gym.make_vec("Pendulum-v1", num_envs=2))
     with pytest.raises(ValueError, match="no parameter 'mass'"):
         RandomizePlant(gym.make(PENDULUM), {"mass": 0.1})
     with pytest.raises(ValueError, match="a share from 0 to below 1"):
