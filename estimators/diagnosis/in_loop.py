@@ -104,8 +104,10 @@ class Looped:
     def sharpened(self, step: Step) -> Step:
         """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
         train, unseen = self.fine
-        train.regression.begin_at(Point.of(step.model))
-        model = self._in_unit(_timed(fit_terms(train, step.model.terms)[0], train))
+        start = Point.within(step.model.terms, np.asarray(step.model.theta))  # where shapes follow what they should
+        train.regression.begin_at(start)
+        terms = train.regression.as_fitted(start.terms)
+        model = self._in_unit(_timed(fit_terms(train, terms)[0], train))
         return Step(step.added, model, {"train": train.errors(model), "holdout": unseen.errors(model)})
 
     def _in_unit(self, model: Model) -> Model:

@@ -186,11 +186,11 @@ def fit_terms(prepared: Comparable, terms: Sequence[Term]) -> tuple[Model, Fit]:
     first = balance.fit(data.clusters)
     jacobian, names = regression.shape_jacobian(terms, first.theta)
     fit = balance.fit(data.clusters, jacobian) if names else first
-    count = len(fit.theta)
+    theta, count = regression.solve(terms), len(fit.theta)  # in the loop where the fit ended, not a linear step away
     shape_std = dict(zip(names, fit.std[count:].tolist(), strict=True))
     first_column = 0
     for term in terms:
-        own = fit.theta[first_column : first_column + len(term.columns)]
+        own = theta[first_column : first_column + len(term.columns)]
         first_column += len(term.columns)
         for shape in term.shapes:
             if shape.instant:
@@ -198,7 +198,7 @@ def fit_terms(prepared: Comparable, terms: Sequence[Term]) -> tuple[Model, Fit]:
                 weights, noise = data.weights[here], (fit.residual * balance.weights)[here]
                 shape_std[term.full(shape.name)] = _placement(regression, weights, term, shape.name, own, noise)
     columns = [column.name for term in terms for column in term.columns]
-    model = Model.build(terms, fit.theta, fit.std[:count], **shape_std)
+    model = Model.build(terms, theta, fit.std[:count], **shape_std)
     return model.correlated([*columns, *names], fit.covariance), fit
 
 
