@@ -9,21 +9,36 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import NoReturn, TextIO
 
 from pendulum_env.lookup import find
 from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import fault
-from workbench.commands import COMMANDS, load
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.terminal import Terminal
 
 SUCCESS, BAD_INPUT, INTERRUPTED = 0, 2, 130
 PROGRAM = "pendulum-ident"
 DESCRIPTION = "Compare a pendulum's model with measurements, see where it fails, and find the effect that is missing."
-
-
+COMMANDS: dict[str, str] = {  # in the order of a first visit, and what help says of each
+    "demo": "hide an effect, record, diagnose and report: the whole workflow in one go",
+    "record": "record a pendulum: the rig, or a simulated one, or arm, with effects hidden in it if asked for",
+    "identify": "estimate the four parameters of the paper's model by its six schemes",
+    "compare": "compare a model with recordings: how far off it is, and where",
+    "diagnose": "find the effects that a model lacks, and add them",
+    "survey": "diagnose many recordings and show what the fleet shows: drifts, odd joints (needs the extra fleet)",
+    "add": "add one effect to a model, refit it, and compare the errors",
+    "export": "write a model for MuJoCo, ROS or Gazebo, as Python or C",
+    "effects": "list the effects that a model may lack, with their laws and parameters",
+    "paper": "repeat the source paper's experiment: its Table 2 and figures beside ours",
+    "hardware": "check a rig, step by step",
+    "emulate": "emulate a rig behind a real protocol, with effects hidden in it if asked for",
+    "train": "train a policy that chooses excitations (needs the extra rl)",
+    "evaluate": "compare excitation policies with the paper's signal, on fresh plants",
+    "app": "the workbench in a browser: load, compare, diagnose, add, export (needs the extra app)",
+}
 ELSEWHERE = {"report": "a report is written by diagnose or compare, with --report FILE.html"}  # what is no command
 
 
@@ -52,8 +67,8 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     commands = program.add_subparsers(metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
         sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
-        if name == named:  # only what is run is imported
-            command = load(name)
+        if name == named:  # only what is run is imported: no command waits for the libraries of the others
+            command = import_module(f"workbench.commands.{name}")
             command.configure(sub)
             sub.add_argument(
                 "--plugin", metavar="FILE.py", action="append", help="know the effects that this file registers, too"

@@ -41,6 +41,7 @@ Logged = TypeVar("Logged", bound=Recording)
 COUPLING = "coupling"  # of two joints: no effect of a pendulum
 FORMATS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag"
 KINDS = f"{FORMATS}, or a study.toml (several recordings, known loads)"
+DRIVEN = f"as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KEYS)}"
 
 
 def argument(convert: Callable[[str], T]) -> Callable[[str], T]:
@@ -86,25 +87,10 @@ def one_of(kind: str, known: Iterable[str]) -> Callable[[str], str]:
     return argument(converted)
 
 
-def take(parser: argparse.ArgumentParser, *options: str) -> None:
-    """Declare options that several commands have, see `OPTIONS`."""
+def take(parser: argparse.ArgumentParser, *options: str, **other: Any) -> None:
+    """Declare options that several commands have, see `OPTIONS`, with what is other than there."""
     for name in options:
-        parser.add_argument(*(["-v", name] if name == "--verbose" else [name]), **OPTIONS[name])
-
-
-def take_plant(parser: argparse.ArgumentParser, *, arm: bool = False) -> None:
-    """Declare the plant of a simulation, which may be an arm: see `plant_of`."""
-    parser.add_argument(
-        "--effect",
-        dest="effects",
-        action="append",
-        type=argument(_effect),
-        default=[],
-        metavar="ID[=VALUE,...]",
-        help="hide an effect: ID alone, ID=VALUE,... in the order of `effects`, or ID:name=value,... "
-        f"(may be repeated){'; of an arm ID@JOINT and so on' if arm else ''}",
-    )
-    take(parser, "--theta")
+        parser.add_argument(*(["-v", name] if name == "--verbose" else [name]), **(OPTIONS[name] | other))
 
 
 def plant_of(arguments: argparse.Namespace) -> Model:
@@ -139,37 +125,6 @@ def _theta(text: str) -> Model:
     return paper_plant(read_parameters(text))
 
 
-def take_recordings(parser: argparse.ArgumentParser, *, what: str = "fitted jointly", holdout: bool = False) -> None:
-    """Declare recordings to read, what is done with them, and perhaps recordings to hold out."""
-    parser.add_argument("recordings", metavar="RECORDING", nargs="+", help=f"{KINDS}; {what}")
-    if holdout:
-        take(parser, "--holdout")
-    take(parser, *READING)
-    take_drive(
-        parser, "the controller that followed the reference", "diagnose, add and compare then simulate the closed loop"
-    )
-
-
-def take_drive(parser: argparse.ArgumentParser, what: str, meaning: str) -> None:
-    """Declare a drive: what it is, and what is done with it."""
-    parser.add_argument(
-        "--drive",
-        type=argument(_drive),
-        metavar="KEY=VALUE,...",
-        help=f"{what}, as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KEYS)}; {meaning}",
-    )
-
-
-def take_reading(parser: argparse.ArgumentParser) -> None:
-    """Declare how recordings are to be read: see `sources_of`."""
-    take(parser, *READING)
-
-
-def take_report(parser: argparse.ArgumentParser, what: str = "a report with plots, one file to share") -> None:
-    """Declare the page that is written."""
-    parser.add_argument("--report", type=argument(_page), metavar="FILE.html", help=f"write {what}")
-
-
 def _page(text: str) -> str:
     """Name of a report's file.
 
@@ -181,16 +136,6 @@ def _page(text: str) -> str:
         name = Path(text).with_suffix(".html")
         raise ValueError(f"a report is one HTML page, not {suffix}: name it {name}, a browser prints it to PDF")
     return text
-
-
-def take_robot(
-    parser: argparse.ArgumentParser,
-    meaning: str = "recordings are of an arm with these links, URDF or MJCF (needs the extra arms), with columns time, "
-    "position_JOINT and torque_JOINT, or numbered",
-) -> None:
-    """Declare the links of an arm, of which recordings then are."""
-    parser.add_argument("--robot", metavar="ARM.urdf", help=meaning)
-    take(parser, *ROBOT)
 
 
 def of_pendulums(parser: argparse.ArgumentParser, *options: str) -> None:
@@ -301,6 +246,16 @@ def _columns(text: str) -> dict[str, str]:
 
 # Options that several commands have, as `add_argument` takes them.
 OPTIONS: dict[str, dict[str, Any]] = {
+    "recordings": {"metavar": "RECORDING", "nargs": "+", "help": f"{KINDS}; fitted jointly"},
+    "--effect": {
+        "dest": "effects",
+        "action": "append",
+        "type": argument(_effect),
+        "default": [],
+        "metavar": "ID[=VALUE,...]",
+        "help": "hide an effect: ID alone, ID=VALUE,... in the order of `effects`, or ID:name=value,... "
+        "(may be repeated)",
+    },
     "--theta": {
         "type": argument(_theta),
         "metavar": "NAME=VALUE,...",
@@ -326,6 +281,17 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "metavar": "MB",
         "help": f"largest recording that is read, unpacked (default {LARGEST / 1e6:g} MB)",
     },
+    "--drive": {
+        "type": argument(_drive),
+        "metavar": "KEY=VALUE,...",
+        "help": f"the controller that followed the reference, {DRIVEN}; "
+        "diagnose, add and compare then simulate the closed loop",
+    },
+    "--robot": {
+        "metavar": "ARM.urdf",
+        "help": "recordings are of an arm with these links, URDF or MJCF (needs the extra arms), with columns time, "
+        "position_JOINT and torque_JOINT, or numbered",
+    },
     "--rotors": {
         "action": "store_true",
         "help": "with --robot: identify the motors' own inertia (default: if the MJCF has any)",
@@ -340,6 +306,13 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--no-gravity": {
         "action": "store_true",
         "help": "with --robot: the logged torque is without gravity compensation, which the driver subtracts",
+    },
+    "--only": {"type": argument(ids), "metavar": "ID,...", "help": "look for these effects only"},
+    "--without": {
+        "type": argument(ids),
+        "default": [],
+        "metavar": "ID,...",
+        "help": "do not look for these effects",
     },
     "--fix": {
         "dest": "fixed",
@@ -366,13 +339,18 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "help": "fit the base model with instrumental variables made of the controller's reference: removes the bias "
         "from feedback",
     },
+    "--report": {
+        "type": argument(_page),
+        "metavar": "FILE.html",
+        "help": "write a report with plots, one file to share",
+    },
     "--verbose": {
         "action": "store_true",
         "help": "print errors, parameters and candidates as tables, and all remarks",
     },
 }
 READING = ("--columns", "--unwrap", "--max-size")  # how recordings are to be read
-ROBOT = ("--rotors", "--joints", "--base", "--no-gravity")
+ROBOT = ("--robot", "--rotors", "--joints", "--base", "--no-gravity")
 LIMITS = ("--fix", "--bound")  # parameters that are known or bounded
 
 
@@ -449,13 +427,8 @@ def sources_of(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
     return tuple(replace(source, largest=largest) for source in read_sources(name))
 
 
-def read_recordings(sources: Sequence[Source], terminal: Terminal) -> list[Recording]:
-    """Read recordings and say what they are and what was changed at reading."""
-    return read_all(sources, terminal, Source.read)
-
-
 def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Source], Logged]) -> list[Logged]:
-    """The same of recordings of one joint or of several, as `read` reads them."""
+    """Read recordings, of one joint or of several, and say what they are and what was changed at reading."""
     recordings = []
     for source in sources:
         with terminal.progress(f"reading {source.file.name}"):
@@ -541,8 +514,9 @@ def opened(
     for source in (*asked.fitted, *asked.held_out):  # also those that are not read
         if not os.path.exists(source.file):
             raise InputError(f"{source.file}: there is no such file: check the path")
-    fitted = read_recordings(asked.fitted, terminal)
-    return Opened(model, asked.fitted, fitted, read_recordings(asked.held_out if holdout else (), terminal))
+    fitted = read_all(asked.fitted, terminal, Source.read)
+    held_out = read_all(asked.held_out if holdout else (), terminal, Source.read)
+    return Opened(model, asked.fitted, fitted, held_out)
 
 
 def read_suggestion(path: str) -> Suggestion:

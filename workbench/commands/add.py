@@ -9,14 +9,14 @@ from estimators.show.story import of_addition
 from pendulum_env.physics.library import addition
 from workbench.inputs import (
     LIMITS,
+    READING,
+    ROBOT,
     argument,
     known_effect,
     of_pendulums,
     opened,
     refuse_joint,
     take,
-    take_recordings,
-    take_robot,
     write_model,
     wrote,
 )
@@ -33,9 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=argument(_effect),
         help="an id that `effects` lists, of an effect or a table; of an arm ID@JOINT",
     )
-    take_recordings(parser, holdout=True)
-    take_robot(parser)
-    take(parser, "--align", *LIMITS)
+    take(parser, "recordings", "--holdout", *READING, "--drive", *ROBOT, "--align", *LIMITS)
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model with the effect")
     of_pendulums(parser, "align", "fixed", "bounds", "drive")
 

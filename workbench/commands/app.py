@@ -13,7 +13,7 @@ from threading import Timer
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.recording import Source
 from pendulum_env.recording.record import ColumnError
-from workbench.inputs import KINDS, Given, given, read_all, take_reading, take_robot, whole
+from workbench.inputs import KINDS, READING, ROBOT, Given, given, read_all, take, whole
 from workbench.mistakes import InputError
 from workbench.processes import interrupts_wait
 from workbench.robot import RobotFile
@@ -25,9 +25,8 @@ PORT, HIGHEST = 8050, 65535
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings and where to listen."""
-    parser.add_argument("recordings", metavar="RECORDING", nargs="*", help=f"{KINDS}; to begin with")
-    take_reading(parser)
-    take_robot(parser)
+    take(parser, "recordings", nargs="*", help=f"{KINDS}; to begin with")
+    take(parser, *READING, *ROBOT)
     parser.add_argument("--config", metavar="FILE", help="rig.toml of a rig, that the live view then offers, too")
     parser.add_argument("--fleet", metavar="FOLDER", help="of a survey, whose page is then beside the stages")
     parser.add_argument(

@@ -10,13 +10,13 @@ from estimators.show.story import of_comparison
 from pendulum_env.arms.joints import links_of
 from pendulum_env.files import write_whole
 from workbench.inputs import (
+    KINDS,
+    READING,
+    ROBOT,
     check_outputs,
     of_pendulums,
     opened,
     take,
-    take_recordings,
-    take_report,
-    take_robot,
     tell_preprocessed,
     write_json,
     wrote,
@@ -31,16 +31,15 @@ LAST = ""  # joint of a payload, if none is named
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, recordings and output."""
     parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
-    take_recordings(parser, what="each compared with the model")
-    take(parser, "--align")
-    take_report(parser)
+    take(parser, "recordings", help=f"{KINDS}; each compared with the model")
+    take(parser, *READING, "--drive", "--align", "--report")
     parser.add_argument(
         "--loop",
         action="store_true",
         help="simulate whole recordings in closed loop from their reference, which needs --drive or a study with "
         "[drive]; if a drive is known, these errors are given anyway",
     )
-    take_robot(parser)
+    take(parser, *ROBOT)
     parser.add_argument(
         "--payload",
         metavar="JOINT",

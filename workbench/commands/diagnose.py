@@ -13,16 +13,13 @@ from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from workbench.inputs import (
     LIMITS,
-    argument,
-    ids,
+    READING,
+    ROBOT,
     number,
     of_pendulums,
     opened,
     refuse_joint,
     take,
-    take_recordings,
-    take_report,
-    take_robot,
     write_json,
     write_model,
     wrote,
@@ -38,23 +35,15 @@ ASKED = ("only", "without", "fixed", "bounds", "max_torque", "max_angle", "max_s
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, model to start from, and outputs."""
-    take_recordings(parser, holdout=True)
-    take_robot(parser)
+    take(parser, "recordings", "--holdout", *READING, "--drive", *ROBOT)
     parser.add_argument(
         "--model",
         metavar="MODEL.json",
         help="start from its terms (default: the paper's four; of an arm, friction at each joint)",
     )
-    parser.add_argument(
-        "--only",
-        metavar="ID,...",
-        type=argument(ids),
-        help="look for these effects only; of an arm at every joint, or at one, as stribeck@elbow",
-    )
-    parser.add_argument(
-        "--without", metavar="ID,...", type=argument(ids), default=[], help="do not look for these effects"
-    )
-    take(parser, *LIMITS, "--instruments", "--verbose")
+    looked = "look for these effects only; of an arm at every joint, or at one, as stribeck@elbow"
+    take(parser, "--only", help=looked)
+    take(parser, "--without", *LIMITS, "--instruments", "--verbose")
     parser.add_argument(
         "--all", action="store_true", help="as --verbose, with every effect, also those that could not be judged"
     )
@@ -79,7 +68,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--experiment", metavar="FILE.csv", help="write the torque of the suggested experiment")
     parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
-    take_report(parser)
+    take(parser, "--report")
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the final model")
     of_pendulums(
         parser, "max_torque", "max_angle", "max_speed", "experiment", "fixed", "bounds", "instruments", "drive"

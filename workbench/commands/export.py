@@ -16,15 +16,16 @@ from pendulum_env.words import listing
 from workbench.export import FORMATS, Exported, Request, export
 from workbench.export.request import Language
 from workbench.inputs import (
+    DRIVEN,
+    READING,
+    ROBOT,
     check_outputs,
     number,
     of_pendulums,
+    read_all,
     read_model,
-    read_recordings,
     sources_of,
-    take_drive,
-    take_reading,
-    take_robot,
+    take,
     wrote,
 )
 from workbench.mistakes import InputError
@@ -62,7 +63,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="KGM2",
         help="inertia of the rotor about the joint, where it is known: motion tells its sum with the arm's (default 0)",
     )
-    take_drive(parser, "the controller of a servo, exported with its joint", "it is then told a goal, not a torque")
+    what = "the controller of a servo, exported with its joint"
+    take(parser, "--drive", help=f"{what}, {DRIVEN}; it is then told a goal, not a torque")
     parser.add_argument(
         "--callback",
         metavar="FILE",
@@ -74,8 +76,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="RECORDING",
         help="run it in MuJoCo against a recording or a study, in the loop where a drive is known: mjcf and urdf",
     )
-    take_reading(parser)
-    take_robot(parser, "the model is of an arm with these links, URDF or MJCF (needs the extra arms): mjcf and urdf")
+    take(parser, *READING)
+    links = "the model is of an arm with these links, URDF or MJCF (needs the extra arms): mjcf and urdf"
+    take(parser, "--robot", help=links)
+    take(parser, *ROBOT[1:])
     of_pendulums(parser, "mass", "armature", "drive", "callback", "check")
 
 
@@ -101,7 +105,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     exported = export(model, arguments.to, request)
     if sources:
         sources = tuple(read_as(source, model.log_format, arguments.model) for source in sources)
-        given = in_units_of(model, read_recordings(sources, terminal))
+        given = in_units_of(model, read_all(sources, terminal, Source.read))
         _check(model, exported, request, arguments.to, given.recordings, terminal)
     if arguments.output is not None:
         write_whole(arguments.output, exported.content)

@@ -13,12 +13,12 @@ from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, Model
 from workbench.inputs import (
     LIMITS,
+    READING,
+    ROBOT,
     argument,
     of_pendulums,
     opened,
     take,
-    take_recordings,
-    take_robot,
     write_json,
     write_model,
     wrote,
@@ -30,10 +30,7 @@ SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, schemes and outputs."""
-    take_recordings(parser)
-    take(parser, "--align")
-    take_robot(parser)
-    take(parser, *LIMITS, "--instruments")
+    take(parser, "recordings", *READING, "--drive", "--align", *ROBOT, *LIMITS, "--instruments")
     parser.add_argument(
         "--scheme",
         type=argument(_schemes),

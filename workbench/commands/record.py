@@ -19,17 +19,7 @@ from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.checks import BOUNDS
 from pendulum_env.recording.storage import WRITERS
-from workbench.inputs import (
-    check_outputs,
-    number,
-    of_pendulums,
-    one_of,
-    plant_of,
-    take_plant,
-    take_robot,
-    whole,
-    wrote,
-)
+from workbench.inputs import OPTIONS, ROBOT, check_outputs, number, of_pendulums, one_of, plant_of, take, whole, wrote
 from workbench.mistakes import InputError
 from workbench.rig import configured, controller, describe, record_rig
 from workbench.runs import LEARNT, SECONDS, SUGGESTED, environment, experiment
@@ -85,8 +75,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--replay", metavar="FILE", help="recording that --backend replay plays")
     parser.add_argument("--config", metavar="FILE", help="rig.toml of the rig, for --backend dm1015b")
-    take_plant(parser, arm=True)
-    take_robot(parser)
+    take(parser, "--effect", help=f"{OPTIONS['--effect']['help']}; of an arm ID@JOINT and so on")
+    take(parser, "--theta", *ROBOT)
     _take_measurement(parser)
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help=", ".join(WRITERS))
     of_pendulums(parser, "policy", "until", "diagnosis", "replay", "config", "theta")
