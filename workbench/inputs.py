@@ -16,10 +16,7 @@ from typing import Any, TypeVar
 from estimators.arguments import model_that_moves
 from estimators.diagnosis.result import SCHEMA
 from estimators.diagnosis.suggestion import Suggestion
-from estimators.preprocessing import Preprocessed
 from pendulum_env._typing import JSON
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import body_of
 from pendulum_env.files import check_output, write_whole
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model, ModelError, Term, nameable
@@ -354,23 +351,6 @@ ROBOT = ("--robot", "--rotors", "--joints", "--base", "--no-gravity")
 LIMITS = ("--fix", "--bound")  # parameters that are known or bounded
 
 
-def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Terminal) -> Preprocessed:
-    """Say the torque constant if it is known, else we speak of currents; say what is logged late, and correct it.
-
-    Args:
-        given: recordings, not yet in time.
-        align: whether torque that is logged late or filtered is corrected, or only said; None: nobody looks.
-        terminal: where it is said.
-    """
-    if given.constant is not None:
-        terminal.say(given.constant.text)
-    terminal.torque_unit = given.unit
-    timed = given if align is None else given.timed()
-    for text in timed.timing_texts(True):
-        terminal.say(f"{text}: corrected" if align else f"warning: {text}: correct it with --align", style="yellow")
-    return timed if align else given
-
-
 @dataclass(frozen=True)
 class Given:
     """The recordings that a command was given, still unread."""
@@ -463,60 +443,6 @@ def read_model(path: str) -> Model:
         return model_that_moves(model)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
-
-
-@dataclass(frozen=True)
-class Opened:
-    """What a command was given, read.
-
-    Attributes:
-        model: that is named, or else one without parameters to start from.
-        fitted: sources of what is fitted.
-        recordings, holdout: to fit and to hold out.
-        read: how another recording is read.
-    """
-
-    model: Model
-    fitted: tuple[Source, ...]
-    recordings: list[Recording]
-    holdout: list[Recording]
-    read: Callable[[Source], Recording] = Source.read
-
-    @property
-    def body(self) -> Body | None:
-        """The links of an arm; None of a pendulum."""
-        return body_of(self.model.terms)
-
-    def preprocessed(self, terminal: Terminal, align: bool | None = None) -> Preprocessed:
-        """Recordings in torque where known loads tell the torque constant, see `tell_preprocessed`."""
-        if self.body is not None:  # those of an arm are by now
-            return Preprocessed(tuple(self.recordings), tuple(self.holdout))
-        return tell_preprocessed(Preprocessed.of(self.recordings, self.holdout), align, terminal)
-
-
-def opened(
-    arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, holdout: bool = True
-) -> Opened:
-    """Refuse what could not be written; read the model, if one is named, and recordings in the format it knows.
-
-    Raises:
-        InputError, ModelError, RecordingError, StudyError: if something cannot be used; of an arm as `opened_arm`.
-    """
-    if arguments.robot is not None:
-        from workbench.arms import opened_arm  # who has no arm does not wait for it
-
-        return opened_arm(arguments, outputs, terminal)
-    asked = given(arguments)
-    check_outputs(outputs, asked.files)
-    path = getattr(arguments, "model", None) or ""
-    model = read_model(path) if path else Model()
-    asked = asked.read_as(model.log_format, path)
-    for source in (*asked.fitted, *asked.held_out):  # also those that are not read
-        if not os.path.exists(source.file):
-            raise InputError(f"{source.file}: there is no such file: check the path")
-    fitted = read_all(asked.fitted, terminal, Source.read)
-    held_out = read_all(asked.held_out if holdout else (), terminal, Source.read)
-    return Opened(model, asked.fitted, fitted, held_out)
 
 
 def read_suggestion(path: str) -> Suggestion:

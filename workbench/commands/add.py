@@ -14,12 +14,12 @@ from workbench.inputs import (
     argument,
     known_effect,
     of_pendulums,
-    opened,
     refuse_joint,
     take,
     write_model,
     wrote,
 )
+from workbench.opened import opened
 from workbench.story import tell
 from workbench.terminal import Terminal
 

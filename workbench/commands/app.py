@@ -13,10 +13,10 @@ from threading import Timer
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.recording import Source
 from pendulum_env.recording.record import ColumnError
-from workbench.inputs import KINDS, READING, ROBOT, Given, given, read_all, take, whole
+from workbench.inputs import KINDS, READING, ROBOT, given, read_all, take, whole
 from workbench.mistakes import InputError
+from workbench.opened import robot_of
 from workbench.processes import interrupts_wait
-from workbench.robot import RobotFile
 from workbench.survey.cases import is_survey
 from workbench.terminal import Terminal
 
@@ -40,8 +40,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if find_spec("dash") is None:
         raise InputError("the workbench in a browser needs the extra app: pip install 'pendulum-ident[app]'")
     asked = given(arguments)
-    robot = _robot(arguments, asked)
-    for source in (*asked.fitted, *asked.held_out):
+    recordings = (*asked.fitted, *asked.held_out)
+    robot = robot_of(arguments, recordings) if arguments.robot is not None else None
+    if robot is not None:
+        robot.body()  # complains now
+    for source in recordings:
         try:  # complains now, not in the browser
             read_all([source], terminal, Source.read if robot is None else robot.read)
         except ColumnError as error:
@@ -54,7 +57,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(f"{survey}: holds no survey: name what `survey` wrote with -o")
     from workbench.app.page.server import Server  # dash takes a while to import
 
-    recordings = (*asked.fitted, *asked.held_out)
     server = Server(arguments.port, recordings=recordings, rig=rig, survey=survey, robot=robot)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
     sys.stdout.flush()  # a pipe would keep it to itself
@@ -71,14 +73,3 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     finally:
         with interrupts_wait():  # whoever presses the keys again
             server.close()
-
-
-def _robot(arguments: argparse.Namespace, asked: Given) -> RobotFile | None:
-    """The robot whose recordings are shown, if there is one."""
-    if arguments.robot is None:
-        return None
-    told = {arguments.joints, *(source.joints for source in (*asked.fitted, *asked.held_out))} - {None}
-    joints, rotors = told.pop() if told else None, arguments.rotors or None
-    robot = RobotFile(Path(arguments.robot), joints, arguments.base is not None, rotors, arguments.no_gravity)
-    robot.body()  # complains now
-    return robot

@@ -9,19 +9,10 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.show.story import of_comparison
 from pendulum_env.arms.joints import links_of
 from pendulum_env.files import write_whole
-from workbench.inputs import (
-    KINDS,
-    READING,
-    ROBOT,
-    check_outputs,
-    of_pendulums,
-    opened,
-    take,
-    tell_preprocessed,
-    write_json,
-    wrote,
-)
+from workbench.arms import carried, of_payload
+from workbench.inputs import KINDS, READING, ROBOT, check_outputs, of_pendulums, take, write_json, wrote
 from workbench.mistakes import InputError
+from workbench.opened import opened, tell_preprocessed
 from workbench.story import tell
 from workbench.terminal import Terminal
 
@@ -80,8 +71,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         found = compare(model, recordings)
     payload, suspected = None, None
     if asked.body is not None:
-        from workbench.arms import carried, of_payload  # who has no arm does not wait for it
-
         payload = carried(arguments, asked, recordings, terminal)
         payload, suspected = (None, payload) if arguments.payload is None else (payload, None)
     write_json(arguments.json, found.json() | ({} if payload is None else {"payload": payload.json()}))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from typing import TYPE_CHECKING
 
+from estimators.arms.transmission import find_transmissions
 from estimators.diagnosis.experiment import USUAL
 from estimators.diagnosis.run import diagnose
 from pendulum_env.arms.recording import of_arms
@@ -17,18 +17,15 @@ from workbench.inputs import (
     ROBOT,
     number,
     of_pendulums,
-    opened,
     refuse_joint,
     take,
     write_json,
     write_model,
     wrote,
 )
+from workbench.opened import opened
 from workbench.story import story
 from workbench.terminal import Terminal
-
-if TYPE_CHECKING:
-    from estimators.arms.transmission import Transmission
 
 ASKED = ("only", "without", "fixed", "bounds", "max_torque", "max_angle", "max_speed")  # of a diagnosis, as it is
 
@@ -95,11 +92,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         )
     if arguments.experiment is not None and found.suggestion is not None:
         write_whole(arguments.experiment, found.suggestion.csv())
-    between: tuple[Transmission, ...] = ()
-    if asked.body is not None:
-        from estimators.arms.transmission import find_transmissions  # who has no arm does not wait for it
-
-        between = find_transmissions(of_arms(asked.recordings), asked.body.sliding)
+    body = asked.body
+    between = find_transmissions(of_arms(asked.recordings), body.sliding) if body is not None else ()
     more = {"transmissions": [one.json() for one in between]} if between else {}
     write_json(arguments.json, found.json() | more)
     if arguments.report is not None:

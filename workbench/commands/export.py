@@ -29,6 +29,7 @@ from workbench.inputs import (
     wrote,
 )
 from workbench.mistakes import InputError
+from workbench.opened import read_arm_model
 from workbench.terminal import Terminal
 
 
@@ -97,8 +98,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         arguments.approximate, arguments.step, arguments.mass, arguments.armature, arguments.drive, language
     )
     if arguments.robot is not None:
-        from workbench.arms import read_arm_model  # who has no arm does not wait for it
-
         model: Model = read_arm_model(arguments)
     else:
         model = read_model(arguments.model)

@@ -6,23 +6,14 @@ import argparse
 from collections.abc import Sequence
 
 from estimators.arguments import within_limits
+from estimators.arms.standard import nearest_body
 from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.show.story import TRUST, schemes_table
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, Model
-from workbench.inputs import (
-    LIMITS,
-    READING,
-    ROBOT,
-    argument,
-    of_pendulums,
-    opened,
-    take,
-    write_json,
-    write_model,
-    wrote,
-)
+from workbench.inputs import LIMITS, READING, ROBOT, argument, of_pendulums, take, write_json, write_model, wrote
+from workbench.opened import opened
 from workbench.terminal import Terminal
 
 SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
@@ -52,11 +43,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     with terminal.progress("identifying"):
         found = identify(given.recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
         one = found.schemes.get(SAVED, next(iter(found.schemes.values())))
-        nearest = None
-        if body is not None:
-            from estimators.arms.standard import nearest_body  # who has no arm does not wait for it
-
-            nearest = nearest_body(one.model)
+        nearest = nearest_body(one.model) if body is not None else None
         model = one.model if nearest is not None else _over_windows(found, arguments)
     if body is not None:
         terminal.say(f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters")

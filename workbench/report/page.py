@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import gzip
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from functools import cache
 from pathlib import Path
@@ -18,14 +18,29 @@ from estimators.selection.errors import Step
 from pendulum_env import words
 from pendulum_env.files import write_whole
 from workbench.report import arm
+from workbench.report.candidates import candidates, next_experiment
 from workbench.report.case import Case
+from workbench.report.comparison import comparison
+from workbench.report.errors import errors
+from workbench.report.failures import failures
 from workbench.report.figure import Section
-from workbench.report.sections import SECTIONS
-from workbench.report.sections.candidates import candidates
-from workbench.report.sections.comparison import comparison
-from workbench.report.sections.failures import failures
-from workbench.report.sections.loop import loop, of_diagnosis
-from workbench.report.sections.parameters import parameters
+from workbench.report.loop import loop, of_diagnosis
+from workbench.report.method import method
+from workbench.report.parameters import parameters
+from workbench.report.schemes import schemes
+from workbench.report.story import story
+
+SECTIONS: tuple[Callable[[Case], Section | None], ...] = (  # of a diagnosis, in the order in which they are read
+    story,
+    comparison,
+    failures,
+    candidates,
+    next_experiment,
+    errors,
+    parameters,
+    schemes,
+    method,
+)
 
 
 @cache

@@ -22,7 +22,7 @@ from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
 from workbench.report.page import shared
-from workbench.report.sections.story import changes
+from workbench.report.story import changes
 
 TITLE = "pendulum-ident"
 WORTH = 1.05  # times smaller, from which an error has become smaller

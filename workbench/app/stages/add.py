@@ -17,7 +17,7 @@ from workbench.app.stage import Stage
 from workbench.app.state import State as Work
 from workbench.mistakes import InputError
 from workbench.report.arm import joints
-from workbench.report.sections.errors import errors
+from workbench.report.errors import errors
 
 
 def show(session: Session) -> list[Component]:

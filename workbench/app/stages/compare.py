@@ -28,10 +28,10 @@ from workbench.app.stage import Stage
 from workbench.app.state import State as Work
 from workbench.report.arm import ends, strips
 from workbench.report.case import Case
+from workbench.report.comparison import before_and_after, position_figure
+from workbench.report.failures import planes
 from workbench.report.figure import Figure, axis, band, broken, line, numbers, span, thin
 from workbench.report.gallery import picture
-from workbench.report.sections.comparison import before_and_after, position_figure
-from workbench.report.sections.failures import planes
 
 GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
 HINT = "Drag a box in any of the plots, or choose a region: the same moments light up in all."

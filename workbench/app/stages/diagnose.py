@@ -17,8 +17,8 @@ from workbench.app.stages.data import timing
 from workbench.app.state import NOTHING, Asked
 from workbench.app.state import State as Work
 from workbench.report.arm import ends, joints
-from workbench.report.sections.candidates import ranked
-from workbench.report.sections.story import story
+from workbench.report.candidates import ranked
+from workbench.report.story import story
 
 
 def show(session: Session) -> list[Component]:

@@ -20,23 +20,12 @@ from pendulum_env.physics import BASE
 from pendulum_env.recording import Source, write_recording
 from pendulum_env.words import estimate, listing, name, number, opening, unit
 from workbench.app import live, recorder
-from workbench.app.parts import (
-    KEPT,
-    aria,
-    button,
-    dropdown,
-    field,
-    graph,
-    labelled,
-    panel,
-    spec,
-    table,
-)
+from workbench.app.parts import KEPT, aria, button, dropdown, field, graph, labelled, panel, spec, table
 from workbench.app.session import Session, Sessions
 from workbench.app.stage import Action, Form, Stage
 from workbench.mistakes import InputError
 from workbench.report.figure import Figure, axis, line
-from workbench.report.sections.schemes import convergence_figure, stroke
+from workbench.report.schemes import convergence_figure, stroke
 
 RIG = "dm1015b"  # backend that is offered where a configuration was given on the command line
 NAMES = {"replay": "a recording", RIG: "the rig", "mujoco": "MuJoCo"}  # of backends

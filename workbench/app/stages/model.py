@@ -12,8 +12,8 @@ from workbench.app.session import Session
 from workbench.app.stage import Stage
 from workbench.app.state import State as Work
 from workbench.report import arm
-from workbench.report.sections.parameters import parameters
-from workbench.report.sections.schemes import schemes
+from workbench.report.parameters import parameters
+from workbench.report.schemes import schemes
 
 
 def show(session: Session) -> list[Component]:
