@@ -312,6 +312,31 @@ class State:
         """Other choices, from which the ladder begins anew."""
         return replace(self, **choices, grown=(), diagnosis=None, started=())
 
+    def having(self, loaded: Sequence[Loaded]) -> State:
+        """The state with more recordings; raises InputError if they are too long together, or not of its arm."""
+        if self.robot is not None and not all(isinstance(one.recording, ArmRecording) for one in loaded):
+            raise InputError("this session is of an arm: leave the robot first, in the stage Data")
+        every = (*self.loaded, *loaded)
+        if sum(len(one.recording) for one in every) > uploads.LIMITS.samples:
+            raise InputError(f"{uploads.LIMITS.samples:,} samples are enough: remove a recording first")
+        return self.anew(loaded=every)
+
+    def swapping(self, old: Loaded, *new: Loaded) -> State:
+        """The state with one recording for another, or for none."""
+        return self.anew(loaded=tuple(own for one in self.loaded for own in (new if one is old else (one,))))
+
+    def of_robot(self, robot: RobotFile) -> State:
+        """What is loaded as recordings of a robot, and nothing else.
+
+        Raises BodyError if the robot cannot be read, and InputError if recordings are not of it.
+        """
+        robot.body()
+        state = State(robot=robot)
+        try:
+            return state.anew(loaded=tuple(replace(one, recording=state.read(one.source)) for one in self.loaded))
+        except Mistake as error:
+            raise InputError(f"what is loaded is not of this robot: {error}") from None
+
     def asking(self, asked: Asked) -> State:
         """Look for other effects from now on; where other values are known, the ladder begins anew with them."""
         return replace(self, asked=asked) if asked.limits == self.asked.limits else self.anew(asked=asked)

@@ -21,10 +21,11 @@ from pendulum_env.lookup import find
 from pendulum_env.recording.study import format_of
 from workbench.app.parts import panel, saves
 from workbench.app.recorder import DIAGNOSIS
-from workbench.app.saved import STUDY, pack, study
+from workbench.app.saved import pack, study
 from workbench.app.session import Session, Sessions
 from workbench.app.stage import Stage
 from workbench.app.state import State, ids
+from workbench.app.uploads import STUDY
 from workbench.mistakes import InputError
 
 PROGRAM, MODEL, REPORT, EXPERIMENT = "pendulum-ident", "model.json", "report.html", "experiment.csv"
