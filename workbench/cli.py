@@ -51,11 +51,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
-    """Arguments of a command.
-
-    Raises:
-        InputError: if they make no sense.
-    """
+    """Arguments of a command; raises InputError if they make no sense."""
     named = argv[0] if argv and not argv[0].startswith("-") else None
     if named in ELSEWHERE:
         raise InputError(f"there is no command '{named}': {ELSEWHERE[named]}")

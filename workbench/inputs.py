@@ -91,11 +91,7 @@ def take(parser: argparse.ArgumentParser, *options: str, **other: Any) -> None:
 
 
 def plant_of(arguments: argparse.Namespace) -> Model:
-    """The plant that was asked for, with what is hidden in it.
-
-    Raises:
-        ModelError: if an effect is hidden twice.
-    """
+    """The plant that was asked for, with what is hidden in it; raises ModelError if an effect is hidden twice."""
     plant: Model = arguments.theta or paper_plant()
     for text in arguments.effects:
         refuse_joint(text)
@@ -104,11 +100,7 @@ def plant_of(arguments: argparse.Namespace) -> Model:
 
 
 def refuse_joint(effect: str, robot: str | None = None) -> None:
-    """Refuse an effect at a joint where there is no arm.
-
-    Raises:
-        InputError: if it is one.
-    """
+    """Refuse an effect at a joint where there is no arm; raises InputError if it is one."""
     if "@" in effect and robot is None:
         raise InputError(f"{effect}: is an effect at a joint of an arm, which takes --robot; a pendulum has one joint")
 
@@ -123,11 +115,7 @@ def _theta(text: str) -> Model:
 
 
 def _page(text: str) -> str:
-    """Name of a report's file.
-
-    Raises:
-        ValueError: if it asks for another format than HTML.
-    """
+    """Name of a report's file; raises ValueError if it asks for another format than HTML."""
     suffix = Path(text).suffix.lower()
     if suffix not in ("", ".html", ".htm"):
         name = Path(text).with_suffix(".html")

@@ -34,8 +34,7 @@ from workbench.cli import parse
 from workbench.inputs import plant_of
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.processes import LOST, Done, Failed, Worker
-from workbench.rig import configured, connected, controller, cut_at
-from workbench.runs import environment, experiment
+from workbench.runs import configured, controller, cut_at, environment, experiment
 
 SLICE = 0.02  # [s] of the run between two looks at the clock
 LOOK = 0.1  # [s] between two entries of the history
@@ -84,7 +83,7 @@ def go(options: Sequence[str], connection: Connection[Any, Any]) -> str:
         rig = configured(arguments)
         rate = arguments.rate if rig is None else rig.rate
         command, seconds = experiment(arguments, np.random.default_rng(arguments.seed), rate)
-        with closing(environment(arguments, plant_of(arguments), command) if rig is None else connected(rig)) as bare:
+        with closing(environment(arguments, plant_of(arguments), command, rig)) as bare:
             env = EstimateParameters(bare)
             plant: Any = bare.unwrapped
             rate = plant.rate  # a replay has its own

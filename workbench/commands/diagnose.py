@@ -24,7 +24,7 @@ from workbench.inputs import (
     wrote,
 )
 from workbench.opened import opened
-from workbench.story import story
+from workbench.story import MORE, tell_diagnosis
 from workbench.terminal import Terminal
 
 ASKED = ("only", "without", "fixed", "bounds", "max_torque", "max_angle", "max_speed")  # of a diagnosis, as it is
@@ -101,7 +101,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             write_report(arguments.report, found)
     for one in between:
         terminal.say(one.text)
-    story(found, arguments.all).tell(terminal, arguments.verbose or arguments.all, more=arguments.report is None)
+    hint = MORE if arguments.report is None else ""
+    tell_diagnosis(found, terminal, arguments.verbose or arguments.all, arguments.all, hint)
     if arguments.experiment is not None and found.suggestion is None:
         terminal.say(f"{arguments.experiment} is not written: there is no experiment")
         outputs[0] = None

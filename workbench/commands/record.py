@@ -21,8 +21,17 @@ from pendulum_env.recording.checks import BOUNDS
 from pendulum_env.recording.storage import WRITERS
 from workbench.inputs import OPTIONS, ROBOT, check_outputs, number, of_pendulums, one_of, plant_of, take, whole, wrote
 from workbench.mistakes import InputError
-from workbench.rig import configured, controller, describe, record_rig
-from workbench.runs import LEARNT, SECONDS, SUGGESTED, environment, experiment
+from workbench.runs import (
+    LEARNT,
+    SECONDS,
+    SUGGESTED,
+    configured,
+    controller,
+    describe,
+    environment,
+    experiment,
+    record_rig,
+)
 from workbench.terminal import Terminal
 from workbench.until import DIAGNOSED, LONGEST, Here, verdict_text
 
@@ -142,7 +151,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     samples = _samples(seconds, rate)
     plant = plant_of(arguments)
     if rig is not None:
-        record_rig(rig, command, samples, arguments.output, terminal, arguments.until is not None)
+        record_rig(arguments, rig, command, samples, terminal)
         return
     recording = _run(arguments, plant, command, seconds, rng, terminal)
     if not (np.abs(recording.position) <= LARGE).all():  # nor NaN

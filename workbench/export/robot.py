@@ -42,11 +42,7 @@ def urdf(model: Model, request: Request) -> Exported:
 
 
 def sdf(model: Model, request: Request) -> Exported:
-    """For Gazebo.
-
-    Raises:
-        ExportError: if the model has what the format does not, and may not be exported without it.
-    """
+    """For Gazebo; raises ExportError if the model has what the format does not, and may not be exported without it."""
     stiffness = value(model, "spring.stiffness")
     friction, stop = Friction.of(model, ("hard_stop", *(("spring",) if stiffness >= 0 else ()))), Stop.of(model)
     body, notes = _body("sdf", model, (*friction.missing, *stop.missing), request)

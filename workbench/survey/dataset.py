@@ -88,21 +88,13 @@ class Dataset:
         return sorted((self.folder / "cases").glob("*.parquet"))
 
     def create(self) -> None:
-        """Make the folder, if it is not there.
-
-        Raises:
-            OSError: if it cannot be made.
-        """
+        """Make the folder, if it is not there; raises OSError if it cannot be made."""
         (self.folder / "cases").mkdir(parents=True, exist_ok=True)
         if not (self.folder / "SURVEY").exists():
             write_whole(self.folder / "SURVEY", "Written by pendulum-ident survey: cases/ is one Parquet dataset.\n")
 
     def append(self, rows: Iterable[JSON]) -> None:
-        """Add rows as one more file, whole or not at all.
-
-        Raises:
-            OSError: if it cannot be written, as on a full disk.
-        """
+        """Add rows as one more file, whole or not at all; raises OSError if it cannot be written, as on a full disk."""
         self._write(pa.Table.from_pylist(list(rows), schema=SCHEMA))
 
     def _write(self, table: pa.Table) -> None:
