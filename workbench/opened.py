@@ -29,20 +29,13 @@ NOTHING = Asked()  # of a robot, where no model says what it was made of
 
 @dataclass(frozen=True)
 class Opened:
-    """What a command was given, read.
+    """What a command was given, read."""
 
-    Attributes:
-        model: that is named, or else one without parameters to start from.
-        fitted: sources of what is fitted.
-        recordings, holdout: to fit and to hold out.
-        read: how another recording is read.
-    """
-
-    model: Model
-    fitted: tuple[Source, ...]
-    recordings: list[Recording]
-    holdout: list[Recording]
-    read: Callable[[Source], Recording] = Source.read
+    model: Model  # that is named, or else one without parameters to start from
+    fitted: tuple[Source, ...]  # sources of what is fitted
+    recordings: list[Recording]  # to fit
+    holdout: list[Recording]  # to hold out
+    read: Callable[[Source], Recording] = Source.read  # how another recording is read
 
     @property
     def body(self) -> Body | None:

@@ -25,21 +25,13 @@ FORMATS = (".urdf", ".xml", ".mjcf")
 
 @dataclass(frozen=True)
 class RobotFile:
-    """How a robot is to be read.
+    """How a robot is to be read."""
 
-    Attributes:
-        file: URDF or MJCF.
-        joints: that move; None: all that can.
-        bolted: whether a base that floats is bolted down.
-        rotors: whether motors have inertia of their own; None: as the file has it.
-        weightless: whether the driver takes gravity's torque off what it logs.
-    """
-
-    file: Path
-    joints: tuple[str, ...] | None = None
-    bolted: bool = False
-    rotors: bool | None = None
-    weightless: bool = False
+    file: Path  # URDF or MJCF
+    joints: tuple[str, ...] | None = None  # that move; None: all that can
+    bolted: bool = False  # whether a base that floats is bolted down
+    rotors: bool | None = None  # whether motors have inertia of their own; None: as the file has it
+    weightless: bool = False  # whether the driver takes gravity's torque off what it logs
 
     def body(self, held: Mapping[str, float] | None = None) -> Body:
         """Its links, other joints held at the given places, or at zero; raises BodyError as `read_body`."""

@@ -59,19 +59,12 @@ def read_one(source: Source) -> Recording:
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
-    """A recording of a session.
+    """A recording of a session."""
 
-    Attributes:
-        id: by which the page names it: that of its file, with a number where several are of one file.
-        source: how its file is read, and whether it is held out.
-        recording: what that gives.
-        origin: arguments of `pendulum-ident record` that made it; empty if it was uploaded.
-    """
-
-    id: str
-    source: Source
-    recording: Recording
-    origin: tuple[str, ...] = ()
+    id: str  # by which the page names it: that of its file, with a number where several are of one file
+    source: Source  # how its file is read, and whether it is held out
+    recording: Recording  # what that gives
+    origin: tuple[str, ...] = ()  # arguments of `pendulum-ident record` that made it; empty if it was uploaded
 
     @classmethod
     def of(
@@ -111,19 +104,12 @@ class Loaded:
 
 @dataclass(frozen=True)
 class Asked:
-    """Effects to look for, values that are known and bounds of others, each in the words of the command line.
+    """Effects to look for, values that are known and bounds of others, each in the words of the command line."""
 
-    Attributes:
-        only: ids of the effects that are looked for, with commas; empty: all.
-        without: ids of those that are not.
-        fix: `gravity=2.01,...`
-        bound: `viscous=0:0.5,...`
-    """
-
-    only: str = ""
-    without: str = ""
-    fix: str = ""
-    bound: str = ""
+    only: str = ""  # ids of the effects that are looked for, with commas; empty: all
+    without: str = ""  # ids of those that are not
+    fix: str = ""  # `gravity=2.01,...`
+    bound: str = ""  # `viscous=0:0.5,...`
 
     @classmethod
     def of(cls, form: Mapping[str, Any]) -> Asked:
@@ -163,19 +149,12 @@ NOTHING = Asked()  # every effect is looked for, and nothing is known
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Recordings that a model can be fitted to.
+    """Recordings that a model can be fitted to."""
 
-    Attributes:
-        data: in N m, with their torque in time if that is asked for.
-        timed: the same with their torque in time.
-        base: the base model, fitted.
-        schemes: what some schemes find of an arm.
-    """
-
-    data: Preprocessed
-    timed: Preprocessed
-    base: Step
-    schemes: Identification | None = None
+    data: Preprocessed  # in N m, with their torque in time if that is asked for
+    timed: Preprocessed  # the same with their torque in time
+    base: Step  # the base model, fitted
+    schemes: Identification | None = None  # what some schemes find of an arm
 
 
 @lru_cache(maxsize=4)  # states of the same choices share it
@@ -217,29 +196,18 @@ def _refuse_none(train: Sequence[Recording], loaded: Sequence[object]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What a user has chosen, and what came of long work; all else follows from these when somebody looks at it.
+    """What a user has chosen, and what came of long work; all else follows from these when somebody looks at it."""
 
-    Attributes:
-        loaded: recordings.
-        terms: of the base model, of an arm those at its joints; empty: the usual ones.
-        model_file: name of the file that they came from; empty for the usual ones.
-        is_aligned: whether torque that was logged late or filtered is corrected.
-        asked: which effects are looked for, and which values are known.
-        grown: the ladder once effects were added: the base model, then one step for each; empty before.
-        diagnosis: the last one of these recordings.
-        started: the ladder that it started from.
-        robot: whose recordings they are; None of a pendulum.
-    """
-
-    loaded: tuple[Loaded, ...] = ()
-    terms: tuple[Term, ...] = ()
-    model_file: str = ""
-    is_aligned: bool = False
-    asked: Asked = NOTHING
+    loaded: tuple[Loaded, ...] = ()  # recordings
+    terms: tuple[Term, ...] = ()  # of the base model, of an arm those at its joints; empty: the usual ones
+    model_file: str = ""  # name of the file that they came from; empty for the usual ones
+    is_aligned: bool = False  # whether torque that was logged late or filtered is corrected
+    asked: Asked = NOTHING  # which effects are looked for, and which values are known
+    # The ladder once effects were added: the base model, then one step for each; empty before
     grown: tuple[Step, ...] = ()
-    diagnosis: Diagnosis | None = None
-    started: tuple[Step, ...] = ()
-    robot: RobotFile | None = None
+    diagnosis: Diagnosis | None = None  # the last one of these recordings
+    started: tuple[Step, ...] = ()  # the ladder that it started from
+    robot: RobotFile | None = None  # whose recordings they are; None of a pendulum
 
     @property
     def joints(self) -> tuple[str, ...] | None:

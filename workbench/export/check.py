@@ -26,17 +26,11 @@ from workbench.export.request import Exported, ExportError, Request, load_mujoco
 
 @dataclass(frozen=True)
 class Check:
-    """How far simulations are from recordings [rad].
+    """How far simulations are from recordings [rad]."""
 
-    Attributes:
-        title: how that was measured.
-        errors: by what is compared with what.
-        motion: distance of the measured position from its mean, measured alike.
-    """
-
-    title: str
-    errors: Mapping[str, float]
-    motion: float
+    title: str  # how that was measured
+    errors: Mapping[str, float]  # by what is compared with what
+    motion: float  # distance of the measured position from its mean, measured alike
 
 
 def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> Check:

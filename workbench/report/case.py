@@ -17,15 +17,10 @@ from pendulum_env.physics import Model
 
 @dataclass(frozen=True)
 class Case:
-    """A diagnosis with the data that it rests on.
+    """A diagnosis with the data that it rests on."""
 
-    Attributes:
-        diagnosis: what was found.
-        first: what the model is called that the diagnosis started from.
-    """
-
-    diagnosis: Diagnosis
-    first: str = "base model"
+    diagnosis: Diagnosis  # what was found
+    first: str = "base model"  # what the model is called that the diagnosis started from
 
     @property
     def data(self) -> Preprocessed:

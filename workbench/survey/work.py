@@ -34,19 +34,13 @@ PAGES = {"none": (), "found": ("missing", "unexplained"), "all": VERDICTS}  # ve
 
 @dataclass(frozen=True)
 class Settings:
-    """What a survey asks for.
+    """What a survey asks for."""
 
-    Attributes:
-        asked: of every diagnosis: arguments of `estimators.diagnose` by name, such as `base`, `only` or `fixed`.
-        plugins: files that register effects of the user's own; each worker loads them.
-        reports: which cases get a page of their own, a key of `PAGES`.
-        folder: where the survey is written; the workers write pages there.
-    """
-
+    # Of every diagnosis: arguments of `estimators.diagnose` by name, such as `base`, `only` or `fixed`
     asked: Mapping[str, Any] = field(default_factory=dict)
-    plugins: tuple[Path, ...] = ()
-    reports: str = "none"
-    folder: Path | None = None
+    plugins: tuple[Path, ...] = ()  # files that register effects of the user's own; each worker loads them
+    reports: str = "none"  # which cases get a page of their own, a key of `PAGES`
+    folder: Path | None = None  # where the survey is written; the workers write pages there
 
     def mark(self, case: Case) -> str:
         """Hash of all that decides on a row apart from what is in the file, wherever it lies."""

@@ -43,17 +43,11 @@ GLOW = "--brush"
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """R windows of one recording under the models that are compared.
+    """R windows of one recording under the models that are compared."""
 
-    Attributes:
-        case: the models, and what they were fitted to.
-        samples: time, position, velocity and torque at the windows' centres (R,), SI.
-        residuals: measured minus modelled torque of each model (R,) [N m].
-    """
-
-    case: Case
-    samples: Samples
-    residuals: tuple[Array, ...]
+    case: Case  # the models, and what they were fitted to
+    samples: Samples  # time, position, velocity and torque at the windows' centres (R,), SI
+    residuals: tuple[Array, ...]  # measured minus modelled torque of each model (R,) [N m]
 
     @classmethod
     def of(cls, case: Case, recording: Recording) -> Points:
