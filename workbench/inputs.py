@@ -242,7 +242,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "(may be repeated)",
     },
     "--theta": {
-        "type": argument(_theta),
+        "type": argument(lambda text: paper_plant(read_parameters(text))),
         "metavar": "NAME=VALUE,...",
         "help": "inertia, gravity, viscous, coulomb of the plant, where they differ from the paper's",
     },

@@ -134,20 +134,15 @@ class Event:
 
 
 class Follower:
-    """Follows a run by its rows: a motor does not wait for what is computed here.
-
-    Attributes:
-        course: time [s] and evidence that something is missing [nat], once a second of motion.
-        events: alarms, and what was added or taken out.
-    """
+    """Follows a run by its rows: a motor does not wait for what is computed here."""
 
     def __init__(self, rate: float, smoothing: Smoothing) -> None:
         """Take the samples per second [Hz], and the smoothing of the measurement."""
         self._rate, self._smoothing, self._lock = rate, smoothing, Lock()
         self._diagnoser = Diagnoser(rate, smoothing=smoothing)
         (self._monitor,) = self._diagnoser.each
-        self.course: list[tuple[float, float]] = []
-        self.events: list[Event] = []
+        self.course: list[tuple[float, float]] = []  # time [s] and evidence [nat], once a second of motion
+        self.events: list[Event] = []  # alarms, and what was added or taken out
         self._time, self._torque = 0.0, 0.0  # the latest ones
         self._renew()
 
@@ -209,15 +204,7 @@ class Follower:
 
 
 class Run:
-    """One run in a process of its own, which begins at once.
-
-    Attributes:
-        begun: what it told first.
-        rows: what it has measured.
-        pace: seconds of the run in one second.
-        trouble: why it ended, if it should not have.
-        follower: says what its model lacks.
-    """
+    """One run in a process of its own, which begins at once."""
 
     def __init__(self, options: Sequence[str], worker: Worker) -> None:
         """Give a worker the options of `pendulum-ident record`, and wait for the environment.
@@ -231,10 +218,10 @@ class Run:
         if isinstance(begun, Failed):
             worker.end()
             raise InputError(begun.why)
-        self.begun: Begun = begun
-        self.follower = Follower(begun.rate, begun.smoothing)
-        self.rows: list[Row] = []
-        self.pace, self.trouble = 1.0, ""
+        self.begun: Begun = begun  # what it told first
+        self.follower = Follower(begun.rate, begun.smoothing)  # says what its model lacks
+        self.rows: list[Row] = []  # what it has measured
+        self.pace, self.trouble = 1.0, ""  # seconds of the run in one second; why it ended, if it should not have
         self._history: list[Entry] = []
         self._followed, self._following = 0, Lock()
         self.watch()

@@ -43,7 +43,6 @@ from workbench.inputs import known as values_of
 from workbench.inputs import ranges
 from workbench.mistakes import InputError
 from workbench.processes import Task
-from workbench.report import render
 from workbench.report.case import Case
 from workbench.robot import RobotFile, loaded_text, meaning, straying
 
@@ -161,13 +160,10 @@ class Prepared:
 def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: bool, asked: Asked) -> Prepared:
     """What recordings give to fit models to; `asked` tells what is known of the base model's terms.
 
-    Raises:
-        InputError: if nothing can be fitted.
-        IdentificationError: if there is too little motion.
+    Raises InputError if no known load tells a gain, and IdentificationError if there is too little motion.
     """
-    train = [one.recording for one in loaded if not one.held_out]
-    _refuse_none(train, loaded)
-    given = Preprocessed.of(train, [one.recording for one in loaded if one.held_out])
+    train, holdout = ([one.recording for one in loaded if one.held_out is held] for held in (False, True))
+    given = Preprocessed.of(train, holdout)
     if given.doubt is not None:
         raise InputError(f"{given.doubt}; or give the gain itself")
     timed = given.timed()
@@ -181,17 +177,11 @@ def prepare_arm(
     train: tuple[ArmRecording, ...], holdout: tuple[ArmRecording, ...], body: Body, terms: tuple[Term, ...]
 ) -> Prepared:
     """The same of an arm, with friction at each joint or with given terms; raises alike."""
-    _refuse_none(train, holdout)
     fitted, _ = parted(train, holdout)
     found = identify(fitted, (Links(body), *terms) if terms else arm_base(body), SCHEMES)
     model, data = found[SAVED].model, Preprocessed(train, holdout, terms=found[SAVED].model.terms)
     errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
     return Prepared(data, data, Step(None, model, errors), found)
-
-
-def _refuse_none(train: Sequence[Recording], loaded: Sequence[object]) -> None:
-    if not train:
-        raise InputError("every recording is held out: keep one to fit the model to" if loaded else NO_RECORDING)
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,6 +309,8 @@ class State:
     @cached_property
     def _prepared(self) -> Prepared | str:
         """What models are fitted to, or why nothing can be fitted."""
+        if all(one.held_out for one in self.loaded):
+            return "every recording is held out: keep one to fit the model to" if self.loaded else NO_RECORDING
         try:
             known = Asked(fix=self.asked.fix, bound=self.asked.bound)
             if self.body is None:
@@ -457,10 +449,6 @@ class State:
     def table(self) -> str | None:
         """A function that no effect is and that would explain what is left."""
         return next(iter(self.told.tables), None)
-
-    def report(self) -> str:
-        """HTML of the report."""
-        return render(self.told)
 
     @cached_property
     def case(self) -> Case:

@@ -11,12 +11,11 @@ from functools import partial
 
 from agents.baselines import BASELINE, BASELINES, baseline
 from agents.evaluation import Contender, compare, evaluation_json
-from agents.network import Network, load
+from agents.network import load
 from agents.observer import CONSTRAINTS
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
-from pendulum_env.policy import Policy
 from workbench.cluster import connected
 from workbench.inputs import check_outputs, one_of, refuse_joint, take, whole, write_json, wrote
 from workbench.mistakes import InputError
@@ -156,10 +155,6 @@ def _contender(name: str, constraint: str) -> Contender:
         network = load(constraint if name == SHIPPED else name)
         if network.constraint != constraint:
             raise InputError(f"{name}: was trained under the constraint {network.constraint}, not {constraint}")
-        return partial(_always, network)
+        return lambda seed: network  # it draws nothing
     baseline(name, constraint)
     return partial(baseline, name, constraint)
-
-
-def _always(network: Network, seed: int) -> Policy:
-    return network  # it draws nothing

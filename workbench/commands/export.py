@@ -90,9 +90,14 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     outputs = [arguments.output, arguments.callback]
     robot = [arguments.robot] if arguments.robot is not None else []
     check_outputs(outputs, [arguments.model, *robot, *(str(source.file) for source in sources)])
-    _refuse(arguments)
+    for option in ("check", "mass", "armature", "callback", "drive"):
+        if getattr(arguments, option) and option not in FORMATS[arguments.to].options:
+            others = [name for name, form in FORMATS.items() if option in form.options]
+            raise InputError(f"--{option} goes with {listing(others)}, not with {arguments.to}")
     language: Language | None = None
     if arguments.callback is not None:
+        if not arguments.callback.endswith((".py", ".c")):
+            raise InputError(f"--callback {shown(arguments.callback)}: its name should end in .py or .c")
         language = "c" if arguments.callback.endswith(".c") else "python"
     request = Request(
         arguments.approximate, arguments.step, arguments.mass, arguments.armature, arguments.drive, language
@@ -126,16 +131,6 @@ def _checked(arguments: argparse.Namespace) -> tuple[Source, ...]:
         asked.drive = None  # that of the export: a study says its own
     sources = sources_of(arguments.check, asked)
     return tuple(source for source in sources if source.role == "holdout") or sources
-
-
-def _refuse(arguments: argparse.Namespace) -> None:
-    """Raise InputError if what is asked for is not of the format."""
-    for option in ("check", "mass", "armature", "callback", "drive"):
-        if getattr(arguments, option) and option not in FORMATS[arguments.to].options:
-            others = [name for name, form in FORMATS.items() if option in form.options]
-            raise InputError(f"--{option} goes with {listing(others)}, not with {arguments.to}")
-    if arguments.callback is not None and not arguments.callback.endswith((".py", ".c")):
-        raise InputError(f"--callback {shown(arguments.callback)}: its name should end in .py or .c")
 
 
 def _check(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 
 from estimators.arguments import within_limits
 from estimators.arms.standard import nearest_body
@@ -24,7 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     take(parser, "recordings", *READING, "--drive", "--align", *ROBOT, *LIMITS, "--instruments")
     parser.add_argument(
         "--scheme",
-        type=argument(_schemes),
+        type=argument(lambda text: SETS.get(text) or [scheme(id.strip()) for id in text.split(",")]),
         default=SCHEMES,
         metavar="all|ID,...",
         help=f"{', '.join(item.id for item in SCHEMES)}; all (default), or paper: all with the paper's own choices",
@@ -69,7 +68,3 @@ def _over_windows(found: Identification, arguments: argparse.Namespace) -> Model
         terms, _ = within_limits(BASE, {}, arguments.fixed, arguments.bounds)
         return found.fitted(lambda data: fit_by_reference(data, terms))
     return found.windows if found.data is not None or arguments.output is not None else None
-
-
-def _schemes(text: str) -> Sequence[Scheme]:
-    return SETS[text] if text in SETS else [scheme(id.strip()) for id in text.split(",")]

@@ -34,6 +34,8 @@ def failures(case: Case) -> Section:
     curves = [(label, color) for label, color, _ in case.models]
     still = case.diagnosis.unexplained if case.diagnosis.selected else ()
     reach = 1.08 * max(float(np.max(np.abs(item.mean))) for drawn in maps for item in drawn if item.axis != "frequency")
+    drawn = zip(case.models, planes(prepared.samples.position, prepared.samples.velocity, residuals), strict=True)
+    about = "Mean residual torque in the plane of angle and velocity"
     return Section(
         "failures",
         "Where it fails",
@@ -49,8 +51,8 @@ def failures(case: Case) -> Section:
                 profile_figure(curves, [m[k] for m in maps], regions, still, reach) for k in range(len(maps[0]))
             ],
             "planes": [
-                (label, figure)
-                for (label, _, _), figure in zip(case.models, plane_figures(case, residuals), strict=True)
+                (label, Figure(f"plane-{k}", f"{about}, {label}", [cells], layout, 380))
+                for k, ((label, _, _), (cells, layout)) in enumerate(drawn)
             ],
         },
     )
@@ -125,16 +127,6 @@ def stripe(region: Region, color: str, low: float, high: float) -> JSON:
         "fillcolor": color,
         "line": {"width": 1, "color": "--page"},  # between two neighbours
     }
-
-
-def plane_figures(case: Case, residuals: Sequence[Array]) -> list[Figure]:
-    """Mean residual in the phase plane, one figure a model, all in one colour scale."""
-    x = case.data.parts[0].samples
-    maps = planes(np.asarray(x.position), np.asarray(x.velocity), residuals)
-    return [
-        Figure(f"plane-{k}", f"Mean residual torque in the plane of angle and velocity, {label}", [cells], layout, 380)
-        for k, ((label, _, _), (cells, layout)) in enumerate(zip(case.models, maps, strict=True))
-    ]
 
 
 def planes(position: Array, velocity: Array, residuals: Sequence[Array]) -> list[tuple[JSON, JSON]]:

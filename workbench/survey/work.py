@@ -85,8 +85,12 @@ def look(case: Case, settings: Settings) -> JSON:
     found = diagnose([recording], **settings.asked)
     row = _row(recording, found)
     if settings.folder is not None and row["verdict"] in PAGES[settings.reports]:
+        from workbench.report import write_report  # plotly takes a while to import
+
         row["report"] = page_of(case)
-        _write_page(settings.folder / row["report"], found)
+        path = settings.folder / row["report"]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_report(path, found)
     return row
 
 
@@ -94,13 +98,6 @@ def page_of(case: Case) -> str:
     """File of a case's own page, below the survey's folder; names that differ stay different."""
     readable = re.sub(r"[^\w.-]+", "-", case.name, flags=re.ASCII).strip("-.")[-80:]
     return f"reports/{readable}-{hashlib.sha256(case.name.encode()).hexdigest()[:8]}.html"
-
-
-def _write_page(path: Path, found: Diagnosis) -> None:
-    from workbench.report import write_report  # plotly takes a while to import
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_report(path, found)
 
 
 def _row(recording: Recording, found: Diagnosis) -> JSON:

@@ -27,6 +27,7 @@ from workbench.app.stage import Stage
 from workbench.app.state import State, ids
 from workbench.app.uploads import STUDY
 from workbench.mistakes import InputError
+from workbench.report import render
 
 PROGRAM, MODEL, REPORT, EXPERIMENT = "pendulum-ident", "model.json", "report.html", "experiment.csv"
 WHOLE = (
@@ -187,7 +188,7 @@ def _experiment(state: State) -> str:
 
 
 FILES: dict[str, tuple[str, Callable[[State], str | bytes]]] = {  # name and content of what any stage saves
-    "report": (REPORT, lambda state: state.report()),
+    "report": (REPORT, lambda state: render(state.told)),
     "model": (MODEL, _model),
     "diagnosis": (DIAGNOSIS, lambda state: _text(state.told)),
     "experiment": (EXPERIMENT, _experiment),

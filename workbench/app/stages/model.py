@@ -75,16 +75,14 @@ def begin_from(session: Session, name: str, content: str) -> None:
     session.change(f"start from {file.name}", session.state.anew(terms=terms, model_file=file.name))
 
 
-def _back(session: Session) -> None:
-    session.change("start from the usual terms", session.state.anew(terms=(), model_file=""))
-
-
 STAGE = Stage(
     "model",
     "Model",
     show,
     {
         "model-file": lambda session, _, came: begin_from(session, *came["files"][0]),
-        "model-back": lambda session, *_: _back(session),
+        "model-back": lambda session, *_: session.change(
+            "start from the usual terms", session.state.anew(terms=(), model_file="")
+        ),
     },
 )
