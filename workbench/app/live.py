@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.online import Diagnoser, OnlineDiagnosis, Verdict, Watch
+from estimators.online import Diagnoser, OnlineDiagnosis, Watch
 from estimators.schemes.fitting import Convergence, Identified
 from estimators.schemes.identification import Identification
 from estimators.schemes.six import SCHEMES
@@ -149,7 +149,7 @@ class Follower:
     def _renew(self) -> None:
         """Watch the running model as it is from now on."""
         self._watch = Watch(self._rate, self._monitor.terms, smoothing=self._smoothing)
-        self._kind, self._missing = "calibrating", False
+        self._kind = "calibrating"  # of its last verdict
 
     @property
     def said(self) -> OnlineDiagnosis:
@@ -164,28 +164,18 @@ class Follower:
                 before = self._monitor.said
                 (said,), (verdict,) = self._diagnoser.take(*sample), self._watch.take(*sample)
                 self._time, self._torque = time, torque
-                if said is not before:
-                    self._tell(said)
-                if verdict.kind != self._kind:
-                    self._warn(verdict)
+                if said is not before and np.isfinite(said.evidence):
+                    self.course.append((time, said.evidence))
+                if said.kind == "missing" and before.kind != "missing":
+                    self._note(f"missing: {listing([name(id) for id in said.group], 'or')}", True)
+                if verdict.kind != self._kind and verdict.kind == "value":
+                    self._note(f"value changed: {name(verdict.parameter)}", True)
+                elif verdict.kind != self._kind and verdict.kind == "structure":
+                    self._note("structure changed", True)
+                self._kind = verdict.kind
 
     def _note(self, text: str, alarm: bool) -> None:
         self.events.append(Event(self._time, text, alarm))
-
-    def _tell(self, said: OnlineDiagnosis) -> None:
-        if np.isfinite(said.evidence):
-            self.course.append((self._time, said.evidence))
-        missing = said.kind == "missing"
-        if missing and not self._missing:
-            self._note(f"missing: {listing([name(id) for id in said.group], 'or')}", True)
-        self._missing = missing
-
-    def _warn(self, verdict: Verdict) -> None:
-        self._kind = verdict.kind
-        if verdict.kind == "value":
-            self._note(f"value changed: {name(verdict.parameter)}", True)
-        elif verdict.kind == "structure":
-            self._note("structure changed", True)
 
     def add(self, effect: str) -> None:
         """Take an effect into the model; raises ValueError if there is none of that id, or it cannot be added."""

@@ -75,24 +75,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--diagnosis", metavar="FILE", help=f"what `diagnose --json` wrote, for --excitation {SUGGESTED}"
     )
-    _take_limits(parser)
-    parser.add_argument(
-        "--backend",
-        type=one_of("backend", BACKENDS),
-        metavar="NAME",
-        help=f"{', '.join(BACKENDS)} (default simulated, which plays signals only; pymunk with {LEARNT})",
-    )
-    parser.add_argument("--replay", metavar="FILE", help="recording that --backend replay plays")
-    parser.add_argument("--config", metavar="FILE", help="rig.toml of the rig, for --backend dm1015b")
-    take(parser, "--effect", help=f"{OPTIONS['--effect']['help']}; of an arm ID@JOINT and so on")
-    take(parser, "--theta", *ROBOT)
-    _take_measurement(parser)
-    parser.add_argument("-o", "--output", required=True, metavar="FILE", help=", ".join(WRITERS))
-    of_pendulums(parser, "policy", "until", "diagnosis", "replay", "config", "theta")
-
-
-def _take_limits(parser: argparse.ArgumentParser) -> None:
-    """Declare what bounds the torque, and the motion of an arm."""
     parser.add_argument(
         "--amplitude",
         type=number(0.0, MOST_TORQUE),
@@ -110,10 +92,16 @@ def _take_limits(parser: argparse.ArgumentParser) -> None:
         type=number(0.01),
         help=f"with --robot: bound of each joint's designed speed [rad/s] (default the file's, or {USUAL_SPEED:g})",
     )
-
-
-def _take_measurement(parser: argparse.ArgumentParser) -> None:
-    """Declare how the motion is sampled."""
+    parser.add_argument(
+        "--backend",
+        type=one_of("backend", BACKENDS),
+        metavar="NAME",
+        help=f"{', '.join(BACKENDS)} (default simulated, which plays signals only; pymunk with {LEARNT})",
+    )
+    parser.add_argument("--replay", metavar="FILE", help="recording that --backend replay plays")
+    parser.add_argument("--config", metavar="FILE", help="rig.toml of the rig, for --backend dm1015b")
+    take(parser, "--effect", help=f"{OPTIONS['--effect']['help']}; of an arm ID@JOINT and so on")
+    take(parser, "--theta", *ROBOT)
     parser.add_argument(
         "--rate", type=number(BOUNDS.slowest, 1e5), default=1000.0, help="samples per second (default 1000)"
     )
@@ -127,6 +115,8 @@ def _take_measurement(parser: argparse.ArgumentParser) -> None:
         help=f"of the torque [N m] (default {TORQUE_NOISE:g})",
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of all random numbers (default 0)")
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help=", ".join(WRITERS))
+    of_pendulums(parser, "policy", "until", "diagnosis", "replay", "config", "theta")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -82,8 +82,7 @@ def render(diagnosis: Diagnosis) -> str:
     else:
         sections = [section for make in SECTIONS if (section := make(case)) is not None]
     kind = "comparison with" if diagnosis.body is not None and not diagnosis.searched else "diagnosis of"
-    page = assemble(sections, f"{kind} {words.listing([recording.name for recording in case.data.recordings])}")
-    return words.per(page, diagnosis.torque_unit)
+    return _whole(case, sections, kind)
 
 
 def fragment(section: Section) -> str:
@@ -131,21 +130,24 @@ def write_report(path: str | Path, diagnosis: Diagnosis) -> None:
 
 
 def render_comparison(compared: Comparison) -> str:
-    """HTML of what `compare` found of recordings, as one self-contained page like that of a diagnosis."""
-    case = _case(compared)
-    subject = f"comparison with {words.listing([recording.name for recording in case.data.recordings])}"
-    if case.diagnosis.body is not None:
-        return assemble(arm.sections(case), subject)
+    """HTML of what `compare` found of recordings, as one self-contained page like that of a diagnosis.
+
+    It is that of a diagnosis in which nobody has looked for effects, and all is fitted and checked alike.
+    """
+    step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
+    found = Diagnosis((step,), (), (), compared.regions, compared.joint.floors, (), data=compared.data)
+    case = Case(found, first="model")  # nothing is added to it
+    if found.body is not None:
+        return _whole(case, arm.sections(case), "comparison with")
     headline = words.opening(compared.headline).replace(" N m", "\u00a0N\u00a0m").replace(" rad", "\u00a0rad")
     distances = Section("distances", "Result", headline, {"compared": compared})
     sections = [distances, comparison(case), failures(case), parameters(case)]
     if compared.told_in_loop is not None:
         sections.insert(1, loop(compared.told_in_loop, [("model", compared.model)], case.data.recordings))
-    return words.per(assemble(sections, subject), compared.torque_unit)
+    return _whole(case, sections, "comparison with")
 
 
-def _case(compared: Comparison) -> Case:
-    """The comparison as a diagnosis in which nobody has looked for effects, and all is fitted and checked alike."""
-    step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
-    found = Diagnosis((step,), (), (), compared.regions, compared.joint.floors, (), data=compared.data)
-    return Case(found, first="model")  # nothing is added to it
+def _whole(case: Case, sections: Sequence[Section], kind: str) -> str:
+    """HTML of a page about recordings, in the unit of their torque."""
+    page = assemble(sections, f"{kind} {words.listing([recording.name for recording in case.data.recordings])}")
+    return words.per(page, case.diagnosis.torque_unit)
