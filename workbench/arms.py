@@ -1,7 +1,5 @@
 """What commands do of an arm alone, where `--robot` names its links: read and record it, tell a payload, export it."""
 
-from __future__ import annotations
-
 import argparse
 import re
 from collections.abc import Sequence

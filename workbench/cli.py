@@ -1,7 +1,5 @@
 """Command line: `pendulum-ident COMMAND ...`; exit 0 on success, 2 on bad input with one line on stderr."""
 
-from __future__ import annotations
-
 import argparse
 import difflib
 import errno

@@ -1,7 +1,5 @@
 """What a command was given, read: a model, and recordings of a pendulum or of an arm, whose links `--robot` names."""
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """A robot as a user names it: its file, which joints move, and where recordings have the others."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

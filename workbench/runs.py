@@ -1,7 +1,5 @@
 """Runs of a pendulum: the torque that drives it, what answers step by step, and recording the rig row by row."""
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A diagnosis as printed on the terminal: what counts in a few lines, the rest where it is asked for."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from estimators.diagnosis.result import Diagnosis

@@ -1,7 +1,5 @@
 """What is printed where: results on stdout, progress on stderr, colour and bars only where a person watches."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """Recordings from a simulated pendulum: the command line's own `record`, run by a worker."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """A session in one file: a ZIP archive of its recordings, the study that reads them, and what was made of them."""
 
-from __future__ import annotations
-
 import io
 import json
 import tempfile

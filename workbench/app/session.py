@@ -1,7 +1,5 @@
 """Sessions: what each browser tab works on, apart from all others, in a folder of its own."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import tempfile

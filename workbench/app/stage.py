@@ -1,7 +1,5 @@
 """A stage of the workbench: a function that draws it from a session, and what its buttons do."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Files from the page: their names, their sizes, and nothing else of them is believed."""
 
-from __future__ import annotations
-
 import base64
 import binascii
 import re

@@ -1,7 +1,5 @@
 """`add`: one more effect in a model, refit, with the errors before and after."""
 
-from __future__ import annotations
-
 import argparse
 
 from estimators.diagnosis.addition import add

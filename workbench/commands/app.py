@@ -1,7 +1,5 @@
 """`app`: the workbench in a browser."""
 
-from __future__ import annotations
-
 import argparse
 import signal
 import sys

@@ -1,7 +1,5 @@
 """`compare`: a model against recordings."""
 
-from __future__ import annotations
-
 import argparse
 
 from estimators.comparison import compare, in_units_of

@@ -1,7 +1,5 @@
 """`demo`: a hidden effect found end to end, in a pendulum or in an arm of which a file tells the lengths."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

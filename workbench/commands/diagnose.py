@@ -1,7 +1,5 @@
 """`diagnose`: which effects does the model lack?"""
 
-from __future__ import annotations
-
 import argparse
 import math
 

@@ -1,7 +1,5 @@
 """`emulate`: a rig that is not there, to try everything without one."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

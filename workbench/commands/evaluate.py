@@ -1,7 +1,5 @@
 """`evaluate`: excitation policies beside the paper's signal, on fresh plants."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Callable, Iterable, Iterator

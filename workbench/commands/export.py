@@ -1,7 +1,5 @@
 """`export`: a model in the forms that simulators and programs read."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 

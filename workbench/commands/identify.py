@@ -1,7 +1,5 @@
 """`identify`: the parameters of the paper's model, by each of the six schemes."""
 
-from __future__ import annotations
-
 import argparse
 
 from estimators.arguments import within_limits

@@ -1,7 +1,5 @@
 """`paper`: the source paper's experiment, repeated on a pendulum whose parameters are known."""
 
-from __future__ import annotations
-
 import argparse
 from itertools import product
 

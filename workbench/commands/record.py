@@ -1,7 +1,5 @@
 """`record`: a run of a pendulum or an arm, written to a file."""
 
-from __future__ import annotations
-
 import argparse
 
 import numpy as np

@@ -4,8 +4,6 @@
 on a joint, `isaaclab` and `mjlab` the actuator of one, and name what of a model they cannot hold.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

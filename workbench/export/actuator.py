@@ -1,7 +1,5 @@
 """The forms `isaaclab` and `mjlab`: the configuration of an actuator of Isaac Lab 2, or of mjlab, as a Python file."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

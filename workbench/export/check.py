@@ -1,7 +1,5 @@
 """An exported model in MuJoCo, against recordings and beside this project's own simulation."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

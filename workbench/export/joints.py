@@ -4,8 +4,6 @@ Links are those of `nearest_body`: bodies that exist, with the base parameters t
 where these leave it open. Shapes and meshes are not part of a model and so of neither form.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from xml.etree.ElementTree import Element, SubElement

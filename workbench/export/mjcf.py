@@ -5,8 +5,6 @@ a speed proportional to the torque it holds, and a stop is a soft constraint. Th
 its solver allows at the step that is written into the file.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The forms `python` and `c`: a step as a program that needs nothing, laid out by the template of its language."""
 
-from __future__ import annotations
-
 from functools import cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined

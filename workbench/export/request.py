@@ -1,7 +1,5 @@
 """What an export is asked for, what comes of it, and what a file says of itself."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

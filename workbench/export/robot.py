@@ -1,7 +1,5 @@
 """The forms `urdf` and `sdf`: robot descriptions for ROS and for Gazebo, of an arm on a joint."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from xml.etree.ElementTree import Element, SubElement, indent, tostring

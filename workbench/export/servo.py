@@ -1,7 +1,5 @@
 """A servo as simulators know it: a spring to the goal, a damper, and a limit of the torque."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Self
 

@@ -1,7 +1,5 @@
 """The report of an arm: errors joint by joint, where each joint's torque is not the model's, and parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 

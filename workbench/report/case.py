@@ -1,7 +1,5 @@
 """What a section of the report may look at, worked out once."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Measured against modelled: torque, and position in free run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page about excitation policies: how soon the parameters are known, how surely, and what it takes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

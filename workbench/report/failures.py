@@ -1,7 +1,5 @@
 """Where the model fails: its residual over angle, velocity, torque, time and frequency, and in the phase plane."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

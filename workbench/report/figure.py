@@ -3,8 +3,6 @@
 Colours are names of the page's own, so that one file does light and dark.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite

@@ -1,7 +1,5 @@
 """How this was done: recordings, windows, noise, and how to do it again."""
 
-from __future__ import annotations
-
 import shlex
 from typing import Any
 

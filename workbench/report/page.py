@@ -1,7 +1,5 @@
 """Putting the page together: sections, style, script and plotly.js in one file."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """The schemes side by side: what each finds, and how its estimates converge."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimators.schemes.identification import Identification

@@ -3,8 +3,6 @@
 What no table says, the path does: `arm3/elbow/2026-03-01.csv` is of a robot, a joint and a date.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 import re

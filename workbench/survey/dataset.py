@@ -1,7 +1,5 @@
 """The Parquet dataset of a survey: a row for each case, in files that are whole or not there."""
 
-from __future__ import annotations
-
 import uuid
 from collections.abc import Iterable, Sequence
 from contextlib import suppress

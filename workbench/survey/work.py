@@ -1,7 +1,5 @@
 """What a worker does with a case: read the file, diagnose, and say what was found, or why not."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """The page around the stages: navigation, the story so far, what is running, and what went wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

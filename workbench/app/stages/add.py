@@ -1,7 +1,5 @@
 """Add: one effect more, the errors before and after, and the way back."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Data: recordings come in, are checked, and say what they can and cannot tell."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

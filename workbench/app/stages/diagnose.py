@@ -1,7 +1,5 @@
 """Diagnose: which effects the model lacks, why, and what to record next."""
 
-from __future__ import annotations
-
 from dash import dcc, html
 from dash.development.base_component import Component
 

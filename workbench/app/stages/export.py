@@ -1,7 +1,5 @@
 """Export: the report, the model, and how to do the same without a browser."""
 
-from __future__ import annotations
-
 import ast
 import json
 import shlex

@@ -1,7 +1,5 @@
 """Live: a pendulum that runs in real time while the estimates converge."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Model: its terms, parameters with their uncertainty, and the six schemes side by side."""
 
-from __future__ import annotations
-
 from dash import html
 from dash.development.base_component import Component
 
