@@ -80,8 +80,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
 def plugins(argv: Sequence[str]) -> None:
     """Load the effects of files that are named, before any argument is taken for one of them.
 
-    Raises:
-        PluginError: if a file cannot be used.
+    Raises PluginError if a file cannot be used.
     """
     early = Parser(add_help=False, allow_abbrev=False)
     early.add_argument("--plugin", action="append", default=[])

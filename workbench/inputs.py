@@ -359,9 +359,7 @@ class Given:
 def given(arguments: argparse.Namespace) -> Given:
     """The recordings that the arguments name, alone or in studies.
 
-    Raises:
-        InputError: if one is named twice, or none is to be fitted.
-        StudyError: if a study makes no sense.
+    Raises InputError if one is named twice, or none is to be fitted, and StudyError if a study makes no sense.
     """
     for name in ("joints", "base", "no_gravity", "rotors"):
         if getattr(arguments, name, None) not in (None, False) and arguments.robot is None:
@@ -381,9 +379,7 @@ def given(arguments: argparse.Namespace) -> Given:
 def sources_of(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
     """The recordings of a study, or the one in a file, read as the arguments ask for.
 
-    Raises:
-        InputError: if arguments say what a study says itself.
-        StudyError: if a study makes no sense.
+    Raises InputError if arguments say what a study says itself, and StudyError if a study makes no sense.
     """
     largest, drive = 1e6 * arguments.max_size, getattr(arguments, "drive", None)  # not every command takes one
     if not name.lower().endswith(".toml"):
@@ -423,8 +419,7 @@ def format_told(source: Source) -> str:
 def read_model(path: str) -> Model:
     """Read a model that can be compared with recordings: one with inertia.
 
-    Raises:
-        ModelError: if there is none in the file.
+    Raises ModelError if there is none in the file.
     """
     model = Model.load(path)
     try:
@@ -436,8 +431,7 @@ def read_model(path: str) -> Model:
 def read_suggestion(path: str) -> Suggestion:
     """Read the experiment that a diagnosis suggests.
 
-    Raises:
-        InputError: if the file is missing or no diagnosis, or nothing is open that an experiment would settle.
+    Raises InputError if the file is missing or no diagnosis, or nothing is open that an experiment would settle.
     """
     hint = "a diagnosis is what `diagnose --json` writes"
     content = read_json(path, hint)
@@ -463,9 +457,8 @@ def read_suggestion(path: str) -> Suggestion:
 def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> None:
     """Refuse, before any work is done, what could not be written in the end, or would destroy data.
 
-    Raises:
-        InputError: if two outputs are the same file, or one of them is a recording that is read.
-        OSError: if a file cannot be written there.
+    Raises InputError if two outputs are the same file, or one of them is a recording that is read, and OSError if a
+    file cannot be written there.
     """
     given = [check_output(path) for path in outputs if path is not None]
     resolved = [os.path.realpath(path) for path in given]  # unlike Path.resolve, also of links that go round

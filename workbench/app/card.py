@@ -110,8 +110,7 @@ class Card:
     def of(cls, source: Source, known: str = "", why: str = "", joints: tuple[str, ...] = ()) -> Card:
         """Look at a file, beginning with what is said of it or what the names of its columns tell.
 
-        Raises:
-            RecordingError: if it cannot be read, or has too few columns to choose from.
+        Raises RecordingError if it cannot be read, or has too few columns to choose from.
         """
         shown = preview(source.file)
         if sum(values is not None for values in shown.values) < NEEDED:
@@ -154,9 +153,8 @@ class Card:
     def asked(self) -> Source:
         """The source as the choices have it.
 
-        Raises:
-            ColumnError: if two columns have the same role, or one has to be named yet.
-            RecordingError: if the range is none.
+        Raises ColumnError if two columns have the same role, or one has to be named yet, and RecordingError if the
+        range is none.
         """
         columns: dict[str, str] = {}
         for role in dict.fromkeys(choice.role for choice in self.choices if choice.role):

@@ -75,8 +75,7 @@ def go(options: Sequence[str], connection: Connection[Any, Any]) -> str:
     `options` are those of `pendulum-ident record`. Whatever comes from the server, its end included, is the word to
     stop. Returns the fault that ended it, if one did.
 
-    Raises:
-        InputError: if the run cannot be, as its settings are unknown or out of range, or the rig is out of reach.
+    Raises InputError if the run cannot be, as its settings are unknown or out of range, or the rig is out of reach.
     """
     arguments = parse(["record", *options, "--output=live.csv"])
     try:
@@ -199,8 +198,7 @@ class Run:
     def __init__(self, options: Sequence[str], worker: Worker) -> None:
         """Give a worker the options of `pendulum-ident record`, and wait for the environment.
 
-        Raises:
-            InputError: if it cannot be, as its settings are unknown or out of range, or the rig is out of reach.
+        Raises InputError if it cannot be, as its settings are unknown or out of range, or the rig is out of reach.
         """
         self._worker, self._stop = worker, Signal()
         worker.send(partial(go, options))

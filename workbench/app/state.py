@@ -75,9 +75,8 @@ class Loaded:
     ) -> Loaded:
         """Read a recording beside those that are known, of whose files it may be another range.
 
-        Raises:
-            InputError: if it is known already.
-            RecordingError: if it cannot be read, in the words of the command line.
+        Raises InputError if it is known already, and RecordingError if it cannot be read, in the words of the command
+        line.
         """
         name, ids, number = source.file.name, {one.id for one in known}, 1
         alike = [one.source for one in known if one.source.file.name == name]

@@ -77,8 +77,7 @@ def sorted_out(
 def unpack(folder: Path, name: str, content: str) -> Path:
     """Write what the page sent as a data URL to a folder; returns the file.
 
-    Raises:
-        InputError: if it is too large, or did not arrive whole.
+    Raises InputError if it is too large, or did not arrive whole.
     """
     file = folder / safe_name(name)
     head, _, body = content.partition(",")

@@ -17,8 +17,7 @@ def isaaclab(model: Model, request: Request) -> Exported:
     as kp e - (kd + k) q' within +-L - k q', the line from stall torque L to the speed L / k without load. Below that
     speed it brakes with less than 2 L, where Isaac Lab limits it besides.
 
-    Raises:
-        ExportError: if there is no drive, or the model has what Isaac Lab has not and may not be approximated.
+    Raises ExportError if there is no drive, or the model has what Isaac Lab has not and may not be approximated.
     """
     drive = _needed_drive("isaaclab", request)
     servo = Servo.of(drive)
@@ -45,8 +44,7 @@ def isaaclab(model: Model, request: Request) -> Exported:
 def mjlab(model: Model, request: Request) -> Exported:
     """For mjlab, whose actuators are MuJoCo's own with other names.
 
-    Raises:
-        ExportError: if there is no drive, or the model has what mjlab has not and may not be approximated.
+    Raises ExportError if there is no drive, or the model has what mjlab has not and may not be approximated.
     """
     drive = _needed_drive("mjlab", request)
     servo, friction = Servo.of(drive), Friction.of(model, ())

@@ -50,8 +50,7 @@ class Body:
     def of(cls, inertia: float, gravity: float, tilted: float = 0.0, mass: float | None = None) -> Body:
         """The body with that inertia about the axis [kg m^2] on which gravity pulls with gravity sin q + tilted cos q.
 
-        Raises:
-            ExportError: if a body of the mass that was given cannot be so, or an armature leaves it no inertia.
+        Raises ExportError if a body of the mass that was given cannot be so, or an armature leaves it no inertia.
         """
         if inertia <= 0:
             raise ExportError("the armature leaves the arm no inertia: give a smaller --armature")

@@ -34,10 +34,8 @@ class Check:
 def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> Check:
     """Run the exported XML in MuJoCo against recordings, over windows that each start from the measured state.
 
-    Raises:
-        ExportError: if a known load hung on the joint, which no exported model has.
-        IdentificationError: if a recording holds too little motion.
-        InputError: if the extra `export` is not installed.
+    Raises ExportError if a known load hung on the joint, which no exported model has, IdentificationError if a
+    recording holds too little motion, and InputError if the extra `export` is not installed.
     """
     refuse_loads(recordings)
     segments = PreparedData.of(recordings).watching(model).segments
@@ -56,9 +54,8 @@ def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> 
 def check_in_loop(model: Model, request: Request, recordings: Sequence[Recording]) -> Check:
     """Run what is exported in MuJoCo against recordings of servos, each with the drive that it was recorded with.
 
-    Raises:
-        ExportError: if a known load hung on the joint, or steps do not add up to those that are compared.
-        InputError: if the extra `export` is not installed.
+    Raises ExportError if a known load hung on the joint, or steps do not add up to those that are compared, and
+    InputError if the extra `export` is not installed.
     """
     refuse_loads(recordings)
     steps = round(GRAIN / request.step)

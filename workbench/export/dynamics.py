@@ -79,8 +79,7 @@ class Dynamics:
 def written(model: Model, seconds: float = LONGEST_STEP, drive: Drive | None = None) -> Dynamics:
     """The step of a model, of that length [s], under a torque; or under a goal, with a drive.
 
-    Raises:
-        ExportError: if a law of the model is not made of what can be written down.
+    Raises ExportError if a law of the model is not made of what can be written down.
     """
     with _formulas():
         parts = _Parts.of(model, model.terms, drive, seconds)
@@ -93,8 +92,7 @@ def beside(model: Model, terms: Sequence[Term], drive: Drive | None, seconds: fl
 
     The step is given where the joint is, and returns the torque to apply and the largest dry friction to allow.
 
-    Raises:
-        ExportError: if a law of the model is not made of what can be written down, or adds inertia that varies.
+    Raises ExportError if a law of the model is not made of what can be written down, or adds inertia that varies.
     """
     with _formulas():
         parts = _Parts.of(model, terms, drive, seconds)

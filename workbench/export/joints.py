@@ -40,9 +40,8 @@ def at(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
 def mjcf(model: ArmModel, request: Request) -> Exported:
     """For MuJoCo, with a motor at each joint; springs and motors that turn with two joints are MuJoCo's own.
 
-    Raises:
-        ExportError: if the model has what MuJoCo does not, and may not be exported without it.
-        BodyError: without MuJoCo.
+    Raises ExportError if the model has what MuJoCo does not, and may not be exported without it, and BodyError without
+    MuJoCo.
     """
     mujoco, body = library(), model.body
     standard, off = _standard(model)
@@ -76,8 +75,7 @@ def mjcf(model: ArmModel, request: Request) -> Exported:
 def urdf(model: ArmModel, request: Request) -> Exported:
     """For ROS: links, joints with limits and friction, and which joint mimics which.
 
-    Raises:
-        ExportError: if the model has what a robot description does not, and may not be exported without it.
+    Raises ExportError if the model has what a robot description does not, and may not be exported without it.
     """
     body, pin = model.body, pinocchio()
     standard, off = _standard(model)

@@ -61,8 +61,7 @@ def keep(format: str, missing: Sequence[str], request: Request, others: str = WH
         request: whether approximations are allowed.
         others: end of the message, with the formats that hold more.
 
-    Raises:
-        ExportError: if something is missing and approximations are not allowed.
+    Raises ExportError if something is missing and approximations are not allowed.
     """
     if missing and not request.approximate:
         raise ExportError(f"{format} cannot hold {'; nor '.join(missing)}. Ask for that with --approximate{others}")

@@ -19,8 +19,7 @@ UNBOUNDED = 1e9  # [N m], [rad/s]: a revolute joint of URDF has to tell both lim
 def urdf(model: Model, request: Request) -> Exported:
     """For ROS and everything that reads its robot descriptions.
 
-    Raises:
-        ExportError: if the model has what a robot description does not, and may not be exported without it.
+    Raises ExportError if the model has what a robot description does not, and may not be exported without it.
     """
     friction, stop = Friction.of(model, ("hard_stop",)), Stop.of(model)
     rigid = ("the elasticity of hard_stop: the limits are rigid",) if stop.is_there else ()

@@ -84,8 +84,7 @@ def choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
 def start(session: Session, id: str | None) -> None:
     """Add an effect to the ladder's last model, in the background.
 
-    Raises:
-        Mistake: if it is none, or in the model already.
+    Raises Mistake if it is none, or in the model already.
     """
     if not id:
         raise InputError("choose an effect to add")

@@ -89,8 +89,7 @@ def _next(state: Work, busy: bool) -> list[Component]:
 def look_for(session: Session, asked: Asked) -> None:
     """Look for some effects, or with some values known, from now on.
 
-    Raises:
-        ValueError: if that makes no sense, in the words of the command line.
+    Raises ValueError if that makes no sense, in the words of the command line.
     """
     asked.check(session.state.base_terms)
     if asked != session.state.asked:

@@ -213,8 +213,7 @@ def keep(session: Session) -> None:
 def options(session: Session, form: Form) -> list[str]:
     """Options of `record` that run what the controls say.
 
-    Raises:
-        InputError: if there is no recording to replay, or no rig.
+    Raises InputError if there is no recording to replay, or no rig.
     """
     backend, replay = form.get("live-backend"), form.get("live-replay")
     words = [f"--backend={backend}", f"--rate={RATE:g}", *recorder.options(form, "live-", form.get("clicks"))]
