@@ -3,19 +3,17 @@
 import argparse
 import difflib
 import errno
-import os
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
-from typing import NoReturn, TextIO
+from typing import NoReturn
 
 from pendulum_env.lookup import find
 from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import fault
 from workbench.mistakes import MISTAKES, InputError, sentence
-from workbench.terminal import Terminal
+from workbench.terminal import Terminal, abandon
 
 SUCCESS, BAD_INPUT, INTERRUPTED = 0, 2, 130
 PROGRAM = "pendulum-ident"
@@ -104,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as interrupt:
         return _complain(f"interrupted; {interrupt}" if str(interrupt) else "interrupted", INTERRUPTED)
     except BrokenPipeError:  # the reader of a pipe has seen enough
-        _abandon(sys.stdout)
+        abandon(sys.stdout)
         return SUCCESS
     except MISTAKES as mistake:
         if isinstance(mistake, OSError) and mistake.errno == errno.ENOSPC and mistake.filename is None:
@@ -136,18 +134,12 @@ def _complain(message: str, code: int) -> int:
     try:
         print(end="", flush=True)
     except OSError:  # full
-        _abandon(sys.stdout)
+        abandon(sys.stdout)
     try:
         print(f"{PROGRAM}: {message}", file=sys.stderr, flush=True)
     except OSError:
-        _abandon(sys.stderr)
+        abandon(sys.stderr)
     return code
-
-
-def _abandon(stream: TextIO) -> None:
-    """Let what a stream still holds go nowhere, or Python complains of it at the end."""
-    with suppress(OSError, ValueError):  # a stream of a test has no number
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 if __name__ == "__main__":

@@ -293,12 +293,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "help": "with --robot: the logged torque is without gravity compensation, which the driver subtracts",
     },
     "--only": {"type": argument(ids), "metavar": "ID,...", "help": "look for these effects only"},
-    "--without": {
-        "type": argument(ids),
-        "default": [],
-        "metavar": "ID,...",
-        "help": "do not look for these effects",
-    },
+    "--without": {"type": argument(ids), "default": [], "metavar": "ID,...", "help": "do not look for these effects"},
     "--fix": {
         "dest": "fixed",
         "type": argument(known),

@@ -73,10 +73,7 @@ def opened(
 def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Terminal) -> Preprocessed:
     """Say the torque constant if it is known, else we speak of currents; say what is logged late, and correct it.
 
-    Args:
-        given: recordings, not yet in time.
-        align: whether torque that is logged late or filtered is corrected, or only said; None: nobody looks.
-        terminal: where it is said.
+    With `align`, torque that is logged late or filtered is corrected, else only said; with None, nobody looks.
     """
     if given.constant is not None:
         terminal.say(given.constant.text)

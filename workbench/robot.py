@@ -73,10 +73,7 @@ def _body(robot: RobotFile, held: tuple[tuple[str, float], ...], changed: Hashab
 def meaning(recordings: Sequence[ArmRecording], body: Body, off: str = "say --no-gravity") -> list[str]:
     """What the torques of recordings seem to be, where they are not those that the joints need, a question each.
 
-    Args:
-        recordings: in N m, or nothing is asked.
-        body: the links.
-        off: what to do where gravity is taken off.
+    Nothing is asked of currents; `off` is what to do where gravity is taken off.
     """
     found = [] if any(one.currents for one in recordings) else shares(recordings, body)
     weightless = [one.joint for one in found if one.kind == "weightless"]

@@ -33,12 +33,7 @@ def tell_diagnosis(
 ) -> None:
     """Print a diagnosis; of an arm, which has many, parameters of effects alone.
 
-    Args:
-        found: what is told.
-        terminal: where.
-        verbose: whether all is told, and not what counts alone.
-        every: whether every candidate is listed, and not those that matter alone.
-        more: how to see what is not told.
+    What does not count is told if `verbose`, of every candidate if `every`; else `more` says how to see it.
     """
     estimates = found.model.readable
     if found.body is not None:

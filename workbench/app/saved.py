@@ -30,20 +30,15 @@ from workbench.robot import RobotFile
 SCHEMA = "pendulum-ident/session@1"
 CONTENTS = "session.json"
 HINT = "a session is what “Save session” wrote"
-MEMBERS = {  # fields of a `State` by what they are called in a file, beside its recordings and the terms of the base
-    "model_file": "model_file",
-    "is_aligned": "is_aligned",
-    "asked": "asked",
-    "ladder": "grown",
-    "started": "started",
-    "diagnosis": "diagnosis",
-}
+MEMBERS = {name: name for name in ("model_file", "is_aligned", "asked", "started", "diagnosis")} | {"ladder": "grown"}
+# Fields of a `State` by what they are called in a file, beside its recordings and the terms of the base
 
 
 def study(state: State) -> str:
     """A study that names the recordings as they are read, for a folder in which they lie."""
     with tempfile.TemporaryDirectory() as folder:
-        file, sources = Path(folder) / STUDY, [replace(one.source, joints=state.joints) for one in state.loaded]
+        file, joints = Path(folder) / STUDY, state.robot.joints if state.robot is not None else None
+        sources = [replace(one.source, joints=joints) for one in state.loaded]
         write_study(file, [replace(source, file=file.with_name(source.file.name)) for source in sources])
         return file.read_text(encoding="utf-8")
 

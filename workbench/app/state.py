@@ -199,11 +199,6 @@ class State:
     robot: RobotFile | None = None  # whose recordings they are; None of a pendulum
 
     @property
-    def joints(self) -> tuple[str, ...] | None:
-        """Those of an arm that move; None: all that can."""
-        return self.robot.joints if self.robot is not None else None
-
-    @property
     def moving(self) -> tuple[str, ...]:
         """Joints of an arm that recordings are of; none of a pendulum."""
         return self.robot.body().joints if self.robot is not None else ()

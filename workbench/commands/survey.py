@@ -1,5 +1,7 @@
 """`survey`: a diagnosis of each of many recordings, kept in one dataset, and what they show together."""
 
+from __future__ import annotations
+
 import argparse
 import os
 from contextlib import ExitStack

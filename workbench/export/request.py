@@ -53,13 +53,7 @@ WHOLE = ", or export --to python or c, which hold every effect"
 
 
 def keep(format: str, missing: Sequence[str], request: Request, others: str = WHOLE) -> tuple[str, ...]:
-    """What a file does not hold of the model, a sentence each, if that is allowed.
-
-    Args:
-        format: name of the format.
-        missing: what it cannot hold, and what would be in its place.
-        request: whether approximations are allowed.
-        others: end of the message, with the formats that hold more.
+    """What a file does not hold of the model, a sentence each, if that is allowed; `others` hold more.
 
     Raises ExportError if something is missing and approximations are not allowed.
     """

@@ -7,7 +7,7 @@ import numpy as np
 from agents.evaluation import MOMENTS, Outcome
 from agents.knowledge import COUNT
 from agents.observer import TICK
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import JSON
 from workbench.report.figure import Figure, Section, axis, line, numbers
 from workbench.report.page import assemble
 
@@ -69,7 +69,7 @@ def gain_figure(gains: Mapping[str, JSON], base: str) -> Figure:
 def course(told: JSON, outcomes: Mapping[str, Outcome]) -> Section:
     """Error and information over time."""
     base = outcomes[told["baseline"]]
-    time = _ticks(len(base.error)) + TICK
+    time = TICK * np.arange(1.0, len(base.error) + 1)
     full = np.all([np.isfinite(outcome.log_det).all(axis=1) for outcome in outcomes.values()], axis=0)  # of full rank
     error, information = [], []
     for k, (name, outcome) in enumerate(outcomes.items()):
@@ -87,11 +87,6 @@ def course(told: JSON, outcomes: Mapping[str, Outcome]) -> Section:
     return Section("course", "Over time", "Errors and information while the arm moves", {"figures": figures})
 
 
-def _ticks(count: int) -> Array:
-    """Beginnings of ticks [s]."""
-    return TICK * np.arange(count, dtype=np.float64)
-
-
 def efficiency(told: JSON) -> Section:
     """Errors beside the Cramer-Rao bound, with quartiles."""
     content = {"policies": told["policies"], "moments": [f"{moment:g} s" for moment in MOMENTS]}
@@ -101,7 +96,7 @@ def efficiency(told: JSON) -> Section:
 def behaviour(told: JSON, outcomes: Mapping[str, Outcome]) -> Section:
     """What each policy does: a stretch of torque and motion on the first plant, and what it takes of the drive."""
     count = round(SHOWN / TICK)
-    time = _ticks(count)
+    time = TICK * np.arange(float(count))
     data: list[JSON] = []
     for k, (name, outcome) in enumerate(outcomes.items()):
         seen = True if k < 2 else "legendonly"
