@@ -50,8 +50,8 @@ class Figure:
 
     id: str  # unique on the page
     label: str  # what is seen, for those who cannot see it
-    data: list[JSON]  # as plotly.js takes it, and
-    layout: JSON  # likewise; colours such as "--base" are looked up in the page's style
+    data: list[JSON]  # as plotly.js takes it; colours such as "--base" are looked up in the page's style
+    layout: JSON  # likewise
     height: int = 340  # [px]
     views: tuple[View, ...] = ()  # parts to choose from; the first one is shown
 
