@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, lru_cache, partial
-from math import inf
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,8 @@ from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import Doubt, identifiability
 from estimators.checks.residual import everywhere
 from estimators.checks.torque_constant import told
-from estimators.diagnosis.addition import add, fit
+from estimators.diagnosis.addition import fit
 from estimators.diagnosis.result import Addition, Diagnosis
-from estimators.diagnosis.run import diagnose
 from estimators.preprocessing import Preprocessed, parted
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import SAVED, Identification, identify
@@ -28,21 +26,18 @@ from estimators.selection.errors import Step
 from estimators.signals.measurements import measure_segments
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Links, arm_base, body_of, kind_at, links_of
+from pendulum_env.arms.joints import Links, arm_base, body_of, links_of
 from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
-from pendulum_env.physics.library import addition
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import named_twice
-from pendulum_env.words import name
 from workbench.app import uploads
 from workbench.app.uploads import safe_name
 from workbench.inputs import ids as effects_of
 from workbench.inputs import known as values_of
 from workbench.inputs import ranges
 from workbench.mistakes import InputError
-from workbench.processes import Task
 from workbench.report.case import Case
 from workbench.robot import RobotFile, loaded_text, meaning, straying
 
@@ -247,19 +242,6 @@ class State:
         loaded = loaded_text(self._torques, of_arms([*self.train, *self.holdout]))
         return [*away, *([loaded] if loaded else []), *meaning(self._torques, body, f"press “{WEIGHTLESS}”")]
 
-    def searching(self, at_will: bool) -> Task:
-        """The search for what the ladder's last model lacks; if the plant is `at_will`, experiments may go anywhere."""
-        limits = {**self.asked.effects, **self.asked.limits}
-        limits |= {"max_angle": inf, "max_speed": inf} if at_will else {}
-        return partial(diagnose, self.train, self.holdout, self.model.terms, **limits)
-
-    def adding(self, id: str) -> Task:
-        """The refit with one effect more; raises Mistake if it is none, or in the model already."""
-        kind = addition(id) if self.body is None else kind_at(id, self.body)
-        if kind.id in self.model.effects:
-            raise InputError(f"{name(id)} is in the model already")
-        return partial(add, self.model, id, self.train, self.holdout, **self.asked.limits)
-
     def anew(self, **choices: Any) -> State:
         """Other choices, from which the ladder begins anew."""
         return replace(self, **choices, grown=(), diagnosis=None, started=())
@@ -278,20 +260,13 @@ class State:
         return self.anew(loaded=tuple(own for one in self.loaded for own in (new if one is old else (one,))))
 
     def of_robot(self, robot: RobotFile) -> State:
-        """What is loaded as recordings of a robot, and nothing else.
-
-        Raises BodyError if the robot cannot be read, and InputError if recordings are not of it.
-        """
+        """What is loaded as recordings of a robot, and nothing else; raises BodyError or InputError if they are not."""
         robot.body()
         state = State(robot=robot)
         try:
             return state.anew(loaded=tuple(replace(one, recording=state.read(one.source)) for one in self.loaded))
         except Mistake as error:
             raise InputError(f"what is loaded is not of this robot: {error}") from None
-
-    def asking(self, asked: Asked) -> State:
-        """Look for other effects from now on; where other values are known, the ladder begins anew with them."""
-        return replace(self, asked=asked) if asked.limits == self.asked.limits else self.anew(asked=asked)
 
     def find(self, id: str) -> Loaded:
         """The recording of an id; raises InputError if there is none."""
@@ -438,11 +413,6 @@ class State:
             return replace(found, steps=self.ladder, unexplained=left)
         doubts = tuple(doubt.text for doubt in self.doubts)
         return Diagnosis(self.ladder, (), (), left, prepared.floors, doubts, data=data)
-
-    @property
-    def table(self) -> str | None:
-        """A function that no effect is and that would explain what is left."""
-        return next(iter(self.told.tables), None)
 
     @cached_property
     def case(self) -> Case:

@@ -1,9 +1,14 @@
 """Diagnose: which effects the model lacks, why, and what to record next."""
 
+from dataclasses import replace
+from functools import partial
+from math import inf
+
 from dash import dcc, html
 from dash.development.base_component import Component
 
 from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.run import diagnose
 from pendulum_env.words import listing
 from workbench import inputs
 from workbench.app import recorder
@@ -92,8 +97,9 @@ def look_for(session: Session, asked: Asked) -> None:
     Raises ValueError if that makes no sense, in the words of the command line.
     """
     asked.check(session.state.base_terms)
-    if asked != session.state.asked:
-        session.change("choose what is looked for", session.state.asking(asked))
+    if asked != (state := session.state).asked:  # where other values are known, the ladder begins anew with them
+        change = replace(state, asked=asked) if asked.limits == state.asked.limits else state.anew(asked=asked)
+        session.change("choose what is looked for", change)
 
 
 def start(session: Session, asked: Asked) -> None:
@@ -104,7 +110,10 @@ def start(session: Session, asked: Asked) -> None:
     def keep(found: Diagnosis) -> None:
         session.change("diagnose", state.diagnosed(found))
 
-    task = state.searching(recorder.simulated(state) is not None)  # a simulated plant bears all
+    limits = {**asked.effects, **asked.limits}
+    if recorder.simulated(state) is not None:  # it bears all
+        limits |= {"max_angle": inf, "max_speed": inf}
+    task = partial(diagnose, state.train, state.holdout, state.model.terms, **limits)
     session.work("Diagnosing", task, keep)
 
 
