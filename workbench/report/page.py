@@ -50,17 +50,8 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {
-        "name": words.name,
-        "opening": words.opening,
-        "listing": words.listing,
-        "number": words.number,
-        "unit": words.unit,
-        "estimate": words.estimate,
-        "value_and_error": words.value_and_error,
-        "percent": words.percent,
-        "duration": words.duration,
-    }
+    names = ("name", "opening", "listing", "number", "unit", "estimate", "value_and_error", "percent", "duration")
+    environment.filters |= {name: getattr(words, name) for name in names}
     return environment
 
 
@@ -85,8 +76,7 @@ def render(diagnosis: Diagnosis) -> str:
 
 def fragment(section: Section) -> str:
     """HTML of a section's content on its own, without its figures, for another page in the same style."""
-    content = {name: value for name, value in section.content.items() if name != "figures"} | {"figures": []}
-    return _environment().get_template(section.template).render(content=content)
+    return _environment().get_template(section.template).render(content={**section.content, "figures": []})
 
 
 def shared(name: str) -> str:

@@ -26,8 +26,8 @@ from workbench.app.parts import LINKED, dropdown, effects_to_choose, field, grap
 from workbench.app.session import Session, Sessions
 from workbench.app.stage import Stage
 from workbench.app.state import State as Work
-from workbench.report.arm import ends, strips
-from workbench.report.case import Case
+from workbench.report.arm import strips
+from workbench.report.case import Case, ends
 from workbench.report.comparison import before_and_after, position_figure
 from workbench.report.failures import planes
 from workbench.report.figure import Figure, axis, band, broken, line, numbers, span, thin
@@ -149,8 +149,7 @@ def show(session: Session) -> list[Component]:
     """Which recording and model, then the views."""
     state = session.state
     names = [{"label": one.recording.name, "value": one.id} for one in state.loaded]
-    drawn = ends(state.ladder) if state.robot is not None else state.standing.models
-    models: list[Any] = [{"label": label, "value": k} for k, (label, *_) in enumerate(drawn)]
+    models: list[Any] = [{"label": label, "value": k} for k, (label, *_) in enumerate(ends(state.ladder))]
     last = len(models) - 1  # the one that the headline is about
     chosen = [  # of an arm, all are drawn, and nothing lights up
         labelled("Residual of the", dcc.RadioItems(models, last, id="of", inline=True, className="pair")),

@@ -19,8 +19,9 @@ from workbench.app.stages.add import calls
 from workbench.app.stages.data import timing
 from workbench.app.state import NOTHING, Asked
 from workbench.app.state import State as Work
-from workbench.report.arm import ends, joints
+from workbench.report.arm import joints
 from workbench.report.candidates import ranked
+from workbench.report.case import ends
 from workbench.report.story import story
 
 

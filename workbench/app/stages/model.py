@@ -13,6 +13,7 @@ from workbench.app.state import State as Work
 from workbench.app.uploads import unpack
 from workbench.inputs import read_model
 from workbench.report import arm
+from workbench.report.case import ends
 from workbench.report.parameters import parameters
 from workbench.report.schemes import schemes
 
@@ -28,7 +29,7 @@ def _of_arm(state: Work) -> list[Component]:
     headers = {opening(name(text)): k > 0 and text not in found.left for k, text in enumerate(found.headers)}
     return [
         panel("The model", html.P(about)),
-        panel("Parameters and how sure they are", fragment(arm.parameters(arm.ends(state.ladder)))),
+        panel("Parameters and how sure they are", fragment(arm.parameters(ends(state.ladder)))),
         panel("Schemes side by side", table(headers, found.rows, "Schemes"), html.P(f"{opening(TRUST)}.")),
     ]
 
