@@ -8,7 +8,7 @@ from agents.evaluation import MOMENTS, Outcome
 from agents.knowledge import COUNT
 from agents.observer import TICK
 from pendulum_env._typing import JSON
-from workbench.report.figure import Figure, Section, axis, line, numbers
+from workbench.report.figure import Figure, Section, axis, line, numbers, segment
 from workbench.report.page import assemble
 
 COLORS = ("--base", "--final", "--low", "--high", "--measured", "--train")  # the baseline's first
@@ -56,12 +56,11 @@ def gain_figure(gains: Mapping[str, JSON], base: str) -> Figure:
             "marker": {"color": COLORS[k % len(COLORS)], "size": 9, "symbol": k},
             "hovertemplate": "%{x:.3g} times",
         })  # fmt: skip
-    shapes = [{"type": "line", "x0": 1, "x1": 1, "y0": 0, "y1": 1, "yref": "paper", "line": {"color": "--line"}}]
     layout = {
         "xaxis": axis(f"gain over {base}<br>right of 1 is better", type="log", tickvals=TICKS, ticktext=TICKS),
         "yaxis": {"autorange": "reversed", "type": "category", "automargin": True},
         "scattermode": "group",
-        "shapes": shapes,
+        "shapes": [segment((1, 1), (0, 1), {"color": "--line"}, yref="paper")],
     }
     return Figure("gain", "Gains of every policy over the baseline", data, layout, 140 + 84 * len(gains))
 

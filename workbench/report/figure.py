@@ -111,6 +111,11 @@ def band(x: Array, half: Array, name: str, middle: ArrayLike = 0.0, **more: obje
     }
 
 
+def segment(x: Sequence[float], y: Sequence[float], style: JSON, **more: object) -> JSON:
+    """Straight line from one end to the other, behind or before the curves."""
+    return {"type": "line", "x0": x[0], "x1": x[1], "y0": y[0], "y1": y[1], "line": style, **more}
+
+
 def axis(title: str, **more: object) -> JSON:
     """Axis with a title."""
     return {"title": {"text": title}, **more}
