@@ -110,10 +110,6 @@ def _effect(text: str) -> str:
     return text
 
 
-def _theta(text: str) -> Model:
-    return paper_plant(read_parameters(text))
-
-
 def _page(text: str) -> str:
     """Name of a report's file; raises ValueError if it asks for another format than HTML."""
     suffix = Path(text).suffix.lower()

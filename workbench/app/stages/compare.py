@@ -66,6 +66,10 @@ class Points:
         """Torque error that measurement noise alone gives [N m]."""
         return self.case.diagnosis.noise_floor
 
+    def regions(self, shown: int) -> list[Region]:
+        """What stands out of the noise under a model."""
+        return stand_out(self.samples, self.residuals[shown], self.noise)
+
 
 def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
     """The three views; `shown` is the model whose residual the map shows."""
@@ -214,7 +218,7 @@ def _regions(points: Points, shown: int) -> Component:
         html.Button(opening(region.text), id={"region": k}, n_clicks=0, type="button", className="link")
         if region.axis != "frequency"
         else opening(region.text)
-        for k, region in enumerate(_standing_out(points, shown))
+        for k, region in enumerate(points.regions(shown))
     ]
     listed = html.Ul([html.Li(row) for row in rows], className="regions-list")
     return panel("Where it fails", listed if rows else html.P("Nothing stands out of the noise."))
@@ -249,10 +253,6 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
 @lru_cache(maxsize=4)  # while somebody looks at one
 def _points(state: Work, id: str) -> Points:
     return Points.of(state.standing, state.recordings[state.loaded.index(state.find(id))])
-
-
-def _standing_out(points: Points, shown: int) -> list[Region]:
-    return stand_out(points.samples, points.residuals[shown], points.noise)
 
 
 def say(points: Points, selected: Mask, shown: int) -> str:
@@ -303,7 +303,7 @@ def connect(app: Dash, sessions: Sessions) -> None:
             return None, HINT
         points, source = _points(sessions.of(id).state, recording), None
         if "region" in cause:
-            selected = within(points.samples, _standing_out(points, shown)[cause["region"]])
+            selected = within(points.samples, points.regions(shown)[cause["region"]])
         elif "range" in value:
             source = cause["of"]
             selected = inside(points.samples, source, value["range"])
