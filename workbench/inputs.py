@@ -161,8 +161,7 @@ def ids(text: str) -> list[str]:
 def known_effect(id: str, known: Callable[[str], type[Term]] | None = None) -> str:
     """Id of an effect, by default of those that may be named, or of the one that only arms have.
 
-    Raises:
-        ValueError: if there is none; the message names the nearest.
+    Raises ValueError if there is none; the message names the nearest.
     """
     return id if id == COUPLING else (find("effect", id, nameable()) if known is None else known(id)).id
 

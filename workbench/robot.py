@@ -46,9 +46,8 @@ class RobotFile:
     def read_study(self, path: str | Path) -> tuple[Body, list[ArmRecording], list[ArmRecording]]:
         """Its links, and recordings of a study to fit and to hold out: in N m, and without known loads.
 
-        Raises:
-            RecordingError: if one cannot be read, or two say that the current of a joint is in two units.
-            IdentificationError: if all that are fitted, or held out, have a known load.
+        Raises RecordingError if one cannot be read, or two say that the current of a joint is in two units, and
+        IdentificationError if all that are fitted, or held out, have a known load.
         """
         sources = read_sources(path)
         recordings = [self.read(source) for source in sources]

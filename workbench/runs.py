@@ -38,8 +38,7 @@ def experiment(
 ) -> tuple[Excitation | Pilot, float]:
     """Torque command and length [s]: drawn, as a diagnosis suggests, or by a policy.
 
-    Raises:
-        InputError: if the arguments do not go together, the diagnosis suggests nothing, or there is no such policy.
+    Raises InputError if the arguments do not go together, the diagnosis suggests nothing, or there is no such policy.
     """
     kind = arguments.excitation
     for name, only in (("policy", LEARNT), ("diagnosis", SUGGESTED)):
@@ -93,8 +92,7 @@ def environment(
 def configured(arguments: argparse.Namespace) -> RigConfig | None:
     """Configuration of the rig, if one is to be recorded.
 
-    Raises:
-        InputError: if the arguments do not go together, or the configuration cannot be used.
+    Raises InputError if the arguments do not go together, or the configuration cannot be used.
     """
     if (arguments.backend == "dm1015b") != (arguments.config is not None):
         raise InputError("--backend dm1015b and --config FILE belong together: give both or neither")
@@ -112,10 +110,8 @@ def record_rig(
 ) -> None:
     """Record the rig, row by row: what was measured up to a fault or an interrupt is kept.
 
-    Raises:
-        InputError: if there is a fault.
-        Interrupted: if somebody interrupts it.
-        OSError: if the disk does not take it all; it says what is kept.
+    Raises InputError if there is a fault, Interrupted if somebody interrupts it, and OSError if the disk does not take
+    it all; it says what is kept.
     """
     output, last = arguments.output, dict[str, Any]()
     late: list[float] = []

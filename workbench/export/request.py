@@ -86,8 +86,7 @@ def commented(xml: str, lines: Sequence[str]) -> str:
 def load_mujoco() -> Any:
     """MuJoCo, imported where it is needed.
 
-    Raises:
-        InputError: if it is not installed; the message names the command that does it.
+    Raises InputError if it is not installed; the message names the command that does it.
     """
     try:
         return import_module("mujoco")

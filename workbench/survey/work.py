@@ -72,10 +72,8 @@ def look(case: Case, settings: Settings) -> JSON:
     Returns:
         What was found, by the columns of `SCHEMA`.
 
-    Raises:
-        RecordingError: if it cannot be read.
-        IdentificationError: if it holds too little motion.
-        OSError: if the page cannot be written.
+    Raises RecordingError if it cannot be read, IdentificationError if it holds too little motion, and OSError if the
+    page cannot be written.
     """
     for path in settings.plugins:
         load_plugin(path)
@@ -161,9 +159,7 @@ def trouble(error: BaseException, case: Case) -> JSON:
 def content_hash(file: Path, most: float = math.inf) -> str:
     """Hash of what is in a file, or in the files of a folder.
 
-    Raises:
-        OSError: if it cannot be read.
-        Unreadable: if it is no regular file, or larger than `most` bytes.
+    Raises OSError if it cannot be read, and Unreadable if it is no regular file, or larger than `most` bytes.
     """
     digest = hashlib.blake2b(digest_size=20)
     for path in sorted(file.iterdir()) if file.is_dir() else [file]:
