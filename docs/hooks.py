@@ -20,8 +20,7 @@ from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import BASE, effects, nameable
 from pendulum_env.physics.term import Symptom
 from pendulum_env.words import listing, name, opening
-from workbench.cli import main
-from workbench.commands import COMMANDS
+from workbench.cli import COMMANDS, main
 from workbench.commands.effects import parameters
 
 ROOT = Path(__file__).parents[1]

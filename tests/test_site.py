@@ -12,7 +12,7 @@ import pytest
 
 from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import effects
-from workbench.commands import COMMANDS
+from workbench.cli import COMMANDS
 
 pytest.importorskip("mkdocs", reason="building the pages needs the extra docs")
 pytest.importorskip("material", reason="building the pages needs the extra docs")

@@ -1,36 +1,29 @@
 """What commands do of an arm alone, where `--robot` names its links: read and record it, tell a payload, export it."""
 
-from __future__ import annotations
-
 import argparse
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
 
 from estimators.arms.excitation import PERIOD, design_excitation
 from estimators.arms.following import follow
-from estimators.arms.gains import in_torque, without_loads
 from estimators.arms.payload import Payload, find_payload
 from estimators.regression.equations import IdentificationError
 from estimators.show.story import Part
 from pendulum_env.arms.body import Body, BodyError
 from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
-from pendulum_env.arms.joints import arm_base
-from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.arms.plane import planar_links
-from pendulum_env.arms.recording import ArmRecording, of_arms
+from pendulum_env.arms.recording import of_arms
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording, write_recording
-from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
-from pendulum_env.recording.study import Source, read_as
-from pendulum_env.words import Table, listing, plus_minus
-from workbench.inputs import Opened, check_outputs, given, read_all, sources_of, wrote
+from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.recording.study import read_as
+from pendulum_env.words import Table, listing
+from workbench.inputs import read_all, sources_of, wrote
 from workbench.mistakes import InputError
-from workbench.robot import RobotFile, held_text, loaded_text, meaning, straying
+from workbench.opened import Opened, refuse, robot_of, tell_held
 from workbench.terminal import Terminal
 
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
@@ -44,8 +37,8 @@ def record(
     for name, own in (("excitation", ("multisine",)), ("backend", ("pymunk", "mujoco"))):
         if (asked := getattr(arguments, name)) not in (None, *own):
             raise InputError(f"--{name} {asked} is for pendulums: arms know {' and '.join(own)} alone")
-    body = _robot(arguments, Asked(arguments.joints)).body()
-    _tell_held(body, [], terminal)
+    body = robot_of(arguments).body()
+    tell_held(body, [], terminal)
     arm = _simulated(arguments, body)
     motion = design_excitation(
         body,
@@ -126,76 +119,3 @@ def of_payload(found: Payload, body: Body) -> list[Part]:
         Part(f"Payload at the link behind {found.joint}, in that joint's frame", content),
         Part("Torque left, friction fitted anew", [explained]),
     ]
-
-
-def read_arm_model(arguments: argparse.Namespace) -> ArmModel:
-    """The model of a robot that the arguments name; raises ModelError, and BodyError as `RobotFile.body`."""
-    refuse(arguments)
-    made = Asked.of_model(arguments.model)
-    body = _robot(arguments, replace(made, joints=arguments.joints or made.joints)).body(made.held)
-    return ArmModel.load(arguments.model, body)
-
-
-def opened_arm(arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal) -> Opened:
-    """What a command was given of an arm, read: in N m, and without known loads, which tell gains of currents.
-
-    Raises:
-        BodyError, IdentificationError, InputError, ModelError, RecordingError, StudyError: if something cannot be used.
-    """
-    refuse(arguments)
-    asked, path = given(arguments), getattr(arguments, "model", None) or ""
-    check_outputs(outputs, [*asked.files, arguments.robot])
-    made = Asked.of_model(path) if path else Asked()
-    asked = asked.read_as(made.log_format, path)
-    sources = (*asked.fitted, *asked.held_out)
-    named = {arguments.joints, *(source.joints for source in sources)} - {None}
-    if len(named) > 1:
-        raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
-    robot = _robot(arguments, replace(made, joints=named.pop() if named else made.joints))
-    robot.body()  # what is wrong with it comes first
-    recordings = read_all(sources, terminal, robot.read)
-    body = robot.body(made.held) if made.held else robot.holding(recordings)
-    _tell_held(body, recordings, terminal)
-    torques = in_torque(recordings, body)
-    for joint, gain in torques.gains.items():
-        size = f"{plus_minus(gain.value, gain.std)} {body.worded(joint, gain.unit)}"
-        terminal.say(f"torque gain of {joint}: {size}, as known loads tell it")
-    for text in meaning(torques.recordings, body):
-        terminal.say(f"warning: {text}", style="yellow")
-    count = len(asked.fitted)
-    fitted, held_out = without_loads(torques.recordings[:count], torques.recordings[count:])
-    if text := loaded_text(torques.recordings, [*fitted, *held_out]):
-        terminal.say(text)
-    model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
-    sources = tuple(_with_gains(source, torques.gains) for source in asked.fitted)
-    return Opened(model, sources, list(fitted), list(held_out), robot.read)
-
-
-def _with_gains(source: Source, gains: Mapping[str, TorqueConstant]) -> Source:
-    """A source read with the gains of currents that known weights gave, as the next log of the arm has to be."""
-    found = {f"torque_{joint}": f"{gain.value:.6g}" for joint, gain in gains.items()}
-    columns = {name: text.replace("?", found.get(name, "?")) for name, text in source.columns.items()}
-    return replace(source, columns=columns)
-
-
-def _robot(arguments: argparse.Namespace, made: Asked) -> RobotFile:
-    """The robot as the arguments, or else a model or a study, ask for it."""
-    rotors = True if arguments.rotors else made.rotors
-    light = arguments.no_gravity or made.weightless
-    return RobotFile(Path(arguments.robot), made.joints, arguments.base is not None, rotors, light)
-
-
-def _tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal) -> None:
-    """Say which joints are held, and where recordings have them elsewhere."""
-    if text := held_text(body):
-        terminal.say(text)
-    for text in straying(body, recordings):
-        terminal.say(f"warning: {text}", style="yellow")
-
-
-def refuse(arguments: argparse.Namespace) -> None:
-    """Refuse options that say nothing of an arm."""
-    for option in arguments.of_pendulums:
-        if getattr(arguments, option) not in (None, False, {}):
-            name = {"fixed": "fix", "bounds": "bound"}.get(option, option.replace("_", "-"))
-            raise InputError(f"--{name} is for pendulums: leave it out with --robot")

@@ -1,29 +1,40 @@
 """Command line: `pendulum-ident COMMAND ...`; exit 0 on success, 2 on bad input with one line on stderr."""
 
-from __future__ import annotations
-
 import argparse
 import difflib
 import errno
-import os
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
-from typing import NoReturn, TextIO
+from typing import NoReturn
 
 from pendulum_env.lookup import find
 from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import fault
-from workbench.commands import COMMANDS, load
 from workbench.mistakes import MISTAKES, InputError, sentence
-from workbench.terminal import Terminal
+from workbench.terminal import Terminal, abandon
 
 SUCCESS, BAD_INPUT, INTERRUPTED = 0, 2, 130
 PROGRAM = "pendulum-ident"
 DESCRIPTION = "Compare a pendulum's model with measurements, see where it fails, and find the effect that is missing."
-
-
+COMMANDS: dict[str, str] = {  # in the order of a first visit, and what help says of each
+    "demo": "hide an effect, record, diagnose and report: the whole workflow in one go",
+    "record": "record a pendulum: the rig, or a simulated one, or arm, with effects hidden in it if asked for",
+    "identify": "estimate the four parameters of the paper's model by its six schemes",
+    "compare": "compare a model with recordings: how far off it is, and where",
+    "diagnose": "find the effects that a model lacks, and add them",
+    "survey": "diagnose many recordings and show what the fleet shows: drifts, odd joints (needs the extra fleet)",
+    "add": "add one effect to a model, refit it, and compare the errors",
+    "export": "write a model for MuJoCo, ROS or Gazebo, as Python or C",
+    "effects": "list the effects that a model may lack, with their laws and parameters",
+    "paper": "repeat the source paper's experiment: its Table 2 and figures beside ours",
+    "hardware": "check a rig, step by step",
+    "emulate": "emulate a rig behind a real protocol, with effects hidden in it if asked for",
+    "train": "train a policy that chooses excitations (needs the extra rl)",
+    "evaluate": "compare excitation policies with the paper's signal, on fresh plants",
+    "app": "the workbench in a browser: load, compare, diagnose, add, export (needs the extra app)",
+}
 ELSEWHERE = {"report": "a report is written by diagnose or compare, with --report FILE.html"}  # what is no command
 
 
@@ -36,11 +47,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
-    """Arguments of a command.
-
-    Raises:
-        InputError: if they make no sense.
-    """
+    """Arguments of a command; raises InputError if they make no sense."""
     named = argv[0] if argv and not argv[0].startswith("-") else None
     if named in ELSEWHERE:
         raise InputError(f"there is no command '{named}': {ELSEWHERE[named]}")
@@ -52,8 +59,8 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     commands = program.add_subparsers(metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
         sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
-        if name == named:  # only what is run is imported
-            command = load(name)
+        if name == named:  # only what is run is imported: no command waits for the libraries of the others
+            command = import_module(f"workbench.commands.{name}")
             command.configure(sub)
             sub.add_argument(
                 "--plugin", metavar="FILE.py", action="append", help="know the effects that this file registers, too"
@@ -71,8 +78,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
 def plugins(argv: Sequence[str]) -> None:
     """Load the effects of files that are named, before any argument is taken for one of them.
 
-    Raises:
-        PluginError: if a file cannot be used.
+    Raises PluginError if a file cannot be used.
     """
     early = Parser(add_help=False, allow_abbrev=False)
     early.add_argument("--plugin", action="append", default=[])
@@ -96,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as interrupt:
         return _complain(f"interrupted; {interrupt}" if str(interrupt) else "interrupted", INTERRUPTED)
     except BrokenPipeError:  # the reader of a pipe has seen enough
-        _abandon(sys.stdout)
+        abandon(sys.stdout)
         return SUCCESS
     except MISTAKES as mistake:
         if isinstance(mistake, OSError) and mistake.errno == errno.ENOSPC and mistake.filename is None:
@@ -128,18 +134,12 @@ def _complain(message: str, code: int) -> int:
     try:
         print(end="", flush=True)
     except OSError:  # full
-        _abandon(sys.stdout)
+        abandon(sys.stdout)
     try:
         print(f"{PROGRAM}: {message}", file=sys.stderr, flush=True)
     except OSError:
-        _abandon(sys.stderr)
+        abandon(sys.stderr)
     return code
-
-
-def _abandon(stream: TextIO) -> None:
-    """Let what a stream still holds go nowhere, or Python complains of it at the end."""
-    with suppress(OSError, ValueError):  # a stream of a test has no number
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 if __name__ == "__main__":

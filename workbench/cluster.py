@@ -24,8 +24,7 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
         workers: number of processes to start here.
         memory: that each of them may take [MB]; an equal share of this computer's if it is not given.
 
-    Raises:
-        InputError: if Dask is not installed, or there is no such cluster.
+    Raises InputError if Dask is not installed, or there is no such cluster.
     """
     if find_spec("distributed") is None:
         raise InputError("several processes need Dask, of the extra fleet: pip install 'pendulum-ident[fleet]'")

@@ -16,10 +16,7 @@ from typing import Any, TypeVar
 from estimators.arguments import model_that_moves
 from estimators.diagnosis.result import SCHEMA
 from estimators.diagnosis.suggestion import Suggestion
-from estimators.preprocessing import Preprocessed
 from pendulum_env._typing import JSON
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import body_of
 from pendulum_env.files import check_output, write_whole
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model, ModelError, Term, nameable
@@ -41,6 +38,7 @@ Logged = TypeVar("Logged", bound=Recording)
 COUPLING = "coupling"  # of two joints: no effect of a pendulum
 FORMATS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag"
 KINDS = f"{FORMATS}, or a study.toml (several recordings, known loads)"
+DRIVEN = f"as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KEYS)}"
 
 
 def argument(convert: Callable[[str], T]) -> Callable[[str], T]:
@@ -86,33 +84,14 @@ def one_of(kind: str, known: Iterable[str]) -> Callable[[str], str]:
     return argument(converted)
 
 
-def take(parser: argparse.ArgumentParser, *options: str) -> None:
-    """Declare options that several commands have, see `OPTIONS`."""
+def take(parser: argparse.ArgumentParser, *options: str, **other: Any) -> None:
+    """Declare options that several commands have, see `OPTIONS`, with what is other than there."""
     for name in options:
-        parser.add_argument(*(["-v", name] if name == "--verbose" else [name]), **OPTIONS[name])
-
-
-def take_plant(parser: argparse.ArgumentParser, *, arm: bool = False) -> None:
-    """Declare the plant of a simulation, which may be an arm: see `plant_of`."""
-    parser.add_argument(
-        "--effect",
-        dest="effects",
-        action="append",
-        type=argument(_effect),
-        default=[],
-        metavar="ID[=VALUE,...]",
-        help="hide an effect: ID alone, ID=VALUE,... in the order of `effects`, or ID:name=value,... "
-        f"(may be repeated){'; of an arm ID@JOINT and so on' if arm else ''}",
-    )
-    take(parser, "--theta")
+        parser.add_argument(*(["-v", name] if name == "--verbose" else [name]), **(OPTIONS[name] | other))
 
 
 def plant_of(arguments: argparse.Namespace) -> Model:
-    """The plant that was asked for, with what is hidden in it.
-
-    Raises:
-        ModelError: if an effect is hidden twice.
-    """
+    """The plant that was asked for, with what is hidden in it; raises ModelError if an effect is hidden twice."""
     plant: Model = arguments.theta or paper_plant()
     for text in arguments.effects:
         refuse_joint(text)
@@ -121,11 +100,7 @@ def plant_of(arguments: argparse.Namespace) -> Model:
 
 
 def refuse_joint(effect: str, robot: str | None = None) -> None:
-    """Refuse an effect at a joint where there is no arm.
-
-    Raises:
-        InputError: if it is one.
-    """
+    """Refuse an effect at a joint where there is no arm; raises InputError if it is one."""
     if "@" in effect and robot is None:
         raise InputError(f"{effect}: is an effect at a joint of an arm, which takes --robot; a pendulum has one joint")
 
@@ -135,62 +110,13 @@ def _effect(text: str) -> str:
     return text
 
 
-def _theta(text: str) -> Model:
-    return paper_plant(read_parameters(text))
-
-
-def take_recordings(parser: argparse.ArgumentParser, *, what: str = "fitted jointly", holdout: bool = False) -> None:
-    """Declare recordings to read, what is done with them, and perhaps recordings to hold out."""
-    parser.add_argument("recordings", metavar="RECORDING", nargs="+", help=f"{KINDS}; {what}")
-    if holdout:
-        take(parser, "--holdout")
-    take(parser, *READING)
-    take_drive(
-        parser, "the controller that followed the reference", "diagnose, add and compare then simulate the closed loop"
-    )
-
-
-def take_drive(parser: argparse.ArgumentParser, what: str, meaning: str) -> None:
-    """Declare a drive: what it is, and what is done with it."""
-    parser.add_argument(
-        "--drive",
-        type=argument(_drive),
-        metavar="KEY=VALUE,...",
-        help=f"{what}, as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KEYS)}; {meaning}",
-    )
-
-
-def take_reading(parser: argparse.ArgumentParser) -> None:
-    """Declare how recordings are to be read: see `sources_of`."""
-    take(parser, *READING)
-
-
-def take_report(parser: argparse.ArgumentParser, what: str = "a report with plots, one file to share") -> None:
-    """Declare the page that is written."""
-    parser.add_argument("--report", type=argument(_page), metavar="FILE.html", help=f"write {what}")
-
-
 def _page(text: str) -> str:
-    """Name of a report's file.
-
-    Raises:
-        ValueError: if it asks for another format than HTML.
-    """
+    """Name of a report's file; raises ValueError if it asks for another format than HTML."""
     suffix = Path(text).suffix.lower()
     if suffix not in ("", ".html", ".htm"):
         name = Path(text).with_suffix(".html")
         raise ValueError(f"a report is one HTML page, not {suffix}: name it {name}, a browser prints it to PDF")
     return text
-
-
-def take_robot(
-    parser: argparse.ArgumentParser,
-    meaning: str = "recordings are of an arm with these links, URDF or MJCF (needs the extra arms), with columns time, "
-    "position_JOINT and torque_JOINT, or numbered",
-) -> None:
-    """Declare the links of an arm, of which recordings then are."""
-    parser.add_argument("--robot", metavar="ARM.urdf", help=meaning)
-    take(parser, *ROBOT)
 
 
 def of_pendulums(parser: argparse.ArgumentParser, *options: str) -> None:
@@ -235,8 +161,7 @@ def ids(text: str) -> list[str]:
 def known_effect(id: str, known: Callable[[str], type[Term]] | None = None) -> str:
     """Id of an effect, by default of those that may be named, or of the one that only arms have.
 
-    Raises:
-        ValueError: if there is none; the message names the nearest.
+    Raises ValueError if there is none; the message names the nearest.
     """
     return id if id == COUPLING else (find("effect", id, nameable()) if known is None else known(id)).id
 
@@ -301,8 +226,18 @@ def _columns(text: str) -> dict[str, str]:
 
 # Options that several commands have, as `add_argument` takes them.
 OPTIONS: dict[str, dict[str, Any]] = {
+    "recordings": {"metavar": "RECORDING", "nargs": "+", "help": f"{KINDS}; fitted jointly"},
+    "--effect": {
+        "dest": "effects",
+        "action": "append",
+        "type": argument(_effect),
+        "default": [],
+        "metavar": "ID[=VALUE,...]",
+        "help": "hide an effect: ID alone, ID=VALUE,... in the order of `effects`, or ID:name=value,... "
+        "(may be repeated)",
+    },
     "--theta": {
-        "type": argument(_theta),
+        "type": argument(lambda text: paper_plant(read_parameters(text))),
         "metavar": "NAME=VALUE,...",
         "help": "inertia, gravity, viscous, coulomb of the plant, where they differ from the paper's",
     },
@@ -326,6 +261,17 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "metavar": "MB",
         "help": f"largest recording that is read, unpacked (default {LARGEST / 1e6:g} MB)",
     },
+    "--drive": {
+        "type": argument(_drive),
+        "metavar": "KEY=VALUE,...",
+        "help": f"the controller that followed the reference, {DRIVEN}; "
+        "diagnose, add and compare then simulate the closed loop",
+    },
+    "--robot": {
+        "metavar": "ARM.urdf",
+        "help": "recordings are of an arm with these links, URDF or MJCF (needs the extra arms), with columns time, "
+        "position_JOINT and torque_JOINT, or numbered",
+    },
     "--rotors": {
         "action": "store_true",
         "help": "with --robot: identify the motors' own inertia (default: if the MJCF has any)",
@@ -341,6 +287,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "action": "store_true",
         "help": "with --robot: the logged torque is without gravity compensation, which the driver subtracts",
     },
+    "--only": {"type": argument(ids), "metavar": "ID,...", "help": "look for these effects only"},
+    "--without": {"type": argument(ids), "default": [], "metavar": "ID,...", "help": "do not look for these effects"},
     "--fix": {
         "dest": "fixed",
         "type": argument(known),
@@ -366,31 +314,19 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "help": "fit the base model with instrumental variables made of the controller's reference: removes the bias "
         "from feedback",
     },
+    "--report": {
+        "type": argument(_page),
+        "metavar": "FILE.html",
+        "help": "write a report with plots, one file to share",
+    },
     "--verbose": {
         "action": "store_true",
         "help": "print errors, parameters and candidates as tables, and all remarks",
     },
 }
 READING = ("--columns", "--unwrap", "--max-size")  # how recordings are to be read
-ROBOT = ("--rotors", "--joints", "--base", "--no-gravity")
+ROBOT = ("--robot", "--rotors", "--joints", "--base", "--no-gravity")
 LIMITS = ("--fix", "--bound")  # parameters that are known or bounded
-
-
-def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Terminal) -> Preprocessed:
-    """Say the torque constant if it is known, else we speak of currents; say what is logged late, and correct it.
-
-    Args:
-        given: recordings, not yet in time.
-        align: whether torque that is logged late or filtered is corrected, or only said; None: nobody looks.
-        terminal: where it is said.
-    """
-    if given.constant is not None:
-        terminal.say(given.constant.text)
-    terminal.torque_unit = given.unit
-    timed = given if align is None else given.timed()
-    for text in timed.timing_texts(True):
-        terminal.say(f"{text}: corrected" if align else f"warning: {text}: correct it with --align", style="yellow")
-    return timed if align else given
 
 
 @dataclass(frozen=True)
@@ -413,9 +349,7 @@ class Given:
 def given(arguments: argparse.Namespace) -> Given:
     """The recordings that the arguments name, alone or in studies.
 
-    Raises:
-        InputError: if one is named twice, or none is to be fitted.
-        StudyError: if a study makes no sense.
+    Raises InputError if one is named twice, or none is to be fitted, and StudyError if a study makes no sense.
     """
     for name in ("joints", "base", "no_gravity", "rotors"):
         if getattr(arguments, name, None) not in (None, False) and arguments.robot is None:
@@ -435,9 +369,7 @@ def given(arguments: argparse.Namespace) -> Given:
 def sources_of(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
     """The recordings of a study, or the one in a file, read as the arguments ask for.
 
-    Raises:
-        InputError: if arguments say what a study says itself.
-        StudyError: if a study makes no sense.
+    Raises InputError if arguments say what a study says itself, and StudyError if a study makes no sense.
     """
     largest, drive = 1e6 * arguments.max_size, getattr(arguments, "drive", None)  # not every command takes one
     if not name.lower().endswith(".toml"):
@@ -449,13 +381,8 @@ def sources_of(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
     return tuple(replace(source, largest=largest) for source in read_sources(name))
 
 
-def read_recordings(sources: Sequence[Source], terminal: Terminal) -> list[Recording]:
-    """Read recordings and say what they are and what was changed at reading."""
-    return read_all(sources, terminal, Source.read)
-
-
 def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Source], Logged]) -> list[Logged]:
-    """The same of recordings of one joint or of several, as `read` reads them."""
+    """Read recordings, of one joint or of several, and say what they are and what was changed at reading."""
     recordings = []
     for source in sources:
         with terminal.progress(f"reading {source.file.name}"):
@@ -482,8 +409,7 @@ def format_told(source: Source) -> str:
 def read_model(path: str) -> Model:
     """Read a model that can be compared with recordings: one with inertia.
 
-    Raises:
-        ModelError: if there is none in the file.
+    Raises ModelError if there is none in the file.
     """
     model = Model.load(path)
     try:
@@ -492,64 +418,10 @@ def read_model(path: str) -> Model:
         raise ModelError(f"{path}: {error}") from None
 
 
-@dataclass(frozen=True)
-class Opened:
-    """What a command was given, read.
-
-    Attributes:
-        model: that is named, or else one without parameters to start from.
-        fitted: sources of what is fitted.
-        recordings, holdout: to fit and to hold out.
-        read: how another recording is read.
-    """
-
-    model: Model
-    fitted: tuple[Source, ...]
-    recordings: list[Recording]
-    holdout: list[Recording]
-    read: Callable[[Source], Recording] = Source.read
-
-    @property
-    def body(self) -> Body | None:
-        """The links of an arm; None of a pendulum."""
-        return body_of(self.model.terms)
-
-    def preprocessed(self, terminal: Terminal, align: bool | None = None) -> Preprocessed:
-        """Recordings in torque where known loads tell the torque constant, see `tell_preprocessed`."""
-        if self.body is not None:  # those of an arm are by now
-            return Preprocessed(tuple(self.recordings), tuple(self.holdout))
-        return tell_preprocessed(Preprocessed.of(self.recordings, self.holdout), align, terminal)
-
-
-def opened(
-    arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, holdout: bool = True
-) -> Opened:
-    """Refuse what could not be written; read the model, if one is named, and recordings in the format it knows.
-
-    Raises:
-        InputError, ModelError, RecordingError, StudyError: if something cannot be used; of an arm as `opened_arm`.
-    """
-    if arguments.robot is not None:
-        from workbench.arms import opened_arm  # who has no arm does not wait for it
-
-        return opened_arm(arguments, outputs, terminal)
-    asked = given(arguments)
-    check_outputs(outputs, asked.files)
-    path = getattr(arguments, "model", None) or ""
-    model = read_model(path) if path else Model()
-    asked = asked.read_as(model.log_format, path)
-    for source in (*asked.fitted, *asked.held_out):  # also those that are not read
-        if not os.path.exists(source.file):
-            raise InputError(f"{source.file}: there is no such file: check the path")
-    fitted = read_recordings(asked.fitted, terminal)
-    return Opened(model, asked.fitted, fitted, read_recordings(asked.held_out if holdout else (), terminal))
-
-
 def read_suggestion(path: str) -> Suggestion:
     """Read the experiment that a diagnosis suggests.
 
-    Raises:
-        InputError: if the file is missing or no diagnosis, or nothing is open that an experiment would settle.
+    Raises InputError if the file is missing or no diagnosis, or nothing is open that an experiment would settle.
     """
     hint = "a diagnosis is what `diagnose --json` writes"
     content = read_json(path, hint)
@@ -575,9 +447,8 @@ def read_suggestion(path: str) -> Suggestion:
 def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> None:
     """Refuse, before any work is done, what could not be written in the end, or would destroy data.
 
-    Raises:
-        InputError: if two outputs are the same file, or one of them is a recording that is read.
-        OSError: if a file cannot be written there.
+    Raises InputError if two outputs are the same file, or one of them is a recording that is read, and OSError if a
+    file cannot be written there.
     """
     given = [check_output(path) for path in outputs if path is not None]
     resolved = [os.path.realpath(path) for path in given]  # unlike Path.resolve, also of links that go round

@@ -1,7 +1,5 @@
 """Mistakes of a user, which end a command with one line, not of the program."""
 
-from __future__ import annotations
-
 from pendulum_env.mistake import Mistake
 
 

@@ -182,18 +182,13 @@ class Workers:
 
 
 class Job:
-    """One task in a worker, which begins at once.
-
-    Attributes:
-        title: what it does, as a heading.
-        what, share: what is being done, and how much of all is done.
-        running: whether it is on its way.
-        over: set once nothing more comes of it.
-    """
+    """One task in a worker, which begins at once."""
 
     def __init__(self, title: str, task: Task, workers: Workers, ended: Callable[[Job, Done | Failed], None]) -> None:
         """Take the task, who does it, and what is told how it ended."""
-        self.title, self.what, self.share, self.running, self.over = title, "starting", 0.0, True, threading.Event()
+        self.title = title  # what it does, as a heading
+        self.what, self.share = "starting", 0.0  # what is being done, and how much of all is done
+        self.running, self.over = True, threading.Event()  # on its way; set once nothing more comes of it
         self._began, self._workers, self._ended = time.monotonic(), workers, ended
         self._worker = workers.take()
         self._worker.send(partial(_do, task))

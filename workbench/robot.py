@@ -1,7 +1,5 @@
 """A robot as a user names it: its file, which joints move, and where recordings have the others."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -25,21 +23,13 @@ FORMATS = (".urdf", ".xml", ".mjcf")
 
 @dataclass(frozen=True)
 class RobotFile:
-    """How a robot is to be read.
+    """How a robot is to be read."""
 
-    Attributes:
-        file: URDF or MJCF.
-        joints: that move; None: all that can.
-        bolted: whether a base that floats is bolted down.
-        rotors: whether motors have inertia of their own; None: as the file has it.
-        weightless: whether the driver takes gravity's torque off what it logs.
-    """
-
-    file: Path
-    joints: tuple[str, ...] | None = None
-    bolted: bool = False
-    rotors: bool | None = None
-    weightless: bool = False
+    file: Path  # URDF or MJCF
+    joints: tuple[str, ...] | None = None  # that move; None: all that can
+    bolted: bool = False  # whether a base that floats is bolted down
+    rotors: bool | None = None  # whether motors have inertia of their own; None: as the file has it
+    weightless: bool = False  # whether the driver takes gravity's torque off what it logs
 
     def body(self, held: Mapping[str, float] | None = None) -> Body:
         """Its links, other joints held at the given places, or at zero; raises BodyError as `read_body`."""
@@ -56,9 +46,8 @@ class RobotFile:
     def read_study(self, path: str | Path) -> tuple[Body, list[ArmRecording], list[ArmRecording]]:
         """Its links, and recordings of a study to fit and to hold out: in N m, and without known loads.
 
-        Raises:
-            RecordingError: if one cannot be read, or two say that the current of a joint is in two units.
-            IdentificationError: if all that are fitted, or held out, have a known load.
+        Raises RecordingError if one cannot be read, or two say that the current of a joint is in two units, and
+        IdentificationError if all that are fitted, or held out, have a known load.
         """
         sources = read_sources(path)
         recordings = [self.read(source) for source in sources]
@@ -83,10 +72,7 @@ def _body(robot: RobotFile, held: tuple[tuple[str, float], ...], changed: Hashab
 def meaning(recordings: Sequence[ArmRecording], body: Body, off: str = "say --no-gravity") -> list[str]:
     """What the torques of recordings seem to be, where they are not those that the joints need, a question each.
 
-    Args:
-        recordings: in N m, or nothing is asked.
-        body: the links.
-        off: what to do where gravity is taken off.
+    Nothing is asked of currents; `off` is what to do where gravity is taken off.
     """
     found = [] if any(one.currents for one in recordings) else shares(recordings, body)
     weightless = [one.joint for one in found if one.kind == "weightless"]

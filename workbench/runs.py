@@ -1,10 +1,6 @@
-"""Runs of a pendulum: the torque that it is driven by, and what answers step by step."""
-
-from __future__ import annotations
+"""Runs of a pendulum: the torque that drives it, what answers step by step, and recording the rig row by row."""
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -14,41 +10,27 @@ from agents import multisine
 from agents.network import load
 from agents.observer import EPISODE
 from agents.pilot import Pilot
-from estimators.progress import Progress
+from estimators.wrappers.options import smoothing_of
+from pendulum_env.backends.hardware import config
+from pendulum_env.backends.hardware.config import RigConfig
+from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.excitation import Excitation, excitation
 from pendulum_env.interface import MAX_TORQUE
-from pendulum_env.physics import Estimate, Model, Term
-from pendulum_env.recording import Recording
+from pendulum_env.physics import Model
+from pendulum_env.policy import OpenLoop, rollout
+from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.registration import PENDULUM
-from workbench.inputs import read_suggestion
-from workbench.mistakes import InputError
-from workbench.until import LONGEST
+from pendulum_env.wrappers import RecordMeasurements
+from workbench.inputs import read_suggestion, wrote
+from workbench.mistakes import InputError, Interrupted
+from workbench.terminal import Terminal
+from workbench.until import LONGEST, Apart, verdict_text
 
+STALE = 0.03  # [s], how late a sample may be: what is interpolated over more than that is no measurement
 SECONDS = 30.0  # length of a recording
 USUAL = "paper"  # excitation
 SUGGESTED = "suggested"  # excitation that a diagnosis holds
 LEARNT = "rl"  # excitation that a policy chooses while the arm moves
-
-
-@dataclass(frozen=True)
-class Hidden:
-    """A simulated plant with an effect hidden in it.
-
-    Attributes:
-        title: what it is.
-        effect: what is hidden.
-        law: of the effect.
-        truth: true parameters by name.
-        terms: of the model that knows nothing of the effect.
-        record: makes a recording of a name.
-    """
-
-    title: str
-    effect: str
-    law: str
-    truth: Mapping[str, Estimate]
-    terms: Sequence[Term]
-    record: Callable[[str, Progress], Recording]
 
 
 def experiment(
@@ -56,8 +38,7 @@ def experiment(
 ) -> tuple[Excitation | Pilot, float]:
     """Torque command and length [s]: drawn, as a diagnosis suggests, or by a policy.
 
-    Raises:
-        InputError: if the arguments do not go together, the diagnosis suggests nothing, or there is no such policy.
+    Raises InputError if the arguments do not go together, the diagnosis suggests nothing, or there is no such policy.
     """
     kind = arguments.excitation
     for name, only in (("policy", LEARNT), ("diagnosis", SUGGESTED)):
@@ -83,8 +64,18 @@ def experiment(
     return excitation(kind or USUAL, rng, seconds, arguments.amplitude), seconds
 
 
-def environment(arguments: argparse.Namespace, plant: Model, command: Excitation | Pilot) -> gym.Env[Any, Any]:
-    """What answers step by step: a simulated plant, or a recording that is replayed."""
+def environment(
+    arguments: argparse.Namespace, plant: Model, command: Excitation | Pilot, rig: RigConfig | None = None
+) -> gym.Env[Any, Any]:
+    """What answers step by step: a simulated plant, a recording that is replayed, or a rig, still without power.
+
+    The rig is owned and connected from now on; raises InputError if it is out of reach, or in use.
+    """
+    if rig is not None:
+        try:
+            return gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(rig.path))
+        except DriveError as error:
+            raise InputError(str(error)) from None
     return gym.make(
         PENDULUM,
         max_episode_steps=-1,
@@ -96,3 +87,88 @@ def environment(arguments: argparse.Namespace, plant: Model, command: Excitation
         max_torque=max(MAX_TORQUE, command.amplitude),
         recording=arguments.replay,
     )
+
+
+def configured(arguments: argparse.Namespace) -> RigConfig | None:
+    """Configuration of the rig, if one is to be recorded.
+
+    Raises InputError if the arguments do not go together, or the configuration cannot be used.
+    """
+    if (arguments.backend == "dm1015b") != (arguments.config is not None):
+        raise InputError("--backend dm1015b and --config FILE belong together: give both or neither")
+    if arguments.config is None:
+        return None
+    if arguments.effects or arguments.theta is not None:
+        raise InputError("--effect and --theta do not go with a rig: it has the plant that it has")
+    if not arguments.output.lower().endswith(".csv"):
+        raise InputError(f"{arguments.output}: a rig is recorded row by row as it runs: let the name end in .csv")
+    return config.load(arguments.config)
+
+
+def record_rig(
+    arguments: argparse.Namespace, rig: RigConfig, command: Excitation | Pilot, steps: int, terminal: Terminal
+) -> None:
+    """Record the rig, row by row: what was measured up to a fault or an interrupt is kept.
+
+    Raises InputError if there is a fault, Interrupted if somebody interrupts it, and OSError if the disk does not take
+    it all; it says what is kept.
+    """
+    output, last = arguments.output, dict[str, Any]()
+    late: list[float] = []
+
+    def watch(info: dict[str, Any]) -> None:
+        last.update(info)
+        late.append(info["jitter"])
+        if len(late) % rig.rate < 1:
+            show(f"{info['time']:.0f} s", len(late) / steps)
+
+    judge: Apart | None = None
+    env = RecordMeasurements(environment(arguments, Model(), command, rig), output, overwrite=True)
+    try:
+        judge = Apart(rig.rate, smoothing_of(env, rig.rate)) if arguments.until is not None else None
+        if cut := cut_at(rig, command):
+            terminal.say(cut)
+        with terminal.progress("running") as show:
+            until = None if judge is None else judge.stands
+            recording = rollout(env, controller(command, rig.rate), steps, watch=watch, until=until)
+    except (DriveError, RecordingError) as error:
+        raise InputError(last.get("fault") or str(error)) from None
+    except KeyboardInterrupt:
+        raise Interrupted(f"what was measured until then is in {output}" if late else "nothing was measured") from None
+    finally:
+        env.close()
+    jitter = 1e3 * np.percentile(late, (50, 99))
+    terminal.say(
+        f"samples {jitter[0]:.2g} ms after their tick, 99 % within {jitter[1]:.2g} ms; {last['overruns']} ticks missed"
+    )
+    if (worst := max(late)) > STALE:
+        terminal.say(
+            f"at worst {1e3 * worst:.0f} ms late, over which samples are interpolated: a diagnosis would find that, "
+            "record again on a machine that does nothing else, or with realtime = true"
+        )
+    describe(recording, terminal)
+    if judge is not None:
+        terminal.say(verdict_text(judge.close(), len(recording) < steps))
+    if "fault" in last:
+        raise InputError(f"{last['fault']}; what was measured until then is in {output}")
+    wrote([output], terminal)
+
+
+def cut_at(rig: RigConfig, command: Excitation | Pilot) -> str:
+    """What the rig's limits leave of a command, in words; empty if all of it."""
+    if command.amplitude <= rig.max_torque:
+        return ""
+    until = "limits.torque" if rig.checked else "until `hardware check` has passed"
+    return f"torque is cut at {rig.max_torque:g} N m ({until}), {command.amplitude:g} were asked for"
+
+
+def controller(command: Excitation | Pilot, rate: float) -> OpenLoop | Pilot:
+    """What chooses the torque of every period."""
+    return command if isinstance(command, Pilot) else OpenLoop(command, rate)
+
+
+def describe(recording: Recording, terminal: Terminal) -> None:
+    """Say what was recorded."""
+    turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
+    terminal.say(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")
+    terminal.say(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")

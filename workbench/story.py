@@ -1,9 +1,6 @@
 """A diagnosis as printed on the terminal: what counts in a few lines, the rest where it is asked for."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from estimators.diagnosis.result import Diagnosis
 from estimators.show.story import Part, ends, of_diagnosis
@@ -15,35 +12,6 @@ from workbench.terminal import Terminal
 REMARKS = 2  # that are made without being asked for
 MORE = "more: -v lists candidates and all that was found, --report FILE.html draws it"
 ALL = ": --all shows them"
-
-
-@dataclass(frozen=True)
-class Story:
-    """A diagnosis in words.
-
-    Attributes:
-        headline: what is missing.
-        lines: what everybody wants to know of it.
-        next_step: what to do now.
-        parts: further parts, printed on request.
-        remarks: what else is worth knowing, the most telling first.
-    """
-
-    headline: str
-    lines: Sequence[str]
-    next_step: str
-    parts: Sequence[Part]
-    remarks: Sequence[str] = ()
-
-    def tell(self, terminal: Terminal, verbose: bool = False, more: bool = True) -> None:
-        """Print it; `more` says how to see what is not printed."""
-        remarks = self.remarks[: None if verbose else REMARKS]
-        terminal.heading(self.headline)
-        for line in (*self.lines, *(f"note: {remark}" for remark in remarks), f"next: {self.next_step}"):
-            terminal.say(line)
-        if more and not verbose:
-            terminal.say(MORE)
-        tell(self.parts if verbose else (), terminal)
 
 
 def tell(parts: Sequence[Part], terminal: Terminal) -> None:
@@ -60,8 +28,13 @@ def tell(parts: Sequence[Part], terminal: Terminal) -> None:
                     terminal.say(f"- {line}")
 
 
-def story(found: Diagnosis, every: bool = False) -> Story:
-    """A diagnosis, with the candidates that matter or every one; of an arm, which has many, parameters of effects."""
+def tell_diagnosis(
+    found: Diagnosis, terminal: Terminal, verbose: bool = False, every: bool = False, more: str = MORE
+) -> None:
+    """Print a diagnosis; of an arm, which has many, parameters of effects alone.
+
+    What does not count is told if `verbose`, of every candidate if `every`; else `more` says how to see it.
+    """
     estimates = found.model.readable
     if found.body is not None:
         estimates = {name: own for id in found.selected for name, own in found.model.of(id).items()}
@@ -70,7 +43,14 @@ def story(found: Diagnosis, every: bool = False) -> Story:
     first = found.unexplained[:1] if found.body is None else found.unexplained  # of an arm, one a joint
     lines += [f"left: {found.told_of(region)}" for region in first if region.text != found.next_step]
     lines += [f"{one.text}, and is not fitted: diagnose it on its own" for one in found.disagreements]
-    return Story(found.headline, lines, found.next_step, of_diagnosis(found, every, ALL), found.remarks)
+    lines += [f"note: {remark}" for remark in found.remarks[: None if verbose else REMARKS]]
+    terminal.heading(found.headline)
+    for line in (*lines, f"next: {found.next_step}"):
+        terminal.say(line)
+    if verbose:
+        tell(of_diagnosis(found, every, ALL), terminal)
+    elif more:
+        terminal.say(more)
 
 
 def errors_line(found: Diagnosis) -> str:

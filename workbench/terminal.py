@@ -1,11 +1,10 @@
 """What is printed where: results on stdout, progress on stderr, colour and bars only where a person watches."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from typing import IO
 
 from rich import box
 from rich.console import Console, JustifyMethod
@@ -97,8 +96,13 @@ class _Patient(Console):
     def on_broken_pipe(self) -> None:
         """Say no more."""
         self.quiet = True
-        with suppress(OSError, ValueError):  # a stream of a test has no number
-            os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())
+        abandon(self.file)
+
+
+def abandon(stream: IO[str]) -> None:
+    """Let what a stream still holds go nowhere, or Python complains of it at the end."""
+    with suppress(OSError, ValueError):  # a stream of a test has no number
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _console(*, stderr: bool) -> Console:

@@ -58,8 +58,7 @@ class Apart:
     def __init__(self, rate: float, smoothing: Smoothing) -> None:
         """Start the process; takes what `Here` does.
 
-        Raises:
-            OSError: if it does not come up.
+        Raises OSError if it does not come up.
         """
         self._worker = Worker("diagnosis")
         self._worker.send(partial(_judge, rate, smoothing))
@@ -82,8 +81,7 @@ class Apart:
     def close(self) -> OnlineDiagnosis:
         """What was said in the end; waits until all has been taken in.
 
-        Raises:
-            OSError: if the process has died.
+        Raises OSError if the process has died.
         """
         if not self._stands:
             self._worker.send(self._waiting)

@@ -8,7 +8,6 @@ from estimators.selection.errors import Step
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.recording import read_arm_recording
 from pendulum_env.physics import Model
-from workbench import arm_demo
 from workbench.cli import main
 from workbench.commands import demo
 from workbench.commands.demo import verdict
@@ -36,7 +35,7 @@ def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, capsys, monk
 def test_every_effect_that_may_be_hidden_can_be_simulated():
     seen = set()
     for seed in range(60):
-        hidden = arm_demo.hide_somewhere(np.random.default_rng(seed))
+        hidden = demo.hide_somewhere(np.random.default_rng(seed))
         PlanarArm(effects=[hidden]).reset()
         seen.add(hidden.partition("@")[0])
     assert len(seen) > 12

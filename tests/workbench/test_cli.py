@@ -14,8 +14,7 @@ from pendulum_env.physics import BASE, Model, effects
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import read_recording
 from pendulum_env.words import bar, duration, listing, plus_minus
-from workbench.cli import main
-from workbench.commands import COMMANDS
+from workbench.cli import COMMANDS, main
 
 FEW = ("torque_offset", "coulomb_asymmetry", "stribeck", "quadratic_drag", "cogging")  # a search among them is quick
 

@@ -17,10 +17,10 @@ from tests.workbench.test_report import recorded
 from workbench.cli import main
 from workbench.report import render, render_comparison
 from workbench.report.case import Case
+from workbench.report.errors import ladder
 from workbench.report.figure import Figure, Section, axis, line
 from workbench.report.fleet import write_fleet_report
 from workbench.report.page import assemble
-from workbench.report.sections.errors import ladder
 from workbench.survey import Fleet
 
 sync_api = pytest.importorskip("playwright.sync_api")

@@ -20,9 +20,9 @@ from tests.cases import diagnosed
 from tests.workbench.pages import Page, values
 from workbench.report import render, write_report
 from workbench.report.case import Case
+from workbench.report.failures import profile_figure
 from workbench.report.figure import broken, numbers, thin
-from workbench.report.sections import SECTIONS
-from workbench.report.sections.failures import profile_figure
+from workbench.report.page import SECTIONS
 
 PLANT = Model.build((*BASE, Stribeck(0.6)), [0.09, 2.0, 0.35, 0.7, 0.4])
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"

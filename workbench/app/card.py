@@ -96,32 +96,21 @@ def understood(role: str, text: str, headers: Sequence[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Card:
-    """A file whose columns a person is asked about.
+    """A file whose columns a person is asked about."""
 
-    Attributes:
-        source: how it is to be read; its columns and range are those of `choices` and `ends` instead.
-        choices: what is said of each column.
-        preview: what is in the file.
-        ends: of the range to use.
-        known: id of the recording that it is of; empty while that waits for an answer.
-        why: what is wrong with it, in a sentence; empty if a person asked to see it.
-        joints: of the arm that it is of; none of a pendulum.
-    """
-
-    source: Source
-    choices: tuple[Choice, ...]
-    preview: Preview
-    ends: Ends = (None, None)
-    known: str = ""
-    why: str = ""
-    joints: tuple[str, ...] = ()
+    source: Source  # how it is to be read; its columns and range are those of `choices` and `ends` instead
+    choices: tuple[Choice, ...]  # what is said of each column
+    preview: Preview  # what is in the file
+    ends: Ends = (None, None)  # of the range to use
+    known: str = ""  # id of the recording that it is of; empty while that waits for an answer
+    why: str = ""  # what is wrong with it, in a sentence; empty if a person asked to see it
+    joints: tuple[str, ...] = ()  # of the arm that it is of; none of a pendulum
 
     @classmethod
     def of(cls, source: Source, known: str = "", why: str = "", joints: tuple[str, ...] = ()) -> Card:
         """Look at a file, beginning with what is said of it or what the names of its columns tell.
 
-        Raises:
-            RecordingError: if it cannot be read, or has too few columns to choose from.
+        Raises RecordingError if it cannot be read, or has too few columns to choose from.
         """
         shown = preview(source.file)
         if sum(values is not None for values in shown.values) < NEEDED:
@@ -164,9 +153,8 @@ class Card:
     def asked(self) -> Source:
         """The source as the choices have it.
 
-        Raises:
-            ColumnError: if two columns have the same role, or one has to be named yet.
-            RecordingError: if the range is none.
+        Raises ColumnError if two columns have the same role, or one has to be named yet, and RecordingError if the
+        range is none.
         """
         columns: dict[str, str] = {}
         for role in dict.fromkeys(choice.role for choice in self.choices if choice.role):

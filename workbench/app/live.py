@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.online import Diagnoser, OnlineDiagnosis, Verdict, Watch
+from estimators.online import Diagnoser, OnlineDiagnosis, Watch
 from estimators.schemes.fitting import Convergence, Identified
 from estimators.schemes.identification import Identification
 from estimators.schemes.six import SCHEMES
@@ -34,8 +34,7 @@ from workbench.cli import parse
 from workbench.inputs import plant_of
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.processes import LOST, Done, Failed, Worker
-from workbench.rig import configured, connected, controller, cut_at
-from workbench.runs import environment, experiment
+from workbench.runs import configured, controller, cut_at, environment, experiment
 
 SLICE = 0.02  # [s] of the run between two looks at the clock
 LOOK = 0.1  # [s] between two entries of the history
@@ -76,15 +75,14 @@ def go(options: Sequence[str], connection: Connection[Any, Any]) -> str:
     `options` are those of `pendulum-ident record`. Whatever comes from the server, its end included, is the word to
     stop. Returns the fault that ended it, if one did.
 
-    Raises:
-        InputError: if the run cannot be, as its settings are unknown or out of range, or the rig is out of reach.
+    Raises InputError if the run cannot be, as its settings are unknown or out of range, or the rig is out of reach.
     """
     arguments = parse(["record", *options, "--output=live.csv"])
     try:
         rig = configured(arguments)
         rate = arguments.rate if rig is None else rig.rate
         command, seconds = experiment(arguments, np.random.default_rng(arguments.seed), rate)
-        with closing(environment(arguments, plant_of(arguments), command) if rig is None else connected(rig)) as bare:
+        with closing(environment(arguments, plant_of(arguments), command, rig)) as bare:
             env = EstimateParameters(bare)
             plant: Any = bare.unwrapped
             rate = plant.rate  # a replay has its own
@@ -135,27 +133,22 @@ class Event:
 
 
 class Follower:
-    """Follows a run by its rows: a motor does not wait for what is computed here.
-
-    Attributes:
-        course: time [s] and evidence that something is missing [nat], once a second of motion.
-        events: alarms, and what was added or taken out.
-    """
+    """Follows a run by its rows: a motor does not wait for what is computed here."""
 
     def __init__(self, rate: float, smoothing: Smoothing) -> None:
         """Take the samples per second [Hz], and the smoothing of the measurement."""
         self._rate, self._smoothing, self._lock = rate, smoothing, Lock()
         self._diagnoser = Diagnoser(rate, smoothing=smoothing)
         (self._monitor,) = self._diagnoser.each
-        self.course: list[tuple[float, float]] = []
-        self.events: list[Event] = []
+        self.course: list[tuple[float, float]] = []  # time [s] and evidence [nat], once a second of motion
+        self.events: list[Event] = []  # alarms, and what was added or taken out
         self._time, self._torque = 0.0, 0.0  # the latest ones
         self._renew()
 
     def _renew(self) -> None:
         """Watch the running model as it is from now on."""
         self._watch = Watch(self._rate, self._monitor.terms, smoothing=self._smoothing)
-        self._kind, self._missing = "calibrating", False
+        self._kind = "calibrating"  # of its last verdict
 
     @property
     def said(self) -> OnlineDiagnosis:
@@ -170,28 +163,18 @@ class Follower:
                 before = self._monitor.said
                 (said,), (verdict,) = self._diagnoser.take(*sample), self._watch.take(*sample)
                 self._time, self._torque = time, torque
-                if said is not before:
-                    self._tell(said)
-                if verdict.kind != self._kind:
-                    self._warn(verdict)
+                if said is not before and np.isfinite(said.evidence):
+                    self.course.append((time, said.evidence))
+                if said.kind == "missing" and before.kind != "missing":
+                    self._note(f"missing: {listing([name(id) for id in said.group], 'or')}", True)
+                if verdict.kind != self._kind and verdict.kind == "value":
+                    self._note(f"value changed: {name(verdict.parameter)}", True)
+                elif verdict.kind != self._kind and verdict.kind == "structure":
+                    self._note("structure changed", True)
+                self._kind = verdict.kind
 
     def _note(self, text: str, alarm: bool) -> None:
         self.events.append(Event(self._time, text, alarm))
-
-    def _tell(self, said: OnlineDiagnosis) -> None:
-        if np.isfinite(said.evidence):
-            self.course.append((self._time, said.evidence))
-        missing = said.kind == "missing"
-        if missing and not self._missing:
-            self._note(f"missing: {listing([name(id) for id in said.group], 'or')}", True)
-        self._missing = missing
-
-    def _warn(self, verdict: Verdict) -> None:
-        self._kind = verdict.kind
-        if verdict.kind == "value":
-            self._note(f"value changed: {name(verdict.parameter)}", True)
-        elif verdict.kind == "structure":
-            self._note("structure changed", True)
 
     def add(self, effect: str) -> None:
         """Take an effect into the model; raises ValueError if there is none of that id, or it cannot be added."""
@@ -210,21 +193,12 @@ class Follower:
 
 
 class Run:
-    """One run in a process of its own, which begins at once.
-
-    Attributes:
-        begun: what it told first.
-        rows: what it has measured.
-        pace: seconds of the run in one second.
-        trouble: why it ended, if it should not have.
-        follower: says what its model lacks.
-    """
+    """One run in a process of its own, which begins at once."""
 
     def __init__(self, options: Sequence[str], worker: Worker) -> None:
         """Give a worker the options of `pendulum-ident record`, and wait for the environment.
 
-        Raises:
-            InputError: if it cannot be, as its settings are unknown or out of range, or the rig is out of reach.
+        Raises InputError if it cannot be, as its settings are unknown or out of range, or the rig is out of reach.
         """
         self._worker, self._stop = worker, Signal()
         worker.send(partial(go, options))
@@ -232,10 +206,10 @@ class Run:
         if isinstance(begun, Failed):
             worker.end()
             raise InputError(begun.why)
-        self.begun: Begun = begun
-        self.follower = Follower(begun.rate, begun.smoothing)
-        self.rows: list[Row] = []
-        self.pace, self.trouble = 1.0, ""
+        self.begun: Begun = begun  # what it told first
+        self.follower = Follower(begun.rate, begun.smoothing)  # says what its model lacks
+        self.rows: list[Row] = []  # what it has measured
+        self.pace, self.trouble = 1.0, ""  # seconds of the run in one second; why it ended, if it should not have
         self._history: list[Entry] = []
         self._followed, self._following = 0, Lock()
         self.watch()

@@ -1,7 +1,5 @@
 """Parts of which the stages are built."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Recordings from a simulated pendulum: the command line's own `record`, run by a worker."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
@@ -84,8 +82,7 @@ def start_demo(session: Session) -> None:
 def start_suggested(session: Session) -> None:
     """Record the experiment that the diagnosis suggests, on the simulated pendulum of the first recording.
 
-    Raises:
-        InputError: if it suggests none, or the recordings are not of a simulated pendulum.
+    Raises InputError if it suggests none, or the recordings are not of a simulated pendulum.
     """
     state = session.state
     plant = simulated(state)

@@ -1,12 +1,10 @@
 """A session in one file: a ZIP archive of its recordings, the study that reads them, and what was made of them."""
 
-from __future__ import annotations
-
 import io
 import json
 import tempfile
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -20,32 +18,27 @@ from pendulum_env.arms.joints import links_of
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.excitation import SIGNALS, Excitation, signal_from_json, signal_json
 from pendulum_env.physics import Model, Term
-from pendulum_env.reading import Unreadable, amount, read_json
-from pendulum_env.recording import Source, write_study
+from pendulum_env.reading import Unreadable, amount, read_archive, read_json
+from pendulum_env.recording import write_study
 from pendulum_env.recording.study import read_sources
 from workbench.app import uploads
 from workbench.app.state import Asked, Loaded, State
-from workbench.app.uploads import safe_name
-from workbench.mistakes import InputError
+from workbench.app.uploads import STUDY, safe_name
+from workbench.mistakes import InputError, sentence
 from workbench.robot import RobotFile
 
 SCHEMA = "pendulum-ident/session@1"
-CONTENTS, STUDY = "session.json", "study.toml"
+CONTENTS = "session.json"
 HINT = "a session is what “Save session” wrote"
-MEMBERS = {  # fields of a `State` by what they are called in a file, beside its recordings and the terms of the base
-    "model_file": "model_file",
-    "is_aligned": "is_aligned",
-    "asked": "asked",
-    "ladder": "grown",
-    "started": "started",
-    "diagnosis": "diagnosis",
-}
+MEMBERS = {name: name for name in ("model_file", "is_aligned", "asked", "started", "diagnosis")} | {"ladder": "grown"}
+# Fields of a `State` by what they are called in a file, beside its recordings and the terms of the base
 
 
 def study(state: State) -> str:
     """A study that names the recordings as they are read, for a folder in which they lie."""
     with tempfile.TemporaryDirectory() as folder:
-        file, sources = Path(folder) / STUDY, [replace(one.source, joints=state.joints) for one in state.loaded]
+        file, joints = Path(folder) / STUDY, state.robot.joints if state.robot is not None else None
+        sources = [replace(one.source, joints=joints) for one in state.loaded]
         write_study(file, [replace(source, file=file.with_name(source.file.name)) for source in sources])
         return file.read_text(encoding="utf-8")
 
@@ -76,12 +69,22 @@ def pack(state: State) -> bytes:
     return whole
 
 
-def opened(folder: Path) -> State:
+def opened(packed: Path, place: Callable[[float], Path]) -> State:
+    """The state in an archive, which is unpacked to a place for that many bytes; raises InputError if it is none."""
+    contents = read_archive(packed, HINT, uploads.LIMITS.space)
+    folder = place(sum(map(len, contents.values())))
+    for member, text in contents.items():
+        (folder / safe_name(member)).write_bytes(text)
+    try:
+        return _opened(folder)
+    except (ValueError, OSError) as mistake:
+        raise InputError(f"{packed.name}: {sentence(mistake)}") from None
+
+
+def _opened(folder: Path) -> State:
     """The state whose archive was unpacked to a folder.
 
-    Raises:
-        Unreadable: if something is missing, or does not belong together.
-        RecordingError: if a recording cannot be read.
+    Raises Unreadable if something is missing, or does not belong together, and RecordingError as reading does.
     """
     if not (folder / CONTENTS).is_file():
         raise Unreadable(f"lacks {CONTENTS}; {HINT}")
@@ -91,7 +94,11 @@ def opened(folder: Path) -> State:
     sources = read_sources(folder / STUDY) if content.get("origins") else ()
     loaded, begun = list[Loaded](), State()
     if "robot" in content:
-        begun = State(robot=_robot(content["robot"], folder, sources))
+        try:
+            robot = _typed(RobotFile, content["robot"])
+        except (LookupError, TypeError, ValueError) as error:
+            raise Unreadable(f"'robot' of {CONTENTS} makes no sense ({error}); {HINT}") from None
+        begun = State(robot=replace(robot, file=folder / robot.file))
     for source in sources:
         file = folder / safe_name(source.file.name)
         if not file.is_file():
@@ -105,7 +112,6 @@ def opened(folder: Path) -> State:
                 begun = replace(begun, terms=terms, model_file=_typed(str, content["model_file"]))
             begun.asked.check(begun.base_terms)
             return begun
-        _of_older(content["diagnosis"])
         hints, terms = get_type_hints(State), _typed(Model, content["base"]).terms
         known = {name: _typed(hints[name], content[key]) for key, name in MEMBERS.items()}
         origins = _typed(tuple[tuple[str, ...], ...], content["origins"])
@@ -123,17 +129,6 @@ def opened(folder: Path) -> State:
     return state
 
 
-def _robot(told: Any, folder: Path, sources: Sequence[Source]) -> RobotFile:
-    """The robot of a session; older ones tell the file's name alone, and their study which joints move."""
-    if isinstance(told, str):
-        return RobotFile(folder / safe_name(told), next((source.joints for source in sources), None), bolted=True)
-    try:
-        robot = _typed(RobotFile, told)
-    except (LookupError, TypeError, ValueError) as error:
-        raise Unreadable(f"'robot' of {CONTENTS} makes no sense ({error}); {HINT}") from None
-    return replace(robot, file=folder / robot.file)
-
-
 def _data_of(state: State, found: Diagnosis, content: JSON) -> Preprocessed:
     """What a saved diagnosis was made of: the recordings, with their torque corrected and cut as it says."""
     train, holdout = ([one.recording for one in state.loaded if one.held_out is held] for held in (False, True))
@@ -143,14 +138,6 @@ def _data_of(state: State, found: Diagnosis, content: JSON) -> Preprocessed:
     share = _typed(float, content.get("window_share", 1.0))
     data = data.without([one.recording for one in found.disagreements])
     return replace(data, window_share=share, impacts_beside=beside)
-
-
-def _of_older(diagnosis: JSON | None) -> None:
-    """Give a diagnosis of older sessions, which tell one table or none, and one noise floor, its tables and floors."""
-    if diagnosis is not None and "table" in diagnosis:
-        diagnosis["tables"] = [] if (table := diagnosis.pop("table")) is None else [table]
-    if diagnosis is not None and "noise_floor" in diagnosis:
-        diagnosis["floors"] = {"": diagnosis.pop("noise_floor")}
 
 
 def _of(terms: tuple[Term, ...]) -> Model:

@@ -1,7 +1,5 @@
 """Sessions: what each browser tab works on, apart from all others, in a folder of its own."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import tempfile
@@ -13,23 +11,18 @@ from secrets import token_hex
 from threading import RLock
 from typing import Any
 
-from pendulum_env.arms.model import ArmModel
-from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.mistake import Mistake
-from pendulum_env.reading import amount, read_archive
+from pendulum_env.reading import amount
 from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.record import ColumnError
-from pendulum_env.recording.study import read_sources
 from pendulum_env.words import listing
 from workbench.app import saved, uploads
 from workbench.app.card import Card
 from workbench.app.live import Run
 from workbench.app.state import Loaded, State
-from workbench.app.uploads import safe_name, unpack
-from workbench.inputs import read_model
+from workbench.app.uploads import unpack
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.processes import Done, Failed, Job, Task, Workers
-from workbench.robot import FORMATS, RobotFile
+from workbench.robot import RobotFile
 
 GRACE = 1.0  # [s] that an end waits for an answer that is being made
 ID = re.compile(r"[0-9a-f]{32}")  # of a session: random, drawn by the page; never part of a path
@@ -61,9 +54,9 @@ class Session:
         if self._begun:
             return
         with self.lock:
-            if not self._begun and robot is not None:
+            if robot is not None and not self._begun:
                 self.act(lambda: self.take_robot(robot))
-            if not self._begun and sources:
+            if sources and not self._begun:
                 self.act(lambda: self.load(sources))
             self._begun = True
 
@@ -149,11 +142,7 @@ class Session:
     # ------------------------------------------------------------------------------------------- recordings
 
     def place(self, size: float = 0.0) -> Path:
-        """A new folder within the session's for files of a size [bytes].
-
-        Raises:
-            InputError: if there is no room for them in this session.
-        """
+        """A new folder within the session's for files of a size [bytes]; raises InputError if there is no room."""
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # somebody may have cleaned up
         if self._held() + size > uploads.LIMITS.space:
             self._past.clear()
@@ -167,66 +156,24 @@ class Session:
         return sum(file.stat().st_size for file in self.folder.rglob("*") if file.is_file())
 
     def receive(self, coming: Sequence[tuple[str, str]], unwrap: bool) -> None:
-        """Take in uploads, names and data URLs: recordings, read as a study among them asks for; see `load`.
-
-        Raises:
-            InputError: naming those that cannot be read, in the words of the command line.
-        """
-        place = self.place(sum(len(content) * 3 // 4 for _, content in coming))
-        files, told, refused = list[Path](), list[Source](), list[str]()
-        for name, content in coming:
-            try:
-                file = unpack(place, name, content)
-                if file.suffix == ".toml":
-                    told += [replace(one, file=place / safe_name(one.file.name)) for one in read_sources(file)]
-                else:
-                    files.append(file)
-            except MISTAKES as mistake:
-                refused.append(sentence(mistake))
-        for name in {one.file.name for one in told if one.file not in files}:
-            refused.append(f"{saved.STUDY}: names {name}: drop both here together")
-        robots = [file for file in files if file.suffix.lower() in FORMATS]
-        recordings = [file for file in files if file not in robots]
-        named = {file: [one for one in told if one.file == file] for file in recordings}
-        sources = [one for file in recordings for one in named[file] or [Source(file, unwrap=unwrap)]]
+        """Take in uploads, names and data URLs: recordings, read as a study among them asks for; see `load`."""
+        robots, sources, refused = uploads.sorted_out(self.place(uploads.size(coming)), coming, unwrap)
         if robots:
             joints = next((source.joints for source in sources), None)
             self.take_robot(RobotFile(robots[-1], joints, bolted=True))
         self.load(sources, refused)
 
     def take_robot(self, robot: RobotFile) -> None:
-        """Take all recordings, those that wait for an answer included, for those of a robot from now on.
-
-        Raises:
-            BodyError: if the robot cannot be read.
-            InputError: if recordings are not of it.
-        """
-        robot.body()
+        """Take all recordings, those that wait for an answer included, for those of a robot; see `State.of_robot`."""
         waiting = [card.source for card in self.cards if not card.known]
-        state = State(robot=robot)
-        try:
-            old = tuple(replace(one, recording=state.read(one.source)) for one in self.state.loaded)
-        except Mistake as error:
-            raise InputError(f"what is loaded is not of this robot: {self.told(error)}") from None
-        self.change(f"take {robot.file.name} for the robot", replace(state, loaded=old))
+        self.change(f"take {robot.file.name} for the robot", self.state.of_robot(robot))
         self.cards = ()
         self.load(waiting)
-
-    def leave_robot(self) -> None:
-        """Begin without a robot, and without its recordings."""
-        self.change("leave the robot", State())
-
-    def turn_gravity(self) -> None:
-        """Take the robot's torques for those without gravity, or again for those with it; the ladder starts anew."""
-        if (robot := self.state.robot) is not None:
-            robot = replace(robot, weightless=not robot.weightless)
-            self.change("take gravity off, or back", self.state.anew(robot=robot))
 
     def load(self, sources: Iterable[Source], refused: Sequence[str] = ()) -> None:
         """Read recordings: those that can be read stay, and those whose columns are not clear wait: see `cards`.
 
-        Raises:
-            InputError: naming those that cannot be read, and what was refused before.
+        Raises InputError, which names those that cannot be read, and what was refused before.
         """
         loaded, refused = list[Loaded](), list(refused)
         for source in sources:
@@ -245,35 +192,21 @@ class Session:
             raise InputError("; ".join(refused))
 
     def keep(self, *loaded: Loaded) -> None:
-        """Add recordings; the ladder starts anew.
-
-        Raises:
-            InputError: if they are too many or too long together, or of a pendulum beside those of an arm.
-        """
-        if self.state.robot is not None and not all(isinstance(one.recording, ArmRecording) for one in loaded):
-            raise InputError("this session is of an arm: leave the robot first, in the stage Data")
-        every = (*self.state.loaded, *loaded)
-        if sum(len(one.recording) for one in every) > uploads.LIMITS.samples:
-            raise InputError(f"{uploads.LIMITS.samples:,} samples are enough: remove a recording first")
-        self.change(f"load {listing([one.recording.name for one in loaded])}", self.state.anew(loaded=every))
+        """Add recordings; the ladder starts anew; raises InputError as `State.having`."""
+        self.change(f"load {listing([one.recording.name for one in loaded])}", self.state.having(loaded))
 
     def remove(self, id: str) -> None:
         """Remove a recording."""
         gone = self.state.find(id)
         self.cards = tuple(card for card in self.cards if card.known != id)
-        rest = tuple(one for one in self.state.loaded if one is not gone)
-        self.change(f"remove {gone.recording.name}", self.state.anew(loaded=rest))
+        self.change(f"remove {gone.recording.name}", self.state.swapping(gone))
 
     def hold_out(self, id: str, held_out: bool) -> None:
         """Keep a recording for checking, or fit it."""
         chosen = self.state.find(id)
         if chosen.held_out != held_out:
             source = replace(chosen.source, role="holdout" if held_out else "fit")
-            self._swap("fit or check", chosen, replace(chosen, source=source))
-
-    def _swap(self, what: str, old: Loaded, new: Loaded) -> None:
-        loaded = tuple(new if one is old else one for one in self.state.loaded)
-        self.change(what, self.state.anew(loaded=loaded))
+            self.change("fit or check", self.state.swapping(chosen, replace(chosen, source=source)))
 
     # ---------------------------------------------------------------------------------------------- columns
 
@@ -298,7 +231,8 @@ class Session:
         if card.known:
             old = self.state.find(card.known)
             anew = replace(first.recording, name=old.recording.name)
-            self._swap("read columns anew", old, replace(old, source=first.source, recording=anew))
+            again = replace(old, source=first.source, recording=anew)
+            self.change("read columns anew", self.state.swapping(old, again))
             return
         alike = [one for one in rest if not one.known and one.preview.headers == card.preview.headers]
         self.cards = tuple(one for one in rest if one not in alike)
@@ -307,54 +241,31 @@ class Session:
 
     # ------------------------------------------------------------------------------------------------ whole
 
-    def begin_from(self, name: str, content: str) -> None:
-        """Take the terms of an uploaded model as the base model; the ladder starts anew.
-
-        Raises:
-            InputError: if the file did not arrive whole.
-            ModelError: if it is no model, in the words of the command line.
-        """
-        file = unpack(self.place(), name, content)
-        if self.state.body is not None:
-            terms = ArmModel.load(file, self.state.body).terms[1:]
-        else:
-            terms = read_model(str(file)).terms
-        self.change(f"start from {file.name}", self.state.anew(terms=terms, model_file=file.name))
-
     def open(self, name: str, content: str) -> None:
         """Take in an uploaded session in the place of this one, whole or not at all; nothing before it can be undone.
 
-        Raises:
-            InputError: if it is none, or too large.
+        Raises InputError if it is none, or too large.
         """
-        packed = unpack(self.place(len(content) * 3 // 4), name, content)
-        contents = read_archive(packed, saved.HINT, uploads.LIMITS.space)
-        place = self.place(sum(map(len, contents.values())))
-        for member, text in contents.items():
-            (place / safe_name(member)).write_bytes(text)
-        try:
-            state = saved.opened(place)
-        except (ValueError, OSError) as mistake:
-            raise InputError(f"{packed.name}: {self.told(mistake)}") from None
-        self._past, self.state, self.cards = [], state, ()
+        coming = (name, content)
+        packed = unpack(self.place(uploads.size([coming])), *coming)
+        self._past, self.state, self.cards = [], saved.opened(packed, self.place), ()
 
     def halt(self) -> None:
         """Stop the live run, whatever else is going on, and one that is just being started."""
-        run = self.run
-        if run is not None:
-            run.stop()  # at once: long work may hold the lock
+        self._stop()  # at once: long work may hold the lock
         with self.lock:
-            if self.run is not None:
-                self.run.stop()
+            self._stop()
             self.version += 1
+
+    def _stop(self) -> None:
+        if (run := self.run) is not None:
+            run.stop()
 
     def end(self) -> None:
         """Stop what runs and delete the folder; nothing begins any more. No answer that takes long is waited for."""
         self._over = True
-        run, job = self.run, self.job
-        if run is not None:
-            run.stop()
-        if job is not None:
+        self._stop()
+        if (job := self.job) is not None:
             job.cancel()
         if self.lock.acquire(timeout=GRACE):
             try:

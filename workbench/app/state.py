@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, lru_cache, partial
-from math import inf
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,8 @@ from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import Doubt, identifiability
 from estimators.checks.residual import everywhere
 from estimators.checks.torque_constant import told
-from estimators.diagnosis.addition import add, fit
+from estimators.diagnosis.addition import fit
 from estimators.diagnosis.result import Addition, Diagnosis
-from estimators.diagnosis.run import diagnose
 from estimators.preprocessing import Preprocessed, parted
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import SAVED, Identification, identify
@@ -28,22 +26,18 @@ from estimators.selection.errors import Step
 from estimators.signals.measurements import measure_segments
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Links, arm_base, body_of, kind_at, links_of
+from pendulum_env.arms.joints import Links, arm_base, body_of, links_of
 from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
-from pendulum_env.physics.library import addition
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import named_twice
-from pendulum_env.words import name
 from workbench.app import uploads
 from workbench.app.uploads import safe_name
 from workbench.inputs import ids as effects_of
 from workbench.inputs import known as values_of
 from workbench.inputs import ranges
 from workbench.mistakes import InputError
-from workbench.processes import Task
-from workbench.report import render
 from workbench.report.case import Case
 from workbench.robot import RobotFile, loaded_text, meaning, straying
 
@@ -59,19 +53,12 @@ def read_one(source: Source) -> Recording:
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
-    """A recording of a session.
+    """A recording of a session."""
 
-    Attributes:
-        id: by which the page names it: that of its file, with a number where several are of one file.
-        source: how its file is read, and whether it is held out.
-        recording: what that gives.
-        origin: arguments of `pendulum-ident record` that made it; empty if it was uploaded.
-    """
-
-    id: str
-    source: Source
-    recording: Recording
-    origin: tuple[str, ...] = ()
+    id: str  # by which the page names it: that of its file, with a number where several are of one file
+    source: Source  # how its file is read, and whether it is held out
+    recording: Recording  # what that gives
+    origin: tuple[str, ...] = ()  # arguments of `pendulum-ident record` that made it; empty if it was uploaded
 
     @classmethod
     def of(
@@ -83,9 +70,8 @@ class Loaded:
     ) -> Loaded:
         """Read a recording beside those that are known, of whose files it may be another range.
 
-        Raises:
-            InputError: if it is known already.
-            RecordingError: if it cannot be read, in the words of the command line.
+        Raises InputError if it is known already, and RecordingError if it cannot be read, in the words of the command
+        line.
         """
         name, ids, number = source.file.name, {one.id for one in known}, 1
         alike = [one.source for one in known if one.source.file.name == name]
@@ -111,19 +97,12 @@ class Loaded:
 
 @dataclass(frozen=True)
 class Asked:
-    """Effects to look for, values that are known and bounds of others, each in the words of the command line.
+    """Effects to look for, values that are known and bounds of others, each in the words of the command line."""
 
-    Attributes:
-        only: ids of the effects that are looked for, with commas; empty: all.
-        without: ids of those that are not.
-        fix: `gravity=2.01,...`
-        bound: `viscous=0:0.5,...`
-    """
-
-    only: str = ""
-    without: str = ""
-    fix: str = ""
-    bound: str = ""
+    only: str = ""  # ids of the effects that are looked for, with commas; empty: all
+    without: str = ""  # ids of those that are not
+    fix: str = ""  # `gravity=2.01,...`
+    bound: str = ""  # `viscous=0:0.5,...`
 
     @classmethod
     def of(cls, form: Mapping[str, Any]) -> Asked:
@@ -163,32 +142,22 @@ NOTHING = Asked()  # every effect is looked for, and nothing is known
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Recordings that a model can be fitted to.
+    """Recordings that a model can be fitted to."""
 
-    Attributes:
-        data: in N m, with their torque in time if that is asked for.
-        timed: the same with their torque in time.
-        base: the base model, fitted.
-        schemes: what some schemes find of an arm.
-    """
-
-    data: Preprocessed
-    timed: Preprocessed
-    base: Step
-    schemes: Identification | None = None
+    data: Preprocessed  # in N m, with their torque in time if that is asked for
+    timed: Preprocessed  # the same with their torque in time
+    base: Step  # the base model, fitted
+    schemes: Identification | None = None  # what some schemes find of an arm
 
 
 @lru_cache(maxsize=4)  # states of the same choices share it
 def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: bool, asked: Asked) -> Prepared:
     """What recordings give to fit models to; `asked` tells what is known of the base model's terms.
 
-    Raises:
-        InputError: if nothing can be fitted.
-        IdentificationError: if there is too little motion.
+    Raises InputError if no known load tells a gain, and IdentificationError if there is too little motion.
     """
-    train = [one.recording for one in loaded if not one.held_out]
-    _refuse_none(train, loaded)
-    given = Preprocessed.of(train, [one.recording for one in loaded if one.held_out])
+    train, holdout = ([one.recording for one in loaded if one.held_out is held] for held in (False, True))
+    given = Preprocessed.of(train, holdout)
     if given.doubt is not None:
         raise InputError(f"{given.doubt}; or give the gain itself")
     timed = given.timed()
@@ -202,7 +171,6 @@ def prepare_arm(
     train: tuple[ArmRecording, ...], holdout: tuple[ArmRecording, ...], body: Body, terms: tuple[Term, ...]
 ) -> Prepared:
     """The same of an arm, with friction at each joint or with given terms; raises alike."""
-    _refuse_none(train, holdout)
     fitted, _ = parted(train, holdout)
     found = identify(fitted, (Links(body), *terms) if terms else arm_base(body), SCHEMES)
     model, data = found[SAVED].model, Preprocessed(train, holdout, terms=found[SAVED].model.terms)
@@ -210,41 +178,20 @@ def prepare_arm(
     return Prepared(data, data, Step(None, model, errors), found)
 
 
-def _refuse_none(train: Sequence[Recording], loaded: Sequence[object]) -> None:
-    if not train:
-        raise InputError("every recording is held out: keep one to fit the model to" if loaded else NO_RECORDING)
-
-
 @dataclass(frozen=True, eq=False)
 class State:
-    """What a user has chosen, and what came of long work; all else follows from these when somebody looks at it.
+    """What a user has chosen, and what came of long work; all else follows from these when somebody looks at it."""
 
-    Attributes:
-        loaded: recordings.
-        terms: of the base model, of an arm those at its joints; empty: the usual ones.
-        model_file: name of the file that they came from; empty for the usual ones.
-        is_aligned: whether torque that was logged late or filtered is corrected.
-        asked: which effects are looked for, and which values are known.
-        grown: the ladder once effects were added: the base model, then one step for each; empty before.
-        diagnosis: the last one of these recordings.
-        started: the ladder that it started from.
-        robot: whose recordings they are; None of a pendulum.
-    """
-
-    loaded: tuple[Loaded, ...] = ()
-    terms: tuple[Term, ...] = ()
-    model_file: str = ""
-    is_aligned: bool = False
-    asked: Asked = NOTHING
+    loaded: tuple[Loaded, ...] = ()  # recordings
+    terms: tuple[Term, ...] = ()  # of the base model, of an arm those at its joints; empty: the usual ones
+    model_file: str = ""  # name of the file that they came from; empty for the usual ones
+    is_aligned: bool = False  # whether torque that was logged late or filtered is corrected
+    asked: Asked = NOTHING  # which effects are looked for, and which values are known
+    # The ladder once effects were added: the base model, then one step for each; empty before
     grown: tuple[Step, ...] = ()
-    diagnosis: Diagnosis | None = None
-    started: tuple[Step, ...] = ()
-    robot: RobotFile | None = None
-
-    @property
-    def joints(self) -> tuple[str, ...] | None:
-        """Those of an arm that move; None: all that can."""
-        return self.robot.joints if self.robot is not None else None
+    diagnosis: Diagnosis | None = None  # the last one of these recordings
+    started: tuple[Step, ...] = ()  # the ladder that it started from
+    robot: RobotFile | None = None  # whose recordings they are; None of a pendulum
 
     @property
     def moving(self) -> tuple[str, ...]:
@@ -295,26 +242,31 @@ class State:
         loaded = loaded_text(self._torques, of_arms([*self.train, *self.holdout]))
         return [*away, *([loaded] if loaded else []), *meaning(self._torques, body, f"press “{WEIGHTLESS}”")]
 
-    def searching(self, at_will: bool) -> Task:
-        """The search for what the ladder's last model lacks; if the plant is `at_will`, experiments may go anywhere."""
-        limits = {**self.asked.effects, **self.asked.limits}
-        limits |= {"max_angle": inf, "max_speed": inf} if at_will else {}
-        return partial(diagnose, self.train, self.holdout, self.model.terms, **limits)
-
-    def adding(self, id: str) -> Task:
-        """The refit with one effect more; raises Mistake if it is none, or in the model already."""
-        kind = addition(id) if self.body is None else kind_at(id, self.body)
-        if kind.id in self.model.effects:
-            raise InputError(f"{name(id)} is in the model already")
-        return partial(add, self.model, id, self.train, self.holdout, **self.asked.limits)
-
     def anew(self, **choices: Any) -> State:
         """Other choices, from which the ladder begins anew."""
         return replace(self, **choices, grown=(), diagnosis=None, started=())
 
-    def asking(self, asked: Asked) -> State:
-        """Look for other effects from now on; where other values are known, the ladder begins anew with them."""
-        return replace(self, asked=asked) if asked.limits == self.asked.limits else self.anew(asked=asked)
+    def having(self, loaded: Sequence[Loaded]) -> State:
+        """The state with more recordings; raises InputError if they are too long together, or not of its arm."""
+        if self.robot is not None and not all(isinstance(one.recording, ArmRecording) for one in loaded):
+            raise InputError("this session is of an arm: leave the robot first, in the stage Data")
+        every = (*self.loaded, *loaded)
+        if sum(len(one.recording) for one in every) > uploads.LIMITS.samples:
+            raise InputError(f"{uploads.LIMITS.samples:,} samples are enough: remove a recording first")
+        return self.anew(loaded=every)
+
+    def swapping(self, old: Loaded, *new: Loaded) -> State:
+        """The state with one recording for another, or for none."""
+        return self.anew(loaded=tuple(own for one in self.loaded for own in (new if one is old else (one,))))
+
+    def of_robot(self, robot: RobotFile) -> State:
+        """What is loaded as recordings of a robot, and nothing else; raises BodyError or InputError if they are not."""
+        robot.body()
+        state = State(robot=robot)
+        try:
+            return state.anew(loaded=tuple(replace(one, recording=state.read(one.source)) for one in self.loaded))
+        except Mistake as error:
+            raise InputError(f"what is loaded is not of this robot: {error}") from None
 
     def find(self, id: str) -> Loaded:
         """The recording of an id; raises InputError if there is none."""
@@ -326,6 +278,8 @@ class State:
     @cached_property
     def _prepared(self) -> Prepared | str:
         """What models are fitted to, or why nothing can be fitted."""
+        if all(one.held_out for one in self.loaded):
+            return "every recording is held out: keep one to fit the model to" if self.loaded else NO_RECORDING
         try:
             known = Asked(fix=self.asked.fix, bound=self.asked.bound)
             if self.body is None:
@@ -459,15 +413,6 @@ class State:
             return replace(found, steps=self.ladder, unexplained=left)
         doubts = tuple(doubt.text for doubt in self.doubts)
         return Diagnosis(self.ladder, (), (), left, prepared.floors, doubts, data=data)
-
-    @property
-    def table(self) -> str | None:
-        """A function that no effect is and that would explain what is left."""
-        return next(iter(self.told.tables), None)
-
-    def report(self) -> str:
-        """HTML of the report."""
-        return render(self.told)
 
     @cached_property
     def case(self) -> Case:

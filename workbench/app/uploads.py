@@ -1,17 +1,19 @@
 """Files from the page: their names, their sizes, and nothing else of them is believed."""
 
-from __future__ import annotations
-
 import base64
 import binascii
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from pendulum_env.recording import Source
 from pendulum_env.recording.storage import READERS
-from workbench.mistakes import InputError
+from pendulum_env.recording.study import read_sources
+from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.robot import FORMATS
 
+STUDY = "study.toml"
 ENDINGS = sorted((*READERS, *FORMATS, ".json", ".toml", ".zip"), key=len)[::-1]
 
 
@@ -41,11 +43,41 @@ def safe_name(name: str) -> str:
     return f"{stem[: LIMITS.name - len(ending)] or 'recording'}{ending}"
 
 
+def size(coming: Sequence[tuple[str, str]]) -> int:
+    """Bytes of files, each a name and a data URL."""
+    return sum(len(content) * 3 // 4 for _, content in coming)
+
+
+def sorted_out(
+    place: Path, coming: Sequence[tuple[str, str]], unwrap: bool
+) -> tuple[list[Path], list[Source], list[str]]:
+    """Robots and recordings among files that are unpacked to a folder, read as a study among them asks for.
+
+    Returns what is wrong with others as well, a sentence each.
+    """
+    files, told, refused = list[Path](), list[Source](), list[str]()
+    for name, content in coming:
+        try:
+            file = unpack(place, name, content)
+            if file.suffix == ".toml":
+                told += [replace(one, file=place / safe_name(one.file.name)) for one in read_sources(file)]
+            else:
+                files.append(file)
+        except MISTAKES as mistake:
+            refused.append(sentence(mistake))
+    for name in {one.file.name for one in told if one.file not in files}:
+        refused.append(f"{STUDY}: names {name}: drop both here together")
+    robots = [file for file in files if file.suffix.lower() in FORMATS]
+    sources = list[Source]()
+    for file in (file for file in files if file not in robots):
+        sources += [one for one in told if one.file == file] or [Source(file, unwrap=unwrap)]
+    return robots, sources, refused
+
+
 def unpack(folder: Path, name: str, content: str) -> Path:
     """Write what the page sent as a data URL to a folder; returns the file.
 
-    Raises:
-        InputError: if it is too large, or did not arrive whole.
+    Raises InputError if it is too large, or did not arrive whole.
     """
     file = folder / safe_name(name)
     head, _, body = content.partition(",")

@@ -1,7 +1,5 @@
 """`add`: one more effect in a model, refit, with the errors before and after."""
 
-from __future__ import annotations
-
 import argparse
 
 from estimators.diagnosis.addition import add
@@ -9,17 +7,17 @@ from estimators.show.story import of_addition
 from pendulum_env.physics.library import addition
 from workbench.inputs import (
     LIMITS,
+    READING,
+    ROBOT,
     argument,
     known_effect,
     of_pendulums,
-    opened,
     refuse_joint,
     take,
-    take_recordings,
-    take_robot,
     write_model,
     wrote,
 )
+from workbench.opened import opened
 from workbench.story import tell
 from workbench.terminal import Terminal
 
@@ -33,9 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=argument(_effect),
         help="an id that `effects` lists, of an effect or a table; of an arm ID@JOINT",
     )
-    take_recordings(parser, holdout=True)
-    take_robot(parser)
-    take(parser, "--align", *LIMITS)
+    take(parser, "recordings", "--holdout", *READING, "--drive", *ROBOT, "--align", *LIMITS)
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model with the effect")
     of_pendulums(parser, "align", "fixed", "bounds", "drive")
 

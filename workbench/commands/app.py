@@ -1,7 +1,5 @@
 """`app`: the workbench in a browser."""
 
-from __future__ import annotations
-
 import argparse
 import signal
 import sys
@@ -13,10 +11,10 @@ from threading import Timer
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.recording import Source
 from pendulum_env.recording.record import ColumnError
-from workbench.inputs import KINDS, Given, given, read_all, take_reading, take_robot, whole
+from workbench.inputs import KINDS, READING, ROBOT, given, read_all, take, whole
 from workbench.mistakes import InputError
+from workbench.opened import robot_of
 from workbench.processes import interrupts_wait
-from workbench.robot import RobotFile
 from workbench.survey.cases import is_survey
 from workbench.terminal import Terminal
 
@@ -25,9 +23,8 @@ PORT, HIGHEST = 8050, 65535
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings and where to listen."""
-    parser.add_argument("recordings", metavar="RECORDING", nargs="*", help=f"{KINDS}; to begin with")
-    take_reading(parser)
-    take_robot(parser)
+    take(parser, "recordings", nargs="*", help=f"{KINDS}; to begin with")
+    take(parser, *READING, *ROBOT)
     parser.add_argument("--config", metavar="FILE", help="rig.toml of a rig, that the live view then offers, too")
     parser.add_argument("--fleet", metavar="FOLDER", help="of a survey, whose page is then beside the stages")
     parser.add_argument(
@@ -41,8 +38,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if find_spec("dash") is None:
         raise InputError("the workbench in a browser needs the extra app: pip install 'pendulum-ident[app]'")
     asked = given(arguments)
-    robot = _robot(arguments, asked)
-    for source in (*asked.fitted, *asked.held_out):
+    recordings = (*asked.fitted, *asked.held_out)
+    robot = robot_of(arguments, recordings) if arguments.robot is not None else None
+    if robot is not None:
+        robot.body()  # complains now
+    for source in recordings:
         try:  # complains now, not in the browser
             read_all([source], terminal, Source.read if robot is None else robot.read)
         except ColumnError as error:
@@ -55,7 +55,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(f"{survey}: holds no survey: name what `survey` wrote with -o")
     from workbench.app.page.server import Server  # dash takes a while to import
 
-    recordings = (*asked.fitted, *asked.held_out)
     server = Server(arguments.port, recordings=recordings, rig=rig, survey=survey, robot=robot)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
     sys.stdout.flush()  # a pipe would keep it to itself
@@ -72,14 +71,3 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     finally:
         with interrupts_wait():  # whoever presses the keys again
             server.close()
-
-
-def _robot(arguments: argparse.Namespace, asked: Given) -> RobotFile | None:
-    """The robot whose recordings are shown, if there is one."""
-    if arguments.robot is None:
-        return None
-    told = {arguments.joints, *(source.joints for source in (*asked.fitted, *asked.held_out))} - {None}
-    joints, rotors = told.pop() if told else None, arguments.rotors or None
-    robot = RobotFile(Path(arguments.robot), joints, arguments.base is not None, rotors, arguments.no_gravity)
-    robot.body()  # complains now
-    return robot

@@ -1,7 +1,5 @@
 """`compare`: a model against recordings."""
 
-from __future__ import annotations
-
 import argparse
 
 from estimators.comparison import compare, in_units_of
@@ -9,19 +7,10 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.show.story import of_comparison
 from pendulum_env.arms.joints import links_of
 from pendulum_env.files import write_whole
-from workbench.inputs import (
-    check_outputs,
-    of_pendulums,
-    opened,
-    take,
-    take_recordings,
-    take_report,
-    take_robot,
-    tell_preprocessed,
-    write_json,
-    wrote,
-)
+from workbench.arms import carried, of_payload
+from workbench.inputs import KINDS, READING, ROBOT, check_outputs, of_pendulums, take, write_json, wrote
 from workbench.mistakes import InputError
+from workbench.opened import opened, tell_preprocessed
 from workbench.story import tell
 from workbench.terminal import Terminal
 
@@ -31,16 +20,15 @@ LAST = ""  # joint of a payload, if none is named
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, recordings and output."""
     parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
-    take_recordings(parser, what="each compared with the model")
-    take(parser, "--align")
-    take_report(parser)
+    take(parser, "recordings", help=f"{KINDS}; each compared with the model")
+    take(parser, *READING, "--drive", "--align", "--report")
     parser.add_argument(
         "--loop",
         action="store_true",
         help="simulate whole recordings in closed loop from their reference, which needs --drive or a study with "
         "[drive]; if a drive is known, these errors are given anyway",
     )
-    take_robot(parser)
+    take(parser, *ROBOT)
     parser.add_argument(
         "--payload",
         metavar="JOINT",
@@ -81,8 +69,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         found = compare(model, recordings)
     payload, suspected = None, None
     if asked.body is not None:
-        from workbench.arms import carried, of_payload  # who has no arm does not wait for it
-
         payload = carried(arguments, asked, recordings, terminal)
         payload, suspected = (None, payload) if arguments.payload is None else (payload, None)
     write_json(arguments.json, found.json() | ({} if payload is None else {"payload": payload.json()}))

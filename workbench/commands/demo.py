@@ -1,29 +1,51 @@
-"""`demo`: a hidden effect found end to end."""
-
-from __future__ import annotations
+"""`demo`: a hidden effect found end to end, in a pendulum or in an arm of which a file tells the lengths."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from estimators.arms.excitation import design_excitation
+from estimators.arms.following import follow
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
+from estimators.progress import Progress
+from pendulum_env.arms.body import read_body
+from pendulum_env.arms.env import PlanarArm
+from pendulum_env.arms.joints import arm_base, effect_at, joint_effects
+from pendulum_env.arms.planar import TWO_LINK, Link, joint_names, urdf
 from pendulum_env.backends import record
-from pendulum_env.excitation import excitation
-from pendulum_env.physics import BASE, Model, effect
+from pendulum_env.backends.simulated import TORQUE_NOISE
+from pendulum_env.excitation import MOST_TORQUE, excitation
+from pendulum_env.files import write_whole
+from pendulum_env.interface import MAX_TORQUE
+from pendulum_env.physics import BASE, Estimate, Model, Term, effect
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.words import listing
 from workbench.inputs import check_outputs, take, whole, wrote
-from workbench.runs import Hidden
-from workbench.story import story
+from workbench.story import tell_diagnosis
 from workbench.terminal import Terminal
 
 FOLDER = Path("pendulum-ident-demo")  # made where the command runs, unless another place is named
 SECONDS = 20.0
+SPREAD = 0.25  # of what nobody told, to either side
+JOINTS = joint_names(len(TWO_LINK))
+
+
+class Hidden(NamedTuple):
+    """A simulated plant with an effect hidden in it."""
+
+    title: str
+    effect: str  # what is hidden
+    law: str  # of the effect
+    truth: Mapping[str, Estimate]  # parameters by name
+    terms: Sequence[Term]  # of the model that knows nothing of the effect
+    record: Callable[[str, Progress], Recording]  # of a name
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -50,12 +72,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     from workbench.report import write_report  # plotly takes a while to import
 
     rng = np.random.default_rng(arguments.seed)
-    if arguments.robot is not None:
-        from workbench.arm_demo import hidden_arm  # Pinocchio is imported by who needs it
-
-        hidden = hidden_arm(robots[0], robots[1], rng, SECONDS)
-    else:
-        hidden = hidden_pendulum(rng)
+    hidden = hidden_arm(robots[0], robots[1], rng) if robots else hidden_pendulum(rng)
     terminal.heading(hidden.title)
     recordings = []
     for file in files:
@@ -66,7 +83,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     terminal.say(f"recorded twice for {SECONDS:g} s: once to learn from, once to check on")
     with terminal.progress("diagnosing") as progress:
         found = diagnose(train, holdout, hidden.terms, progress)
-    story(found).tell(terminal, arguments.verbose, more=False)
+    tell_diagnosis(found, terminal, arguments.verbose, more="")
     with terminal.progress("writing the report"):
         write_report(report, found)
     reveal(hidden, found, terminal)
@@ -76,31 +93,57 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def hidden_pendulum(rng: np.random.Generator) -> Hidden:
-    """A pendulum whose parameters nobody told, with one effect hidden in it."""
-    plant = draw_plant(rng)
-    (hidden,) = plant.effects
-    return Hidden(
-        "A pendulum whose parameters nobody told, with one effect that the paper's model does not know",
-        hidden,
-        effect(hidden).law,
-        plant.estimates,
-        BASE,
-        lambda name, _: run_once(plant, rng, name),
-    )
-
-
-def draw_plant(rng: np.random.Generator) -> Model:
     """A pendulum like the paper's, with one effect of the library hidden in it."""
-    theta = np.array(list(PAPER.values())) * rng.uniform(0.75, 1.25, len(PAPER))
+    theta = np.array(list(PAPER.values())) * rng.uniform(1 - SPREAD, 1 + SPREAD, len(PAPER))
     kind = BUILT_IN[rng.integers(len(BUILT_IN))]
     parameters = draw_effect(kind, rng)
     shapes = {shape.name: parameters.pop(shape.name) for shape in kind.shapes if shape.name in parameters}
-    return Model.build(BASE, theta).add(kind(**shapes), np.array(list(parameters.values())))
+    plant = Model.build(BASE, theta).add(kind(**shapes), np.array(list(parameters.values())))
+    return Hidden(
+        "A pendulum whose parameters nobody told, with one effect that the paper's model does not know",
+        kind.id,
+        effect(kind.id).law,
+        plant.estimates,
+        BASE,
+        lambda name, _: record(plant, excitation("paper", rng, SECONDS), SECONDS, rng=rng, name=name),
+    )
 
 
-def run_once(plant: Model, rng: np.random.Generator, name: str) -> Recording:
-    """One recording under the paper's excitation, with new phases each time."""
-    return record(plant, excitation("paper", rng, SECONDS), SECONDS, rng=rng, name=name)
+def hidden_arm(robot: Path, truth: Path, rng: np.random.Generator) -> Hidden:
+    """An arm like that of a file with one effect hidden in it; writes the file, and another one of the true arm."""
+    links, hidden = tuple(draw_link(link, rng) for link in TWO_LINK), hide_somewhere(rng)
+    write_whole(robot, urdf(TWO_LINK, JOINTS))  # of the right lengths, with masses and inertias as somebody drew them
+    write_whole(truth, urdf(links, JOINTS))
+    body, true = read_body(robot), read_body(truth)
+    arm = PlanarArm(links, effects=hidden, max_torque=MOST_TORQUE, torque_noise=TORQUE_NOISE, velocity="ideal")
+
+    def record(name: str, progress: Progress) -> Recording:
+        motion = design_excitation(body, max_torque=MAX_TORQUE, rng=rng)  # less than may be asked for, as of a motor
+        return follow(arm, motion, round(SECONDS * arm.rate), MAX_TORQUE, rng=rng, name=name, progress=progress)
+
+    at, title = hidden.partition(":")[0], "An arm of two links, of which a file tells the lengths"
+    parameters = {
+        one.name: Estimate(value, 0.0, one.unit) for one, value in zip(true.base, true.values.tolist(), strict=True)
+    }
+    for joint, model in zip(JOINTS, arm.models, strict=True):
+        parameters |= {f"{name}@{joint}": own for name, own in model.estimates.items()}
+    title = f"{title}, with one effect at a joint that nobody told"
+    return Hidden(title, at, effect_at(at, JOINTS)[0].law, parameters, arm_base(body), record)
+
+
+def draw_link(link: Link, rng: np.random.Generator) -> Link:
+    """A link as long as that of the file, all else about as there."""
+    names = ("mass", "center", "inertia", "viscous", "coulomb")
+    factors = rng.uniform(1 - SPREAD, 1 + SPREAD, len(names)).tolist()
+    return replace(link, **{name: getattr(link, name) * factor for name, factor in zip(names, factors, strict=True)})
+
+
+def hide_somewhere(rng: np.random.Generator) -> str:
+    """One effect of the library at one of the joints, as text: `stribeck@elbow:stribeck=0.4,stribeck_velocity=0.3`."""
+    known = [kind for kind in BUILT_IN if kind.id in joint_effects()]
+    kind, joint = known[rng.integers(len(known))], JOINTS[int(rng.integers(len(JOINTS)))]
+    parameters = ",".join(f"{name}={value:.4g}" for name, value in draw_effect(kind, rng).items())
+    return f"{kind.id}@{joint}:{parameters}"
 
 
 def reveal(hidden: Hidden, found: Diagnosis, terminal: Terminal) -> None:
@@ -108,8 +151,7 @@ def reveal(hidden: Hidden, found: Diagnosis, terminal: Terminal) -> None:
     terminal.heading("The truth")
     terminal.say(f"hidden was {hidden.effect}: {hidden.law}")
     terminal.say(verdict([hidden.effect], found))
-    truth = hidden.truth
-    estimates = found.model.estimates
+    truth, estimates = hidden.truth, found.model.estimates
     rows = [
         (
             name,

@@ -1,11 +1,9 @@
 """`diagnose`: which effects does the model lack?"""
 
-from __future__ import annotations
-
 import argparse
 import math
-from typing import TYPE_CHECKING
 
+from estimators.arms.transmission import find_transmissions
 from estimators.diagnosis.experiment import USUAL
 from estimators.diagnosis.run import diagnose
 from pendulum_env.arms.recording import of_arms
@@ -13,48 +11,34 @@ from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from workbench.inputs import (
     LIMITS,
-    argument,
-    ids,
+    READING,
+    ROBOT,
     number,
     of_pendulums,
-    opened,
     refuse_joint,
     take,
-    take_recordings,
-    take_report,
-    take_robot,
     write_json,
     write_model,
     wrote,
 )
-from workbench.story import story
+from workbench.opened import opened
+from workbench.story import MORE, tell_diagnosis
 from workbench.terminal import Terminal
-
-if TYPE_CHECKING:
-    from estimators.arms.transmission import Transmission
 
 ASKED = ("only", "without", "fixed", "bounds", "max_torque", "max_angle", "max_speed")  # of a diagnosis, as it is
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, model to start from, and outputs."""
-    take_recordings(parser, holdout=True)
-    take_robot(parser)
+    take(parser, "recordings", "--holdout", *READING, "--drive", *ROBOT)
     parser.add_argument(
         "--model",
         metavar="MODEL.json",
         help="start from its terms (default: the paper's four; of an arm, friction at each joint)",
     )
-    parser.add_argument(
-        "--only",
-        metavar="ID,...",
-        type=argument(ids),
-        help="look for these effects only; of an arm at every joint, or at one, as stribeck@elbow",
-    )
-    parser.add_argument(
-        "--without", metavar="ID,...", type=argument(ids), default=[], help="do not look for these effects"
-    )
-    take(parser, *LIMITS, "--instruments", "--verbose")
+    looked = "look for these effects only; of an arm at every joint, or at one, as stribeck@elbow"
+    take(parser, "--only", help=looked)
+    take(parser, "--without", *LIMITS, "--instruments", "--verbose")
     parser.add_argument(
         "--all", action="store_true", help="as --verbose, with every effect, also those that could not be judged"
     )
@@ -79,7 +63,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--experiment", metavar="FILE.csv", help="write the torque of the suggested experiment")
     parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
-    take_report(parser)
+    take(parser, "--report")
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the final model")
     of_pendulums(
         parser, "max_torque", "max_angle", "max_speed", "experiment", "fixed", "bounds", "instruments", "drive"
@@ -106,11 +90,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         )
     if arguments.experiment is not None and found.suggestion is not None:
         write_whole(arguments.experiment, found.suggestion.csv())
-    between: tuple[Transmission, ...] = ()
-    if asked.body is not None:
-        from estimators.arms.transmission import find_transmissions  # who has no arm does not wait for it
-
-        between = find_transmissions(of_arms(asked.recordings), asked.body.sliding)
+    body = asked.body
+    between = find_transmissions(of_arms(asked.recordings), body.sliding) if body is not None else ()
     more = {"transmissions": [one.json() for one in between]} if between else {}
     write_json(arguments.json, found.json() | more)
     if arguments.report is not None:
@@ -118,7 +99,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             write_report(arguments.report, found)
     for one in between:
         terminal.say(one.text)
-    story(found, arguments.all).tell(terminal, arguments.verbose or arguments.all, more=arguments.report is None)
+    hint = MORE if arguments.report is None else ""
+    tell_diagnosis(found, terminal, arguments.verbose or arguments.all, arguments.all, hint)
     if arguments.experiment is not None and found.suggestion is None:
         terminal.say(f"{arguments.experiment} is not written: there is no experiment")
         outputs[0] = None

@@ -1,7 +1,5 @@
 """`effects`: the library."""
 
-from __future__ import annotations
-
 import argparse
 
 from pendulum_env.physics import BASE, Term, nameable

@@ -1,13 +1,11 @@
 """`emulate`: a rig that is not there, to try everything without one."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 
 from pendulum_env.backends.emulators import MISHAPS, emulate
 from pendulum_env.backends.hardware.config import LINKS
-from workbench.inputs import check_outputs, number, plant_of, take_plant, whole
+from workbench.inputs import check_outputs, number, plant_of, take, whole
 from workbench.terminal import Terminal
 
 RATES = {"serial": 1000.0, "canopen402": 500.0, "nidaq": 250.0}  # [Hz], that each holds
@@ -17,7 +15,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare kind, plant and outputs."""
     parser.add_argument("kind", choices=list(LINKS), help="how the drive is reached")
     parser.add_argument("-o", "--output", default="rig.toml", metavar="FILE", help="configuration (default rig.toml)")
-    take_plant(parser)
+    take(parser, "--effect", "--theta")
     parser.add_argument(
         "--rate",
         type=number(10.0, 5000.0),

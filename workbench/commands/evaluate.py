@@ -1,7 +1,5 @@
 """`evaluate`: excitation policies beside the paper's signal, on fresh plants."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Callable, Iterable, Iterator
@@ -11,15 +9,13 @@ from functools import partial
 
 from agents.baselines import BASELINE, BASELINES, baseline
 from agents.evaluation import Contender, compare, evaluation_json
-from agents.network import Network, load
+from agents.network import load
 from agents.observer import CONSTRAINTS
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
-from pendulum_env.plant import hide, paper_plant
-from pendulum_env.policy import Policy
 from workbench.cluster import connected
-from workbench.inputs import argument, check_outputs, one_of, take_report, whole, write_json, wrote
+from workbench.inputs import check_outputs, one_of, refuse_joint, take, whole, write_json, wrote
 from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 
@@ -43,10 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="filtered_dynamic",
         help="of the estimator (default filtered_dynamic)",
     )
-    parser.add_argument(
-        "--effect", dest="effects", action="append", type=argument(_effect), default=[], metavar="ID[=VALUE,...]",
-        help="hide an effect in the plants (may be repeated)",
-    )  # fmt: skip
+    take(parser, "--effect", help="hide an effect in the plants (may be repeated)")
     parser.add_argument(
         "--workers", type=whole(1, 1000), default=1, help="processes (default 1; for more: extra fleet)"
     )
@@ -56,12 +49,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="scheduler of a Dask cluster to work on instead, as tcp://host:8786; one of your own, "
         "for what it sends is unpickled",
     )
-    take_report(parser, "a page with plots")
+    take(parser, "--report", help="write a page with plots")
     parser.add_argument("--json", metavar="FILE", help="write all figures there")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Let every policy excite the same plants, and tell what was learnt."""
+    for effect in arguments.effects:
+        refuse_joint(effect)
     files = [name for name in arguments.policies if name.endswith(".npz")]
     outputs = [arguments.json, arguments.report]
     check_outputs(outputs, files)
@@ -158,15 +153,6 @@ def _contender(name: str, constraint: str) -> Contender:
         network = load(constraint if name == SHIPPED else name)
         if network.constraint != constraint:
             raise InputError(f"{name}: was trained under the constraint {network.constraint}, not {constraint}")
-        return partial(_always, network)
+        return lambda seed: network  # it draws nothing
     baseline(name, constraint)
     return partial(baseline, name, constraint)
-
-
-def _always(network: Network, seed: int) -> Policy:
-    return network  # it draws nothing
-
-
-def _effect(text: str) -> str:
-    hide(paper_plant(), text)
-    return text

@@ -1,7 +1,5 @@
 """`export`: a model in the forms that simulators and programs read."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 
@@ -16,18 +14,20 @@ from pendulum_env.words import listing
 from workbench.export import FORMATS, Exported, Request, export
 from workbench.export.request import Language
 from workbench.inputs import (
+    DRIVEN,
+    READING,
+    ROBOT,
     check_outputs,
     number,
     of_pendulums,
+    read_all,
     read_model,
-    read_recordings,
     sources_of,
-    take_drive,
-    take_reading,
-    take_robot,
+    take,
     wrote,
 )
 from workbench.mistakes import InputError
+from workbench.opened import read_arm_model
 from workbench.terminal import Terminal
 
 
@@ -62,7 +62,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="KGM2",
         help="inertia of the rotor about the joint, where it is known: motion tells its sum with the arm's (default 0)",
     )
-    take_drive(parser, "the controller of a servo, exported with its joint", "it is then told a goal, not a torque")
+    what = "the controller of a servo, exported with its joint"
+    take(parser, "--drive", help=f"{what}, {DRIVEN}; it is then told a goal, not a torque")
     parser.add_argument(
         "--callback",
         metavar="FILE",
@@ -74,8 +75,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="RECORDING",
         help="run it in MuJoCo against a recording or a study, in the loop where a drive is known: mjcf and urdf",
     )
-    take_reading(parser)
-    take_robot(parser, "the model is of an arm with these links, URDF or MJCF (needs the extra arms): mjcf and urdf")
+    take(parser, *READING)
+    links = "the model is of an arm with these links, URDF or MJCF (needs the extra arms): mjcf and urdf"
+    take(parser, "--robot", help=links)
+    take(parser, *ROBOT[1:])
     of_pendulums(parser, "mass", "armature", "drive", "callback", "check")
 
 
@@ -85,23 +88,26 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     outputs = [arguments.output, arguments.callback]
     robot = [arguments.robot] if arguments.robot is not None else []
     check_outputs(outputs, [arguments.model, *robot, *(str(source.file) for source in sources)])
-    _refuse(arguments)
+    for option in ("check", "mass", "armature", "callback", "drive"):
+        if getattr(arguments, option) and option not in FORMATS[arguments.to].options:
+            others = [name for name, form in FORMATS.items() if option in form.options]
+            raise InputError(f"--{option} goes with {listing(others)}, not with {arguments.to}")
     language: Language | None = None
     if arguments.callback is not None:
+        if not arguments.callback.endswith((".py", ".c")):
+            raise InputError(f"--callback {shown(arguments.callback)}: its name should end in .py or .c")
         language = "c" if arguments.callback.endswith(".c") else "python"
     request = Request(
         arguments.approximate, arguments.step, arguments.mass, arguments.armature, arguments.drive, language
     )
     if arguments.robot is not None:
-        from workbench.arms import read_arm_model  # who has no arm does not wait for it
-
         model: Model = read_arm_model(arguments)
     else:
         model = read_model(arguments.model)
     exported = export(model, arguments.to, request)
     if sources:
         sources = tuple(read_as(source, model.log_format, arguments.model) for source in sources)
-        given = in_units_of(model, read_recordings(sources, terminal))
+        given = in_units_of(model, read_all(sources, terminal, Source.read))
         _check(model, exported, request, arguments.to, given.recordings, terminal)
     if arguments.output is not None:
         write_whole(arguments.output, exported.content)
@@ -123,16 +129,6 @@ def _checked(arguments: argparse.Namespace) -> tuple[Source, ...]:
         asked.drive = None  # that of the export: a study says its own
     sources = sources_of(arguments.check, asked)
     return tuple(source for source in sources if source.role == "holdout") or sources
-
-
-def _refuse(arguments: argparse.Namespace) -> None:
-    """Raise InputError if what is asked for is not of the format."""
-    for option in ("check", "mass", "armature", "callback", "drive"):
-        if getattr(arguments, option) and option not in FORMATS[arguments.to].options:
-            others = [name for name, form in FORMATS.items() if option in form.options]
-            raise InputError(f"--{option} goes with {listing(others)}, not with {arguments.to}")
-    if arguments.callback is not None and not arguments.callback.endswith((".py", ".c")):
-        raise InputError(f"--callback {shown(arguments.callback)}: its name should end in .py or .c")
 
 
 def _check(

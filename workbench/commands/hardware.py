@@ -1,7 +1,5 @@
 """`hardware check`: the first hours with a rig."""
 
-from __future__ import annotations
-
 import argparse
 
 from pendulum_env.backends.hardware.check import CheckFailed, check

@@ -1,28 +1,16 @@
 """`identify`: the parameters of the paper's model, by each of the six schemes."""
 
-from __future__ import annotations
-
 import argparse
-from collections.abc import Sequence
 
 from estimators.arguments import within_limits
+from estimators.arms.standard import nearest_body
 from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.show.story import TRUST, schemes_table
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, Model
-from workbench.inputs import (
-    LIMITS,
-    argument,
-    of_pendulums,
-    opened,
-    take,
-    take_recordings,
-    take_robot,
-    write_json,
-    write_model,
-    wrote,
-)
+from workbench.inputs import LIMITS, READING, ROBOT, argument, of_pendulums, take, write_json, write_model, wrote
+from workbench.opened import opened
 from workbench.terminal import Terminal
 
 SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
@@ -30,13 +18,10 @@ SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, schemes and outputs."""
-    take_recordings(parser)
-    take(parser, "--align")
-    take_robot(parser)
-    take(parser, *LIMITS, "--instruments")
+    take(parser, "recordings", *READING, "--drive", "--align", *ROBOT, *LIMITS, "--instruments")
     parser.add_argument(
         "--scheme",
-        type=argument(_schemes),
+        type=argument(lambda text: SETS.get(text) or [scheme(id.strip()) for id in text.split(",")]),
         default=SCHEMES,
         metavar="all|ID,...",
         help=f"{', '.join(item.id for item in SCHEMES)}; all (default), or paper: all with the paper's own choices",
@@ -55,11 +40,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     with terminal.progress("identifying"):
         found = identify(given.recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
         one = found.schemes.get(SAVED, next(iter(found.schemes.values())))
-        nearest = None
-        if body is not None:
-            from estimators.arms.standard import nearest_body  # who has no arm does not wait for it
-
-            nearest = nearest_body(one.model)
+        nearest = nearest_body(one.model) if body is not None else None
         model = one.model if nearest is not None else _over_windows(found, arguments)
     if body is not None:
         terminal.say(f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters")
@@ -85,7 +66,3 @@ def _over_windows(found: Identification, arguments: argparse.Namespace) -> Model
         terms, _ = within_limits(BASE, {}, arguments.fixed, arguments.bounds)
         return found.fitted(lambda data: fit_by_reference(data, terms))
     return found.windows if found.data is not None or arguments.output is not None else None
-
-
-def _schemes(text: str) -> Sequence[Scheme]:
-    return SETS[text] if text in SETS else [scheme(id.strip()) for id in text.split(",")]

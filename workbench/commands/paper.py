@@ -1,14 +1,12 @@
 """`paper`: the source paper's experiment, repeated on a pendulum whose parameters are known."""
 
-from __future__ import annotations
-
 import argparse
 from itertools import product
 
 from estimators.paper import PARAMETERS, TABLE_2, WAYS, Experiment, paper_experiment
 from estimators.paper.experiment import RUNS, SECONDS
 from pendulum_env.plant import paper_plant
-from workbench.inputs import check_outputs, number, take_report, whole, write_json, wrote
+from workbench.inputs import check_outputs, number, take, whole, write_json, wrote
 from workbench.terminal import Terminal
 
 SHORTEST, LONGEST = 5.0, 600.0  # [s] of a run
@@ -21,7 +19,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--seconds", type=number(SHORTEST, LONGEST), default=SECONDS, help=f"length of each (default {SECONDS:g})"
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of phases and noise (default 0)")
-    take_report(parser, "Table 2 and figures 2 to 9 as one page")
+    take(parser, "--report", help="write Table 2 and figures 2 to 9 as one page")
     parser.add_argument("--json", metavar="FILE", help="write all numbers")
 
 

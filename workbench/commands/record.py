@@ -1,7 +1,5 @@
 """`record`: a run of a pendulum or an arm, written to a file."""
 
-from __future__ import annotations
-
 import argparse
 
 import numpy as np
@@ -19,20 +17,19 @@ from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.checks import BOUNDS
 from pendulum_env.recording.storage import WRITERS
-from workbench.inputs import (
-    check_outputs,
-    number,
-    of_pendulums,
-    one_of,
-    plant_of,
-    take_plant,
-    take_robot,
-    whole,
-    wrote,
-)
+from workbench.inputs import OPTIONS, ROBOT, check_outputs, number, of_pendulums, one_of, plant_of, take, whole, wrote
 from workbench.mistakes import InputError
-from workbench.rig import configured, controller, describe, record_rig
-from workbench.runs import LEARNT, SECONDS, SUGGESTED, environment, experiment
+from workbench.runs import (
+    LEARNT,
+    SECONDS,
+    SUGGESTED,
+    configured,
+    controller,
+    describe,
+    environment,
+    experiment,
+    record_rig,
+)
 from workbench.terminal import Terminal
 from workbench.until import DIAGNOSED, LONGEST, Here, verdict_text
 
@@ -76,24 +73,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--diagnosis", metavar="FILE", help=f"what `diagnose --json` wrote, for --excitation {SUGGESTED}"
     )
-    _take_limits(parser)
-    parser.add_argument(
-        "--backend",
-        type=one_of("backend", BACKENDS),
-        metavar="NAME",
-        help=f"{', '.join(BACKENDS)} (default simulated, which plays signals only; pymunk with {LEARNT})",
-    )
-    parser.add_argument("--replay", metavar="FILE", help="recording that --backend replay plays")
-    parser.add_argument("--config", metavar="FILE", help="rig.toml of the rig, for --backend dm1015b")
-    take_plant(parser, arm=True)
-    take_robot(parser)
-    _take_measurement(parser)
-    parser.add_argument("-o", "--output", required=True, metavar="FILE", help=", ".join(WRITERS))
-    of_pendulums(parser, "policy", "until", "diagnosis", "replay", "config", "theta")
-
-
-def _take_limits(parser: argparse.ArgumentParser) -> None:
-    """Declare what bounds the torque, and the motion of an arm."""
     parser.add_argument(
         "--amplitude",
         type=number(0.0, MOST_TORQUE),
@@ -111,10 +90,16 @@ def _take_limits(parser: argparse.ArgumentParser) -> None:
         type=number(0.01),
         help=f"with --robot: bound of each joint's designed speed [rad/s] (default the file's, or {USUAL_SPEED:g})",
     )
-
-
-def _take_measurement(parser: argparse.ArgumentParser) -> None:
-    """Declare how the motion is sampled."""
+    parser.add_argument(
+        "--backend",
+        type=one_of("backend", BACKENDS),
+        metavar="NAME",
+        help=f"{', '.join(BACKENDS)} (default simulated, which plays signals only; pymunk with {LEARNT})",
+    )
+    parser.add_argument("--replay", metavar="FILE", help="recording that --backend replay plays")
+    parser.add_argument("--config", metavar="FILE", help="rig.toml of the rig, for --backend dm1015b")
+    take(parser, "--effect", help=f"{OPTIONS['--effect']['help']}; of an arm ID@JOINT and so on")
+    take(parser, "--theta", *ROBOT)
     parser.add_argument(
         "--rate", type=number(BOUNDS.slowest, 1e5), default=1000.0, help="samples per second (default 1000)"
     )
@@ -128,6 +113,8 @@ def _take_measurement(parser: argparse.ArgumentParser) -> None:
         help=f"of the torque [N m] (default {TORQUE_NOISE:g})",
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of all random numbers (default 0)")
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help=", ".join(WRITERS))
+    of_pendulums(parser, "policy", "until", "diagnosis", "replay", "config", "theta")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -152,7 +139,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     samples = _samples(seconds, rate)
     plant = plant_of(arguments)
     if rig is not None:
-        record_rig(rig, command, samples, arguments.output, terminal, arguments.until is not None)
+        record_rig(arguments, rig, command, samples, terminal)
         return
     recording = _run(arguments, plant, command, seconds, rng, terminal)
     if not (np.abs(recording.position) <= LARGE).all():  # nor NaN

@@ -11,17 +11,7 @@ from typing import TYPE_CHECKING
 from estimators.arguments import chosen_effects, within_limits
 from pendulum_env.physics import BASE
 from workbench.cluster import connected
-from workbench.inputs import (
-    LIMITS,
-    check_outputs,
-    ids,
-    number,
-    read_model,
-    take,
-    take_reading,
-    whole,
-    wrote,
-)
+from workbench.inputs import LIMITS, READING, check_outputs, number, read_model, take, whole, wrote
 from workbench.mistakes import InputError, Interrupted
 from workbench.survey.cases import find_cases, joints
 from workbench.survey.dataset import Dataset
@@ -69,9 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "joint)",
     )
     parser.add_argument("--model", metavar="MODEL.json", help="start from its terms (default: the paper's four)")
-    parser.add_argument("--only", metavar="ID,...", type=ids, help="look for these effects only")
-    parser.add_argument("--without", metavar="ID,...", type=ids, default=[], help="do not look for these effects")
-    take(parser, *LIMITS)
+    take(parser, "--only", "--without", *LIMITS)
     parser.add_argument("--workers", type=whole(1, 1000), default=2, help="processes on this computer (default 2)")
     parser.add_argument(
         "--memory", type=number(100, 1e6), metavar="MB", help="memory of each process (default: equal shares)"
@@ -80,7 +68,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--dask", metavar="ADDRESS", help="scheduler of a Dask cluster to use instead, as tcp://host:8786; its "
         "workers see the same files"
     )  # fmt: skip
-    take_reading(parser)
+    take(parser, *READING)
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -1,7 +1,5 @@
 """`train`: a policy that chooses excitations."""
 
-from __future__ import annotations
-
 import argparse
 from importlib.util import find_spec
 from pathlib import Path

@@ -4,10 +4,9 @@
 on a joint, `isaaclab` and `mjlab` the actuator of one, and name what of a model they cannot hold.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 from pendulum_env.arms.model import ArmModel
@@ -32,8 +31,8 @@ FORMATS = {
     "mjcf": Format("a model for MuJoCo", mjcf.export, ("mass", "armature", "drive", "callback", "check")),
     "urdf": Format("a robot description for ROS", robot.urdf, ("mass", "armature", "check")),
     "sdf": Format("a model for Gazebo", robot.sdf, ("mass", "armature")),
-    "python": Format("a module without dependencies", program.python, ("drive",)),
-    "c": Format("a file of C99", program.c, ("drive",)),
+    "python": Format("a module without dependencies", partial(program.export, language="python"), ("drive",)),
+    "c": Format("a file of C99", partial(program.export, language="c"), ("drive",)),
     "isaaclab": Format("an actuator of Isaac Lab", actuator.isaaclab, ("armature", "drive")),
     "mjlab": Format("an actuator of mjlab", actuator.mjlab, ("armature", "drive")),
 }

@@ -1,7 +1,5 @@
 """The forms `isaaclab` and `mjlab`: the configuration of an actuator of Isaac Lab 2, or of mjlab, as a Python file."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 
@@ -19,8 +17,7 @@ def isaaclab(model: Model, request: Request) -> Exported:
     as kp e - (kd + k) q' within +-L - k q', the line from stall torque L to the speed L / k without load. Below that
     speed it brakes with less than 2 L, where Isaac Lab limits it besides.
 
-    Raises:
-        ExportError: if there is no drive, or the model has what Isaac Lab has not and may not be approximated.
+    Raises ExportError if there is no drive, or the model has what Isaac Lab has not and may not be approximated.
     """
     drive = _needed_drive("isaaclab", request)
     servo = Servo.of(drive)
@@ -47,8 +44,7 @@ def isaaclab(model: Model, request: Request) -> Exported:
 def mjlab(model: Model, request: Request) -> Exported:
     """For mjlab, whose actuators are MuJoCo's own with other names.
 
-    Raises:
-        ExportError: if there is no drive, or the model has what mjlab has not and may not be approximated.
+    Raises ExportError if there is no drive, or the model has what mjlab has not and may not be approximated.
     """
     drive = _needed_drive("mjlab", request)
     servo, friction = Servo.of(drive), Friction.of(model, ())

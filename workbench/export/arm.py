@@ -29,19 +29,12 @@ EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb", "back_emf")
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body on a horizontal hinge along x; at q = 0 its centre of mass hangs down, but for a tilt.
+    """A rigid body on a horizontal hinge along x; at q = 0 its centre of mass hangs down, but for a tilt."""
 
-    Attributes:
-        mass: [kg].
-        lever: from the axis to the centre of mass [m].
-        tilt: angle of the centre of mass at q = 0 [rad].
-        inertia: about the centre of mass [kg m^2].
-    """
-
-    mass: float
-    lever: float
-    tilt: float
-    inertia: float
+    mass: float  # [kg]
+    lever: float  # from the axis to the centre of mass [m]
+    tilt: float  # angle of the centre of mass at q = 0 [rad]
+    inertia: float  # about the centre of mass [kg m^2]
 
     @property
     def centre(self) -> tuple[float, float, float]:
@@ -57,8 +50,7 @@ class Body:
     def of(cls, inertia: float, gravity: float, tilted: float = 0.0, mass: float | None = None) -> Body:
         """The body with that inertia about the axis [kg m^2] on which gravity pulls with gravity sin q + tilted cos q.
 
-        Raises:
-            ExportError: if a body of the mass that was given cannot be so, or an armature leaves it no inertia.
+        Raises ExportError if a body of the mass that was given cannot be so, or an armature leaves it no inertia.
         """
         if inertia <= 0:
             raise ExportError("the armature leaves the arm no inertia: give a smaller --armature")
@@ -87,17 +79,11 @@ def arm(model: Model, request: Request) -> Body:
 
 @dataclass(frozen=True)
 class Friction:
-    """Friction as every format has it, and what it stands in for.
+    """Friction as every format has it, and what it stands in for."""
 
-    Attributes:
-        viscous: [N m s/rad].
-        dry: [N m].
-        missing: what the model has beyond, and what is in its place.
-    """
-
-    viscous: float
-    dry: float
-    missing: tuple[str, ...]
+    viscous: float  # [N m s/rad]
+    dry: float  # [N m]
+    missing: tuple[str, ...]  # what the model has beyond, and what is in its place
 
     @classmethod
     def of(cls, model: Model, held: Collection[str], less: float = 0.0) -> Friction:
@@ -128,20 +114,13 @@ class Friction:
 
 @dataclass(frozen=True)
 class Stop:
-    """Ends of the range as an elastic contact with a damper beside it; a stop at infinity is none.
+    """Ends of the range as an elastic contact with a damper beside it; a stop at infinity is none."""
 
-    Attributes:
-        lower: [rad], perhaps infinite, as `upper`.
-        stiffness: [N m/rad].
-        damping: [N m s/rad].
-        missing: what of the model's stop that is not.
-    """
-
-    lower: float = -math.inf
+    lower: float = -math.inf  # [rad], perhaps infinite, as `upper`
     upper: float = math.inf
-    stiffness: float = 0.0
-    damping: float = 0.0
-    missing: tuple[str, ...] = ()
+    stiffness: float = 0.0  # [N m/rad]
+    damping: float = 0.0  # [N m s/rad]
+    missing: tuple[str, ...] = ()  # what of the model's stop that is not
 
     @property
     def is_there(self) -> bool:

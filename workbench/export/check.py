@@ -1,7 +1,5 @@
 """An exported model in MuJoCo, against recordings and beside this project's own simulation."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,26 +24,18 @@ from workbench.export.request import Exported, ExportError, Request, load_mujoco
 
 @dataclass(frozen=True)
 class Check:
-    """How far simulations are from recordings [rad].
+    """How far simulations are from recordings [rad]."""
 
-    Attributes:
-        title: how that was measured.
-        errors: by what is compared with what.
-        motion: distance of the measured position from its mean, measured alike.
-    """
-
-    title: str
-    errors: Mapping[str, float]
-    motion: float
+    title: str  # how that was measured
+    errors: Mapping[str, float]  # by what is compared with what
+    motion: float  # distance of the measured position from its mean, measured alike
 
 
 def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> Check:
     """Run the exported XML in MuJoCo against recordings, over windows that each start from the measured state.
 
-    Raises:
-        ExportError: if a known load hung on the joint, which no exported model has.
-        IdentificationError: if a recording holds too little motion.
-        InputError: if the extra `export` is not installed.
+    Raises ExportError if a known load hung on the joint, which no exported model has, IdentificationError if a
+    recording holds too little motion, and InputError if the extra `export` is not installed.
     """
     refuse_loads(recordings)
     segments = PreparedData.of(recordings).watching(model).segments
@@ -64,9 +54,8 @@ def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> 
 def check_in_loop(model: Model, request: Request, recordings: Sequence[Recording]) -> Check:
     """Run what is exported in MuJoCo against recordings of servos, each with the drive that it was recorded with.
 
-    Raises:
-        ExportError: if a known load hung on the joint, or steps do not add up to those that are compared.
-        InputError: if the extra `export` is not installed.
+    Raises ExportError if a known load hung on the joint, or steps do not add up to those that are compared, and
+    InputError if the extra `export` is not installed.
     """
     refuse_loads(recordings)
     steps = round(GRAIN / request.step)

@@ -53,27 +53,16 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """One step as expressions in the names of its state, its parameters and what it is given.
+    """One step as expressions in the names of its state, its parameters and what it is given."""
 
-    Attributes:
-        step: length of a step [s].
-        parameters: of the model, by which the expressions are written.
-        given: what the step is given beside the state.
-        state: names of the state variables.
-        start: their values after long rest, in `position` and `velocity`.
-        after: their values after the step.
-        results: what the step gives beside the state.
-        delay: of the torque, in steps, where it is given.
-    """
-
-    step: float
-    parameters: tuple[Parameter, ...]
-    given: tuple[Quantity, ...]
-    state: tuple[str, ...]
-    start: tuple[Operand, ...]
-    after: tuple[Operand, ...]
-    results: Mapping[Quantity, Operand] = field(default_factory=dict)
-    delay: float = 0.0
+    step: float  # length of a step [s]
+    parameters: tuple[Parameter, ...]  # of the model, by which the expressions are written
+    given: tuple[Quantity, ...]  # what the step is given beside the state
+    state: tuple[str, ...]  # names of the state variables
+    start: tuple[Operand, ...]  # their values after long rest, in `position` and `velocity`
+    after: tuple[Operand, ...]  # their values after the step
+    results: Mapping[Quantity, Operand] = field(default_factory=dict)  # what the step gives beside the state
+    delay: float = 0.0  # of the torque, in steps, where it is given
 
     @property
     def waiting(self) -> int:
@@ -90,8 +79,7 @@ class Dynamics:
 def written(model: Model, seconds: float = LONGEST_STEP, drive: Drive | None = None) -> Dynamics:
     """The step of a model, of that length [s], under a torque; or under a goal, with a drive.
 
-    Raises:
-        ExportError: if a law of the model is not made of what can be written down.
+    Raises ExportError if a law of the model is not made of what can be written down.
     """
     with _formulas():
         parts = _Parts.of(model, model.terms, drive, seconds)
@@ -104,8 +92,7 @@ def beside(model: Model, terms: Sequence[Term], drive: Drive | None, seconds: fl
 
     The step is given where the joint is, and returns the torque to apply and the largest dry friction to allow.
 
-    Raises:
-        ExportError: if a law of the model is not made of what can be written down, or adds inertia that varies.
+    Raises ExportError if a law of the model is not made of what can be written down, or adds inertia that varies.
     """
     with _formulas():
         parts = _Parts.of(model, terms, drive, seconds)
@@ -129,29 +116,17 @@ def _formulas() -> Iterator[None]:
 
 @dataclass
 class _Parts:
-    """Some terms of a model in names for the reader, under a torque or a drive.
+    """Some terms of a model in names for the reader, under a torque or a drive."""
 
-    Attributes:
-        seconds: length of a step.
-        balance: of the terms.
-        x: start of a step.
-        remembered: names of the terms' state variables.
-        parameters: of the terms, and of the drive.
-        given: what a step is given.
-        start: state variables after long rest, by name.
-        after: those of the controller after a step.
-        delay: of a torque that is given [s].
-    """
-
-    seconds: float
-    balance: Balance
-    x: Samples
-    remembered: dict[str, list[str]]
-    parameters: list[Parameter]
-    given: list[Quantity]
-    start: dict[str, Any]
-    after: dict[str, Any] = field(default_factory=dict)
-    delay: float = 0.0
+    seconds: float  # length of a step
+    balance: Balance  # of the terms
+    x: Samples  # start of a step
+    remembered: dict[str, list[str]]  # names of the terms' state variables
+    parameters: list[Parameter]  # of the terms, and of the drive
+    given: list[Quantity]  # what a step is given
+    start: dict[str, Any]  # state variables after long rest, by name
+    after: dict[str, Any] = field(default_factory=dict)  # those of the controller after a step
+    delay: float = 0.0  # of a torque that is given [s]
 
     @classmethod
     def of(cls, model: Model, terms: Sequence[Term], drive: Drive | None, seconds: float) -> _Parts:

@@ -4,8 +4,6 @@ Links are those of `nearest_body`: bodies that exist, with the base parameters t
 where these leave it open. Shapes and meshes are not part of a model and so of neither form.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from xml.etree.ElementTree import Element, SubElement
@@ -42,9 +40,8 @@ def at(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
 def mjcf(model: ArmModel, request: Request) -> Exported:
     """For MuJoCo, with a motor at each joint; springs and motors that turn with two joints are MuJoCo's own.
 
-    Raises:
-        ExportError: if the model has what MuJoCo does not, and may not be exported without it.
-        BodyError: without MuJoCo.
+    Raises ExportError if the model has what MuJoCo does not, and may not be exported without it, and BodyError without
+    MuJoCo.
     """
     mujoco, body = library(), model.body
     standard, off = _standard(model)
@@ -78,8 +75,7 @@ def mjcf(model: ArmModel, request: Request) -> Exported:
 def urdf(model: ArmModel, request: Request) -> Exported:
     """For ROS: links, joints with limits and friction, and which joint mimics which.
 
-    Raises:
-        ExportError: if the model has what a robot description does not, and may not be exported without it.
+    Raises ExportError if the model has what a robot description does not, and may not be exported without it.
     """
     body, pin = model.body, pinocchio()
     standard, off = _standard(model)

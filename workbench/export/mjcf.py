@@ -5,8 +5,6 @@ a speed proportional to the torque it holds, and a stop is a soft constraint. Th
 its solver allows at the step that is written into the file.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -36,9 +34,8 @@ SOFT = (1e-4, 1e-4, 0.001, 0.5, 2.0)
 def export(model: Model, request: Request) -> Exported:
     """The XML of a model.
 
-    Raises:
-        ExportError: if the model has what MuJoCo does not, and may not be exported without it.
-        InputError: if the extra `export` is not installed.
+    Raises ExportError if the model has what MuJoCo does not, and may not be exported without it, and InputError if the
+    extra `export` is not installed.
     """
     mujoco = load_mujoco()
     link = next((term for term in model.terms if isinstance(term, JointFlexibility) and _holds(model, term)), None)
@@ -123,8 +120,7 @@ def _with_callback(model: Model, held: Collection[str], request: Request, langua
 def _inertia_of(model: Model, terms: Sequence[Term]) -> float:
     """Inertia that some terms of a model add to that of the arm [kg m^2].
 
-    Raises:
-        ExportError: if it changes, as no body's does.
+    Raises ExportError if it changes, as no body's does.
     """
     columns = [column for term in terms for column in term.columns]
     times = np.array([0.0, 1.0, 1e3, 1e6])

@@ -1,7 +1,5 @@
 """The forms `python` and `c`: a step as a program that needs nothing, laid out by the template of its language."""
 
-from __future__ import annotations
-
 from functools import cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -60,14 +58,9 @@ STATE = {  # what its parts are, and their units
 }
 
 
-def python(model: Model, request: Request) -> Exported:
-    """A module: parameters by name, `State`, `start` and `step`."""
-    return Exported(program("python", model, written(model, request.step, request.drive)))
-
-
-def c(model: Model, request: Request) -> Exported:
-    """A file: parameters by name, `pendulum_state`, `pendulum_start` and `pendulum_step`."""
-    return Exported(program("c", model, written(model, request.step, request.drive)))
+def export(model: Model, request: Request, language: Language) -> Exported:
+    """A module, or a file of C: parameters by name, the state, its start, and its step."""
+    return Exported(program(language, model, written(model, request.step, request.drive)))
 
 
 def program(language: Language, model: Model, dynamics: Dynamics, prefix: str = "pendulum") -> str:

@@ -1,7 +1,5 @@
 """What an export is asked for, what comes of it, and what a file says of itself."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -55,16 +53,9 @@ WHOLE = ", or export --to python or c, which hold every effect"
 
 
 def keep(format: str, missing: Sequence[str], request: Request, others: str = WHOLE) -> tuple[str, ...]:
-    """What a file does not hold of the model, a sentence each, if that is allowed.
+    """What a file does not hold of the model, a sentence each, if that is allowed; `others` hold more.
 
-    Args:
-        format: name of the format.
-        missing: what it cannot hold, and what would be in its place.
-        request: whether approximations are allowed.
-        others: end of the message, with the formats that hold more.
-
-    Raises:
-        ExportError: if something is missing and approximations are not allowed.
+    Raises ExportError if something is missing and approximations are not allowed.
     """
     if missing and not request.approximate:
         raise ExportError(f"{format} cannot hold {'; nor '.join(missing)}. Ask for that with --approximate{others}")
@@ -95,8 +86,7 @@ def commented(xml: str, lines: Sequence[str]) -> str:
 def load_mujoco() -> Any:
     """MuJoCo, imported where it is needed.
 
-    Raises:
-        InputError: if it is not installed; the message names the command that does it.
+    Raises InputError if it is not installed; the message names the command that does it.
     """
     try:
         return import_module("mujoco")

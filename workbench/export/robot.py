@@ -1,7 +1,5 @@
 """The forms `urdf` and `sdf`: robot descriptions for ROS and for Gazebo, of an arm on a joint."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
@@ -21,8 +19,7 @@ UNBOUNDED = 1e9  # [N m], [rad/s]: a revolute joint of URDF has to tell both lim
 def urdf(model: Model, request: Request) -> Exported:
     """For ROS and everything that reads its robot descriptions.
 
-    Raises:
-        ExportError: if the model has what a robot description does not, and may not be exported without it.
+    Raises ExportError if the model has what a robot description does not, and may not be exported without it.
     """
     friction, stop = Friction.of(model, ("hard_stop",)), Stop.of(model)
     rigid = ("the elasticity of hard_stop: the limits are rigid",) if stop.is_there else ()
@@ -42,11 +39,7 @@ def urdf(model: Model, request: Request) -> Exported:
 
 
 def sdf(model: Model, request: Request) -> Exported:
-    """For Gazebo.
-
-    Raises:
-        ExportError: if the model has what the format does not, and may not be exported without it.
-    """
+    """For Gazebo; raises ExportError if the model has what the format does not, and may not be exported without it."""
     stiffness = value(model, "spring.stiffness")
     friction, stop = Friction.of(model, ("hard_stop", *(("spring",) if stiffness >= 0 else ()))), Stop.of(model)
     body, notes = _body("sdf", model, (*friction.missing, *stop.missing), request)

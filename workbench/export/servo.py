@@ -1,7 +1,5 @@
 """A servo as simulators know it: a spring to the goal, a damper, and a limit of the torque."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -15,19 +13,12 @@ from workbench.export.request import ExportError
 
 @dataclass(frozen=True)
 class Servo:
-    """A drive as gains at the joint.
+    """A drive as gains at the joint."""
 
-    Attributes:
-        stiffness: torque by the error of the angle [N m/rad].
-        damping: torque by the speed, or by its error under velocity control [N m s/rad].
-        limit: largest torque [N m], perhaps infinite.
-        missing: what of the drive this is not.
-    """
-
-    stiffness: float
-    damping: float
-    limit: float
-    missing: tuple[str, ...]
+    stiffness: float  # torque by the error of the angle [N m/rad]
+    damping: float  # torque by the speed, or by its error under velocity control [N m s/rad]
+    limit: float  # largest torque [N m], perhaps infinite
+    missing: tuple[str, ...]  # what of the drive this is not
 
     @classmethod
     def of(cls, drive: Drive) -> Self:

@@ -40,20 +40,13 @@ class Dialect:
 
 @dataclass
 class Source:
-    """Lines that compute results.
-
-    Attributes:
-        lines: name and expression of each variable, in order.
-        results: expression of each result.
-        used: operations that occur.
-        names: given names that occur.
-    """
+    """Lines that compute results."""
 
     dialect: Dialect
-    lines: list[tuple[str, str]] = field(default_factory=list)
-    results: list[str] = field(default_factory=list)
-    used: set[str] = field(default_factory=set)
-    names: set[str] = field(default_factory=set)
+    lines: list[tuple[str, str]] = field(default_factory=list)  # name and expression of each variable, in order
+    results: list[str] = field(default_factory=list)  # expression of each result
+    used: set[str] = field(default_factory=set)  # operations that occur
+    names: set[str] = field(default_factory=set)  # given names that occur
 
     @classmethod
     def of(cls, results: Sequence[Operand], dialect: Dialect) -> Source:

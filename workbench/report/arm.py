@@ -1,7 +1,5 @@
 """The report of an arm: errors joint by joint, where each joint's torque is not the model's, and parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 
@@ -11,19 +9,17 @@ from estimators.checks.residual import REGIONS, profiles
 from estimators.comparison import of_joints
 from estimators.diagnosis.result import Diagnosis
 from estimators.selection.data import PreparedData
-from estimators.selection.errors import Step
 from estimators.weak_form.dataset import NEGLIGIBLE
 from pendulum_env.arms.joints import body_of, links_of
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import percent
-from workbench.report.case import Case
+from workbench.report.candidates import ranked
+from workbench.report.case import Case, Drawn, ends
+from workbench.report.failures import key, profile_figure
 from workbench.report.figure import Section
-from workbench.report.sections.candidates import ranked
-from workbench.report.sections.failures import key, profile_figure
-from workbench.report.sections.parameters import of_models
+from workbench.report.parameters import of_models
 
 SHOWN = ("position", "velocity", "time")  # a strip's plots
-Drawn = tuple[str, str, Step]  # how the page calls a model, the colour of its curves, and its errors
 
 
 def sections(case: Case) -> list[Section]:
@@ -36,11 +32,6 @@ def sections(case: Case) -> list[Section]:
         *([ranked(found.candidates)] if found.candidates else []),
         parameters(models),
     ]
-
-
-def ends(steps: Sequence[Step], first: str = "base model") -> list[Drawn]:
-    """The first model and, where effects were added, the last one."""
-    return [(first, "--base", steps[0]), ("final model", "--final", steps[-1])][: len(steps)]
 
 
 def joints(

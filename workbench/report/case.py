@@ -1,7 +1,6 @@
 """What a section of the report may look at, worked out once."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,21 +10,24 @@ from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import SCHEMES
 from estimators.selection.data import PreparedData
+from estimators.selection.errors import Step
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
+
+Drawn = tuple[str, str, Step]  # how the page calls a model, the colour of its curves, and its errors
+
+
+def ends(steps: Sequence[Step], first: str = "base model") -> list[Drawn]:
+    """The first model and, where effects were added, the last one."""
+    return [(first, "--base", steps[0]), ("final model", "--final", steps[-1])][: len(steps)]
 
 
 @dataclass(frozen=True)
 class Case:
-    """A diagnosis with the data that it rests on.
+    """A diagnosis with the data that it rests on."""
 
-    Attributes:
-        diagnosis: what was found.
-        first: what the model is called that the diagnosis started from.
-    """
-
-    diagnosis: Diagnosis
-    first: str = "base model"
+    diagnosis: Diagnosis  # what was found
+    first: str = "base model"  # what the model is called that the diagnosis started from
 
     @property
     def data(self) -> Preprocessed:
@@ -43,16 +45,9 @@ class Case:
             return None
 
     @property
-    def base(self) -> Model:
-        """The model that the diagnosis started from."""
-        return self.diagnosis.steps[0].model
-
-    @property
-    def models(self) -> tuple[tuple[str, str, Model], ...]:
-        """Label, colour and model of what is drawn: the base model and, where effects were added, the final one."""
-        base = (self.first, "--base", self.base)
-        final = ("final model", "--final", self.diagnosis.model)
-        return (base, final) if self.diagnosis.selected else (base,)
+    def models(self) -> list[tuple[str, str, Model]]:
+        """Label, colour and model of what is drawn, see `ends`."""
+        return [(label, color, step.model) for label, color, step in ends(self.diagnosis.steps, self.first)]
 
     @cached_property
     def _watched(self) -> dict[int, list[PreparedData]]:

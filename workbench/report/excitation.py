@@ -1,7 +1,5 @@
 """The page about excitation policies: how soon the parameters are known, how surely, and what it takes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -9,8 +7,8 @@ import numpy as np
 from agents.evaluation import MOMENTS, Outcome
 from agents.knowledge import COUNT
 from agents.observer import TICK
-from pendulum_env._typing import JSON, Array
-from workbench.report.figure import Figure, Section, axis, line, numbers
+from pendulum_env._typing import JSON
+from workbench.report.figure import Figure, Section, axis, line, numbers, segment
 from workbench.report.page import assemble
 
 COLORS = ("--base", "--final", "--low", "--high", "--measured", "--train")  # the baseline's first
@@ -58,12 +56,11 @@ def gain_figure(gains: Mapping[str, JSON], base: str) -> Figure:
             "marker": {"color": COLORS[k % len(COLORS)], "size": 9, "symbol": k},
             "hovertemplate": "%{x:.3g} times",
         })  # fmt: skip
-    shapes = [{"type": "line", "x0": 1, "x1": 1, "y0": 0, "y1": 1, "yref": "paper", "line": {"color": "--line"}}]
     layout = {
         "xaxis": axis(f"gain over {base}<br>right of 1 is better", type="log", tickvals=TICKS, ticktext=TICKS),
         "yaxis": {"autorange": "reversed", "type": "category", "automargin": True},
         "scattermode": "group",
-        "shapes": shapes,
+        "shapes": [segment((1, 1), (0, 1), {"color": "--line"}, yref="paper")],
     }
     return Figure("gain", "Gains of every policy over the baseline", data, layout, 140 + 84 * len(gains))
 
@@ -71,7 +68,7 @@ def gain_figure(gains: Mapping[str, JSON], base: str) -> Figure:
 def course(told: JSON, outcomes: Mapping[str, Outcome]) -> Section:
     """Error and information over time."""
     base = outcomes[told["baseline"]]
-    time = _ticks(len(base.error)) + TICK
+    time = TICK * np.arange(1.0, len(base.error) + 1)
     full = np.all([np.isfinite(outcome.log_det).all(axis=1) for outcome in outcomes.values()], axis=0)  # of full rank
     error, information = [], []
     for k, (name, outcome) in enumerate(outcomes.items()):
@@ -89,11 +86,6 @@ def course(told: JSON, outcomes: Mapping[str, Outcome]) -> Section:
     return Section("course", "Over time", "Errors and information while the arm moves", {"figures": figures})
 
 
-def _ticks(count: int) -> Array:
-    """Beginnings of ticks [s]."""
-    return TICK * np.arange(count, dtype=np.float64)
-
-
 def efficiency(told: JSON) -> Section:
     """Errors beside the Cramer-Rao bound, with quartiles."""
     content = {"policies": told["policies"], "moments": [f"{moment:g} s" for moment in MOMENTS]}
@@ -103,7 +95,7 @@ def efficiency(told: JSON) -> Section:
 def behaviour(told: JSON, outcomes: Mapping[str, Outcome]) -> Section:
     """What each policy does: a stretch of torque and motion on the first plant, and what it takes of the drive."""
     count = round(SHOWN / TICK)
-    time = _ticks(count)
+    time = TICK * np.arange(float(count))
     data: list[JSON] = []
     for k, (name, outcome) in enumerate(outcomes.items()):
         seen = True if k < 2 else "legendonly"

@@ -3,8 +3,6 @@
 Colours are names of the page's own, so that one file does light and dark.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
@@ -48,39 +46,24 @@ class View:
 
 @dataclass(frozen=True)
 class Figure:
-    """One plot.
+    """One plot."""
 
-    Attributes:
-        id: unique on the page.
-        label: what is seen, for those who cannot see it.
-        data, layout: as plotly.js takes them; colours such as "--base" are looked up in the page's style.
-        height: [px].
-        views: parts to choose from; the first one is shown.
-    """
-
-    id: str
-    label: str
-    data: list[JSON]
-    layout: JSON
-    height: int = 340
-    views: tuple[View, ...] = ()
+    id: str  # unique on the page
+    label: str  # what is seen, for those who cannot see it
+    data: list[JSON]  # as plotly.js takes it; colours such as "--base" are looked up in the page's style
+    layout: JSON  # likewise
+    height: int = 340  # [px]
+    views: tuple[View, ...] = ()  # parts to choose from; the first one is shown
 
 
 @dataclass(frozen=True)
 class Section:
-    """What the page shows under one heading.
+    """What the page shows under one heading."""
 
-    Attributes:
-        id: anchor on the page, and name of the template.
-        short: title in the navigation.
-        title: heading.
-        content: what the template may use.
-    """
-
-    id: str
-    short: str
-    title: str
-    content: Mapping[str, Any]
+    id: str  # anchor on the page, and name of the template
+    short: str  # title in the navigation
+    title: str  # heading
+    content: Mapping[str, Any]  # what the template may use
 
     @property
     def template(self) -> str:
@@ -126,6 +109,11 @@ def band(x: Array, half: Array, name: str, middle: ArrayLike = 0.0, **more: obje
         "hoverinfo": "skip",
         **more,
     }
+
+
+def segment(x: Sequence[float], y: Sequence[float], style: JSON, **more: object) -> JSON:
+    """Straight line from one end to the other, behind or before the curves."""
+    return {"type": "line", "x0": x[0], "x1": x[1], "y0": y[0], "y1": y[1], "line": style, **more}
 
 
 def axis(title: str, **more: object) -> JSON:

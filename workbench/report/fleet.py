@@ -1,7 +1,5 @@
 """A page on a fleet: what is missing where, what drifts, which joints differ, and every case."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from html import escape
@@ -20,14 +18,7 @@ from workbench.report.figure import DRAWING, Figure, Section, axis, line, number
 from workbench.report.page import assemble
 from workbench.survey.dataset import STATUSES, VERDICTS
 from workbench.survey.fleet import CHANCE, DAY, Fleet, Missing, Series
-from workbench.survey.tables import (
-    courses_table,
-    drifting_table,
-    effects_table,
-    jumping_table,
-    odd_table,
-    pooled_table,
-)
+from workbench.survey.tables import courses_table, drifting_table, effects_table, jumping_table, odd_table, pooled_table
 
 COLORS = ("--final", "--base", "--scheme-1", "--scheme-3", "--low", "--high")
 ORDER = (*STATUSES[:2], *VERDICTS)  # of cases

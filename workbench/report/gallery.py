@@ -1,7 +1,5 @@
 """Residuals as small pictures: the mean over angle, velocity, torque and time, to be compared at a glance."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Sequence
 

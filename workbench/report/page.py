@@ -1,10 +1,8 @@
 """Putting the page together: sections, style, script and plotly.js in one file."""
 
-from __future__ import annotations
-
 import base64
 import gzip
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from functools import cache
 from pathlib import Path
@@ -18,14 +16,29 @@ from estimators.selection.errors import Step
 from pendulum_env import words
 from pendulum_env.files import write_whole
 from workbench.report import arm
+from workbench.report.candidates import candidates, next_experiment
 from workbench.report.case import Case
+from workbench.report.comparison import comparison
+from workbench.report.errors import errors
+from workbench.report.failures import failures
 from workbench.report.figure import Section
-from workbench.report.sections import SECTIONS
-from workbench.report.sections.candidates import candidates
-from workbench.report.sections.comparison import comparison
-from workbench.report.sections.failures import failures
-from workbench.report.sections.loop import loop, of_diagnosis
-from workbench.report.sections.parameters import parameters
+from workbench.report.loop import loop, of_diagnosis
+from workbench.report.method import method
+from workbench.report.parameters import parameters
+from workbench.report.schemes import schemes
+from workbench.report.story import story
+
+SECTIONS: tuple[Callable[[Case], Section | None], ...] = (  # of a diagnosis, in the order in which they are read
+    story,
+    comparison,
+    failures,
+    candidates,
+    next_experiment,
+    errors,
+    parameters,
+    schemes,
+    method,
+)
 
 
 @cache
@@ -37,17 +50,8 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {
-        "name": words.name,
-        "opening": words.opening,
-        "listing": words.listing,
-        "number": words.number,
-        "unit": words.unit,
-        "estimate": words.estimate,
-        "value_and_error": words.value_and_error,
-        "percent": words.percent,
-        "duration": words.duration,
-    }
+    names = ("name", "opening", "listing", "number", "unit", "estimate", "value_and_error", "percent", "duration")
+    environment.filters |= {name: getattr(words, name) for name in names}
     return environment
 
 
@@ -67,14 +71,12 @@ def render(diagnosis: Diagnosis) -> str:
     else:
         sections = [section for make in SECTIONS if (section := make(case)) is not None]
     kind = "comparison with" if diagnosis.body is not None and not diagnosis.searched else "diagnosis of"
-    page = assemble(sections, f"{kind} {words.listing([recording.name for recording in case.data.recordings])}")
-    return words.per(page, diagnosis.torque_unit)
+    return _whole(case, sections, kind)
 
 
 def fragment(section: Section) -> str:
     """HTML of a section's content on its own, without its figures, for another page in the same style."""
-    content = {name: value for name, value in section.content.items() if name != "figures"} | {"figures": []}
-    return _environment().get_template(section.template).render(content=content)
+    return _environment().get_template(section.template).render(content={**section.content, "figures": []})
 
 
 def shared(name: str) -> str:
@@ -116,21 +118,24 @@ def write_report(path: str | Path, diagnosis: Diagnosis) -> None:
 
 
 def render_comparison(compared: Comparison) -> str:
-    """HTML of what `compare` found of recordings, as one self-contained page like that of a diagnosis."""
-    case = _case(compared)
-    subject = f"comparison with {words.listing([recording.name for recording in case.data.recordings])}"
-    if case.diagnosis.body is not None:
-        return assemble(arm.sections(case), subject)
+    """HTML of what `compare` found of recordings, as one self-contained page like that of a diagnosis.
+
+    It is that of a diagnosis in which nobody has looked for effects, and all is fitted and checked alike.
+    """
+    step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
+    found = Diagnosis((step,), (), (), compared.regions, compared.joint.floors, (), data=compared.data)
+    case = Case(found, first="model")  # nothing is added to it
+    if found.body is not None:
+        return _whole(case, arm.sections(case), "comparison with")
     headline = words.opening(compared.headline).replace(" N m", "\u00a0N\u00a0m").replace(" rad", "\u00a0rad")
     distances = Section("distances", "Result", headline, {"compared": compared})
     sections = [distances, comparison(case), failures(case), parameters(case)]
     if compared.told_in_loop is not None:
         sections.insert(1, loop(compared.told_in_loop, [("model", compared.model)], case.data.recordings))
-    return words.per(assemble(sections, subject), compared.torque_unit)
+    return _whole(case, sections, "comparison with")
 
 
-def _case(compared: Comparison) -> Case:
-    """The comparison as a diagnosis in which nobody has looked for effects, and all is fitted and checked alike."""
-    step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
-    found = Diagnosis((step,), (), (), compared.regions, compared.joint.floors, (), data=compared.data)
-    return Case(found, first="model")  # nothing is added to it
+def _whole(case: Case, sections: Sequence[Section], kind: str) -> str:
+    """HTML of a page about recordings, in the unit of their torque."""
+    page = assemble(sections, f"{kind} {words.listing([recording.name for recording in case.data.recordings])}")
+    return words.per(page, case.diagnosis.torque_unit)

@@ -1,7 +1,5 @@
 """The page of the paper's experiment: its figures; the templates take all other numbers from the experiment."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

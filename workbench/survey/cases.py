@@ -3,8 +3,6 @@
 What no table says, the path does: `arm3/elbow/2026-03-01.csv` is of a robot, a joint and a date.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 import re
@@ -33,25 +31,15 @@ DATE = re.compile(r"(?<!\d)\d{4}(-?)\d\d\1\d\d(?:[T_ -]\d\d[-:h]?\d\d(?:[-:m]?\d
 
 @dataclass(frozen=True)
 class Case:
-    """One recording to diagnose.
+    """One recording to diagnose."""
 
-    Attributes:
-        name: its path below what is surveyed, and its range of time if that is not all: the same in every run.
-        source: the file, and how it is read.
-        robot: the machine.
-        joint: of the machine.
-        kind: joints of one kind are siblings; the joint's own name unless a table says otherwise.
-        date: when it was recorded, UTC.
-        dated_by: what tells that: the table, the name, or the time of the file.
-    """
-
-    name: str
-    source: Source
-    robot: str
-    joint: str
-    kind: str
-    date: datetime
-    dated_by: str
+    name: str  # its path below what is surveyed, and its range of time if that is not all: the same in every run
+    source: Source  # the file, and how it is read
+    robot: str  # the machine
+    joint: str  # of the machine
+    kind: str  # joints of one kind are siblings; the joint's own name unless a table says otherwise
+    date: datetime  # when it was recorded, UTC
+    dated_by: str  # what tells that: the table, the name, or the time of the file
 
 
 def find_cases(names: Sequence[str], reading: Namespace, pattern: str | None = None) -> list[Case]:

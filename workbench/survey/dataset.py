@@ -1,7 +1,5 @@
 """The Parquet dataset of a survey: a row for each case, in files that are whole or not there."""
 
-from __future__ import annotations
-
 import uuid
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -88,21 +86,13 @@ class Dataset:
         return sorted((self.folder / "cases").glob("*.parquet"))
 
     def create(self) -> None:
-        """Make the folder, if it is not there.
-
-        Raises:
-            OSError: if it cannot be made.
-        """
+        """Make the folder, if it is not there; raises OSError if it cannot be made."""
         (self.folder / "cases").mkdir(parents=True, exist_ok=True)
         if not (self.folder / "SURVEY").exists():
             write_whole(self.folder / "SURVEY", "Written by pendulum-ident survey: cases/ is one Parquet dataset.\n")
 
     def append(self, rows: Iterable[JSON]) -> None:
-        """Add rows as one more file, whole or not at all.
-
-        Raises:
-            OSError: if it cannot be written, as on a full disk.
-        """
+        """Add rows as one more file, whole or not at all; raises OSError if it cannot be written, as on a full disk."""
         self._write(pa.Table.from_pylist(list(rows), schema=SCHEMA))
 
     def _write(self, table: pa.Table) -> None:
@@ -119,9 +109,13 @@ class Dataset:
         tables = {path: _read(path, needed) for path in parts}
         if not set(parts) <= set(self.parts):  # a survey has merged some meanwhile: their rows are elsewhere
             return self.rows(columns)
-        damaged = pa.Table.from_pylist([_damaged(path) for path in parts if tables[path] is None], schema=SCHEMA)
+        broken = [(f"cases/{path.name}", file_time(path), file_time(path)) for path in parts if tables[path] is None]
+        damaged = pa.Table.from_pylist([_spoilt(*one) for one in broken], schema=SCHEMA)
         found = _last([damaged.select(needed), *(table for table in tables.values() if table is not None)])
-        rows = [row if _is_sound(row) else dict.fromkeys(row) | _spoilt(row) for row in found.to_pylist()]
+        now, rows = datetime.now(UTC), found.to_pylist()
+        for row in rows:
+            if not _is_sound(row):
+                row |= dict.fromkeys(row) | _spoilt(row["name"], row["date"] or now, row["finished"] or now)
         return [{name: row[name] for name in columns} for row in rows]
 
     def merge(self) -> None:
@@ -172,10 +166,9 @@ def _is_sound(row: JSON) -> bool:
     )
 
 
-def _spoilt(row: JSON) -> JSON:
-    """What a row that makes no sense becomes."""
-    now = datetime.now(UTC)
-    known = {"name": printable(row["name"]), "date": row["date"] or now, "finished": row["finished"] or now}
+def _spoilt(name: str, date: datetime, finished: datetime) -> JSON:
+    """What a row that makes no sense becomes, and a file that cannot be read."""
+    known = {"name": printable(name), "date": date, "finished": finished}
     return known | {"dated_by": "file", "status": "failed", "reason": SPOILT}
 
 
@@ -184,15 +177,3 @@ def _last(tables: Sequence[pa.Table]) -> pa.Table:
     table = pa.concat_tables(tables).sort_by("finished")
     place = {name: k for k, name in enumerate(table["name"].to_pylist())}
     return table.take(pa.array([place[name] for name in sorted(place)], pa.int64()))
-
-
-def _damaged(path: Path) -> JSON:
-    """Row of a file that cannot be read."""
-    return {
-        "name": f"cases/{printable(path.name)}",
-        "date": file_time(path),
-        "dated_by": "file",
-        "status": "failed",
-        "reason": SPOILT,
-        "finished": file_time(path),
-    }

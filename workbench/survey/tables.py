@@ -1,7 +1,5 @@
 """Tables of what a fleet shows, for the command line and for its page."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pendulum_env.words import Table, plus_minus

@@ -1,7 +1,5 @@
 """What a worker does with a case: read the file, diagnose, and say what was found, or why not."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -34,19 +32,13 @@ PAGES = {"none": (), "found": ("missing", "unexplained"), "all": VERDICTS}  # ve
 
 @dataclass(frozen=True)
 class Settings:
-    """What a survey asks for.
+    """What a survey asks for."""
 
-    Attributes:
-        asked: of every diagnosis: arguments of `estimators.diagnose` by name, such as `base`, `only` or `fixed`.
-        plugins: files that register effects of the user's own; each worker loads them.
-        reports: which cases get a page of their own, a key of `PAGES`.
-        folder: where the survey is written; the workers write pages there.
-    """
-
+    # Of every diagnosis: arguments of `estimators.diagnose` by name, such as `base`, `only` or `fixed`
     asked: Mapping[str, Any] = field(default_factory=dict)
-    plugins: tuple[Path, ...] = ()
-    reports: str = "none"
-    folder: Path | None = None
+    plugins: tuple[Path, ...] = ()  # files that register effects of the user's own; each worker loads them
+    reports: str = "none"  # which cases get a page of their own, a key of `PAGES`
+    folder: Path | None = None  # where the survey is written; the workers write pages there
 
     def mark(self, case: Case) -> str:
         """Hash of all that decides on a row apart from what is in the file, wherever it lies."""
@@ -80,10 +72,8 @@ def look(case: Case, settings: Settings) -> JSON:
     Returns:
         What was found, by the columns of `SCHEMA`.
 
-    Raises:
-        RecordingError: if it cannot be read.
-        IdentificationError: if it holds too little motion.
-        OSError: if the page cannot be written.
+    Raises RecordingError if it cannot be read, IdentificationError if it holds too little motion, and OSError if the
+    page cannot be written.
     """
     for path in settings.plugins:
         load_plugin(path)
@@ -91,8 +81,12 @@ def look(case: Case, settings: Settings) -> JSON:
     found = diagnose([recording], **settings.asked)
     row = _row(recording, found)
     if settings.folder is not None and row["verdict"] in PAGES[settings.reports]:
+        from workbench.report import write_report  # plotly takes a while to import
+
         row["report"] = page_of(case)
-        _write_page(settings.folder / row["report"], found)
+        path = settings.folder / row["report"]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_report(path, found)
     return row
 
 
@@ -100,13 +94,6 @@ def page_of(case: Case) -> str:
     """File of a case's own page, below the survey's folder; names that differ stay different."""
     readable = re.sub(r"[^\w.-]+", "-", case.name, flags=re.ASCII).strip("-.")[-80:]
     return f"reports/{readable}-{hashlib.sha256(case.name.encode()).hexdigest()[:8]}.html"
-
-
-def _write_page(path: Path, found: Diagnosis) -> None:
-    from workbench.report import write_report  # plotly takes a while to import
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_report(path, found)
 
 
 def _row(recording: Recording, found: Diagnosis) -> JSON:
@@ -172,9 +159,7 @@ def trouble(error: BaseException, case: Case) -> JSON:
 def content_hash(file: Path, most: float = math.inf) -> str:
     """Hash of what is in a file, or in the files of a folder.
 
-    Raises:
-        OSError: if it cannot be read.
-        Unreadable: if it is no regular file, or larger than `most` bytes.
+    Raises OSError if it cannot be read, and Unreadable if it is no regular file, or larger than `most` bytes.
     """
     digest = hashlib.blake2b(digest_size=20)
     for path in sorted(file.iterdir()) if file.is_dir() else [file]:

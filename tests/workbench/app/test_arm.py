@@ -17,7 +17,6 @@ from pendulum_env.arms.joints import Links, arm_base
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics.friction import Stribeck
-from pendulum_env.reading import Unreadable
 from pendulum_env.recording import write_recording
 from tests import robots
 from tests.two_link import recorded
@@ -31,9 +30,10 @@ from workbench.app.page.layout import told
 from workbench.app.parts import effects_to_choose
 from workbench.app.saved import CONTENTS, STUDY, opened, pack, study
 from workbench.app.session import Session
-from workbench.app.stages import STAGES, data, export
+from workbench.app.stages import STAGES, data, export, model
 from workbench.app.stages.export import file
 from workbench.app.state import Asked, State
+from workbench.mistakes import InputError
 from workbench.robot import RobotFile
 
 TWO, OFFSET = TwoLink(), 0.3  # [N m], hidden in the elbow
@@ -93,7 +93,7 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
         same()
         assert ArmModel.load("model.json", state.body).theta == pytest.approx(state.model.theta, rel=1e-6)
 
-    session.act(lambda: session.begin_from("model.json", url(Path("model.json").read_bytes())))
+    session.act(lambda: model.begin_from(session, "model.json", url(Path("model.json").read_bytes())))
     assert session.notice == "" and session.state.terms[-1].id == "torque_offset@elbow" and not session.state.trouble
     session.act(session.undo)
     saved, packed = file(state, "session", "")
@@ -116,7 +116,7 @@ def test_a_robot_may_come_after_its_recordings_and_be_left(session, tmp_path):
     (card,) = session.cards
     assert "position_shoulder" in card.why and card.roles[1:3] == ("position_shoulder", "torque_shoulder")
     session.cards = ()
-    session.act(session.leave_robot)
+    session.act(lambda: data.ACTIONS["leave-robot"](session, "", {}))
     assert session.state.loaded == () and session.state.robot is None
     session.act(session.undo)
     assert session.state.robot is not None and len(session.state.loaded) == 1
@@ -181,7 +181,7 @@ def test_a_saved_session_keeps_the_robot_and_the_model_it_began_from(session, tm
     drop(session, run)
     body = session.state.body
     begun = ArmModel.build((*arm_base(body), at_joint(Stribeck, "elbow")(0.1)), 1.0)
-    session.act(lambda: session.begin_from("first.json", url(json.dumps(begun.json()).encode())))
+    session.act(lambda: model.begin_from(session, "first.json", url(json.dumps(begun.json()).encode())))
     assert session.notice == ""
     again = reopened(session, tmp_path / "again")
     assert replace(again.robot, file=file) == robot and again.model_file == "first.json"
@@ -195,16 +195,14 @@ def reopened(session, folder: Path) -> State:
     return again.state
 
 
-def test_a_session_saved_before_robots_were_whole_opens(session, tmp_path):
+def test_a_session_whose_robot_makes_no_sense_is_refused(session, tmp_path):
     drop(session, *two_link(tmp_path, 4.0))
     content = json.loads(zipfile.ZipFile(io.BytesIO(pack(session.state))).read(CONTENTS))
-    old = {key: content[key] for key in ("schema", "origins", "asked")} | {"robot": "arm.urdf"}
-    (tmp_path / CONTENTS).write_text(json.dumps(old))
-    (tmp_path / STUDY).write_text(study(session.state))
-    assert opened(tmp_path).robot == RobotFile(tmp_path / "arm.urdf", session.state.joints, bolted=True)
-    (tmp_path / CONTENTS).write_text(json.dumps(old | {"robot": {"file": "arm.urdf", "rotors": "many"}}))
-    with pytest.raises(Unreadable, match=r"'robot' of session.* makes no sense"):
-        opened(tmp_path)
+    with zipfile.ZipFile(tmp_path / "session.zip", "w") as archive:
+        archive.writestr(CONTENTS, json.dumps(content | {"robot": {"file": "arm.urdf", "rotors": "many"}}))
+        archive.writestr(STUDY, study(session.state))
+    with pytest.raises(InputError, match=r"'robot' of session.* makes no sense"):
+        opened(tmp_path / "session.zip", lambda _: tmp_path)
 
 
 def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):
@@ -260,8 +258,8 @@ def test_gravity_that_the_driver_takes_off_is_one_press_away(session, tmp_path):
     drop(session, robot, run)
     before = session.state.body.names
     assert "Then press “Its torques are without gravity”" in stage_text(session)
-    session.act(session.turn_gravity)
+    session.act(lambda: data.ACTIONS["turn-gravity"](session, "", {}))
     assert session.state.robot.weightless and session.state.body.names != before
     assert "Then press" not in stage_text(session) and "Its torques are with gravity" in stage_text(session)
-    session.act(session.turn_gravity)
+    session.act(lambda: data.ACTIONS["turn-gravity"](session, "", {}))
     assert session.state.body.names == before

@@ -47,7 +47,7 @@ from workbench.app.parts import UNWRAP
 from workbench.app.recorder import options
 from workbench.app.saved import study
 from workbench.app.session import Session, Sessions
-from workbench.app.stages import compare, data, export, live
+from workbench.app.stages import compare, data, export, live, model
 from workbench.app.stages.compare import MAP, PHASE, TIME, inside, lit, within
 from workbench.app.stages.export import commands
 from workbench.app.state import Asked, Loaded, State
@@ -302,7 +302,7 @@ def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(s
 
 def test_a_model_file_gives_the_terms_that_stay_with_other_recordings(session, state, swing, tmp_path):
     def begin(content: str) -> None:
-        session.act(lambda: session.begin_from("../my model.json", url(content.encode())))
+        session.act(lambda: model.begin_from(session, "../my model.json", url(content.encode())))
 
     begin("{}")
     assert session.notice == "my model.json: this is not a model: 'schema' should be pendulum-ident/model@1"

@@ -1,7 +1,5 @@
 """The page around the stages: navigation, the story so far, what is running, and what went wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,7 +20,7 @@ from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
 from workbench.report.page import shared
-from workbench.report.sections.story import changes
+from workbench.report.story import changes
 
 TITLE = "pendulum-ident"
 WORTH = 1.05  # times smaller, from which an error has become smaller

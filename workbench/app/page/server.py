@@ -1,7 +1,5 @@
 """Serving the app to this computer alone."""
 
-from __future__ import annotations
-
 import logging
 import socket
 import traceback

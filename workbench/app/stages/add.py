@@ -1,15 +1,17 @@
 """Add: one effect more, the errors before and after, and the way back."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from estimators.diagnosis.result import looks
+from estimators.diagnosis.addition import add
+from estimators.diagnosis.result import Addition, looks
 from estimators.selection.errors import Step
+from pendulum_env.arms.joints import kind_at
+from pendulum_env.physics.library import addition
 from pendulum_env.words import listing, name, number, opening
 from workbench.app.parts import button, effects_to_choose, field, fragment, graph, labelled, panel
 from workbench.app.session import Session
@@ -17,7 +19,7 @@ from workbench.app.stage import Stage
 from workbench.app.state import State as Work
 from workbench.mistakes import InputError
 from workbench.report.arm import joints
-from workbench.report.sections.errors import errors
+from workbench.report.errors import errors
 
 
 def show(session: Session) -> list[Component]:
@@ -58,8 +60,9 @@ def calls(state: Work, busy: bool) -> Component:
         link = html.A("diagnose", href="#diagnose")
         return html.P(["The diagnosis tells which effect is missing: ", link, " first, or try any."])
     offers = [(f"Add {name(effect)}", effect) for effect in state.found]
-    if not offers and state.table is not None and state.table not in state.model.effects:
-        offers = [(f"Keep {name(state.table)} as a table", state.table)]
+    table = next(iter(state.told.tables), None)  # a function that no effect is and that would explain what is left
+    if not offers and table is not None and table not in state.model.effects:
+        offers = [(f"Keep {name(table)} as a table", table)]
     presses = [button(label, "add", id, primary=k == 0, disabled=busy) for k, (label, id) in enumerate(offers)]
     why = html.P("The diagnosis calls for it:" if state.found else settled(state))
     return html.Div([why, html.Div(presses, className="row")])
@@ -86,16 +89,18 @@ def choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
 def start(session: Session, id: str | None) -> None:
     """Add an effect to the ladder's last model, in the background.
 
-    Raises:
-        Mistake: if it is none, or in the model already.
+    Raises Mistake if it is none, or in the model already.
     """
     if not id:
         raise InputError("choose an effect to add")
     state = session.state
-    task = state.adding(id)
+    kind = addition(id) if state.body is None else kind_at(id, state.body)
+    if kind.id in state.model.effects:
+        raise InputError(f"{name(id)} is in the model already")
+    task = partial(add, state.model, id, state.train, state.holdout, **state.asked.limits)
 
-    def keep(addition: Any) -> None:
-        session.change(f"add {name(id)}", session.state.with_step(addition))
+    def keep(added: Addition) -> None:
+        session.change(f"add {name(id)}", session.state.with_step(added))
 
     session.work(f"Adding {name(id)}", task, keep)
 

@@ -26,12 +26,12 @@ from workbench.app.parts import LINKED, dropdown, effects_to_choose, field, grap
 from workbench.app.session import Session, Sessions
 from workbench.app.stage import Stage
 from workbench.app.state import State as Work
-from workbench.report.arm import ends, strips
-from workbench.report.case import Case
+from workbench.report.arm import strips
+from workbench.report.case import Case, ends
+from workbench.report.comparison import before_and_after, position_figure
+from workbench.report.failures import planes
 from workbench.report.figure import Figure, axis, band, broken, line, numbers, span, thin
 from workbench.report.gallery import picture
-from workbench.report.sections.comparison import before_and_after, position_figure
-from workbench.report.sections.failures import planes
 
 GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
 HINT = "Drag a box in any of the plots, or choose a region: the same moments light up in all."
@@ -43,17 +43,11 @@ GLOW = "--brush"
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """R windows of one recording under the models that are compared.
+    """R windows of one recording under the models that are compared."""
 
-    Attributes:
-        case: the models, and what they were fitted to.
-        samples: time, position, velocity and torque at the windows' centres (R,), SI.
-        residuals: measured minus modelled torque of each model (R,) [N m].
-    """
-
-    case: Case
-    samples: Samples
-    residuals: tuple[Array, ...]
+    case: Case  # the models, and what they were fitted to
+    samples: Samples  # time, position, velocity and torque at the windows' centres (R,), SI
+    residuals: tuple[Array, ...]  # measured minus modelled torque of each model (R,) [N m]
 
     @classmethod
     def of(cls, case: Case, recording: Recording) -> Points:
@@ -71,6 +65,10 @@ class Points:
     def noise(self) -> float:
         """Torque error that measurement noise alone gives [N m]."""
         return self.case.diagnosis.noise_floor
+
+    def regions(self, shown: int) -> list[Region]:
+        """What stands out of the noise under a model."""
+        return stand_out(self.samples, self.residuals[shown], self.noise)
 
 
 def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
@@ -155,8 +153,7 @@ def show(session: Session) -> list[Component]:
     """Which recording and model, then the views."""
     state = session.state
     names = [{"label": one.recording.name, "value": one.id} for one in state.loaded]
-    drawn = ends(state.ladder) if state.robot is not None else state.standing.models
-    models: list[Any] = [{"label": label, "value": k} for k, (label, *_) in enumerate(drawn)]
+    models: list[Any] = [{"label": label, "value": k} for k, (label, *_) in enumerate(ends(state.ladder))]
     last = len(models) - 1  # the one that the headline is about
     chosen = [  # of an arm, all are drawn, and nothing lights up
         labelled("Residual of the", dcc.RadioItems(models, last, id="of", inline=True, className="pair")),
@@ -221,7 +218,7 @@ def _regions(points: Points, shown: int) -> Component:
         html.Button(opening(region.text), id={"region": k}, n_clicks=0, type="button", className="link")
         if region.axis != "frequency"
         else opening(region.text)
-        for k, region in enumerate(_standing_out(points, shown))
+        for k, region in enumerate(points.regions(shown))
     ]
     listed = html.Ul([html.Li(row) for row in rows], className="regions-list")
     return panel("Where it fails", listed if rows else html.P("Nothing stands out of the noise."))
@@ -256,10 +253,6 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
 @lru_cache(maxsize=4)  # while somebody looks at one
 def _points(state: Work, id: str) -> Points:
     return Points.of(state.standing, state.recordings[state.loaded.index(state.find(id))])
-
-
-def _standing_out(points: Points, shown: int) -> list[Region]:
-    return stand_out(points.samples, points.residuals[shown], points.noise)
 
 
 def say(points: Points, selected: Mask, shown: int) -> str:
@@ -310,7 +303,7 @@ def connect(app: Dash, sessions: Sessions) -> None:
             return None, HINT
         points, source = _points(sessions.of(id).state, recording), None
         if "region" in cause:
-            selected = within(points.samples, _standing_out(points, shown)[cause["region"]])
+            selected = within(points.samples, points.regions(shown)[cause["region"]])
         elif "range" in value:
             source = cause["of"]
             selected = inside(points.samples, source, value["range"])

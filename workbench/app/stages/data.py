@@ -1,8 +1,7 @@
 """Data: recordings come in, are checked, and say what they can and cannot tell."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -16,24 +15,11 @@ from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing, name, number, opening, percent
 from workbench.app import card, recorder, uploads
-from workbench.app.parts import (
-    UNWRAP,
-    aria,
-    button,
-    drop,
-    field,
-    graph,
-    labelled,
-    number_field,
-    panel,
-    saves,
-    table,
-)
-from workbench.app.saved import STUDY
+from workbench.app.parts import UNWRAP, aria, button, drop, field, graph, labelled, number_field, panel, saves, table
 from workbench.app.session import Session
 from workbench.app.stage import Action, Form, Stage
-from workbench.app.state import WEIGHTLESS, Loaded
-from workbench.app.state import State as Work
+from workbench.app.state import WEIGHTLESS, Loaded, State
+from workbench.app.uploads import STUDY
 from workbench.inputs import FORMATS
 from workbench.report.figure import Figure, line, stacked, thin
 from workbench.robot import held_text
@@ -57,7 +43,7 @@ def show(session: Session) -> list[Component]:
     return parts
 
 
-def _robot(state: Work, body: Body) -> Component:
+def _robot(state: State, body: Body) -> Component:
     """The robot that the recordings are of."""
     texts = [
         f"{body.name}: {len(body.joints)} joints that move, {len(body.base)} base parameters",
@@ -71,7 +57,7 @@ def _robot(state: Work, body: Body) -> Component:
     return panel("The robot", *(html.P(f"{opening(text)}.") for text in texts), leave, " ", gravity)
 
 
-def _courses(state: Work, k: int, recording: Recording) -> list[Figure]:
+def _courses(state: State, k: int, recording: Recording) -> list[Figure]:
     """Position and torque of a recording over time, of an arm joint by joint."""
     if not isinstance(recording, ArmRecording) or state.body is None:
         return [course(recording, f"course-{k}", recording.name)]
@@ -81,7 +67,7 @@ def _courses(state: Work, k: int, recording: Recording) -> list[Figure]:
     ]
 
 
-def upload(state: Work) -> Component:
+def upload(state: State) -> Component:
     """Where files come in."""
     ways = [
         drop([html.Strong("Choose recordings"), " or drop them here"], "upload", several=True),
@@ -117,7 +103,7 @@ def _record() -> Component:
     )
 
 
-def recordings(state: Work) -> Component:
+def recordings(state: State) -> Component:
     """What is loaded, as a table; of an arm, turns and torque are the largest of its joints."""
     stick = _share_in_stick(state) if state.body is None else {}
     rows = [_row(one, recording, stick) for one, recording in zip(state.loaded, state.recordings, strict=True)]
@@ -153,7 +139,7 @@ def _row(one: Loaded, recording: Recording, stick: dict[int, float]) -> tuple[An
     )
 
 
-def _share_in_stick(state: Work) -> dict[int, float]:
+def _share_in_stick(state: State) -> dict[int, float]:
     """Share of each recording at rest, by its identity; where windows are cut from two parts of it, of the first."""
     if state.trouble:
         return {}
@@ -162,7 +148,7 @@ def _share_in_stick(state: Work) -> dict[int, float]:
     return {id(w.recording): 1.0 - float(np.mean(w.moving)) for w in windows}
 
 
-def _telling(state: Work) -> Component:
+def _telling(state: State) -> Component:
     withheld = {parameter for doubt in state.doubts for parameter in doubt.withheld}
     terms = BASE if state.trouble else state.model.terms
     known = [name(column.name) for term in terms for column in term.columns if column.name not in withheld]
@@ -174,7 +160,7 @@ def _telling(state: Work) -> Component:
     return panel("What these recordings tell, and what not", *can, cannot if texts else nothing)
 
 
-def timing(state: Work) -> list[Component]:
+def timing(state: State) -> list[Component]:
     """What was found, in the words of the command line; nothing where torque and motion are in time."""
     if state.trouble:
         return []
@@ -213,6 +199,13 @@ def _align(session: Session, is_aligned: bool, what: str) -> None:
     session.change(what, session.state.anew(is_aligned=is_aligned))
 
 
+def _turn_gravity(session: Session, *_: object) -> None:
+    """Take the robot's torques for those without gravity, or again for those with it; the ladder starts anew."""
+    if (robot := session.state.robot) is not None:
+        robot = replace(robot, weightless=not robot.weightless)
+        session.change("take gravity off, or back", session.state.anew(robot=robot))
+
+
 ACTIONS: dict[str, Action] = {
     "upload": lambda session, _, came: session.receive(came["files"], came["unwrap"]),
     "open-session": lambda session, _, came: session.open(*came["files"][0]),
@@ -226,7 +219,7 @@ ACTIONS: dict[str, Action] = {
     "remove": lambda session, id, _: session.remove(id),
     "align": lambda session, *_: _align(session, True, "correct the torque"),
     "align-back": lambda session, *_: _align(session, False, "take the torque as it was logged"),
-    "leave-robot": lambda session, *_: session.leave_robot(),
-    "turn-gravity": lambda session, *_: session.turn_gravity(),
+    "leave-robot": lambda session, *_: session.change("leave the robot", State()),
+    "turn-gravity": _turn_gravity,
 }
 STAGE = Stage("data", "Data", show, ACTIONS, lambda app, _: card.connect(app), needs_model=False)

@@ -1,11 +1,14 @@
 """Diagnose: which effects the model lacks, why, and what to record next."""
 
-from __future__ import annotations
+from dataclasses import replace
+from functools import partial
+from math import inf
 
 from dash import dcc, html
 from dash.development.base_component import Component
 
 from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.run import diagnose
 from pendulum_env.words import listing
 from workbench import inputs
 from workbench.app import recorder
@@ -16,9 +19,10 @@ from workbench.app.stages.add import calls
 from workbench.app.stages.data import timing
 from workbench.app.state import NOTHING, Asked
 from workbench.app.state import State as Work
-from workbench.report.arm import ends, joints
-from workbench.report.sections.candidates import ranked
-from workbench.report.sections.story import story
+from workbench.report.arm import joints
+from workbench.report.candidates import ranked
+from workbench.report.case import ends
+from workbench.report.story import story
 
 
 def show(session: Session) -> list[Component]:
@@ -91,12 +95,12 @@ def _next(state: Work, busy: bool) -> list[Component]:
 def look_for(session: Session, asked: Asked) -> None:
     """Look for some effects, or with some values known, from now on.
 
-    Raises:
-        ValueError: if that makes no sense, in the words of the command line.
+    Raises ValueError if that makes no sense, in the words of the command line.
     """
     asked.check(session.state.base_terms)
-    if asked != session.state.asked:
-        session.change("choose what is looked for", session.state.asking(asked))
+    if asked != (state := session.state).asked:  # where other values are known, the ladder begins anew with them
+        change = replace(state, asked=asked) if asked.limits == state.asked.limits else state.anew(asked=asked)
+        session.change("choose what is looked for", change)
 
 
 def start(session: Session, asked: Asked) -> None:
@@ -107,7 +111,10 @@ def start(session: Session, asked: Asked) -> None:
     def keep(found: Diagnosis) -> None:
         session.change("diagnose", state.diagnosed(found))
 
-    task = state.searching(recorder.simulated(state) is not None)  # a simulated plant bears all
+    limits = {**asked.effects, **asked.limits}
+    if recorder.simulated(state) is not None:  # it bears all
+        limits |= {"max_angle": inf, "max_speed": inf}
+    task = partial(diagnose, state.train, state.holdout, state.model.terms, **limits)
     session.work("Diagnosing", task, keep)
 
 

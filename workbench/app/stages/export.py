@@ -1,7 +1,5 @@
 """Export: the report, the model, and how to do the same without a browser."""
 
-from __future__ import annotations
-
 import ast
 import json
 import shlex
@@ -21,11 +19,13 @@ from pendulum_env.lookup import find
 from pendulum_env.recording.study import format_of
 from workbench.app.parts import panel, saves
 from workbench.app.recorder import DIAGNOSIS
-from workbench.app.saved import STUDY, pack, study
+from workbench.app.saved import pack, study
 from workbench.app.session import Session, Sessions
 from workbench.app.stage import Stage
 from workbench.app.state import State, ids
+from workbench.app.uploads import STUDY
 from workbench.mistakes import InputError
+from workbench.report import render
 
 PROGRAM, MODEL, REPORT, EXPERIMENT = "pendulum-ident", "model.json", "report.html", "experiment.csv"
 WHOLE = (
@@ -186,7 +186,7 @@ def _experiment(state: State) -> str:
 
 
 FILES: dict[str, tuple[str, Callable[[State], str | bytes]]] = {  # name and content of what any stage saves
-    "report": (REPORT, lambda state: state.report()),
+    "report": (REPORT, lambda state: render(state.told)),
     "model": (MODEL, _model),
     "diagnosis": (DIAGNOSIS, lambda state: _text(state.told)),
     "experiment": (EXPERIMENT, _experiment),

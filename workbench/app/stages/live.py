@@ -1,7 +1,5 @@
 """Live: a pendulum that runs in real time while the estimates converge."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -20,23 +18,12 @@ from pendulum_env.physics import BASE
 from pendulum_env.recording import Source, write_recording
 from pendulum_env.words import estimate, listing, name, number, opening, unit
 from workbench.app import live, recorder
-from workbench.app.parts import (
-    KEPT,
-    aria,
-    button,
-    dropdown,
-    field,
-    graph,
-    labelled,
-    panel,
-    spec,
-    table,
-)
+from workbench.app.parts import KEPT, aria, button, dropdown, field, graph, labelled, panel, spec, table
 from workbench.app.session import Session, Sessions
 from workbench.app.stage import Action, Form, Stage
 from workbench.mistakes import InputError
-from workbench.report.figure import Figure, axis, line
-from workbench.report.sections.schemes import convergence_figure, stroke
+from workbench.report.figure import Figure, axis, line, segment
+from workbench.report.schemes import convergence_figure, stroke
 
 RIG = "dm1015b"  # backend that is offered where a configuration was given on the command line
 NAMES = {"replay": "a recording", RIG: "the rig", "mujoco": "MuJoCo"}  # of backends
@@ -117,8 +104,7 @@ def figure(run: live.Run, column: int) -> Figure | None:
     truth, shapes = run.begun.truth.get(PARAMETERS[column]), list[JSON]()
     if truth is not None:
         style = {"color": "--muted", "width": 1.2, "dash": "dot"}
-        place = {"xref": "paper", "x0": 0, "x1": 1, "y0": truth, "y1": truth, "layer": "below"}
-        shapes.append({"type": "line", "line": style, **place})
+        shapes.append(segment((0, 1), (truth, truth), style, xref="paper", layer="below"))
     return replace(drawn, layout=drawn.layout | {"hovermode": False, "shapes": shapes})
 
 
@@ -193,8 +179,10 @@ def course(run: live.Follower, time: float) -> Figure:
     marks = {"mode": "lines+markers", "line": {"color": "--base", "width": 2}, "marker": {"size": 5}}
     drawn = [line(seen[:, 0], np.clip(seen[:, 1], FLOOR, ROOF), "evidence", "--base", "nat", **marks)]
     threshold, end = run.said.threshold, max(time, 1.0)
-    lines = [_line(0.0, end, threshold, threshold, "--muted", "dot")]
-    lines += [_line(e.time, e.time, FLOOR, ROOF, "--base" if e.alarm else "--final", "solid") for e in events]
+    lines = [segment((0.0, end), (threshold, threshold), {"color": "--muted", "width": 1.4, "dash": "dot"})]
+    for e in events:
+        style = {"color": "--base" if e.alarm else "--final", "width": 1.4, "dash": "solid"}
+        lines.append(segment((e.time, e.time), (FLOOR, ROOF), style))
     beside: dict[str, Any] = {"showarrow": False, "xanchor": "left", "xshift": 4, "font": {"size": 11}}
     notes = [{"x": e.time, "y": ROOF * (1.0 - 0.17 * (k % 5)), "text": e.text, **beside} for k, e in enumerate(events)]
     layout = {
@@ -206,11 +194,6 @@ def course(run: live.Follower, time: float) -> Figure:
         "annotations": notes,
     }
     return Figure(EVIDENCE, LABEL, drawn, layout, HEIGHT)
-
-
-def _line(left: float, right: float, low: float, high: float, color: str, dash: str) -> dict[str, Any]:
-    line = {"color": color, "width": 1.4, "dash": dash}
-    return {"type": "line", "x0": left, "x1": right, "y0": low, "y1": high, "line": line}
 
 
 def keep(session: Session) -> None:
@@ -226,8 +209,7 @@ def keep(session: Session) -> None:
 def options(session: Session, form: Form) -> list[str]:
     """Options of `record` that run what the controls say.
 
-    Raises:
-        InputError: if there is no recording to replay, or no rig.
+    Raises InputError if there is no recording to replay, or no rig.
     """
     backend, replay = form.get("live-backend"), form.get("live-replay")
     words = [f"--backend={backend}", f"--rate={RATE:g}", *recorder.options(form, "live-", form.get("clicks"))]

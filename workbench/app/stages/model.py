@@ -1,19 +1,21 @@
 """Model: its terms, parameters with their uncertainty, and the six schemes side by side."""
 
-from __future__ import annotations
-
 from dash import html
 from dash.development.base_component import Component
 
 from estimators.show.story import TRUST, schemes_table
+from pendulum_env.arms.model import ArmModel
 from pendulum_env.words import Table, name, opening
 from workbench.app.parts import button, drop, fragment, graph, panel, table
 from workbench.app.session import Session
 from workbench.app.stage import Stage
 from workbench.app.state import State as Work
+from workbench.app.uploads import unpack
+from workbench.inputs import read_model
 from workbench.report import arm
-from workbench.report.sections.parameters import parameters
-from workbench.report.sections.schemes import schemes
+from workbench.report.case import ends
+from workbench.report.parameters import parameters
+from workbench.report.schemes import schemes
 
 
 def show(session: Session) -> list[Component]:
@@ -27,7 +29,7 @@ def _of_arm(state: Work) -> list[Component]:
     headers = {opening(name(text)): k > 0 and text not in found.left for k, text in enumerate(found.headers)}
     return [
         panel("The model", html.P(about)),
-        panel("Parameters and how sure they are", fragment(arm.parameters(arm.ends(state.ladder)))),
+        panel("Parameters and how sure they are", fragment(arm.parameters(ends(state.ladder)))),
         panel("Schemes side by side", table(headers, found.rows, "Schemes"), html.P(f"{opening(TRUST)}.")),
     ]
 
@@ -62,8 +64,14 @@ def begin_anew(state: Work) -> Component:
     )
 
 
-def _back(session: Session) -> None:
-    session.change("start from the usual terms", session.state.anew(terms=(), model_file=""))
+def begin_from(session: Session, name: str, content: str) -> None:
+    """Take the terms of an uploaded model as the base model; the ladder starts anew.
+
+    Raises InputError if the file did not arrive whole, and ModelError if it is no model, as the command line does.
+    """
+    file, body = unpack(session.place(), name, content), session.state.body
+    terms = read_model(str(file)).terms if body is None else ArmModel.load(file, body).terms[1:]
+    session.change(f"start from {file.name}", session.state.anew(terms=terms, model_file=file.name))
 
 
 STAGE = Stage(
@@ -71,7 +79,9 @@ STAGE = Stage(
     "Model",
     show,
     {
-        "model-file": lambda session, _, came: session.begin_from(*came["files"][0]),
-        "model-back": lambda session, *_: _back(session),
+        "model-file": lambda session, _, came: begin_from(session, *came["files"][0]),
+        "model-back": lambda session, *_: session.change(
+            "start from the usual terms", session.state.anew(terms=(), model_file="")
+        ),
     },
 )

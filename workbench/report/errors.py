@@ -1,7 +1,5 @@
 """The fall of the error, step by step."""
 
-from __future__ import annotations
-
 from textwrap import wrap
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where the model fails: its residual over angle, velocity, torque, time and frequency, and in the phase plane."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -34,26 +32,22 @@ def failures(case: Case) -> Section:
     curves = [(label, color) for label, color, _ in case.models]
     still = case.diagnosis.unexplained if case.diagnosis.selected else ()
     reach = 1.08 * max(float(np.max(np.abs(item.mean))) for drawn in maps for item in drawn if item.axis != "frequency")
-    return Section(
-        "failures",
-        "Where it fails",
-        "Where the model fails",
-        {
-            "first": case.first,
-            "regions": regions,
-            "unexplained": case.diagnosis.unexplained,
-            "found": bool(case.diagnosis.selected),
-            "key": key(curves, bool(regions), bool(case.diagnosis.selected and case.diagnosis.unexplained)),
-            "threshold": REGIONS.stands_out,
-            "figures": [
-                profile_figure(curves, [m[k] for m in maps], regions, still, reach) for k in range(len(maps[0]))
-            ],
-            "planes": [
-                (label, figure)
-                for (label, _, _), figure in zip(case.models, plane_figures(case, residuals), strict=True)
-            ],
-        },
-    )
+    drawn = zip(case.models, planes(prepared.samples.position, prepared.samples.velocity, residuals), strict=True)
+    about = "Mean residual torque in the plane of angle and velocity"
+    content = {
+        "first": case.first,
+        "regions": regions,
+        "unexplained": case.diagnosis.unexplained,
+        "found": bool(case.diagnosis.selected),
+        "key": key(curves, bool(regions), bool(case.diagnosis.selected and case.diagnosis.unexplained)),
+        "threshold": REGIONS.stands_out,
+        "figures": [profile_figure(curves, [m[k] for m in maps], regions, still, reach) for k in range(len(maps[0]))],
+        "planes": [
+            (label, Figure(f"plane-{k}", f"{about}, {label}", [cells], layout, 380))
+            for k, ((label, _, _), (cells, layout)) in enumerate(drawn)
+        ],
+    }
+    return Section("failures", "Where it fails", "Where the model fails", content)
 
 
 def key(curves: Sequence[Curve], regions: bool, still: bool) -> list[tuple[str, str, str]]:
@@ -78,14 +72,8 @@ def profile_figure(
 ) -> Figure:
     """Mean residual of each model over one quantity up to `reach` [N m], noise band, and regions that stand out.
 
-    Args:
-        curves: label and colour of each model.
-        drawn: its profile.
-        regions: that stand out under the first model.
-        still: that stand out under the last one, if it is another.
-        reach: of the ordinate to either side [N m].
-        name: before the axis in the figure's id.
-        said: a unit as it is for the joint.
+    These are `regions` under the first model, and `still` under the last one, if it is another. `name` is before the
+    axis in the figure's id, and `said` is a unit as it is for the joint.
     """
     first = drawn[0]
     middle = 0.5 * (first.edges[1:] + first.edges[:-1])
@@ -125,16 +113,6 @@ def stripe(region: Region, color: str, low: float, high: float) -> JSON:
         "fillcolor": color,
         "line": {"width": 1, "color": "--page"},  # between two neighbours
     }
-
-
-def plane_figures(case: Case, residuals: Sequence[Array]) -> list[Figure]:
-    """Mean residual in the phase plane, one figure a model, all in one colour scale."""
-    x = case.data.parts[0].samples
-    maps = planes(np.asarray(x.position), np.asarray(x.velocity), residuals)
-    return [
-        Figure(f"plane-{k}", f"Mean residual torque in the plane of angle and velocity, {label}", [cells], layout, 380)
-        for k, ((label, _, _), (cells, layout)) in enumerate(zip(case.models, maps, strict=True))
-    ]
 
 
 def planes(position: Array, velocity: Array, residuals: Sequence[Array]) -> list[tuple[JSON, JSON]]:

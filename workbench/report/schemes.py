@@ -1,7 +1,5 @@
 """The schemes side by side: what each finds, and how its estimates converge."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimators.schemes.identification import Identification
@@ -9,7 +7,7 @@ from estimators.show.story import kin
 from pendulum_env._typing import JSON
 from pendulum_env.words import name, unit
 from workbench.report.case import Case
-from workbench.report.figure import DRAWING, Figure, Section, axis, line
+from workbench.report.figure import DRAWING, Figure, Section, axis, line, segment
 
 COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
 
@@ -51,18 +49,13 @@ def convergence_figure(found: Identification, column: int, strokes: dict[str, JS
     middle = float(np.median([result[-1] for result in settled]))
     reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / DRAWING.frame
     title = f"{parameter.name} [{unit(parameter.unit)}]" if unit(parameter.unit) else parameter.name
+    between = {"color": "--muted", "width": 1, "dash": "dot"}  # recordings
     layout = {
         "xaxis": axis("time [s]"),
         "yaxis": axis(title, range=[middle - reach, middle + reach]),
         "showlegend": False,
         "hovermode": "x unified",
         "margin": {"t": 12},
-        "shapes": [_boundary(end) for end in found.ends[:-1]],
+        "shapes": [segment((end, end), (0, 1), between, yref="paper", layer="below") for end in found.ends[:-1]],
     }
     return Figure(f"convergence-{column}", f"Estimates of {parameter.name} over time", data, layout, 260)
-
-
-def _boundary(time: float) -> JSON:
-    """Where one recording ends and the next begins."""
-    line = {"color": "--muted", "width": 1, "dash": "dot"}
-    return {"type": "line", "x0": time, "x1": time, "yref": "paper", "y0": 0, "y1": 1, "layer": "below", "line": line}

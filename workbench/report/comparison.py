@@ -1,7 +1,5 @@
 """Measured against modelled: torque, and position in free run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -32,17 +30,13 @@ def comparison(case: Case) -> Section:
         }
         for k in order
     ]
-    return Section(
-        "comparison",
-        "Comparison",
-        "Measured against modelled",
-        {
-            "runs": runs,
-            "held_out": case.data.holdout is not case.data.recordings,
-            "left_out": len(usable) - len(runs),
-            "found": bool(case.diagnosis.selected),
-        },
-    )
+    content = {
+        "runs": runs,
+        "held_out": case.data.holdout is not case.data.recordings,
+        "left_out": len(usable) - len(runs),
+        "found": bool(case.diagnosis.selected),
+    }
+    return Section("comparison", "Comparison", "Measured against modelled", content)
 
 
 def torque_figure(case: Case, k: int, torque: Array, residuals: Sequence[Array], noise: float) -> Figure:
@@ -60,10 +54,7 @@ def torque_figure(case: Case, k: int, torque: Array, residuals: Sequence[Array],
 def position_figure(case: Case, id: str, each: Sequence[Segments]) -> Figure:
     """Position of one recording and free-running simulations, each window started from the measured state.
 
-    Args:
-        case: whose models are drawn.
-        id: of the figure.
-        each: segments of the recording as each model starts them.
+    `each` are segments of the recording as each of the case's models starts them.
     """
     segments = each[0]
     points = int(np.clip(2 * DRAWING.points // len(segments.first), *PER_SEGMENT))

@@ -1,7 +1,5 @@
 """The diagnosis in words: what is missing, what that changes, what stays open."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Ranking of the candidate effects, and the experiment that would settle what is open."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Whole recordings of servos beside simulations that know nothing but the goal."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

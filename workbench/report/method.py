@@ -1,7 +1,5 @@
 """How this was done: recordings, windows, noise, and how to do it again."""
 
-from __future__ import annotations
-
 import shlex
 from typing import Any
 
@@ -25,7 +23,7 @@ def method(case: Case) -> Section:
         "split": not case.data.holdout,
         "seconds": SECONDS,
         "command": command(case),
-        "terms": [term.id for term in case.base.terms],
+        "terms": [term.id for term in case.diagnosis.steps[0].model.terms],
     }
     return Section("method", "Method", "How this was done", content)
 

@@ -1,0 +1,152 @@
+"""What a command was given, read: a model, and recordings of a pendulum or of an arm, whose links `--robot` names."""
+
+import argparse
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from estimators.arms.gains import in_torque, without_loads
+from estimators.preprocessing import Preprocessed
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import arm_base, body_of
+from pendulum_env.arms.model import ArmModel, Asked
+from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.physics import Model
+from pendulum_env.recording import Recording
+from pendulum_env.recording.record import TorqueConstant
+from pendulum_env.recording.study import Source
+from pendulum_env.words import plus_minus
+from workbench.inputs import check_outputs, given, read_all, read_model
+from workbench.mistakes import InputError
+from workbench.robot import RobotFile, held_text, loaded_text, meaning, straying
+from workbench.terminal import Terminal
+
+NOTHING = Asked()  # of a robot, where no model says what it was made of
+
+
+@dataclass(frozen=True)
+class Opened:
+    """What a command was given, read."""
+
+    model: Model  # that is named, or else one without parameters to start from
+    fitted: tuple[Source, ...]  # sources of what is fitted
+    recordings: list[Recording]  # to fit
+    holdout: list[Recording]  # to hold out
+    read: Callable[[Source], Recording] = Source.read  # how another recording is read
+
+    @property
+    def body(self) -> Body | None:
+        """The links of an arm; None of a pendulum."""
+        return body_of(self.model.terms)
+
+    def preprocessed(self, terminal: Terminal, align: bool | None = None) -> Preprocessed:
+        """Recordings in torque where known loads tell the torque constant, see `tell_preprocessed`."""
+        if self.body is not None:  # those of an arm are by now
+            return Preprocessed(tuple(self.recordings), tuple(self.holdout))
+        return tell_preprocessed(Preprocessed.of(self.recordings, self.holdout), align, terminal)
+
+
+def opened(
+    arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, holdout: bool = True
+) -> Opened:
+    """Refuse what could not be written; read the model, if one is named, and recordings in the format it knows.
+
+    Raises:
+        InputError, ModelError, RecordingError, StudyError; of an arm also BodyError, IdentificationError.
+    """
+    if arguments.robot is not None:
+        return _opened_arm(arguments, outputs, terminal)
+    asked = given(arguments)
+    check_outputs(outputs, asked.files)
+    path = getattr(arguments, "model", None) or ""
+    model = read_model(path) if path else Model()
+    asked = asked.read_as(model.log_format, path)
+    for source in (*asked.fitted, *asked.held_out):  # also those that are not read
+        if not os.path.exists(source.file):
+            raise InputError(f"{source.file}: there is no such file: check the path")
+    fitted = read_all(asked.fitted, terminal, Source.read)
+    held_out = read_all(asked.held_out if holdout else (), terminal, Source.read)
+    return Opened(model, asked.fitted, fitted, held_out)
+
+
+def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Terminal) -> Preprocessed:
+    """Say the torque constant if it is known, else we speak of currents; say what is logged late, and correct it.
+
+    With `align`, torque that is logged late or filtered is corrected, else only said; with None, nobody looks.
+    """
+    if given.constant is not None:
+        terminal.say(given.constant.text)
+    terminal.torque_unit = given.unit
+    timed = given if align is None else given.timed()
+    for text in timed.timing_texts(True):
+        terminal.say(f"{text}: corrected" if align else f"warning: {text}: correct it with --align", style="yellow")
+    return timed if align else given
+
+
+def _opened_arm(arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal) -> Opened:
+    """What a command was given of an arm, read: in N m, and without known loads, which tell gains of currents."""
+    refuse(arguments)
+    asked, path = given(arguments), getattr(arguments, "model", None) or ""
+    check_outputs(outputs, [*asked.files, arguments.robot])
+    made = Asked.of_model(path) if path else Asked()
+    asked = asked.read_as(made.log_format, path)
+    sources = (*asked.fitted, *asked.held_out)
+    robot = robot_of(arguments, sources, made)
+    robot.body()  # what is wrong with it comes first
+    recordings = read_all(sources, terminal, robot.read)
+    body = robot.body(made.held) if made.held else robot.holding(recordings)
+    tell_held(body, recordings, terminal)
+    torques = in_torque(recordings, body)
+    for joint, gain in torques.gains.items():
+        size = f"{plus_minus(gain.value, gain.std)} {body.worded(joint, gain.unit)}"
+        terminal.say(f"torque gain of {joint}: {size}, as known loads tell it")
+    for text in meaning(torques.recordings, body):
+        terminal.say(f"warning: {text}", style="yellow")
+    count = len(asked.fitted)
+    fitted, held_out = without_loads(torques.recordings[:count], torques.recordings[count:])
+    if text := loaded_text(torques.recordings, [*fitted, *held_out]):
+        terminal.say(text)
+    model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
+    sources = tuple(_with_gains(source, torques.gains) for source in asked.fitted)
+    return Opened(model, sources, list(fitted), list(held_out), robot.read)
+
+
+def read_arm_model(arguments: argparse.Namespace) -> ArmModel:
+    """The model of a robot that the arguments name; raises ModelError, BodyError as `RobotFile.body`."""
+    refuse(arguments)
+    made = Asked.of_model(arguments.model)
+    return ArmModel.load(arguments.model, robot_of(arguments, made=made).body(made.held))
+
+
+def _with_gains(source: Source, gains: Mapping[str, TorqueConstant]) -> Source:
+    """A source read with the gains of currents that known weights gave, as the next log of the arm has to be."""
+    found = {f"torque_{joint}": f"{gain.value:.6g}" for joint, gain in gains.items()}
+    columns = {name: text.replace("?", found.get(name, "?")) for name, text in source.columns.items()}
+    return replace(source, columns=columns)
+
+
+def robot_of(arguments: argparse.Namespace, sources: Sequence[Source] = (), made: Asked = NOTHING) -> RobotFile:
+    """The robot as the arguments, or else a study or the model that was `made` of it, ask for it."""
+    named = {arguments.joints, *(source.joints for source in sources)} - {None}
+    if len(named) > 1:
+        raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
+    joints, rotors = named.pop() if named else made.joints, True if arguments.rotors else made.rotors
+    light = arguments.no_gravity or made.weightless
+    return RobotFile(Path(arguments.robot), joints, arguments.base is not None, rotors, light)
+
+
+def tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal) -> None:
+    """Say which joints are held, and where recordings have them elsewhere."""
+    if text := held_text(body):
+        terminal.say(text)
+    for text in straying(body, recordings):
+        terminal.say(f"warning: {text}", style="yellow")
+
+
+def refuse(arguments: argparse.Namespace) -> None:
+    """Refuse options that say nothing of an arm."""
+    for option in arguments.of_pendulums:
+        if getattr(arguments, option) not in (None, False, {}):
+            name = {"fixed": "fix", "bounds": "bound"}.get(option, option.replace("_", "-"))
+            raise InputError(f"--{name} is for pendulums: leave it out with --robot")
