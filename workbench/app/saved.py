@@ -112,6 +112,7 @@ def _opened(folder: Path) -> State:
                 begun = replace(begun, terms=terms, model_file=_typed(str, content["model_file"]))
             begun.asked.check(begun.base_terms)
             return begun
+        _of_older(content["diagnosis"])
         hints, terms = get_type_hints(State), _typed(Model, content["base"]).terms
         known = {name: _typed(hints[name], content[key]) for key, name in MEMBERS.items()}
         origins = _typed(tuple[tuple[str, ...], ...], content["origins"])
@@ -127,6 +128,14 @@ def _opened(folder: Path) -> State:
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise Unreadable(f"{CONTENTS} makes no sense ({type(error).__name__}: {error}); {HINT}") from None
     return state
+
+
+def _of_older(diagnosis: JSON | None) -> None:
+    """Give a diagnosis of older sessions, which tell one table or none, and one noise floor, its tables and floors."""
+    if diagnosis is not None and "table" in diagnosis:
+        diagnosis["tables"] = [] if (table := diagnosis.pop("table")) is None else [table]
+    if diagnosis is not None and "noise_floor" in diagnosis:
+        diagnosis["floors"] = {"": diagnosis.pop("noise_floor")}
 
 
 def _data_of(state: State, found: Diagnosis, content: JSON) -> Preprocessed:
