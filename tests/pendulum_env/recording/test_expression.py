@@ -148,26 +148,6 @@ def test_expressions_are_told_and_applied(tmp_path) -> None:
     assert {"position is -motor:deg/6+5", "torque is i:A*0.5"} <= set(recording.notes)
 
 
-@pytest.mark.parametrize(
-    ("headers", "found"),
-    [
-        (
-            "__time,/joint_states/position[0],/joint_states/velocity[0],/joint_states/effort[0]",
-            "time position velocity torque",
-        ),
-        ("__time,/joint_states/elbow/position,/joint_states/elbow/effort", "time position torque"),
-        ("__time,/joint_states/position/elbow,/joint_states/effort/elbow", "time position torque"),
-        ("time,signals.theta,signals.tau", "time position torque"),
-        ("timestamp,observation.state[0],action[0],tau,episode_index", "time position reference torque segment"),
-        ("t,pos_estimate,vel_estimate,torque_estimate", "time position velocity torque"),
-        ("time,joint.position (deg),out.torque [Nm]", "time position torque"),
-    ],
-)
-def test_names_of_known_programs(headers: str, found: str) -> None:
-    columns = find_columns(headers.split(","))
-    assert sorted(columns, key=lambda quantity: columns[quantity].index) == found.split()
-
-
 def test_one_of_several_joints_has_to_be_chosen() -> None:
     headers = [f"/joint_states/{what}[{joint}]" for what in ("position", "effort") for joint in range(3)]
     with pytest.raises(RecordingError, match=re.escape("could all be position: say which with --columns")):

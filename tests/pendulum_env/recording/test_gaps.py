@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
+from pendulum_env.recording import RecordingError, read_recording
 
 Columns = dict[str, np.ndarray]
 COUNT = 2 * np.pi / 16384  # [rad] of a 14-bit encoder
-FORMATS = (".csv", ".csv.gz", ".parquet", ".npz")
 
 
 def motion(time: np.ndarray) -> Columns:
@@ -208,18 +207,6 @@ def test_runs_that_a_column_counts_are_segments_even_if_each_clock_begins_anew(s
     for part in recording.segments:
         np.testing.assert_allclose(part.time - part.time[0], np.arange(500) / 500, atol=1e-9)
         np.testing.assert_array_equal(part.position, columns["position"][:500])
-
-
-@pytest.mark.parametrize("suffix", FORMATS)
-def test_segments_and_reference_come_back_exactly(tmp_path: Path, suffix: str) -> None:
-    time = np.arange(900) / 300 + np.repeat([0.0, 0.0021, 5.0], 300)  # the first gap is shorter than a period
-    run = motion(time)
-    recording = Recording("run", **run, starts=(0, 300, 600), reference=np.sin(time))
-    write_recording(recording, tmp_path / f"run{suffix}")
-    back = read_recording(tmp_path / f"run{suffix}")
-    assert (back.starts, back.notes) == (recording.starts, ())
-    for quantity in ("time", "position", "torque", "velocity", "reference"):
-        np.testing.assert_array_equal(getattr(back, quantity), getattr(recording, quantity))
 
 
 @settings(max_examples=60)
