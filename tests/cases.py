@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 from estimators import Diagnosis, diagnose
 from estimators.paper import Experiment as PaperExperiment
 from estimators.paper import paper_experiment
@@ -21,10 +21,17 @@ PLANT = Plant()  # inertia 0.09, gravity 2, viscous 0.35, coulomb 0.8
 THETA = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.8}
 
 
-def recorded(plant: Plant, *experiments: Experiment) -> list[Recording]:
-    """Recordings of a plant, one of each experiment."""
-    runs = simulate([(plant, experiment) for experiment in experiments])
-    return [Recording(f"run {k}", run.time, run.position, run.torque) for k, run in enumerate(runs, 1)]
+def told(run: SimulatedRecording, name: str = "run") -> Recording:
+    """What a user has of a simulated run."""
+    return Recording(name, run.time, run.position, run.torque)
+
+
+def recorded(
+    plant: Plant, *experiments: Experiment, commands: Sequence[np.ndarray | None] | None = None
+) -> list[Recording]:
+    """Recordings of a plant, one of each experiment; a command [N m] takes the place of its excitation."""
+    runs = simulate([(plant, experiment) for experiment in experiments], commands)
+    return [told(run, f"run {k}") for k, run in enumerate(runs, 1)]
 
 
 @dataclass(frozen=True)
@@ -218,8 +225,7 @@ def recording(name: str) -> Recording:
     """The recording of a case."""
     case = CASES[name]
     plant = replace(case.plant, effects=case.plant.effects | case.hidden)
-    (run,) = simulate([(plant, case.experiment)], [case.command])
-    return Recording(name, run.time, run.position, run.torque)
+    return replace(recorded(plant, case.experiment, commands=[case.command])[0], name=name)
 
 
 Some = str | Recording | Sequence[str | Recording]
@@ -248,8 +254,7 @@ def plain() -> Model:
 def independent(rng: np.random.Generator, seconds: float, name: str) -> Recording:
     """The paper's run from a simulator that shares no code with the packages."""
     experiment = Experiment(seconds=seconds, seed=int(rng.integers(1000)))
-    (run,) = simulate([(Plant(*paper_plant().theta), experiment)])
-    return Recording(name, run.time, run.position, run.torque)
+    return replace(recorded(Plant(*paper_plant().theta), experiment)[0], name=name)
 
 
 @once("benchmarks", "estimators", "pendulum_env")

@@ -26,7 +26,7 @@ def run(equations: Equations, mask: np.ndarray, points: np.ndarray, dtype: type 
 )
 def test_history_equals_the_recursion(scheme, exact):
     """To 1e-9; the recursion itself, which starts from 1e7, needs long doubles to be that exact."""
-    equations, usable = scheme.regression(measure(exact.recording), BASE)
+    equations, usable = scheme.regression(measure(exact), BASE)
     points = np.array([200, 500, 1000])
     course = history(equations, usable, points)
     for k, state in enumerate(run(equations, usable, points, np.longdouble)):
