@@ -2,9 +2,8 @@
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
-from itertools import product
 
 import numpy as np
 import pytest
@@ -33,43 +32,28 @@ HELD = {"excitation": "pd_loop", "rate": 200.0, "counts": 16_384, "gains": (25.0
 
 
 def bench(
-    law: str = "none", loads: tuple[Load, ...] = tuple(LOADS), seed: int = 0, seconds: float = 10.0, **told: float
-) -> tuple[Recording, ...]:
+    law: str = "none", loads: Sequence[Load] = LOADS, seed: int = 0, seconds: float = 10.0, **told: float
+) -> list[Recording]:
     """Currents of a servo on a bench with known loads, by another simulator; each load is another plant to it."""
-    return benches(((law, loads, seed),), seconds, **told)[0]
-
-
-@cache
-def benches(
-    several: tuple[tuple[str, tuple[Load, ...], int], ...], seconds: float, **told: float
-) -> list[tuple[Recording, ...]]:
-    """Of several laws, loads and seeds; all at once, as a simulation of many takes little longer than one."""
     cases = []
-    for law, loads, seed in several:
-        for k, load in enumerate(loads):
-            weight = UNLOADED["gravity"] + load.gravity
-            friction = {
-                "motor": {"load_mu": 0.12},
-                "both": {"load_mu": 0.12, "load_w": weight},
-                "output": {"load_out": 0.12 * weight},
-            }
-            effects = {"load_dependent_friction": friction[law]} if law in friction else {}
-            of_both = {"inertia": UNLOADED["inertia"] + load.inertia, "gravity": UNLOADED["gravity"] + load.gravity}
-            experiment = Experiment(
-                **{**HELD, "seconds": seconds, "seed": 100 * seed + k, "torque_noise": 0.005, **told}
-            )
-            cases.append((Plant(**{**UNLOADED, **of_both}, effects=effects), experiment))
-    runs = iter(simulate(cases))
+    for k, load in enumerate(loads):
+        weight = UNLOADED["gravity"] + load.gravity
+        friction = {
+            "motor": {"load_mu": 0.12},
+            "both": {"load_mu": 0.12, "load_w": weight},
+            "output": {"load_out": 0.12 * weight},
+        }
+        effects = {"load_dependent_friction": friction[law]} if law in friction else {}
+        of_both = {"inertia": UNLOADED["inertia"] + load.inertia, "gravity": weight}
+        usual = HELD | {"seconds": seconds, "seed": 100 * seed + k, "torque_noise": 0.005}
+        cases.append((Plant(**UNLOADED | of_both, effects=effects), Experiment(**usual | told)))
     return [
-        tuple(
-            Recording(f"load {k}", run.time, run.position, run.torque / K, load=load, torque_unit="A")
-            for k, (load, run) in enumerate(zip(loads, runs, strict=False))
-        )
-        for _, loads, _ in several
+        Recording(f"load {k}", run.time, run.position, run.torque / K, load=load, torque_unit="A")
+        for k, (load, run) in enumerate(zip(loads, simulate(cases), strict=True))
     ]
 
 
-def in_newton_metres(recordings: tuple[Recording, ...]) -> list[Recording]:
+def in_newton_metres(recordings: list[Recording]) -> list[Recording]:
     return [replace(recording, torque=K * recording.torque, torque_unit="N m") for recording in recordings]
 
 
@@ -125,8 +109,7 @@ def test_nothing_is_missing_under_known_loads_and_much_without_them():
 @pytest.mark.parametrize("law", ["none", "motor", "both", "output"])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_torque_constant_is_right_whatever_friction_does_under_load(law, seed):
-    several = list(product(("none", "motor", "both", "output"), (tuple(LOADS),), (0, 1)))
-    found = torque_constant(benches(tuple(several), 10.0)[several.index((law, tuple(LOADS), seed))])
+    found = torque_constant(bench(law, seed=seed))
     assert isinstance(found, TorqueConstant)
     if law == "both":  # |i + w sin q| is no sum of what presses from either side, and the error says so
         assert abs(found.value - K) < 3 * found.std < 0.2 * K
@@ -140,7 +123,7 @@ def test_the_torque_constant_is_right_whatever_friction_does_under_load(law, see
 @pytest.mark.parametrize("excitation", ["two_tone", "filtered_noise"])
 def test_a_planned_current_tells_the_torque_constant(excitation):
     scale = {"two_tone": 0.7, "filtered_noise": 1.0}[excitation]
-    found = torque_constant(bench("motor", tuple(LOADS[:5]), excitation=excitation, scale=scale, rate=500.0))
+    found = torque_constant(bench("motor", LOADS[:5], excitation=excitation, scale=scale, rate=500.0))
     assert found.value == pytest.approx(K, rel=0.01)
 
 
@@ -158,15 +141,14 @@ def test_two_loads_are_enough_and_a_recording_without_one_is_a_load_of_none():
 @pytest.mark.parametrize("hung", [(0, 0, 0, 6), (6, 6, 6, 0)])
 def test_one_recording_that_differs_among_many_tells_as_much_as_two(hung):
     """Left out, nothing would be known: that is no scatter."""
-    runs = benches(tuple(("none", (LOADS[k],), seed) for seed, k in enumerate(hung)), 5.0)
-    found = torque_constant([run for (run,) in runs])
-    assert found.value == pytest.approx(K, rel=0.01)
+    runs = [bench(loads=[LOADS[k]], seed=seed, seconds=5.0)[0] for seed, k in enumerate(hung)]
+    assert torque_constant(runs).value == pytest.approx(K, rel=0.01)
 
 
 def test_standard_errors_of_the_torque_constant_are_honest():
     z = []
-    for runs in benches(tuple(("none", THREE, seed) for seed in range(8)), 5.0, counts=None):
-        found = torque_constant(runs)
+    for seed in range(8):
+        found = torque_constant(bench(loads=THREE, seed=seed, seconds=5.0, counts=None))
         z.append((found.value - K) / found.std)
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.8
 
@@ -260,7 +242,7 @@ def test_friction_that_is_pressed_by_the_load_itself_takes_each_load_into_accoun
 
 def test_an_effect_is_added_under_known_loads():
     model = Model.build(BASE, list(UNLOADED.values()))
-    found = add(model, "load_dependent_friction", bench("motor", tuple(LOADS[:6:2])))
+    found = add(model, "load_dependent_friction", bench("motor", LOADS[:6:2]))
     assert found.doubt is None and found.objection is None
     assert found.model.torque_constant.value == pytest.approx(K, rel=0.01)
     assert found.model.estimates["load_dependent_friction"].value == pytest.approx(0.12, rel=0.05)
@@ -288,4 +270,4 @@ def test_a_model_per_ampere_is_compared_with_currents_only(tmp_path):
     found = compare(model, run)
     assert found.torque_unit == "A" and "N m" not in found.headline + json.dumps(found.json())
     with pytest.raises(ModelError, match="the model is per A, and the recordings are in N m: read them alike"):
-        compare(model, in_newton_metres((run,)))
+        compare(model, in_newton_metres([run]))

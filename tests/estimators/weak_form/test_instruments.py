@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.excitation import smooth_reference
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators import IdentificationError, PreparedData, fit_terms
 from estimators.arguments import within_limits
 from estimators.preprocessing import gather
@@ -14,7 +14,7 @@ from estimators.weak_form.dataset import prepare
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
-from tests.cases import diagnosed
+from tests.cases import diagnosed, recorded
 
 TRUTH = np.array([0.09, 2.0, 0.35, 0.8])
 
@@ -23,20 +23,10 @@ TRUTH = np.array([0.09, 2.0, 0.35, 0.8])
 def disturbed() -> list[Recording]:
     """Six runs in which a random torque as large as friction drives the controller."""
     plant = Plant(effects={"random_walk_torque": {"walk_rms": 1.2, "walk_T": 0.15}})
-    experiments = [
-        Experiment(rate=500.0, seconds=20.0, excitation="pd_loop", scale=0.6, seed=seed, gains=(40.0, 4.0))
-        for seed in range(6)
-    ]
-    runs = simulate([(plant, experiment) for experiment in experiments])
+    experiments = [Experiment(500.0, 20.0, "pd_loop", 0.6, seed, gains=(40.0, 4.0)) for seed in range(6)]
     return [
-        Recording(
-            f"run {e.seed}",
-            r.time,
-            r.position,
-            r.torque,
-            reference=smooth_reference(np.random.default_rng([e.seed, 0]), r.time, e.scale),
-        )
-        for r, e in zip(runs, experiments, strict=True)
+        replace(run, reference=smooth_reference(np.random.default_rng([e.seed, 0]), run.time, e.scale))
+        for run, e in zip(recorded(plant, *experiments), experiments, strict=True)
     ]
 
 
