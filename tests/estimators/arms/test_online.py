@@ -101,6 +101,8 @@ def test_samples_and_schemes_that_make_no_sense_are_refused_at_once(body):
     ):
         with pytest.raises(ValueError, match=told):
             online.update(time, np.zeros(count), np.zeros(2))
+    for time in (0.002, 0.004, 0.1, 0.102):  # what was refused has not moved the clock; once it is known, 0.1 is a gap
+        online.update(time, np.zeros(2), np.zeros(2))
     for scheme in (six.scheme("hamiltonian", borrows="dynamic"), six.scheme("energy", operator=Integral(None))):
         with pytest.raises(ValueError, match="cannot run on an arm"):
             ArmEstimator(body, RATE, scheme=scheme)

@@ -24,7 +24,7 @@ from pendulum_env.physics.library import effect
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.registration import PENDULUM
 from tests import cases, slow
-from tests.feeding import fed
+from tests.feeding import fed, played
 
 RATE, COUNTS, SECONDS = 250.0, 65_536, 18.0
 HIDDEN = {
@@ -113,9 +113,7 @@ def test_a_wrapper_diagnoses_beside_others_and_adds_by_itself():
     env = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
     _, info = env.reset(seed=0)
     assert set(info["diagnosis"].not_run) == {"dead_time"}
-    for k in range(3000):
-        action = 3 * np.sin(12.07 * k / 200) + 3 * np.sin(2.25 * k / 200)
-        *_, info = env.step(np.array([action], dtype=np.float32))
+    *_, info = played(env, 3000)
     said = info["diagnosis"]
     assert said.added == ("gravity_tilt",) and "dynamic" in info["estimates"]
     assert said.kind == "nothing" and said.theta["gravity_tilt"] == pytest.approx(0.3, rel=0.05)
@@ -154,10 +152,8 @@ def test_a_vector_twin_diagnoses_each_and_leaves_out_what_was_not_measured():
         OneWithout(gym.make_vec(PENDULUM, num_envs=3, rate=200.0, effects=["torque_offset=0.3"])),
         candidates=["torque_offset"],
     )
-    _, info = env.reset(seed=0)
-    for k in range(1200):
-        action = 3 * np.sin(12.07 * k / 200) + 3 * np.sin(2.25 * k / 200)
-        *_, info = env.step(np.full((3, 1), action, dtype=np.float32))
+    env.reset(seed=0)
+    *_, info = played(env, 1200)
     assert [said.group for said in info["diagnosis"]] == [("torque_offset",), ("torque_offset",), ()]
     env.diagnoser.reset(np.array([True, False, False]))
     assert [said.kind for said in env.diagnoser.said] == ["calibrating", "missing", "calibrating"]

@@ -13,12 +13,7 @@ from estimators.regression.recursive import history
 from estimators.schemes import six
 from estimators.schemes.six import SCHEMES, LowPass
 from estimators.signals.measurements import Smoothing, measure
-from estimators.wrappers import (
-    EstimateParameters,
-    EstimateParametersVector,
-    InformationReward,
-    InformationRewardVector,
-)
+from estimators.wrappers import EstimateParameters, EstimateParametersVector, InformationReward, InformationRewardVector
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE
 from pendulum_env.plant import PAPER
@@ -229,25 +224,25 @@ def test_same_step_reset_pays_for_the_last_sample_and_keeps_what_was_handed_out(
 
 
 def test_wrong_use_is_explained():
-    with pytest.raises(ValueError, match=r"samples come every 0\.001 s, not at 500 Hz"):
-        last_info(EstimateParameters(gym.make(PENDULUM), rate=500.0), 10)
-    with pytest.raises(ValueError, match="a scheme is named twice"):
-        EstimateParameters(gym.make(PENDULUM), schemes=["dynamic", "dynamic"])
-    with pytest.raises(ValueError, match="a term is named twice"):
-        EstimateParameters(gym.make(PENDULUM), terms=["inertia", "inertia"])
-    with pytest.raises(ValueError, match="did you mean dynamic"):
-        EstimateParameters(gym.make(PENDULUM), schemes=["dynamics"])
-    with pytest.raises(ValueError, match="unknown effect 'stribek'"):
-        EstimateParameters(gym.make(PENDULUM), terms=["inertia", "stribek"])
-    with pytest.raises(ValueError, match="pass rate"):
-        EstimateParameters(gym.make("Pendulum-v1"))
-    with pytest.raises(ValueError, match="has to carry time, position and torque"):
-        EstimateParameters(gym.make("Pendulum-v1"), rate=100.0, schemes="dynamic").reset()
-    with pytest.raises(
-        ValueError, match=r"^InformationReward needs .*: wrap the environment in EstimateParameters first"
+    foreign, env = gym.make("Pendulum-v1"), gym.make(PENDULUM)
+    for made, why in (
+        (lambda: last_info(EstimateParameters(env, rate=500.0), 10), r"samples come every 0\.001 s, not at 500 Hz"),
+        (lambda: EstimateParameters(env, schemes=["dynamic", "dynamic"]), "a scheme is named twice"),
+        (lambda: EstimateParameters(env, terms=["inertia", "inertia"]), "a term is named twice"),
+        (lambda: EstimateParameters(env, schemes=["dynamics"]), "did you mean dynamic"),
+        (lambda: EstimateParameters(env, terms=["inertia", "stribek"]), "unknown effect 'stribek'"),
+        (lambda: EstimateParameters(foreign), "pass rate"),
+        (
+            lambda: EstimateParameters(foreign, rate=100.0, schemes="dynamic").reset(),
+            "to carry time, position and torque",
+        ),
+        (
+            lambda: InformationReward(env).reset(),
+            "^InformationReward needs .*: wrap the .* in EstimateParameters first",
+        ),
+        (lambda: InformationReward(env, prior=0.0), "give a small positive number"),
     ):
-        InformationReward(gym.make(PENDULUM)).reset()
-    with pytest.raises(ValueError, match="give a small positive number"):
-        InformationReward(gym.make(PENDULUM), prior=0.0)
+        with pytest.raises(ValueError, match=why):
+            made()
     with pytest.raises(TypeError, match="unexpected keyword argument 'forgeting'"):
-        EstimateParameters(gym.make(PENDULUM), forgeting=0.9)
+        EstimateParameters(env, forgeting=0.9)
