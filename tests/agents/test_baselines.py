@@ -101,8 +101,3 @@ def test_optimising_repeats_and_climbs():
     ]
     np.testing.assert_array_equal(*found)
     assert reached[7] > reached[0]
-
-
-def test_an_unknown_baseline_is_named():
-    with pytest.raises(ValueError, match="unknown baseline 'two_tone': did you mean two-tone"):
-        baseline("two_tone", "peak")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pendulum_env.physics import Model, ModelError, effects
+from pendulum_env.physics import Model, effects
 from pendulum_env.plant import hide, paper_plant, read_parameters, typical
 
 
@@ -57,11 +57,6 @@ def test_a_stop_may_be_left_out():
     assert "hard_stop.lower" not in plant.estimates
     assert plant == hide(paper_plant(), "hard_stop=40,-inf,0.9")
     assert Model.from_json(plant.json()) == plant
-
-
-def test_an_effect_can_be_hidden_once():
-    with pytest.raises(ModelError, match="stribeck"):
-        hide(hide(paper_plant(), "stribeck"), "stribeck=0.2")
 
 
 @pytest.mark.parametrize(
