@@ -132,10 +132,8 @@ def test_two_loads_are_enough_and_a_recording_without_one_is_a_load_of_none():
     found = torque_constant([replace(light, load=None), heavy])
     assert found == torque_constant([light, heavy])
     assert found.value == pytest.approx(K, rel=0.01)
-    told = re.fullmatch(r"torque constant (\S+) ± (\S+) N m/A, from 2 known loads", found.text)
-    assert float(told[1]) == pytest.approx(found.value, abs=found.std) and float(told[2]) == pytest.approx(
-        found.std, rel=0.1
-    )
+    value, std = map(float, re.fullmatch(r"torque constant (.+) ± (.+) N m/A, from 2 known loads", found.text).groups())
+    assert abs(value - found.value) < found.std and std == pytest.approx(found.std, rel=0.1)
 
 
 @pytest.mark.parametrize("hung", [(0, 0, 0, 6), (6, 6, 6, 0)])
@@ -172,28 +170,17 @@ def test_without_loads_that_differ_all_is_in_amperes_and_a_sentence_says_why():
         assert "N m" not in json.dumps(found.json())
 
 
-def test_a_load_under_which_nothing_moves_tells_nothing():
-    light, heavy = bench(loads=(LOADS[0], LOADS[6]))
+def test_what_tells_no_torque_constant_is_said():
+    light, heavy = runs = bench(loads=(LOADS[0], LOADS[6]))
     still = replace(heavy, position=np.zeros(len(heavy)), velocity=None)
     assert "only one was moved" in torque_constant([light, still])
-    known = torque_constant([light, heavy])
-    assert torque_constant([light, heavy, replace(still, load=LOADS[3])]).value == pytest.approx(known.value, rel=1e-3)
-
-
-def test_loads_that_hardly_differ_are_not_enough():
-    runs = bench(loads=(LOADS[3], LOADS[3]))
-    barely = [runs[0], replace(runs[1], load=Load(LOADS[3].inertia + 1e-5, LOADS[3].gravity + 1e-3))]
-    text = torque_constant(barely)
-    assert "take loads that differ more" in text
-
-
-def test_a_current_of_the_wrong_sign_is_said():
-    text = torque_constant([replace(r, torque=-r.torque) for r in bench(loads=(LOADS[0], LOADS[6]))])
+    more = torque_constant([*runs, replace(still, load=LOADS[3])])
+    assert more.value == pytest.approx(torque_constant(runs).value, rel=1e-3)
+    barely = Load(LOADS[3].inertia + 1e-5, LOADS[3].gravity + 1e-3)
+    first, second = bench(loads=(LOADS[3], LOADS[3]))
+    assert "take loads that differ more" in torque_constant([first, replace(second, load=barely)])
+    text = torque_constant([replace(run, torque=-run.torque) for run in runs])
     assert "it would be negative" in text and "minus sign" in text
-
-
-def test_units_are_not_mixed():
-    light, heavy = bench(loads=(LOADS[0], LOADS[6]))
     with pytest.raises(IdentificationError, match="torque is in A in load 0 and in N m in load 1: read all recordings"):
         identify([light, replace(heavy, torque_unit="N m")])
 
@@ -223,12 +210,10 @@ def test_a_diagnosis_in_amperes_names_friction_under_load_and_finds_the_joint():
     for name, value in UNLOADED.items():
         assert theta[name] == pytest.approx(value, rel=0.03), name
     assert theta["load_dependent_friction"] == pytest.approx(0.12, rel=0.05)
-    data = found.json()
-    assert data["torque_constant"]["value"] == found.torque_constant.value
-    assert data["torque_constant"]["unit"] == "N m/A"
-    assert Model.from_json(found.model.json()).torque_constant == Estimate(
-        found.torque_constant.value, found.torque_constant.std, "N m/A"
-    )
+    constant = Estimate(found.torque_constant.value, found.torque_constant.std, "N m/A")
+    data = found.json()["torque_constant"]
+    assert (data["value"], data["unit"]) == (constant.value, constant.unit)
+    assert Model.from_json(found.model.json()).torque_constant == constant
 
 
 def test_friction_that_is_pressed_by_the_load_itself_takes_each_load_into_account():

@@ -91,17 +91,19 @@ def test_what_no_torque_tells_apart_is_said_and_not_tried():
     assert any("the motor mounted the other way round" in text for text in found.advice)
 
 
-def test_a_suggestion_says_what_to_expect_and_survives_json():
+def test_a_suggestion_says_what_to_expect_and_survives_json_and_what_it_asks_is_open_and_not_rejected_above():
     _, found = first("a spring at small angles")
     suggestion = suggested(found)
     assert Aim("spring", "gravity") in suggestion.settles
     assert suggestion.peak_torque <= 6.0
     assert suggestion.reach[1] - suggestion.reach[0] > 1.0  # beyond the small angles
-    assert suggestion.text in found.advice
+    assert found.next_step == suggestion.text in found.advice and found.next_step not in found.remarks
     again = Suggestion.of(Value("the suggestion", "", found.json()["suggestion"]))
     time = np.linspace(0, suggestion.seconds, 999)
     np.testing.assert_array_equal(again.signal.signal(time), suggestion.signal.signal(time))
     assert again.json() == suggestion.json()
+    verdicts = {candidate.effect: candidate.verdict for candidate in found.candidates}
+    assert all(verdicts[aim.effect] in (Verdict.AMBIGUOUS, Verdict.NOT_EXCITED) for aim in suggestion.settles)
 
 
 @pytest.mark.slow
@@ -116,14 +118,6 @@ def test_the_suggested_motion_stays_within_what_the_rig_bears():
     assert weak.peak_torque <= 2.5
     assert np.abs(weak.signal.signal(np.linspace(0, weak.seconds, 9999))).max() <= 2.5
     assert diagnosed([recording, run]).selected == ("spring",)
-
-
-def test_what_is_asked_for_is_open_and_not_rejected_above():
-    _, found = first("a spring at small angles")
-    verdicts = {candidate.effect: candidate.verdict for candidate in found.candidates}
-    aims = {aim.effect for aim in suggested(found).settles}
-    assert aims and all(verdicts[effect] in (Verdict.AMBIGUOUS, Verdict.NOT_EXCITED) for effect in aims)
-    assert found.next_step == suggested(found).text and found.next_step not in found.remarks
 
 
 @pytest.mark.parametrize(

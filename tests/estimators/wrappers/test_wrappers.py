@@ -32,6 +32,16 @@ def last_info(env, steps, seed=0):
     return infos[-1]
 
 
+def paid(env, steps):
+    """Rewards of many pendulums in sum, and the last step of them."""
+    (observation, _), state, total = env.reset(seed=1), None, np.zeros(env.num_envs)
+    for _ in range(steps):
+        action, state = POLICY.predict(observation, state)
+        observation, reward, *ends, info = env.step(action)
+        total += reward
+    return total, observation, ends, info
+
+
 def test_estimates_while_it_runs_are_those_of_the_recording_and_converge_to_the_plant():
     """To 1e-9, beside another estimator that a wrapper inside has."""
     env = EstimateParameters(gym.make(PENDULUM, torque_noise=0.02), schemes=six.PAPER[3:4], forgetting=0.999)
@@ -173,22 +183,17 @@ def test_many_pendulums_are_estimated_like_one(mode):
             schemes=["dynamic", six.scheme("filtered_dynamic", operator=LowPass(order=2))],
         )
     )
-    observation, info = env.reset(seed=1)
-    assert observation.shape == (2, 3 + 2 * 2 * 4)
+    total, observation, (_, truncated), info = paid(env, 1500)
     plants = np.array(info.get("plant", [list(PAPER.values())] * 2))
-    state, total = None, np.zeros(2)
-    for _ in range(1500):
-        action, state = POLICY.predict(observation, state)
-        observation, reward, _, truncated, info = env.step(action)
-        total += reward
-    assert truncated.all() and (total > 20).all() and env.observation_space.contains(observation)
+    assert observation.shape == (2, 3 + 2 * 2 * 4) and env.observation_space.contains(observation)
+    assert truncated.all() and (total > 20).all()
     np.testing.assert_allclose(info["estimates"]["filtered_dynamic"]["theta"], plants, rtol=0.02)
     alone = gym.make(PENDULUM, counts=0, theta=plants[1].tolist())
     alone = InformationReward(EstimateParameters(alone, schemes="dynamic"))
     alone.reset()
     rewards = [alone.step(POLICY.predict(np.zeros(3), (k,))[0])[1] for k in range(1500)]
     assert sum(rewards) == pytest.approx(total[1], rel=0.02)
-    _, reward, _, _, info = env.step(action)  # starts all anew
+    _, reward, _, _, info = env.step(np.zeros((2, 1)))  # starts all anew
     assert (info["estimates"]["dynamic"]["theta"] == 0).all() and (reward == 0).all()
 
 
@@ -208,12 +213,7 @@ def test_same_step_reset_pays_for_the_last_sample_and_keeps_what_was_handed_out(
     for mode in ("NextStep", "SameStep"):
         env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=400, autoreset_mode=mode)
         env = InformationRewardVector(EstimateParametersVector(env, schemes="dynamic"))
-        observation, _ = env.reset(seed=0)
-        state, total = None, np.zeros(2)
-        for _ in range(400):
-            action, state = POLICY.predict(observation, state)
-            observation, reward, _, truncated, info = env.step(action)
-            total += reward
+        total, _, (_, truncated), info = paid(env, 400)
         assert truncated.all()
         totals.append(total)
     assert (totals[0] > 10).all()
