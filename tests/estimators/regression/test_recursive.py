@@ -26,14 +26,9 @@ def test_error_is_the_one_before_the_update():
     assert second.error == pytest.approx(2.0, abs=1e-5)
 
 
-def test_history_before_any_equation_is_the_prior():
-    equations = Equations(np.ones((10, 2)), np.ones(10))
-    course = history(equations, np.arange(10) >= 5, np.array([3, 9]))
+def test_history_before_any_equation_is_the_prior_and_its_points_end_at_the_last_one():
+    course = history(Equations(np.ones((10, 2)), np.ones(10)), np.arange(10) >= 5, np.array([3, 9]))
     np.testing.assert_allclose(course.theta[0], 0, atol=1e-12)
     np.testing.assert_allclose(course.P[0], PRIOR * np.eye(2))
     np.testing.assert_allclose(course.theta[1], 0.5, rtol=1e-6)  # two equal columns share what they explain
-
-
-def test_evenly_ends_at_the_last_equation():
-    assert evenly(1000, 4).tolist() == [250, 500, 749, 999]
-    assert evenly(3, 200).tolist() == [1, 2]
+    assert (evenly(1000, 4).tolist(), evenly(3, 200).tolist()) == ([250, 500, 749, 999], [1, 2])

@@ -58,10 +58,11 @@ def test_what_is_known_beforehand_stays_so_beside_instruments(disturbed):
 
 
 def test_what_instruments_cannot_do_is_refused(disturbed):
-    with pytest.raises(IdentificationError, match="has no reference"):
-        fit_by_reference(prepare([replace(disturbed[0], reference=None)]), BASE)
-    with pytest.raises(IdentificationError, match="dead_time depends on more than the motion"):
-        fit_by_reference(prepare(disturbed), (*BASE, effect("dead_time")()))
-    still = replace(disturbed[0], reference=np.zeros(len(disturbed[0])))
-    with pytest.raises(IdentificationError, match="reference moves too little"):
-        fit_by_reference(prepare([still]), BASE)
+    run, still = disturbed[0], np.zeros(len(disturbed[0]))
+    for recording, terms, why in (
+        (replace(run, reference=None), BASE, "has no reference"),
+        (run, (*BASE, effect("dead_time")()), "dead_time depends on more than the motion"),
+        (replace(run, reference=still), BASE, "reference moves too little"),
+    ):
+        with pytest.raises(IdentificationError, match=why):
+            fit_by_reference(prepare([recording]), terms)

@@ -64,7 +64,7 @@ def test_every_column_is_a_cubic_spline_and_together_they_are_all_there_are(kind
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_table_says_nothing_that_the_base_model_says(kind):
+def test_a_table_says_nothing_that_the_base_model_says_and_goes_on_beyond_its_ends_or_round_the_turn(kind):
     low, high, *_ = kind.extent
     x = low + (high - low) * (np.arange(20_000) + 0.5) / 20_000
     for law in SAID_ALREADY.get(kind.id, []):
@@ -72,11 +72,6 @@ def test_a_table_says_nothing_that_the_base_model_says(kind):
         assert np.abs(inner).max() < 2e-3
     if kind.id == "gain_by_speed":
         np.testing.assert_allclose(values(kind, [0.0]), 0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_beyond_its_ends_a_table_goes_on_as_it_ends_or_round_the_turn(kind):
-    _, high, *_ = kind.extent
     if kind.extent.is_turn:
         x = np.linspace(-3.0, 3.0, 41)
         np.testing.assert_allclose(values(kind, x + 4 * np.pi), values(kind, x), atol=1e-9)
