@@ -100,9 +100,8 @@ def test_energy_is_kept_without_friction_and_else_lost_to_its_work() -> None:
     spring = {"spring": {"spring_k": 0.3, "spring_q0": 0.2}}
     free, damped = Plant(viscous=0.0, coulomb=0.0, effects=spring), Plant(viscous=0.1, coulomb=0.2, effects=spring)
     experiment = Experiment(rate=1000, seconds=5, start=(2.5, 1.0), **EXACT)
-    for plant, run in zip(
-        (free, damped), simulate([(free, experiment), (damped, experiment)], 2 * [np.zeros(5000)]), strict=True
-    ):
+    runs = simulate([(free, experiment), (damped, experiment)], 2 * [np.zeros(5000)])
+    for plant, run in zip((free, damped), runs, strict=True):
         q, v = run.position, run.velocity
         energy = 0.5 * plant.inertia * v**2 - plant.gravity * np.cos(q) + 0.15 * (q - 0.2) ** 2
         work = np.trapezoid(plant.viscous * v**2 + plant.coulomb * np.abs(v), run.time)

@@ -210,9 +210,8 @@ def test_spec_rebuilds_it_and_the_picture_shows_what_is_known():
 
 
 def test_a_diagnosis_knows_the_arms_effects_and_takes_one_in():
-    env = DiagnoseOnline(
-        gym.make(ARM, rate=500, effects="cogging@elbow=12,0.4"), candidates=["cogging", "quadratic_drag@elbow"]
-    )
+    env = gym.make(ARM, rate=500, effects="cogging@elbow=12,0.4")
+    env = DiagnoseOnline(env, candidates=["cogging", "quadratic_drag@elbow"])
     assert driven(env, 3000)[0]["diagnosis"].group == ("cogging@elbow",)
     assert env.add("cogging@elbow").id == "cogging@elbow" and env.diagnoser.said.added == ("cogging@elbow",)
     with pytest.raises(ValueError, match="unknown effect of joints 'stribek': did you mean stribeck"):

@@ -169,11 +169,8 @@ def test_nothing_reaches_across_a_gap():
     good = run("multisine", 500.0)
     gap = slice(2900, 3100)
     late = logged_late(good, 5)
-    holey = replace(
-        late,
-        **{name: np.delete(getattr(late, name), gap) for name in ("time", "position", "torque")},
-        starts=(0, 2900),
-    )
+    kept = {name: np.delete(getattr(late, name), gap) for name in ("time", "position", "torque")}
+    holey = replace(late, **kept, starts=(0, 2900))
     found = align([holey])
     assert found.delay == pytest.approx(0.01, abs=2e-4)
     mended = replace(found, channel=replace(found.channel, delay=0.01)).apply(holey)

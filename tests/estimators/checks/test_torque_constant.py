@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,13 +26,10 @@ K = 0.873  # [N m/A]
 UNLOADED = {"inertia": 0.03, "gravity": 0.6, "viscous": 0.15, "coulomb": 0.25}
 ARMS = [(0.0, 0.2), (0.3, 0.1), (0.3, 0.2), (0.5, 0.15), (0.5, 0.2), (0.8, 0.15), (0.8, 0.2), (1.0, 0.2)]  # [kg], [m]
 LOADS = [Load(m * r * r, 9.81 * m * r) for m, r in ARMS]
-MOTOR = {"load_dependent_friction": {"load_mu": 0.12}}
 HELD = {"excitation": "pd_loop", "rate": 200.0, "counts": 16_384, "gains": (25.0, 1.0), "torque_limit": 10.0}
 
 
-def bench(
-    law: str = "none", loads: Sequence[Load] = LOADS, seed: int = 0, seconds: float = 10.0, **told: float
-) -> list[Recording]:
+def bench(law="none", loads=LOADS, seed=0, seconds=10.0, **told: float) -> list[Recording]:
     """Currents of a servo on a bench with known loads, by another simulator; each load is another plant to it."""
     cases = []
     for k, load in enumerate(loads):
@@ -154,7 +150,7 @@ def test_standard_errors_of_the_torque_constant_are_honest():
 def test_without_loads_that_differ_all_is_in_amperes_and_a_sentence_says_why():
     one, other = (replace(recording, load=LOADS[3]) for recording in bench(loads=(LOADS[3],), seed=0)[:1] * 2)
     for runs, why in (
-        ([one, other], "all recordings have the same load"),
+        ([one, other], "have the same load"),
         ([replace(one, load=None)], "known loads that differ are needed"),
     ):
         text = torque_constant(runs)
@@ -196,9 +192,8 @@ def test_errors_of_parameters_include_that_of_the_torque_constant():
     widened = identify([replace(r, torque_constant=loose) for r in wide.recordings], schemes="dynamic")["dynamic"]
     # I = K phi - dI: of a fit to a light and a heavy recording, an error of K moves inertia by more than its share
     assert widened.model.estimates["inertia"].std > 0.05 * UNLOADED["inertia"]
-    np.testing.assert_allclose(
-        widened.convergence.std[-1], [e.std for e in widened.model.estimates.values()], rtol=1e-9
-    )
+    stds = [estimate.std for estimate in widened.model.estimates.values()]
+    np.testing.assert_allclose(widened.convergence.std[-1], stds, rtol=1e-9)
 
 
 @pytest.mark.slow

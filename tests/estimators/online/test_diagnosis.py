@@ -148,10 +148,8 @@ class OneWithout(VectorWrapper):
 
 
 def test_a_vector_twin_diagnoses_each_and_leaves_out_what_was_not_measured():
-    env = DiagnoseOnlineVector(
-        OneWithout(gym.make_vec(PENDULUM, num_envs=3, rate=200.0, effects=["torque_offset=0.3"])),
-        candidates=["torque_offset"],
-    )
+    env = OneWithout(gym.make_vec(PENDULUM, num_envs=3, rate=200.0, effects=["torque_offset=0.3"]))
+    env = DiagnoseOnlineVector(env, candidates=["torque_offset"])
     env.reset(seed=0)
     *_, info = played(env, 1200)
     assert [said.group for said in info["diagnosis"]] == [("torque_offset",), ("torque_offset",), ()]

@@ -56,9 +56,8 @@ def test_power_is_torque_times_velocity_and_impulse_its_integral(term):
 
     exact, sampled = made(slice(None), 0.5 * period), made(coarse, period)
     if term.id in exact.memory:  # states are those of the samples
-        exact = dataclasses.replace(
-            exact, memory={term.id: tuple(np.interp(fine, fine[coarse], s) for s in sampled.memory[term.id])}
-        )
+        states = tuple(np.interp(fine, fine[coarse], s) for s in sampled.memory[term.id])
+        exact = dataclasses.replace(exact, memory={term.id: states})
     for column in (*term.columns, *term.fixed):
         torque = torque_view(exact, column)
         size = np.abs(torque).max() + 1e-9
@@ -119,10 +118,8 @@ def test_second_order_filter_keeps_encoder_noise_out_of_the_inertia(paper_run):
     count = 2 * np.pi / 65_536
     coarse = dataclasses.replace(paper_run, position=np.round(paper_run.position / count) * count)
     raw = Smoothing(0, slowest=0.12)  # five times the noise of such a velocity
-    bias = [
-        fit(six.scheme("filtered_dynamic", operator=LowPass(order=order)), coarse, raw)[0] / TRUTH[0] - 1
-        for order in (1, 2)
-    ]
+    schemes = (six.scheme("filtered_dynamic", operator=LowPass(order=order)) for order in (1, 2))
+    bias = [fit(scheme, coarse, raw)[0] / TRUTH[0] - 1 for scheme in schemes]
     smoothed = fit(six.scheme("filtered_dynamic"), coarse)[0] / TRUTH[0] - 1
     assert bias[0] < -0.005
     assert abs(bias[1]) < 0.2 * abs(bias[0])

@@ -68,13 +68,9 @@ def test_dry_friction_may_be_what_gravity_or_a_load_overcame():
 
 
 def test_a_payload_may_overcome_dry_friction_but_a_stop_may_not_and_bristles_do_not_push():
-    dropped, stopped, bristles = (
-        effect("payload_change")(5.0),
-        effect("hard_stop")(-1.0, 1.0),
-        effect("presliding")(0.01),
-    )
-    assert impossible(Model.build([*BASE, dropped], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
-    (told,) = impossible(Model.build([*BASE, stopped], [0.1, 0.1, 0.01, 8.0, 100.0]), {"": swinging()})
+    dropped, stopped, bristles = (effect(id) for id in ("payload_change", "hard_stop", "presliding"))
+    assert impossible(Model.build([*BASE, dropped(5.0)], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
+    (told,) = impossible(Model.build([*BASE, stopped(-1.0, 1.0)], [0.1, 0.1, 0.01, 8.0, 100.0]), {"": swinging()})
     assert "dry friction of 8 N m" in told
     for force, wrong in ((0.1, []), (-0.1, ["presliding = -0.1 N m"])):
-        assert impossible(Model.build([*BASE, bristles], [0.1, 2.0, 0.1, 0.3, force]), {"": X}) == wrong
+        assert impossible(Model.build([*BASE, bristles(0.01)], [0.1, 2.0, 0.1, 0.3, force]), {"": X}) == wrong

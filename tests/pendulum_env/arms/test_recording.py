@@ -76,9 +76,7 @@ def test_an_unknown_name_of_a_column_is_refused(tmp_path):
 def test_what_is_noted_of_a_column_can_be_pasted_for_its_joint(tmp_path):
     time = np.arange(4000) / 200.0
     torque = 40 * np.sin(0.4 * time) * np.sin(2 * time)
-    q = moved(
-        torque, lambda t, q, v: 9.81 * q + 0.2 * v, start=1.0
-    )  # on a spring, more than a turn: it could be degrees
+    q = moved(torque, lambda t, q, v: 9.81 * q + 0.2 * v, start=1.0)  # on a spring: it could be degrees
     path = table(tmp_path / "run.csv", time=time, position_hip=q, torque_hip=torque)
     recording = read_arm_recording(path, ("hip",))
     assert "read it with --columns position_hip=position_hip:deg,torque_hip=torque_hip" in recording.notes[-1]

@@ -69,6 +69,5 @@ def test_the_documented_configuration_is_whole_and_has_the_defaults(written):
     for key in ("adapter", "rate", "torque_sign", "realtime", "log"):
         assert f"\n{key} = " in "\n" + block
     plain = load(written(PLAIN))
-    assert (shown.encoder, shown.limits, shown.fault, shown.rest) == (
-        plain.encoder, plain.limits, plain.fault, plain.rest,
-    )  # fmt: skip
+    for name in ("encoder", "limits", "fault", "rest"):
+        assert getattr(shown, name) == getattr(plain, name)

@@ -16,10 +16,7 @@ import pytest
 from tests import slow
 from tests.pendulum_env.rigs import KINDS, SLOW, Disturbed
 
-pytestmark = [
-    pytest.mark.realtime,
-    pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals of Unix"),
-]
+pytestmark = [pytest.mark.realtime, pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals of Unix")]
 
 IN_TIME = 0.1  # [s]
 HOST = """

@@ -98,9 +98,8 @@ def falling(gravity: float) -> Step:
     push, speed, height = names("push"), names("speed"), names("height", 2)
     after = 0.5 * speed + push - gravity
     moved = height + np.array([after, 2.0 * after])
-    return Step(
-        {"push": push}, {"speed": speed, "height": height}, {"speed": after, "height": moved, "sum": moved @ moved}
-    )
+    now = {"speed": after, "height": moved, "sum": moved @ moved}
+    return Step({"push": push}, {"speed": speed, "height": height}, now)
 
 
 @pytest.mark.parametrize("lanes", [1, 3, MANY + 1])

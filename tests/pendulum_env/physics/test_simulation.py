@@ -83,9 +83,7 @@ CASES = {
 }
 
 
-def reference(
-    case: Case, torque: np.ndarray, period: float, start: tuple[float, float]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def reference(case: Case, torque: np.ndarray, period: float, start: tuple[float, float]):
     """Position, velocity (N + 1,) and whether each period ends in stick."""
 
     def net(t: float, q: float, v: float, u: float) -> float:

@@ -103,13 +103,14 @@ def test_compiled_and_plain_simulation_agree_with_an_integrator_that_knows_the_c
         q, v = state
         by_angle = own(np.mod(q + np.pi, 2 * np.pi) - np.pi if kind.extent.is_turn else np.clip(q, *kind.extent[:2]))
         by_speed = own(np.clip(v, *kind.extent[:2]))
-        lost = {
-            "torque_by_angle": by_angle,
-            "friction_by_angle": by_angle,
-            "friction_by_speed": by_speed,
-            "gain_by_speed": 5.0 * by_speed,
-        }[kind.id]
-        rest = 5.0 - lost - value["gravity"] * np.sin(q) - value["viscous"] * v - value["coulomb"]
+        lost = by_speed if kind.axis == "velocity" else by_angle
+        rest = (
+            5.0
+            - lost * (5.0 if kind.id == "gain_by_speed" else 1.0)
+            - value["gravity"] * np.sin(q)
+            - value["viscous"] * v
+            - value["coulomb"]
+        )
         return v, rest / value["inertia"]
 
     exact = solve_ivp(law, (0.0, 0.4), (-0.3, 0.5), method="DOP853", rtol=1e-10, atol=1e-10).y[0, -1]

@@ -27,9 +27,7 @@ EXPRESSIONS = st.builds(
 
 
 @given(expression=EXPRESSIONS, others=st.lists(NAMES, max_size=3), column=st.floats(-1e3, 1e3))
-def test_what_is_written_is_read_back_and_does_what_python_makes_of_it(
-    expression: Expression, others: list[str], column: float
-) -> None:
+def test_what_is_written_is_read_back_and_does_what_python_makes_of_it(expression: Expression, others, column) -> None:
     sign = "-" if expression.negative else ""
     expected = eval(f"{sign}{column!r}{''.join(expression.factors)}{expression.offset or ''}", {"pi": math.pi})
     assert expression.gain * column + expression.shift == pytest.approx(expected, rel=1e-9, abs=1e-9)

@@ -85,14 +85,11 @@ def test_record_refuses(change: dict[str, np.ndarray], match: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_round_trip_is_exact_with_its_segments_and_reference_or_without(
-    swing: Recording, tmp_path: Path, suffix: str
-) -> None:
+def test_round_trip_is_exact_with_segments_and_reference_or_without(swing, tmp_path: Path, suffix: str) -> None:
     path, time = tmp_path / f"a.run{suffix}", np.arange(900) / 300 + np.repeat([0.0, 0.0021, 5.0], 300)
     goal, starts = np.sin(time), (0, 300, 600)  # the first gap is shorter than a period
-    gappy = Recording(
-        "gappy", time, np.sin(7 * time), np.cos(time), 7 * np.cos(7 * time), starts=starts, reference=goal
-    )
+    told = {"starts": starts, "reference": goal}
+    gappy = Recording("gappy", time, np.sin(7 * time), np.cos(time), 7 * np.cos(7 * time), **told)
     for recording in (swing, Recording("bare", swing.time, swing.position, swing.torque), gappy):
         write_recording(recording, path)
         back = read_recording(path)
@@ -485,9 +482,7 @@ LOST = "missing after"
         ([40, 777, 778], "3 samples are missing after 0.078, 1.552 s: filled in by interpolation"),
     ],
 )
-def test_lost_samples_are_filled_in_without_touching_the_others(
-    write: Write, swing: Recording, gone: list[int], note: str
-) -> None:
+def test_lost_samples_are_filled_in_without_touching_the_others(write: Write, swing: Recording, gone, note) -> None:
     whole = {"time": swing.time, "position": swing.position, "velocity": swing.velocity, "torque": swing.torque}
     path = write({name: np.delete(column, gone) for name, column in whole.items()}, digits="%.17g")
     recording = read_recording(path)
@@ -531,9 +526,7 @@ def test_seconds_since_1970_keep_their_uniformity(write: Write, columns: Columns
 # Size
 
 
-def test_plain_text_is_read_in_this_process_unless_it_is_large(
-    write: Write, columns: Columns, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_plain_text_is_read_in_this_process_unless_it_is_large(write: Write, columns: Columns, monkeypatch) -> None:
     path = write(columns)
     with monkeypatch.context() as patch:
         patch.setattr(storage, "isolated", None)
@@ -573,9 +566,7 @@ def test_a_spring_is_not_taken_for_degrees(write: Write, bent: float) -> None:
 
 
 @pytest.mark.parametrize(("drift", "asymmetry"), [(0.12, 0.0), (0.06, 0.8)])
-def test_a_wheel_that_runs_off_under_a_torque_that_drifts_is_not_taken_for_degrees(
-    write: Write, drift: float, asymmetry: float
-) -> None:
+def test_a_wheel_that_runs_off_under_a_torque_that_drifts_is_not_taken_for_degrees(write, drift, asymmetry) -> None:
     time = np.arange(4000) / 200.0
     torque = 2 * np.sin(2 * time) + 1.4 * np.sin(0.7 * time) - 1.2
     q = moved(torque, lambda t, q, v: drift * t + (0.6 + asymmetry * (v > 0)) * v)  # no gravity acts on it

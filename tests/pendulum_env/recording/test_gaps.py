@@ -208,9 +208,7 @@ def test_runs_that_a_column_counts_are_segments_even_if_each_clock_begins_anew(s
     jitter=st.sampled_from([0.0, 0.0, 0.1]),
     seed=st.integers(0, 9),
 )
-def test_whatever_is_lost_the_rest_is_true(
-    tmp_path_factory: pytest.TempPathFactory, gone: list[tuple[int, int]], jitter: float, seed: int
-) -> None:
+def test_whatever_is_lost_the_rest_is_true(tmp_path_factory, gone: list[tuple[int, int]], jitter: float, seed: int):
     rng = np.random.default_rng(seed)
     time = (np.arange(2000) + rng.uniform(-jitter, jitter, 2000)) / 500
     lost = np.unique(np.concatenate([np.arange(0), *(np.arange(a, min(a + n, 2000)) for a, n in gone)]))

@@ -24,9 +24,8 @@ from pendulum_env.recording import (
 from pendulum_env.recording.study import read_sources
 from pendulum_env.servo.drive import Drive
 
-TEXT = st.text(st.characters(exclude_categories=("Cs",), exclude_characters="\0"), min_size=1, max_size=15).filter(
-    str.strip
-)
+ANY = st.characters(exclude_categories=("Cs",), exclude_characters="\0")
+TEXT = st.text(ANY, min_size=1, max_size=15).filter(str.strip)
 NAMES = st.from_regex(r"[a-z][a-z0-9 äß'#\[\]=.-]{0,8}\.csv", fullmatch=True)
 SECONDS = st.floats(0, 1e4)
 LOADS = st.builds(Load, st.floats(0, 1e3), st.floats(-1e3, 1e3))
