@@ -20,6 +20,7 @@ from tests.once import once
 
 PLANT = Plant()  # inertia 0.09, gravity 2, viscous 0.35, coulomb 0.8
 THETA = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.8}
+TRUTH = np.array(list(THETA.values()))
 
 
 def told(run: SimulatedRecording, name: str = "run") -> Recording:
@@ -211,7 +212,7 @@ def _listed(some: Some) -> list[Recording]:
 
 def plain() -> Model:
     """The plant of the catalogue, with nothing hidden."""
-    return Model.build(BASE, np.array(list(THETA.values())))
+    return Model.build(BASE, TRUTH)
 
 
 def independent(rng: np.random.Generator, seconds: float, name: str) -> Recording:

@@ -16,9 +16,8 @@ from pendulum_env.physics import BASE
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
 from tests import slow
-from tests.cases import recorded
+from tests.cases import TRUTH, recorded
 
-TRUTH = (0.09, 2.0, 0.35, 0.8)  # of a plain plant
 KINDS = ("two_tone", "multisine", "chirp", "prbs", "steps")
 
 

@@ -16,9 +16,9 @@ from estimators.signals.measurements import of_steps
 from estimators.wrappers import EstimateParameters, EstimateParametersVector
 from pendulum_env.physics import BASE, effect
 from pendulum_env.registration import PENDULUM
+from tests.cases import TRUTH
 from tests.feeding import fed, played
 
-TRUTH = np.array([0.09, 2.0, 0.35, 0.8])
 PERIOD = 0.02  # [s]
 
 

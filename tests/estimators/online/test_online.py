@@ -19,6 +19,7 @@ from estimators.signals.measurements import choose_smoothing, measure, remember
 from pendulum_env.physics import BASE, Column, Term, effect
 from pendulum_env.recording import Recording
 from tests import slow
+from tests.cases import TRUTH
 from tests.feeding import fed
 from tests.terms import Clipped, Table
 
@@ -159,29 +160,26 @@ def test_nothing_is_told_across_a_gap_or_a_lost_sample(paper_run):
 
 
 @cache
-def stick_and_slip(runs: int, seconds: float, change: float | None = None) -> tuple[list, np.ndarray]:
-    """Many runs of an independent simulator, and the truth at first."""
+def stick_and_slip(runs: int, seconds: float, change: float | None = None) -> list:
+    """Many runs of an independent simulator."""
     heavier = {} if change is None else {"payload_change": {"pay_I": 0.03, "pay_mgl": 0.6, "pay_t": change}}
-    plant, experiment = Plant(effects=heavier), Experiment(rate=500.0, seconds=seconds, torque_noise=0.05)
-    records = simulate([(plant, replace(experiment, seed=seed)) for seed in range(runs)])
-    truth = np.array([plant.inertia, plant.gravity, plant.viscous, plant.coulomb])
-    return records, truth
+    experiment = Experiment(rate=500.0, seconds=seconds, torque_noise=0.05)
+    return simulate([(Plant(effects=heavier), replace(experiment, seed=seed)) for seed in range(runs)])
 
 
-def coverage(now: Estimates, truth: np.ndarray) -> np.ndarray:
+def coverage(now: Estimates) -> np.ndarray:
     """Share of runs whose 95 % interval holds the truth (S, P)."""
     std = np.sqrt(np.einsum("bsii->bsi", now.covariance))
-    return (np.abs(now.theta - truth) < 1.96 * std).mean(axis=0)
+    return (np.abs(now.theta - TRUTH) < 1.96 * std).mean(axis=0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("forgetting", [1.0, 0.998])
 def test_intervals_hold_the_truth_as_often_as_they_say(forgetting):
     """200 seeded runs: 90 to 99 %, for every scheme on average over its parameters; also after many memories."""
-    recordings, truth = stick_and_slip(200, 20.0)
-    estimates = fed(OnlineEstimator(500.0, batch=200, forgetting=forgetting), recordings)
+    estimates = fed(OnlineEstimator(500.0, batch=200, forgetting=forgetting), stick_and_slip(200, 20.0))
     for now in (estimates[4000], estimates[-1]):
-        share = coverage(now, truth)
+        share = coverage(now)
         assert (share > 0.86).all(), share
         assert ((share.mean(axis=1) > 0.90) & (share.mean(axis=1) < 0.99)).all(), share
 
@@ -189,10 +187,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say(forgetting):
 @pytest.mark.slow
 def test_parameters_that_may_wander_are_not_claimed_to_be_known_better():
     """They stand still here, so that the intervals hold more than they say; but errors come near them."""
-    recordings, truth = stick_and_slip(50, 10.0)
-    now = fed(OnlineEstimator(500.0, batch=50, random_walk=0.02), recordings)[-1]
-    z = (now.theta - truth) / np.sqrt(np.einsum("bsii->bsi", now.covariance))
-    assert (coverage(now, truth) > 0.9).all()
+    now = fed(OnlineEstimator(500.0, batch=50, random_walk=0.02), stick_and_slip(50, 10.0))[-1]
+    z = (now.theta - TRUTH) / np.sqrt(np.einsum("bsii->bsi", now.covariance))
+    assert (coverage(now) > 0.9).all()
     assert (np.sqrt(np.mean(z**2, axis=0)) > 0.1).all()
 
 
@@ -205,7 +202,7 @@ def test_what_cannot_be_told_is_not_said_to_be_known():
     assert (np.diff(one_way.position[200:]) > 0).all()
     now = fed(OnlineEstimator(1000.0, terms), one_way)[-1]
     std = np.sqrt(np.einsum("bsii->bsi", now.covariance))[0]
-    truth = np.array([0.09, 2.0, 0.35, 0.8, 0.0, 0.0])
+    truth = np.r_[TRUTH, 0.0, 0.0]
     assert np.isfinite(std).all()
     assert (std[:, [3, 4, 5]] > 1.0).all(), std
     assert (std[:, :2] < 0.1 * truth[:2]).all()
@@ -218,9 +215,8 @@ def test_what_cannot_be_told_is_not_said_to_be_known():
     ids=str,
 )
 def test_a_payload_picked_up_in_mid_run_is_tracked_by_who_forgets(memory):
-    recordings, before = stick_and_slip(20, 14.0, change=7.0)
-    theta = fed(OnlineEstimator(500.0, batch=20, **memory), recordings)[-1].theta
-    after = before + np.array([0.03, 0.6, 0.0, 0.0])
+    theta = fed(OnlineEstimator(500.0, batch=20, **memory), stick_and_slip(20, 14.0, change=7.0))[-1].theta
+    after = TRUTH + np.array([0.03, 0.6, 0.0, 0.0])
     error = np.median(np.abs(theta / after - 1), axis=0)[:, :2]
     assert (error < 0.03).all() if memory else (error > 0.05).all()
 

@@ -19,9 +19,8 @@ from pendulum_env.physics import BASE, Model, effects
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import read_recording
 from tests import slow
-from tests.cases import PLANT, THETA, recorded
+from tests.cases import PLANT, THETA, TRUTH, recorded
 
-TRUTH = list(THETA.values())
 PRACTICE = Path(__file__).parents[3] / "../shared/practice"
 
 

@@ -21,9 +21,8 @@ from estimators.schemes.six import (
 from estimators.signals.measurements import Smoothing, measure, remember
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
-from tests.cases import PLANT, THETA, recorded
+from tests.cases import PLANT, TRUTH, recorded
 
-TRUTH = np.array(list(THETA.values()))
 TERMS = [*BASE, *(effect() for effect in effects().values())]
 
 

@@ -14,9 +14,7 @@ from estimators.weak_form.dataset import prepare
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
-from tests.cases import diagnosed, recorded
-
-TRUTH = np.array([0.09, 2.0, 0.35, 0.8])
+from tests.cases import TRUTH, diagnosed, recorded
 
 
 @pytest.fixture(scope="module")

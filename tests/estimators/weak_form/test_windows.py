@@ -15,9 +15,7 @@ from estimators.weak_form.dataset import Dataset, choose_half_width, dataset, pr
 from estimators.weak_form.windows import cut
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
 from pendulum_env.recording import Recording
-from tests.cases import WALLS, told
-
-TRUTH = np.array([0.09, 2.0, 0.35, 0.8])  # of the default plant
+from tests.cases import TRUTH, WALLS, told
 
 
 @pytest.fixture(scope="module")

@@ -125,7 +125,7 @@ def test_what_makes_no_model_is_refused_with_the_reason(data, match, tmp_path):
         ("stribeck", "stribeck_velocity", -0.5),
         ("cogging", "order", 3.5),
         ("cogging", "order", 0),
-        ("hard_stop", "lower", 2.0),
+        ("hard_stop", "lower", 2),
     ],
 )
 def test_shape_parameters_beyond_their_limits_or_without_sense_are_refused(id, shape, value):

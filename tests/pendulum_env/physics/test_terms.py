@@ -185,18 +185,17 @@ def test_a_bumper_gives_back_the_share_of_a_slow_impact_that_hunt_and_crossley_s
     assert -path.velocity[-1, 0] / speed == pytest.approx(1 - 2 / 3 * c * speed, abs=0.5 * (c * speed) ** 2)
 
 
+MOTIONS = {
+    "short and small": {"seconds": 3.0, "scale": 0.1},
+    "usual": {"seconds": 8.0},
+    "many turns": {"seconds": 30.0, "drift": -6.0},
+    "long": {"seconds": 200.0, "scale": 1.5},
+    "fast": {"seconds": 6.0, "drift": 60.0},
+}
+
+
 @every_effect
-@pytest.mark.parametrize(
-    "motion",
-    [
-        {"seconds": 3.0, "scale": 0.1},
-        {"seconds": 8.0},
-        {"seconds": 30.0, "drift": -6.0},
-        {"seconds": 200.0, "scale": 1.5},
-        {"seconds": 6.0, "drift": 60.0},
-    ],
-    ids=["short and small", "usual", "many turns", "long", "fast"],
-)
+@pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_grid_offers_valid_variants_on_random_motion(id, motion):
     kind = effects()[id]
     rng = np.random.default_rng(0)
