@@ -3,11 +3,12 @@
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from math import cos, sin
 from typing import Any
 
 import numpy as np
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 from estimators import Diagnosis, diagnose
 from estimators.paper import Experiment as PaperExperiment
 from estimators.paper import paper_experiment
@@ -19,12 +20,20 @@ from tests.once import once
 
 PLANT = Plant()  # inertia 0.09, gravity 2, viscous 0.35, coulomb 0.8
 THETA = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.8}
+TRUTH = np.array(list(THETA.values()))
 
 
-def recorded(plant: Plant, *experiments: Experiment) -> list[Recording]:
-    """Recordings of a plant, one of each experiment."""
-    runs = simulate([(plant, experiment) for experiment in experiments])
-    return [Recording(f"run {k}", run.time, run.position, run.torque) for k, run in enumerate(runs, 1)]
+def told(run: SimulatedRecording, name: str = "run") -> Recording:
+    """What a user has of a simulated run."""
+    return Recording(name, run.time, run.position, run.torque)
+
+
+def recorded(
+    plant: Plant, *experiments: Experiment, commands: Sequence[np.ndarray | None] | None = None
+) -> list[Recording]:
+    """Recordings of a plant, one of each experiment; a command [N m] takes the place of its excitation."""
+    runs = simulate([(plant, experiment) for experiment in experiments], commands)
+    return [told(run, f"run {k}") for k, run in enumerate(runs, 1)]
 
 
 @dataclass(frozen=True)
@@ -52,70 +61,32 @@ NULLS = {
     "exact": Case(experiment=run(7, counts=None, torque_noise=0.0)),
     "position control": Case(experiment=run(8, 12.0, 200.0, excitation="pd_loop", counts=65_536)),
 }
+COGS = {"cog_n": 9, "cog_s": 0.15, "cog_c": -0.1}
+PICKED_UP = {"pay_t": 4.0, "pay_I": 0.02, "pay_mgl": 0.4}
+BUMPERS = {"wall_lo": -1.1, "wall_hi": 0.9, "wall_k": 40.0, "wall_c": 0.05}
+TOLD = {  # an experiment, a hidden effect in the plant's words, and in the library's
+    "stribeck": (run(11), {"strib_d": 0.45, "strib_v": 0.6}, {"": 0.45, "stribeck_velocity": 0.6}),
+    "quadratic_drag": (run(12), {"drag": 0.04}, {"": 0.04}),
+    "load_dependent_friction": (run(13), {"load_mu": 0.1}, {"": 0.1}),
+    "cogging": (run(14, counts=65_536), COGS, {"sin": -0.15, "cos": 0.1, "order": 9}),
+    "payload_change": (run(15), PICKED_UP, {"inertia": 0.02, "gravity": 0.4, "moment": 4.0}),
+    "friction_drift": (run(16), {"drift_a": 0.6, "drift_T": 3.0}, {"viscous": 0.21, "coulomb": 0.48, "warm_up": 3.0}),
+    "actuator_lag": (run(17), {"lag_T": 0.015}, {"time_constant": 0.015}),
+    "dead_time": (run(18), {"dead_n": 4}, {"dead_time": 0.008}),
+    "presliding": (run(19), {"dahl_sigma": 30.0}, {"": 0.8, "displacement": 0.8 / 30}),
+    "encoder_eccentricity": (run(20), {"ecc_e": 0.03, "ecc_ph": 0.7}, {"sin": 0.03 * cos(0.7), "cos": 0.03 * sin(0.7)}),
+    "torque_saturation": (run(21), {"sat": 7.0}, {"limit": 7.0}),
+    "gravity_tilt": (run(23), {"tilt_cos": 0.25}, {"": 0.25}),
+    "spring": (run(24), {"spring_k": 0.3, "spring_q0": 0.4}, {"stiffness": 0.3, "preload": -0.12}),
+    "viscous_asymmetry": (run(25), {"asym_v": 0.1}, {"": 0.1}),
+    "position_dependent_friction": (run(26), {"pos_s": 0.25, "pos_c": -0.2}, {"sin": 0.25, "cos": -0.2}),
+    "torque_ripple": (run(27), {"rip_n": 6, "rip_s": 0.08, "rip_c": -0.05}, {"sin": -0.08, "cos": 0.05, "order": 6}),
+    "periodic_disturbance": (run(28), {"dist_a": 0.25, "dist_w": 19.0}, {"sin": -0.25, "frequency": 19.0}),
+    "hard_stop": (run(22), BUMPERS, {"stiffness": 40.0, "lower": -1.1, "upper": 0.9, "hysteresis": 0.05}),
+}
 SINGLES = {
-    "stribeck": Case(
-        {"stribeck": {"strib_d": 0.45, "strib_v": 0.6}}, {"stribeck": 0.45, "stribeck.stribeck_velocity": 0.6}, run(11)
-    ),
-    "quadratic_drag": Case({"quadratic_drag": {"drag": 0.04}}, {"quadratic_drag": 0.04}, run(12)),
-    "load_dependent_friction": Case(
-        {"load_dependent_friction": {"load_mu": 0.1}}, {"load_dependent_friction": 0.1}, run(13)
-    ),
-    "cogging": Case(
-        {"cogging": {"cog_n": 9, "cog_s": 0.15, "cog_c": -0.1}},
-        {"cogging.sin": -0.15, "cogging.cos": 0.1, "cogging.order": 9},
-        run(14, counts=65_536),
-    ),
-    "payload_change": Case(
-        {"payload_change": {"pay_t": 4.0, "pay_I": 0.02, "pay_mgl": 0.4}},
-        {"payload_change.inertia": 0.02, "payload_change.gravity": 0.4, "payload_change.moment": 4.0},
-        run(15),
-    ),
-    "friction_drift": Case(
-        {"friction_drift": {"drift_a": 0.6, "drift_T": 3.0}},
-        {"friction_drift.viscous": 0.21, "friction_drift.coulomb": 0.48, "friction_drift.warm_up": 3.0},
-        run(16),
-    ),
-    "actuator_lag": Case({"actuator_lag": {"lag_T": 0.015}}, {"actuator_lag.time_constant": 0.015}, run(17)),
-    "dead_time": Case({"dead_time": {"dead_n": 4}}, {"dead_time.dead_time": 0.008}, run(18)),
-    "presliding": Case(
-        {"presliding": {"dahl_sigma": 30.0}}, {"presliding": 0.8, "presliding.displacement": 0.8 / 30}, run(19, 9.0)
-    ),
-    "encoder_eccentricity": Case(
-        {"encoder_eccentricity": {"ecc_e": 0.03, "ecc_ph": 0.7}},
-        {"encoder_eccentricity.sin": 0.03 * np.cos(0.7), "encoder_eccentricity.cos": 0.03 * np.sin(0.7)},
-        run(20),
-    ),
-    "torque_saturation": Case({"torque_saturation": {"sat": 7.0}}, {"torque_saturation.limit": 7.0}, run(21)),
-    "gravity_tilt": Case({"gravity_tilt": {"tilt_cos": 0.25}}, {"gravity_tilt": 0.25}, run(23)),
-    "spring": Case(
-        {"spring": {"spring_k": 0.3, "spring_q0": 0.4}}, {"spring.stiffness": 0.3, "spring.preload": -0.12}, run(24)
-    ),
-    "viscous_asymmetry": Case({"viscous_asymmetry": {"asym_v": 0.1}}, {"viscous_asymmetry": 0.1}, run(25)),
-    "position_dependent_friction": Case(
-        {"position_dependent_friction": {"pos_s": 0.25, "pos_c": -0.2}},
-        {"position_dependent_friction.sin": 0.25, "position_dependent_friction.cos": -0.2},
-        run(26),
-    ),
-    "torque_ripple": Case(
-        {"torque_ripple": {"rip_n": 6, "rip_s": 0.08, "rip_c": -0.05}},
-        {"torque_ripple.sin": -0.08, "torque_ripple.cos": 0.05, "torque_ripple.order": 6},
-        run(27),
-    ),
-    "periodic_disturbance": Case(
-        {"periodic_disturbance": {"dist_a": 0.25, "dist_w": 19.0}},
-        {"periodic_disturbance.sin": -0.25, "periodic_disturbance.frequency": 19.0},
-        run(28),
-    ),
-    "hard_stop": Case(
-        {"hard_stop": {"wall_lo": -1.1, "wall_hi": 0.9, "wall_k": 40.0, "wall_c": 0.05}},
-        {
-            "hard_stop.stiffness": 40.0,
-            "hard_stop.lower": -1.1,
-            "hard_stop.upper": 0.9,
-            "hard_stop.hysteresis": 0.05,
-        },
-        run(22, 9.0),
-    ),
+    id: Case({id: hidden}, {f"{id}.{name}".rstrip("."): value for name, value in found.items()}, experiment)
+    for id, (experiment, hidden, found) in TOLD.items()
 }
 TRANSMISSIONS = {
     "joint_flexibility": Case({"joint_flexibility": {"Jm": 0.03, "bl_k": 22.0, "bl_d": 0.05}}, experiment=run(29)),
@@ -218,8 +189,7 @@ def recording(name: str) -> Recording:
     """The recording of a case."""
     case = CASES[name]
     plant = replace(case.plant, effects=case.plant.effects | case.hidden)
-    (run,) = simulate([(plant, case.experiment)], [case.command])
-    return Recording(name, run.time, run.position, run.torque)
+    return replace(recorded(plant, case.experiment, commands=[case.command])[0], name=name)
 
 
 Some = str | Recording | Sequence[str | Recording]
@@ -242,14 +212,13 @@ def _listed(some: Some) -> list[Recording]:
 
 def plain() -> Model:
     """The plant of the catalogue, with nothing hidden."""
-    return Model.build(BASE, np.array(list(THETA.values())))
+    return Model.build(BASE, TRUTH)
 
 
 def independent(rng: np.random.Generator, seconds: float, name: str) -> Recording:
     """The paper's run from a simulator that shares no code with the packages."""
     experiment = Experiment(seconds=seconds, seed=int(rng.integers(1000)))
-    (run,) = simulate([(Plant(*paper_plant().theta), experiment)])
-    return Recording(name, run.time, run.position, run.torque)
+    return replace(recorded(Plant(*paper_plant().theta), experiment)[0], name=name)
 
 
 @once("benchmarks", "estimators", "pendulum_env")

@@ -11,11 +11,8 @@ from estimators.selection.data import PreparedData
 def test_the_recursion_gives_the_information_of_all_measurements_at_once():
     rng, count = np.random.default_rng(0), 40
     A = np.array([[1.0, 0.01], [-0.02, 0.97]])
-    steps = Steps(
-        np.repeat(A[None], count, axis=0),
-        np.repeat([[5e-4, 0.1]], count, axis=0),
-        rng.standard_normal((count, 2, 2)) * [[[1e-3], [0.1]]],
-    )
+    kicked = rng.standard_normal((count, 2, 2)) * [[[1e-3], [0.1]]]
+    steps = Steps(np.repeat(A[None], count, axis=0), np.repeat([[5e-4, 0.1]], count, axis=0), kicked)
     position_noise, torque_noise = 1e-3, 0.05
     moved, pushed, rows, kicks = np.c_[np.zeros((2, 2)), np.eye(2)], np.zeros((2, count)), [], []
     for k in range(count):

@@ -110,19 +110,14 @@ def test_numbers_in_the_prose_are_those_of_the_code():
 
 
 def test_the_page_on_theory_has_every_number_that_decides():
-    rows = re.findall(
-        r"(?m)^\| `(\w+)` \| ([\d.]+) \| .+ \|$", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
-    )
+    page = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+    rows = re.findall(r"(?m)^\| `(\w+)` \| ([\d.]+) \| .+ \|$", page)
     assert [(name, float(value)) for name, value in rows] == list(asdict(Criterion()).items())
 
 
 def test_the_table_of_the_readme_has_every_effect_and_scheme():
     table = README.read_text(encoding="utf-8").partition("## Effects and schemes")[2].partition("## ")[0]
-    for id in (
-        *(term.id for term in BASE),
-        *(kind.id for kind in library.BUILT_IN),
-        *(scheme.id for scheme in SCHEMES),
-    ):
+    for id in [one.id for one in (*BASE, *library.BUILT_IN, *SCHEMES)]:
         assert table.count(f"`{id}`") == 1
 
 

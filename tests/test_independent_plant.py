@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from benchmarks import independent_plant
 from benchmarks.independent_plant import EFFECTS, Experiment, Plant, effect_share, random_case, simulate
+from tests.runge_kutta import stick_and_slip
 
 EXACT = {"counts": None, "torque_noise": 0.0}
 SIZES = {
@@ -30,40 +31,17 @@ def shooting(plant: Plant, rate: float, command: np.ndarray) -> np.ndarray:
     """Position by DOP853: every sample restarts it, an event ends it where the sliding stops; rigid joint only."""
     p = plant.parameters
 
-    def dry(q: float, v: float, u: float) -> float:
-        return (
-            p["coulomb"]
-            + p["strib_d"] * np.exp(-((v / p["strib_v"]) ** 2))
-            + p["load_mu"] * abs(u + p["load_w"] * np.sin(q))
-        )
+    def dry(t: float, q: float, v: float, u: float) -> float:
+        rubs = p["coulomb"] + p["strib_d"] * np.exp(-((v / p["strib_v"]) ** 2))
+        return rubs + p["load_mu"] * abs(u + p["load_w"] * np.sin(q))
 
-    def drive(t: float, q: float, v: float, u: float) -> float:
+    def net(t: float, q: float, v: float, u: float) -> float:
         motor = u + p["offset"] + p["cog_s"] * np.sin(p["cog_n"] * q) + p["cog_c"] * np.cos(p["cog_n"] * q)
         motor += p["dist_a"] * np.sin(p["dist_w"] * t + p["dist_ph"])
         weight = p["gravity"] * np.sin(q) + p["tilt_cos"] * np.cos(q)
         return motor - weight - p["viscous"] * v - p["drag"] * v * abs(v) - p["asym_c"]
 
-    def slide(t: float, y: np.ndarray, u: float, s: int) -> list[float]:
-        return [y[1], (drive(t, *y, u) - s * dry(*y, u)) / p["inertia"]]
-
-    q, v, s, path = 0.0, 0.0, 0, []
-    for k, u in enumerate(command.tolist()):
-        path.append(q)
-        t, end = k / rate, (k + 1) / rate
-        while t < end - 1e-12:
-            if s == 0:
-                push = drive(t, q, 0.0, u)
-                s = int(np.sign(push)) if abs(push) > dry(q, 0.0, u) else 0
-            if s == 0:
-                t += 1e-5 if p["dist_a"] else 1 / rate  # only a time-varying torque frees the joint within a sample
-                continue
-            stop = lambda t, y, u, s: s * y[1]  # noqa: E731
-            stop.terminal, stop.direction = True, -1
-            run = solve_ivp(slide, (t, end), [q, v], "DOP853", events=stop, args=(u, s), rtol=1e-9, atol=1e-11)
-            t, (q, v) = run.t[-1], run.y[:, -1]
-            if run.status == 1:
-                v, s = 0.0, 0
-    return np.array(path)
+    return stick_and_slip(net, dry, p["inertia"], command.tolist(), 1 / rate)[0][:-1]
 
 
 @pytest.mark.parametrize(
@@ -122,9 +100,8 @@ def test_energy_is_kept_without_friction_and_else_lost_to_its_work() -> None:
     spring = {"spring": {"spring_k": 0.3, "spring_q0": 0.2}}
     free, damped = Plant(viscous=0.0, coulomb=0.0, effects=spring), Plant(viscous=0.1, coulomb=0.2, effects=spring)
     experiment = Experiment(rate=1000, seconds=5, start=(2.5, 1.0), **EXACT)
-    for plant, run in zip(
-        (free, damped), simulate([(free, experiment), (damped, experiment)], 2 * [np.zeros(5000)]), strict=True
-    ):
+    runs = simulate([(free, experiment), (damped, experiment)], 2 * [np.zeros(5000)])
+    for plant, run in zip((free, damped), runs, strict=True):
         q, v = run.position, run.velocity
         energy = 0.5 * plant.inertia * v**2 - plant.gravity * np.cos(q) + 0.15 * (q - 0.2) ** 2
         work = np.trapezoid(plant.viscous * v**2 + plant.coulomb * np.abs(v), run.time)

@@ -10,10 +10,7 @@ from tests.cases import diagnosed
 
 PRACTICE = Path(__file__).parents[2] / "shared" / "practice"
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not PRACTICE.is_dir(), reason="the practice recordings are not here"),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not PRACTICE.is_dir(), reason="these recordings are not here")]
 
 
 @pytest.mark.parametrize(

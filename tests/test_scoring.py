@@ -9,15 +9,11 @@ import pytest
 from benchmarks import known_truth
 from benchmarks.figures import Curve
 from benchmarks.hidden_effects import reliability, write_scores
-from benchmarks.independent_plant import LIBRARY, SimulatedRecording, random_case, simulate, write_case
+from benchmarks.independent_plant import random_case, simulate, write_case
 from benchmarks.scoring import Claim, Exact, Outcome, compare, wilson
 from benchmarks.truth import Truth
-from estimators.selection.data import PreparedData
-from pendulum_env.physics import BASE, Model, effect
-from pendulum_env.recording import Recording
 
 OFFSETS = ("torque_offset", "coulomb_asymmetry")
-EXPLAINED = sorted(set(LIBRARY) - {"backlash"})  # impacts do not repeat from sampled motion
 
 
 @pytest.mark.parametrize(
@@ -64,31 +60,6 @@ def test_a_score_is_right_if_its_effect_or_one_of_its_group_is_hidden(tmp_path: 
         "one,coulomb_asymmetry,ambiguous,0.4,1",
         "one,spring,selected,0.6,0",
     ]
-
-
-@pytest.fixture(scope="module")
-def runs() -> dict[str, SimulatedRecording]:
-    """A recording with each effect hidden in it."""
-    sensors = {"rate": 1000.0, "counts": None, "torque_noise": 0.0, "seconds": 8.0, "excitation": "two_tone"}
-    cases = [random_case(np.random.default_rng(5), [id], **sensors) for id in EXPLAINED]
-    return dict(zip(EXPLAINED, simulate([(case.plant, case.train) for case in cases]), strict=True))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("id", EXPLAINED)
-def test_the_true_parameters_explain_the_recording(id: str, runs: dict[str, SimulatedRecording]) -> None:
-    run = runs[id]
-    truth = Truth.of(id, run.truth)
-    kind, values = effect(id), dict(truth.parameters)
-    values |= {f"{id}.{shape.name}": values[shape.follows] for shape in kind.shapes if shape.follows in values}
-    term = kind(**{shape.name: values.get(f"{id}.{shape.name}", shape.usual) for shape in kind.shapes})
-    prepared = PreparedData.of([Recording(id, run.time, run.position, run.torque)])
-
-    def error(*terms) -> float:
-        names = [column.name for term in terms for column in term.columns]
-        return prepared.errors(Model.build(terms, [values[name] for name in names])).torque_rms
-
-    assert error(*BASE, term) < 0.3 * error(*BASE)
 
 
 @pytest.mark.slow

@@ -33,9 +33,7 @@ def test_it_acts_as_in_the_environment_of_its_training(constraint):
 
 def test_runs_repeat_and_begin_anew():
     pilot = Pilot(load("rms"), "rms", seconds=1.0, rate=500.0)
-    first, again = (
-        rollout(gym.make(PENDULUM, rate=500.0, torque_noise=0.02), pilot, 500, seed=seed) for seed in (1, 1)
-    )
+    first, again = (rollout(gym.make(PENDULUM, rate=500.0, torque_noise=0.02), pilot, 500, seed=1) for _ in range(2))
     np.testing.assert_array_equal(first.torque, again.torque)
     assert np.sqrt(np.mean(first.torque**2)) < 3.1
 

@@ -141,7 +141,7 @@ def test_what_makes_no_sense_is_one_line(tmp_path, capsys):
         (["evaluate", str(text)], "a policy is what `pendulum-ident train` writes"),
         (["evaluate", str(other)], "was trained under the constraint rms, not peak"),
         (["train", "--resume", "-o", str(tmp_path / "new.npz")], "--resume needs --checkpoints"),
-        (["evaluate", "agnet"], "unknown baseline 'agnet'"),
+        (["evaluate", "two_tone"], "unknown baseline 'two_tone': did you mean two-tone"),
         (["evaluate", "--constraint", "peek"], "did you mean peak"),
         (["train", "-o", "policy.zip"], "should end in .npz"),
     ):

@@ -11,7 +11,7 @@ from estimators.schemes.six import Integral, Scheme, scheme
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Gravity, Inertia, Model, ModelError
-from pendulum_env.plant import make_plant
+from pendulum_env.plant import hide, make_plant
 
 MODEL = Model.build(BASE, [0.09, 2.0, 0.35, 0.9])
 
@@ -45,6 +45,8 @@ def test_what_is_no_effect(swing):
         add(MODEL, Gravity, swing)
     with pytest.raises(ValueError, match="did you mean stribeck"):
         add(MODEL, "stribek", swing)
+    with pytest.raises(ModelError, match="the model has 'stribeck' already"):
+        add(hide(make_plant(), "stribeck"), "stribeck", swing)
 
 
 @pytest.mark.parametrize("call", [lambda m, r: compare(m, r), lambda m, r: add(m, "spring", r)])
@@ -95,11 +97,6 @@ def test_one_recording_and_names_will_do(swing):
         by_name["dynamic"]
 
 
-def test_no_effects_may_be_said_as_none():
-    assert make_plant(effects=None) == make_plant()
-    gym.make("pendulum_env/DirectDrivePendulum-v0", effects=None).close()
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -113,8 +110,10 @@ def test_what_is_no_plant(arguments, says):
         make_plant(**arguments)
 
 
-def test_a_seed_is_a_generator():
+def test_a_seed_is_a_generator_and_no_effects_may_be_said_as_none():
     first, second = (
         record(None, excitation("paper", rng(3), 1.0), 1.0, rng=rng(4)) for rng in (int, np.random.default_rng)
     )
     np.testing.assert_array_equal(first.torque, second.torque)
+    assert make_plant(effects=None) == make_plant()
+    gym.make("pendulum_env/DirectDrivePendulum-v0", effects=None).close()

@@ -18,6 +18,11 @@ from pendulum_env.recording import Recording
 TRUTH = {"inertia": 0.0895, "gravity": 2.01, "viscous": 0.3638, "coulomb": 0.9163}
 
 
+def run(seed: int = 1, seconds: float = 6.0, plant: Model | None = None, torque_noise: float = 0.02) -> Recording:
+    rng = np.random.default_rng(seed)
+    return record(plant, excitation("paper", 1, seconds), seconds, 500.0, rng=rng, torque_noise=torque_noise)
+
+
 @pytest.fixture(scope="module")
 def days():
     plant = make_plant(effects="stribeck")
@@ -44,12 +49,12 @@ def test_what_is_known_is_kept_and_the_rest_is_recovered_beside_it(days):
 
 @pytest.mark.parametrize("scheme", ["dynamic", "energy", "filtered_hamiltonian"])
 def test_schemes_keep_what_is_known_and_stay_within_bounds(scheme):
-    run = record(None, excitation("paper", 1, 8.0), 8.0, 500.0, rng=1)
-    free = identify(run, schemes=scheme)[scheme].model.estimates
-    told = identify(run, schemes=scheme, fixed={"inertia": 0.0895}, bounds={"viscous": (0.0, 0.3)})[scheme].model
+    one = run(seconds=8.0)
+    free = identify(one, schemes=scheme)[scheme].model.estimates
+    told = identify(one, schemes=scheme, fixed={"inertia": 0.0895}, bounds={"viscous": (0.0, 0.3)})[scheme].model
     assert (told.estimates["inertia"].value, told.estimates["inertia"].std) == (0.0895, 0.0)
     assert told.estimates["viscous"].value == 0.3 and told.estimates["coulomb"].value > free["coulomb"].value
-    known = identify(run, schemes=scheme, fixed={"viscous": TRUTH["viscous"]})[scheme].model.estimates
+    known = identify(one, schemes=scheme, fixed={"viscous": TRUTH["viscous"]})[scheme].model.estimates
     assert known["coulomb"].std < 0.8 * free["coulomb"].std  # the two are told apart by speed alone
     assert abs(known["coulomb"].value - TRUTH["coulomb"]) < 4 * known["coulomb"].std
 
@@ -61,8 +66,7 @@ def test_add_takes_limits_too(days):
 
 
 def test_fit_in_percent_is_relative_to_what_there_was_to_explain():
-    run = record(None, excitation("paper", 1, 6.0), 6.0, 500.0, rng=1)
-    prepared = PreparedData.of([run])
+    prepared = PreparedData.of([run()])
     errors = prepared.errors(paper_plant())
     torque = prepared.data.torque()
     expected = 100 * (1 - errors.torque_rms / np.std(torque))
@@ -73,8 +77,8 @@ def test_fit_in_percent_is_relative_to_what_there_was_to_explain():
 
 
 def test_correlations_are_those_of_repeated_fits():
-    runs = [record(None, excitation("paper", 1, 4.0), 4.0, 500.0, rng=k, torque_noise=0.1) for k in range(40)]
-    models = [fit_terms(PreparedData.of([run]), BASE)[0] for run in runs]
+    runs = [run(k, 4.0, torque_noise=0.1) for k in range(40)]
+    models = [fit_terms(PreparedData.of([one]), BASE)[0] for one in runs]
     seen = np.corrcoef(np.array([model.theta for model in models]).T)
     told = np.mean([model.correlation for model in models], axis=0)
     assert seen[2, 3] < -0.5
@@ -82,19 +86,13 @@ def test_correlations_are_those_of_repeated_fits():
 
 
 def test_growth_of_an_error_upright_is_that_of_the_linear_equation():
-    run = record(None, excitation("paper", 1, 6.0), 6.0, 500.0, rng=1)
-    (segments,) = PreparedData.of([run]).segments
-    count = len(segments.position) - 1
-    upright = replace(
-        segments,
-        position=np.full_like(segments.position, np.pi),
-        velocity=np.zeros_like(segments.velocity),
-        torque=np.zeros_like(segments.torque),
-    )
+    (segments,) = PreparedData.of([run()]).segments
+    rest = {name: np.zeros_like(getattr(segments, name)) for name in ("position", "velocity", "torque")}
+    upright = replace(segments, **rest | {"position": rest["position"] + np.pi})
     theta = np.array([0.0895, 2.01, 0.0, 0.0])
-    expected = np.cosh(np.sqrt(2.01 / 0.0895) * count / run.rate)
+    expected = np.cosh(np.sqrt(2.01 / 0.0895) * (len(segments.position) - 1) / 500.0)
     np.testing.assert_allclose(growth(upright, BASE, theta), expected, rtol=1e-3)
-    hanging = replace(upright, position=np.zeros_like(segments.position))
+    hanging = replace(upright, position=rest["position"])
     assert (growth(hanging, BASE, theta) < 1.01).all()
     some = np.arange(len(segments.first)) % 2 == 0
     np.testing.assert_array_equal(growth(select(upright, some), BASE, theta), growth(upright, BASE, theta)[some])
@@ -108,10 +106,9 @@ def test_windows_with_the_arm_upright_are_not_counted():
     velocity, acceleration = np.gradient(position, time), np.gradient(np.gradient(position, time), time)
     torque = 0.0895 * acceleration + 2.01 * np.sin(position) + 0.05 * velocity
     noise = 0.01 * np.random.default_rng(0).standard_normal(len(time))
-    held = compare(model, Recording("lifted", time, position, torque + noise))
+    recording = Recording("lifted", time, position, torque + noise)
+    held, lifted = compare(model, recording), PreparedData.of([recording])
     assert 0.3 < held.joint.unstable < 0.6 and "small error grows tenfold" in str(held.caveat)
     assert held.json()["joint"]["unstable"] == held.joint.unstable
-    lifted = PreparedData.of([Recording("lifted", time, position, torque + noise)])
     assert held.joint.errors.position_rms < 0.5 * lifted.errors(model).position_rms
-    calm = record(None, excitation("paper", 1, 6.0), 6.0, 500.0, rng=1)
-    assert compare(paper_plant(), calm).caveat is None
+    assert compare(paper_plant(), run()).caveat is None

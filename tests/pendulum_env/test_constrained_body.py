@@ -14,10 +14,8 @@ from pendulum_env.registration import PENDULUM
 
 mujoco = pytest.importorskip("mujoco")
 
-SOONER = {  # than a run that is quick ends
-    "payload_change": "payload_change=0.02,0.4,0.3",
-    "hard_stop": "hard_stop:upper=0.3",
-}
+# than a run that is quick ends
+SOONER = {"payload_change": "payload_change=0.02,0.4,0.3", "hard_stop": "hard_stop:upper=0.3"}
 TORQUE = np.r_[0.0, excitation("paper", np.random.default_rng(0)).signal(np.arange(2000) / 1000)]
 
 

@@ -27,7 +27,9 @@ from tests import slow
 
 
 def paper_torque(seconds: float, seed: int = 0) -> np.ndarray:
-    return excitation("paper", np.random.default_rng(seed)).signal(np.arange(round(1000 * seconds)) / 1000)
+    """As the environment takes it: of single precision."""
+    time = np.arange(round(1000 * seconds)) / 1000
+    return excitation("paper", np.random.default_rng(seed)).signal(time).astype(np.float32).astype(float)
 
 
 def positions(env: gym.Env, torque: np.ndarray, seed: int | None = 0) -> np.ndarray:
@@ -106,14 +108,14 @@ def test_same_seed_same_run_bit_for_bit():
 
     def run(env, seed):
         env.reset(seed=seed)
-        return np.array([env.step(np.array([u], dtype=np.float32))[-1]["torque"] for u in torque])
+        infos = [env.step(np.array([u], dtype=np.float32))[-1] for u in torque]
+        return np.array([(info["torque"], info["position"]) for info in infos])
 
-    env = gym.make(PENDULUM, torque_noise=0.1, effects=["stribeck"])
+    env, other = (gym.make(PENDULUM, torque_noise=0.1, effects=["stribeck"]) for _ in range(2))
     first = run(env, 3)
     np.testing.assert_array_equal(first, run(env, 3))
-    np.testing.assert_array_equal(first, run(gym.make(PENDULUM, torque_noise=0.1, effects=["stribeck"]), 3))
+    np.testing.assert_array_equal(first, run(other, 3))
     assert not np.array_equal(first, run(env, 4))
-    np.testing.assert_array_equal(positions(env, torque, 3), positions(env, torque, 3))
 
 
 @pytest.mark.parametrize("backend", ["pymunk", "mujoco"])
@@ -121,19 +123,17 @@ def test_same_seed_same_run_bit_for_bit():
 def test_a_pickled_environment_goes_on_where_it_was(effect, backend):
     if backend == "mujoco":
         pytest.importorskip("mujoco")
-    env = gym.make(PENDULUM, backend=backend, effects=[effect])
-    torque = paper_torque(1.0)
+    env, torque = gym.make(PENDULUM, backend=backend, effects=[effect]), paper_torque(1.0)
     positions(env, torque[:500])
     copy = pickle.loads(pickle.dumps(env))
     for value in torque[500:]:
-        action = np.array([value], dtype=np.float32)
-        a, b = env.step(action)[-1], copy.step(action)[-1]
-    assert a["position"] == pytest.approx(b["position"], abs=1e-9)
+        a, b = (one.step(np.array([value]))[-1]["position"] for one in (env, copy))
+    assert a == pytest.approx(b, abs=1e-9)
 
 
 def test_pymunk_follows_an_independent_integrator():
     """The paper's excitation, at the default substeps: RMS below 5e-4 rad, and in fact below 1e-5."""
-    torque = paper_torque(4.0).astype(np.float32).astype(float)
+    torque = paper_torque(4.0)
     plant = Plant(inertia=0.0895, gravity=2.01, viscous=0.3638, coulomb=0.9163)
     (reference,) = simulate([(plant, Experiment(rate=1000.0, seconds=4.0, counts=None, torque_noise=0.0))], [torque])
     run = positions(gym.make(PENDULUM, counts=0), torque)
@@ -150,17 +150,17 @@ def test_error_is_of_second_order_in_the_step():
 
 
 @functools.cache
-def free_of_effects(seconds: float) -> np.ndarray:
-    return positions(gym.make(PENDULUM, counts=0), paper_torque(seconds).astype(np.float32).astype(float))
+def free_of_effects() -> np.ndarray:
+    return positions(gym.make(PENDULUM, counts=0), paper_torque(2.0))
 
 
 @pytest.mark.parametrize("effect", effects())
 def test_every_effect_moves_the_body_as_it_moves_the_model(effect):
     """pymunk's constraint against the project's own simulation: the same law, two integrators."""
-    torque = paper_torque(2.0).astype(np.float32).astype(float)
+    torque = paper_torque(2.0)
     effect = {"payload_change": "payload_change:moment=1", "hard_stop": "hard_stop:upper=0.3"}.get(effect, effect)
     plant = hide(paper_plant(), effect)
-    free = free_of_effects(2.0)
+    free = free_of_effects()
     body = positions(gym.make(PENDULUM, counts=0, effects=[effect]), torque)
     model = plant.simulate(1e-3, torque, 0.0, 0.0).position[:, 0]
     shown = np.sqrt(np.mean((body - free) ** 2))
@@ -170,8 +170,7 @@ def test_every_effect_moves_the_body_as_it_moves_the_model(effect):
 
 def test_joint_sticks_exactly_below_its_friction():
     env = gym.make(PENDULUM, counts=0, velocity="ideal")
-    run = positions(env, np.full(300, 0.9))  # fc is 0.9163
-    assert (run == 0).all()
+    assert (positions(env, np.full(300, 0.9)) == 0).all()  # fc is 0.9163
     assert positions(env, np.full(300, 0.93))[-1] > 0
 
 
@@ -252,16 +251,12 @@ def test_bad_actions_and_options_are_refused():
     with pytest.raises(gym.error.ResetNeeded, match="call reset before step"):
         env.step(np.zeros(1))
     env.reset()
-    for action in (3.0, np.zeros((1, 2)), np.zeros(2), np.zeros(0)):
-        with pytest.raises(ValueError, match=r"it needs \(1,\), a torque in N m"):
+    for action in (3.0, np.zeros((1, 2)), np.zeros(2), np.zeros(0), np.array([np.nan])):
+        with pytest.raises(ValueError, match=r"the action is .*it needs \(1,\), a torque in N m"):
             env.step(action)
-    for options in ({"position": np.nan}, {"theta": {"inertia": -1.0}}, {"theta": {"gravity": np.inf}}):
-        with pytest.raises(ValueError, match="cannot"):
+    for options in ({"position": np.nan}, {"theta": {"inertia": -1.0}}, {"theta": {"gravity": np.inf}}, {"positon": 1}):
+        with pytest.raises(ValueError, match="did you mean position" if "positon" in options else "cannot"):
             env.reset(options=options)
-    with pytest.raises(ValueError, match=r"the action is \[nan\]"):
-        env.step(np.array([np.nan], dtype=np.float32))
-    with pytest.raises(ValueError, match="did you mean position"):
-        env.reset(options={"positon": 1.0})
 
 
 @pytest.mark.parametrize("id", [PENDULUM, ARM])

@@ -41,15 +41,19 @@ def test_paper_excitation_is_the_two_tones_of_the_paper():
     assert command.signal(TIME) == pytest.approx(3 * np.sin(12.07 * TIME + first) + 3 * np.sin(2.25 * TIME + second))
 
 
-def test_unknown_name_is_answered_with_the_nearest():
-    with pytest.raises(ValueError, match=r"unknown excitation 'chrip': did you mean chirp\? Known: chirp, multisine"):
-        draw("chrip")
-
-
-@pytest.mark.parametrize("options", [{"amplitude": 0.0}, {"amplitude": -1.0}, {"seconds": 0.0}, {"seconds": np.nan}])
-def test_numbers_that_make_no_signal_are_refused(options):
-    with pytest.raises(ValueError, match=f"needs {next(iter(options))} above zero"):
-        draw("steps", **options)
+@pytest.mark.parametrize(
+    ("name", "options", "why"),
+    [
+        ("chrip", {}, r"unknown excitation 'chrip': did you mean chirp\? Known: chirp, multisine"),
+        ("steps", {"amplitude": 0.0}, "needs amplitude above zero"),
+        ("steps", {"amplitude": -1.0}, "needs amplitude above zero"),
+        ("steps", {"seconds": 0.0}, "needs seconds above zero"),
+        ("steps", {"seconds": np.nan}, "needs seconds above zero"),
+    ],
+)
+def test_what_makes_no_excitation_is_refused_with_what_was_meant(name, options, why):
+    with pytest.raises(ValueError, match=why):
+        draw(name, **options)
 
 
 def test_a_family_stays_within_its_amplitude_and_differs_in_speed_and_strength():

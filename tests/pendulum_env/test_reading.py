@@ -13,16 +13,7 @@ import pytest
 
 from agents.network import SHIPPED, Network
 from pendulum_env.files import write_whole
-from pendulum_env.reading import (
-    DIGITS,
-    DOTS,
-    Unreadable,
-    Value,
-    read_arrays,
-    read_json,
-    read_own,
-    read_toml,
-)
+from pendulum_env.reading import DIGITS, DOTS, Unreadable, Value, read_arrays, read_json, read_own, read_toml
 from pendulum_env.recording import read_recording
 from tests import slow
 from tests.fuzzing import ALL, FILES
@@ -31,41 +22,32 @@ from tests.pendulum_env.recording.test_formats import write_xlsx
 # ------------------------------------------------------------------------------------------------------- documents
 
 
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        ("[" * 100_000 + "]" * 100_000, "is not JSON; a hint"),
-        ('{"a": 1%s}' % ("0" * 300), f"holds a number of more than {DIGITS} digits"),
-        ('{"a": ["b\\u0000"]}', r"holds 'b\\x00', which is no text"),
-        ('{"\\ud800": 1}', r"holds '\\ud800', which is no text"),
-        ("", "is not JSON; a hint"),
-        ('{"a": 1%s}' % ("0" * 5000), "is not JSON; a hint"),
-        (" " * 5_000_001, "holds 5 MB, of which at most 5 MB are read"),
-    ],
-)
-def test_json_that_no_one_meant_is_refused(tmp_path: Path, text: str, match: str) -> None:
-    path = tmp_path / "a.json"
-    path.write_text(text)
-    with pytest.raises(Unreadable, match=rf"a\.json: {match}"):
-        read_json(path, "a hint")
+JSON, TOML = (lambda path: read_json(path, "a hint"), ".json"), (read_toml, ".toml")
 
 
 @pytest.mark.parametrize(
-    ("text", "match"),
+    ("kind", "text", "match"),
     [
-        ("a = " + "[" * 100_000, "nests too deeply"),
-        ("a = 1\n" + "a." * 40_000 + "b = 1", f"has a line of more than {DOTS} dots: write fewer"),
-        ("a = " + "9" * 5000, "is not TOML: Exceeds the limit"),
-        ("a = [" + "9" * 400 + "]", f"holds a number of more than {DIGITS} digits"),
-        ('a = "\\u0000"', r"holds '\\x00', which is no text"),
-        (" " * 900_000 + "a", "is not TOML"),
+        (JSON, "[" * 100_000 + "]" * 100_000, "is not JSON; a hint"),
+        (JSON, '{"a": 1%s}' % ("0" * 300), f"holds a number of more than {DIGITS} digits"),
+        (JSON, '{"a": ["b\\u0000"]}', r"holds 'b\\x00', which is no text"),
+        (JSON, '{"\\ud800": 1}', r"holds '\\ud800', which is no text"),
+        (JSON, "", "is not JSON; a hint"),
+        (JSON, '{"a": 1%s}' % ("0" * 5000), "is not JSON; a hint"),
+        (JSON, " " * 5_000_001, "holds 5 MB, of which at most 5 MB are read"),
+        (TOML, "a = " + "[" * 100_000, "nests too deeply"),
+        (TOML, "a = 1\n" + "a." * 40_000 + "b = 1", f"has a line of more than {DOTS} dots: write fewer"),
+        (TOML, "a = " + "9" * 5000, "is not TOML: Exceeds the limit"),
+        (TOML, "a = [" + "9" * 400 + "]", f"holds a number of more than {DIGITS} digits"),
+        (TOML, 'a = "\\u0000"', r"holds '\\x00', which is no text"),
+        (TOML, " " * 900_000 + "a", "is not TOML"),
     ],
 )
-def test_toml_that_no_one_meant_is_refused(tmp_path: Path, text: str, match: str) -> None:
-    path = tmp_path / "a.toml"
+def test_a_document_that_no_one_meant_is_refused(tmp_path: Path, kind: Any, text: str, match: str) -> None:
+    (read, ending), path = kind, tmp_path / f"a{kind[1]}"
     path.write_text(text)
-    with pytest.raises(Unreadable, match=rf"a\.toml: {match}"):
-        read_toml(path)
+    with pytest.raises(Unreadable, match=rf"a\{ending}: {match}"):
+        read(path)
 
 
 def test_a_value_is_told_with_its_key_and_never_at_length() -> None:

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.plant import PAPER, paper_plant
+from tests.runge_kutta import stick_and_slip
 
 
 @pytest.fixture
@@ -27,19 +27,16 @@ def test_a_recording_is_as_long_and_as_noisy_as_asked_for_and_repeats():
     assert turns == pytest.approx(np.round(turns), abs=1e-6)
 
 
-def test_smooth_plant_moves_as_an_independent_integrator_says(rng):
-    plant = paper_plant({"coulomb": 0.0})
-    recording = run(rng, plant, counts=0, torque_noise=0.0)
-    position, velocity = [0.0], 0.0
-    for torque in recording.torque[:-1]:
-
-        def rhs(_, x, torque=torque):
-            return [x[1], (torque - PAPER["gravity"] * np.sin(x[0]) - PAPER["viscous"] * x[1]) / PAPER["inertia"]]
-
-        end = solve_ivp(rhs, (0, 1e-3), [position[-1], velocity], rtol=1e-9, atol=1e-12).y[:, -1]
-        position.append(end[0])
-        velocity = end[1]
-    assert recording.position == pytest.approx(np.array(position), abs=2e-5)
+def test_a_recording_is_of_the_motion_that_an_independent_integrator_gives(rng):
+    recording, (inertia, gravity, viscous, coulomb) = run(rng, counts=0, torque_noise=0.0), PAPER.values()
+    position, *_ = stick_and_slip(
+        lambda t, q, v, u: u - gravity * np.sin(q) - viscous * v,
+        lambda *_: coulomb,
+        inertia,
+        recording.torque[:-1],
+        1e-3,
+    )
+    assert recording.position == pytest.approx(position, abs=2e-5)
 
 
 @pytest.mark.parametrize(

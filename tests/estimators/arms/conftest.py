@@ -2,6 +2,7 @@
 
 import pytest
 
+from benchmarks import six_joint
 from benchmarks.two_link import TwoLink
 from pendulum_env.arms.body import read_body
 
@@ -12,3 +13,9 @@ def body(tmp_path_factory):
     path = tmp_path_factory.mktemp("robot") / "two.urdf"
     path.write_text(TwoLink().urdf())
     return read_body(path)
+
+
+@pytest.fixture(scope="session")
+def six():
+    """The arm of six joints."""
+    return six_joint.body()

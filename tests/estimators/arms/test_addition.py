@@ -26,8 +26,12 @@ def lacking(body, recording):
     return identify(recording, arm_base(body), "filtered_dynamic")["filtered_dynamic"].model
 
 
-def test_the_hidden_effect_lowers_both_errors_and_its_size_is_found(recording, lacking):
-    added = add(lacking, "quadratic_drag@elbow", recording)
+@pytest.fixture(scope="module")
+def added(recording, lacking):
+    return add(lacking, "quadratic_drag@elbow", recording)
+
+
+def test_the_hidden_effect_lowers_both_errors_and_its_size_is_found(added):
     for part in ("train", "holdout"):
         before, after = (step.errors[part].joints["elbow"] for step in (added.before, added.after))
         assert after < 0.5 * before
@@ -68,18 +72,14 @@ def test_every_command_has_the_same_noise_floor_and_the_same_errors(body, record
             assert step.errors[part].joints == pytest.approx(own.errors.joints, rel=1e-9)
 
 
-def test_an_effect_that_is_not_there_is_objected_to(recording, lacking):
-    complete = add(lacking, "quadratic_drag@elbow", recording).after.model
-    added = add(complete, "spring@shoulder", recording)
-    assert added.objection is not None and "no reason to keep it" in added.text
-    assert abs(added.after.model.estimates["spring.stiffness@shoulder"].value) < 0.02
-
-
-def test_what_cannot_be_added_is_refused(recording, lacking):
+def test_an_effect_that_is_not_there_is_objected_to_and_what_cannot_be_added_is_refused(recording, added):
+    complete = added.after.model
+    needless = add(complete, "spring@shoulder", recording)
+    assert needless.objection is not None and "no reason to keep it" in needless.text
+    assert abs(needless.after.model.estimates["spring.stiffness@shoulder"].value) < 0.02
     with pytest.raises(ValueError, match="unknown joint 'wrist'"):
-        add(lacking, "spring@wrist", recording)
+        add(complete, "spring@wrist", recording)
     with pytest.raises(IdentificationError, match="temperature_dependent_friction@elbow needs the joint's temperature"):
-        add(lacking, "temperature_dependent_friction@elbow", recording)
-    added = add(lacking, "quadratic_drag@elbow", recording)
+        add(complete, "temperature_dependent_friction@elbow", recording)
     with pytest.raises(ModelError, match="has 'quadratic_drag@elbow' already"):
-        add(added.after.model, "quadratic_drag@elbow", recording)
+        add(complete, "quadratic_drag@elbow", recording)

@@ -24,11 +24,6 @@ SOME = {"stribeck": Stribeck, "cogging": Cogging}
 
 
 @pytest.fixture(scope="module")
-def six():
-    return six_joint.body()
-
-
-@pytest.fixture(scope="module")
 def plain():
     return six_joint.simulate(1, seconds=12.0)
 

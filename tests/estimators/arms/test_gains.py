@@ -29,9 +29,8 @@ def logged():
     ]
 
 
-def test_a_known_weight_tells_the_gains_of_the_joints_that_feel_it(logged):
-    body = six_joint.body()
-    found = in_torque(logged, body)
+def test_a_known_weight_tells_the_gains_of_the_joints_that_feel_it(logged, six):
+    found = in_torque(logged, six)
     assert set(six_joint.JOINTS[1:5]) <= set(found.gains)
     for joint, gain in found.gains.items():
         true = GAINS[six_joint.JOINTS.index(joint)]
@@ -41,16 +40,16 @@ def test_a_known_weight_tells_the_gains_of_the_joints_that_feel_it(logged):
     assert empty.torque[:, 1] == pytest.approx(logged[0].torque[:, 1] * found.gains["shoulder"].value)
 
 
-def test_a_current_that_counts_the_other_way_round_is_said_to(logged):
+def test_a_current_that_counts_the_other_way_round_is_said_to(logged, six):
     signs = np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
     with pytest.raises(RecordingError, match="the known weight acts on joint 'elbow' with the other sign"):
-        in_torque([replace(run, torque=run.torque * signs) for run in logged], six_joint.body())
+        in_torque([replace(run, torque=run.torque * signs) for run in logged], six)
 
 
-def test_a_current_without_a_gain_is_no_torque(logged):
-    (alone,) = in_torque(logged[:1], six_joint.body()).recordings
+def test_a_current_without_a_gain_is_no_torque(logged, six):
+    (alone,) = in_torque(logged[:1], six).recordings
     with pytest.raises(RecordingError, match="joint 'shoulder': torque is in A, and nothing tells its gain: give it"):
-        identify(alone, arm_base(six_joint.body()))
+        identify(alone, arm_base(six))
 
 
 def test_the_bare_arm_is_that_of_fitted_and_held_out_recordings_together(logged):
@@ -64,13 +63,13 @@ def test_the_bare_arm_is_that_of_fitted_and_held_out_recordings_together(logged)
         without_loads([loaded], [empty])
 
 
-def test_gains_come_of_recordings_in_one_unit(logged):
+def test_gains_come_of_recordings_in_one_unit(logged, six):
     empty, loaded = logged
     known = replace(empty, torque=empty.torque * GAINS, currents={})  # in N m
-    alone = in_torque([known, loaded], six_joint.body())
+    alone = in_torque([known, loaded], six)
     assert not alone.gains and alone.recordings[1].currents == loaded.currents
     milli = replace(loaded, name="milli", torque=loaded.torque * 1e3, currents=dict.fromkeys(loaded.currents, "mA"))
     with pytest.raises(RecordingError, match="milli: torque of joint 'shoulder' is in mA, and in A in"):
-        in_torque([empty, milli], six_joint.body())
-    both = in_torque([known, empty, loaded], six_joint.body())
+        in_torque([empty, milli], six)
+    both = in_torque([known, empty, loaded], six)
     assert both.gains["shoulder"].value == pytest.approx(GAINS[1], rel=0.02)

@@ -152,9 +152,8 @@ def test_a_parameter_that_the_motion_does_not_show_is_unknown(body, truth, tmp_p
     q, v, a = slow, np.gradient(slow, time, axis=0), np.gradient(np.gradient(slow, time, axis=0), time, axis=0)
     torque = body.torque(q, v, a) @ body.values + np.array(ARM.viscous) * v + np.array(ARM.coulomb) * np.sign(v)
     torque += 0.3 * np.random.default_rng(0).normal(size=q.shape)
-    found = identify(
-        ArmRecording.of("poor", body.joints, time, q, torque), arm_base(body), ("dynamic", "filtered_dynamic")
-    )
+    run = ArmRecording.of("poor", body.joints, time, q, torque)
+    found = identify(run, arm_base(body), ("dynamic", "filtered_dynamic"))
     own = found["filtered_dynamic"]
     assert own.withheld == {"Iyy@shoulder", "Iyy@elbow", "mz@shoulder"}  # a slow pendulum is a spring against inertia
     assert found.doubts[0].text.startswith("Iyy@elbow, Iyy@shoulder and mz@shoulder cannot be told")

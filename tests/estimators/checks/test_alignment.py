@@ -2,13 +2,12 @@
 
 import re
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, random_case, simulate
+from benchmarks.independent_plant import Experiment, Plant, random_case
 from estimators.checks.alignment import SEARCH, Alignment
 from estimators.checks.channel import align, align_each
 from estimators.selection.data import PreparedData, fit_terms
@@ -17,29 +16,15 @@ from pendulum_env.physics import BASE
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
 from tests import slow
+from tests.cases import TRUTH, recorded
 
-TRUTH = (0.09, 2.0, 0.35, 0.8)  # of a plain plant
 KINDS = ("two_tone", "multisine", "chirp", "prbs", "steps")
 
 
-def experiment(excitation: str, rate: float, seed: int = 3) -> Experiment:
-    """12 s with a usual encoder and noise on the torque."""
-    return Experiment(rate=rate, seconds=12.0, excitation=excitation, seed=seed, counts=65_536)
-
-
-@cache
-def of_a_plain_plant() -> dict[Experiment, SimulatedRecording]:
-    """All at once, as a simulation of many takes little longer than one."""
-    of_all = [experiment(excitation, rate) for excitation in (*KINDS, "pd_loop") for rate in (500.0, 1000.0)]
-    of_all.append(experiment("two_tone", 500.0, 4))
-    return dict(zip(of_all, simulate([(Plant(), one) for one in of_all]), strict=True))
-
-
 def run(excitation: str, rate: float, seed: int = 3, **effects: dict[str, float]) -> Recording:
-    """A recording of a plant with hidden effects."""
-    one = experiment(excitation, rate, seed)
-    made = simulate([(Plant(effects=effects), one)])[0] if effects else of_a_plain_plant()[one]
-    return Recording(f"{excitation} {seed}", made.time, made.position, made.torque)
+    """12 s of a plant with hidden effects, with a usual encoder and noise on the torque."""
+    experiment = Experiment(rate=rate, seconds=12.0, excitation=excitation, seed=seed, counts=65_536)
+    return recorded(Plant(effects=effects), experiment)[0]
 
 
 def logged_late(recording: Recording, samples: int) -> Recording:
@@ -112,8 +97,7 @@ def test_torque_in_time_is_left_alone(excitation):
 def test_no_effect_of_the_plant_makes_torque_look_logged_late(effect):
     rng = np.random.default_rng(12)
     cases = [random_case(rng, (effect,), excitation=kind, rate=500.0, seconds=8.0) for kind in ("two_tone", "steps")]
-    runs = simulate([(case.plant, case.train) for case in cases])
-    assert not any(align([Recording(effect, r.time, r.position, r.torque)]).is_late for r in runs)
+    assert not any(align(recorded(case.plant, case.train)).is_late for case in cases)
 
 
 def test_a_drive_with_a_dead_time_is_the_law_of_a_log_that_is_ahead_and_both_are_named():
@@ -184,11 +168,8 @@ def test_nothing_reaches_across_a_gap():
     good = run("multisine", 500.0)
     gap = slice(2900, 3100)
     late = logged_late(good, 5)
-    holey = replace(
-        late,
-        **{name: np.delete(getattr(late, name), gap) for name in ("time", "position", "torque")},
-        starts=(0, 2900),
-    )
+    kept = {name: np.delete(getattr(late, name), gap) for name in ("time", "position", "torque")}
+    holey = replace(late, **kept, starts=(0, 2900))
     found = align([holey])
     assert found.delay == pytest.approx(0.01, abs=2e-4)
     mended = replace(found, channel=replace(found.channel, delay=0.01)).apply(holey)

@@ -1,48 +1,29 @@
 """Agreement of recordings: another payload is named and measured, and one plant is one plant."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, random_case, simulate
+from benchmarks.independent_plant import Experiment, Plant, random_case, simulate
 from estimators import compare, identify
 from estimators.checks.homogeneity import disagreements, misfits, own_fits
 from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests import slow
-from tests.cases import diagnosed
+from tests.cases import diagnosed, told
 
 PLANT = Plant()
 HEAVIER = replace(PLANT, inertia=1.1 * PLANT.inertia, gravity=1.1 * PLANT.gravity)
 KINDS = ("two_tone", "multisine", "prbs")
-
-
 RUBBING = replace(PLANT, effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.6}})
 
 
-def experiment(place: int, seconds: float = 10.0) -> Experiment:
-    """At 500 Hz, under an excitation that differs from place to place."""
-    return Experiment(seed=place, excitation=KINDS[place % 3], seconds=seconds, rate=500.0)
-
-
-@cache
-def usual() -> list[list[SimulatedRecording]]:
-    """What the plants above do in each place; all at once, as a simulation of many takes little longer than one."""
-    made = simulate([(plant, experiment(place)) for plant in (PLANT, HEAVIER, RUBBING) for place in range(4)])
-    return [made[0:4], made[4:8], made[8:12]]
-
-
 def recorded(plants: list[Plant], seconds: float = 10.0) -> list[Recording]:
-    """One recording of each plant."""
-    known = [PLANT, HEAVIER, RUBBING]
-    if seconds == 10.0 and all(plant in known for plant in plants):
-        runs = [usual()[known.index(plant)][place] for place, plant in enumerate(plants)]
-    else:
-        runs = simulate([(plant, experiment(place, seconds)) for place, plant in enumerate(plants)])
-    return [Recording(f"run {j}", r.time, r.position, r.torque) for j, r in enumerate(runs)]
+    """One recording of each plant at 500 Hz, under an excitation that differs from place to place."""
+    cases = [(p, Experiment(500.0, seconds, KINDS[place % 3], seed=place)) for place, p in enumerate(plants)]
+    return [told(run, f"run {place}") for place, run in enumerate(simulate(cases))]
 
 
 def test_recordings_of_one_plant_agree():
@@ -51,7 +32,7 @@ def test_recordings_of_one_plant_agree():
         sensors = {"rate": float(rng.choice([200.0, 500.0])), "counts": 65_536, "seconds": 10.0, "torque_noise": 0.05}
         plant = random_case(rng).plant
         cases += [(plant, random_case(rng, (), **sensors).train) for _ in range(3)]
-    runs = [Recording("run", r.time, r.position, r.torque) for r in simulate(cases)]
+    runs = [told(run) for run in simulate(cases)]
     assert [disagreements(own_fits([prepare(runs[j : j + 3])], BASE)) for j in range(0, 24, 3)] == [()] * 8
 
 

@@ -1,17 +1,21 @@
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Plant
+from benchmarks.independent_plant import Experiment, Plant
 from estimators.checks.identifiability import identifiability
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.signals.measurements import measure
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
-from tests.cases import diagnosed
+from tests.cases import THETA, diagnosed, recorded
 
-PLANT = Plant()
 TIME = np.arange(3000) / 500
+
+
+def driven(command: np.ndarray, start: float = 0.0, **plant: float) -> Recording:
+    """6 s at 500 Hz under a command."""
+    return recorded(Plant(**plant), Experiment(rate=500.0, seconds=6.0, start=(start, 0.0)), commands=[command])[0]
 
 
 def doubts(recording: Recording, *added: str) -> list[str]:
@@ -20,34 +24,33 @@ def doubts(recording: Recording, *added: str) -> list[str]:
 
 
 def test_nothing_is_doubted_of_a_rich_recording(paper_run):
-    assert doubts(paper_run.recording) == []
-    assert doubts(paper_run.recording, "torque_offset", "stribeck") == []
+    assert doubts(paper_run) == []
+    assert doubts(paper_run, "torque_offset", "stribeck") == []
 
 
-def test_one_direction_hides_friction_behind_an_offset(record):
-    run = record([PLANT], [5.0 + np.sin(3 * TIME)], rate=500.0, seconds=6.0)[0]
+def test_one_direction_hides_friction_behind_an_offset():
+    run = driven(5.0 + np.sin(3 * TIME))
     text = "velocity never changes sign: coulomb and torque_offset cannot be told apart"
-    assert text in doubts(run.recording)[0]
-    found = identify([run.recording])
+    assert text in doubts(run)[0]
+    found = identify([run])
     assert found["dynamic"].withheld == {"coulomb"}
     assert found["dynamic"].json()["theta"]["coulomb"] == {"value": None, "std": None, "unit": "N m"}
-    assert found["dynamic"].json()["theta"]["inertia"]["value"] == pytest.approx(run.theta[0], rel=0.02)
-    both = [*record([PLANT], [-5.0 - np.sin(3 * TIME)], rate=500.0, seconds=6.0), run]
-    assert not identify([item.recording for item in both]).doubts
+    assert found["dynamic"].json()["theta"]["inertia"]["value"] == pytest.approx(THETA["inertia"], rel=0.02)
+    assert not identify([driven(-5.0 - np.sin(3 * TIME)), run]).doubts
 
 
-def test_a_free_swing_tells_ratios_only(record):
-    run = record([Plant(coulomb=0.02, viscous=0.01)], [np.zeros(3000)], rate=500.0, seconds=6.0, start=(2.5, 0.0))[0]
-    assert "torque is never applied: only ratios" in doubts(run.recording)[0]
+def test_a_free_swing_tells_ratios_only():
+    run = driven(np.zeros(3000), 2.5, coulomb=0.02, viscous=0.01)
+    assert "torque is never applied: only ratios" in doubts(run)[0]
     with pytest.raises(IdentificationError, match="torque is never applied: only ratios of parameters are known"):
-        identify([run.recording])
+        identify([run])
 
 
-def test_small_swings_cannot_tell_gravity_from_a_spring(record):
-    run = record([Plant(coulomb=0.05)], [0.3 * np.sin(5 * TIME) + 0.1 * np.sin(2 * TIME)], rate=500.0, seconds=6.0)[0]
-    assert "gravity and a spring look the same" in doubts(run.recording)[0]
-    assert identify([run.recording])["dynamic"].withheld == frozenset()  # the model has no spring
-    withheld = identify([run.recording], (*BASE, effects()["spring"]()))["dynamic"].withheld
+def test_small_swings_cannot_tell_gravity_from_a_spring():
+    run = driven(0.3 * np.sin(5 * TIME) + 0.1 * np.sin(2 * TIME), coulomb=0.05)
+    assert "gravity and a spring look the same" in doubts(run)[0]
+    assert identify([run])["dynamic"].withheld == frozenset()  # the model has no spring
+    withheld = identify([run], (*BASE, effects()["spring"]()))["dynamic"].withheld
     assert withheld >= {"gravity", "spring.stiffness"}
 
 
@@ -90,13 +93,13 @@ def test_a_parameter_that_is_told_to_be_nothing_is_told():
 
 
 def test_equal_columns_are_named(paper_run):
-    (text,) = doubts(paper_run.recording, "torque_offset", "coulomb_asymmetry")
+    (text,) = doubts(paper_run, "torque_offset", "coulomb_asymmetry")
     assert text == "torque_offset and coulomb_asymmetry cannot be told apart: they act alike in these recordings"
 
 
 def test_an_effect_that_never_acts_is_named(paper_run):
     terms = (*BASE, effects()["hard_stop"](upper=90.0))
-    (doubt,) = identifiability([measure(paper_run.recording)], terms)
+    (doubt,) = identifiability([measure(paper_run)], terms)
     assert doubt.text == "hard_stop.stiffness never acts in these recordings: record motion that reaches it"
     assert doubt.withheld == ("hard_stop.stiffness",)
 

@@ -53,9 +53,7 @@ def test_files_with_other_columns_are_told_apart(run):
     other = replace(run, name="other", origin=Origin(find_columns(["t", "q", "u"])))
     found = identify([run], schemes="energy")["energy"].model
     (told,) = wrong_columns(negative(found), [run, other])
-    assert told.endswith(
-        "; read simulated with --columns torque=-tau instead; read other with --columns torque=-u instead"
-    )
+    assert told.endswith("with --columns torque=-tau instead; read other with --columns torque=-u instead")
 
 
 def negative(model: Model) -> Model:

@@ -130,13 +130,9 @@ def test_the_spectrum_reads_amplitudes_though_samples_are_missing():
     assert found.mean[peak] == pytest.approx(0.5, rel=0.15)
 
 
-@pytest.mark.parametrize("rows", [2, 9, 25])
-def test_few_samples_are_no_error(rows):
+@pytest.mark.parametrize("rows", [2, 9, 25, 100])
+def test_few_samples_and_values_that_do_not_vary_are_no_error(rows):
     x = motion(rows=rows)
     assert all(np.isfinite(item.mean).all() for item in profiles(x, noise(0, rows), NOISE))
-
-
-def test_values_that_do_not_vary_are_no_error():
-    x = motion(rows=100)
-    still = Samples(x.time, np.zeros(100), x.velocity, np.full(100, 2.0))
-    assert stand_out(still, noise(0, 100), NOISE) == []
+    still = Samples(x.time, np.zeros(rows), x.velocity, np.full(rows, 2.0))
+    assert stand_out(still, noise(0, rows), NOISE) == []

@@ -3,8 +3,8 @@
 import pytest
 
 from estimators import add
-from pendulum_env.physics import Model, ModelError, effects
-from pendulum_env.plant import hide, paper_plant
+from pendulum_env.physics import Model, effects
+from pendulum_env.plant import hide
 from pendulum_env.recording import Recording
 from tests import slow
 from tests.cases import plain, recording
@@ -39,10 +39,3 @@ def test_adding_the_effect_that_is_there_lowers_both_held_out_errors(id):
     before, after = added.before, added.after
     assert after.errors["holdout"].torque_rms < before.errors["holdout"].torque_rms / 1.5
     assert after.errors["holdout"].position_rms < before.errors["holdout"].position_rms / 1.5
-
-
-def test_adding_is_refused_by_name():
-    with pytest.raises(ValueError, match=r"did you mean stribeck\?"):
-        add(paper_plant(), "stribek", [recording("steps")])
-    with pytest.raises(ModelError, match="the model has 'stribeck' already"):
-        add(hide(paper_plant(), "stribeck"), "stribeck", [recording("steps")])

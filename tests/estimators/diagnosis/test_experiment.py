@@ -1,12 +1,11 @@
 """Suggested experiments: played on a plant that the models know nothing of, they settle what was open."""
 
-from collections.abc import Callable
 from functools import cache
 
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators import Diagnosis
 from estimators.checks.residual import Region
 from estimators.diagnosis.experiment import SAFE, Limits, Question, of_typical_size, suggest
@@ -26,10 +25,7 @@ TIME = np.arange(6000) / RATE
 WAGGING = 1.04 * np.sin(13 * TIME) + 0.64 * np.sin(9.3 * TIME + 1)  # within 0.3 rad
 SPINNING = 4.6 + np.sin(5 * TIME) + 0.6 * np.sin(9 * TIME)  # never turns round
 CASES: dict[str, tuple[Plant, np.ndarray]] = {
-    "a spring at small angles": (
-        Plant(coulomb=0.3, effects={"spring": {"spring_k": 0.4, "spring_q0": 0.0}}),
-        WAGGING,
-    ),
+    "a spring at small angles": (Plant(coulomb=0.3, effects={"spring": {"spring_k": 0.4, "spring_q0": 0.0}}), WAGGING),
     "nothing at small angles": (Plant(coulomb=0.3), WAGGING),
     "a tilt at small angles": (Plant(coulomb=0.3, effects={"gravity_tilt": {"tilt_cos": 0.2}}), WAGGING),
     "an offset while spinning": (Plant(effects={"torque_offset": {"offset": 0.3}}), SPINNING),
@@ -40,29 +36,20 @@ CASES: dict[str, tuple[Plant, np.ndarray]] = {
 
 def play(name: str, command: np.ndarray, seed: int = 2) -> Recording:
     """A command on the plant of a case."""
-    (run,) = simulate([(CASES[name][0], Experiment(seed=seed, seconds=len(command) / RATE, rate=RATE))], [command])
-    return Recording(f"{name} {seed}", run.time, run.position, run.torque)
+    experiment = Experiment(seed=seed, seconds=len(command) / RATE, rate=RATE)
+    return recorded(CASES[name][0], experiment, commands=[command])[0]
+
+
+@cache
+def first(name: str) -> tuple[Recording, Diagnosis]:
+    """The first recording of a case and its diagnosis."""
+    recording = play(name, CASES[name][1], seed=1)
+    return recording, diagnosed([recording], **FREELY)
 
 
 @pytest.fixture(scope="module")
 def models() -> Models:
     return Models(*gather([recording("moving")]))
-
-
-@pytest.fixture(scope="module")
-def first() -> Callable[[str], tuple[Recording, Diagnosis]]:
-    """The first recording of a case and its diagnosis, once; all are simulated together, which takes hardly longer."""
-    experiment = Experiment(seed=1, seconds=len(TIME) / RATE, rate=RATE)
-    runs = simulate([(plant, experiment) for plant, _ in CASES.values()], [command for _, command in CASES.values()])
-    recordings = {
-        name: Recording(f"{name} 1", run.time, run.position, run.torque) for name, run in zip(CASES, runs, strict=True)
-    }
-
-    @cache
-    def made(name: str) -> tuple[Recording, Diagnosis]:
-        return recordings[name], diagnosed([recordings[name]], **FREELY)
-
-    return made
 
 
 def suggested(found: Diagnosis) -> Suggestion:
@@ -82,7 +69,7 @@ def suggested(found: Diagnosis) -> Suggestion:
         ("nothing while spinning", None, ()),
     ],
 )
-def test_the_suggested_experiment_settles_what_was_open(first, name, hidden, before):
+def test_the_suggested_experiment_settles_what_was_open(name, hidden, before):
     recording, found = first(name)
     assert set(before) <= {id for group in found.ambiguous for id in group}
     suggestion = suggested(found)
@@ -104,21 +91,23 @@ def test_what_no_torque_tells_apart_is_said_and_not_tried():
     assert any("the motor mounted the other way round" in text for text in found.advice)
 
 
-def test_a_suggestion_says_what_to_expect_and_survives_json(first):
+def test_a_suggestion_says_what_to_expect_and_survives_json_and_what_it_asks_is_open_and_not_rejected_above():
     _, found = first("a spring at small angles")
     suggestion = suggested(found)
     assert Aim("spring", "gravity") in suggestion.settles
     assert suggestion.peak_torque <= 6.0
     assert suggestion.reach[1] - suggestion.reach[0] > 1.0  # beyond the small angles
-    assert suggestion.text in found.advice
+    assert found.next_step == suggestion.text in found.advice and found.next_step not in found.remarks
     again = Suggestion.of(Value("the suggestion", "", found.json()["suggestion"]))
     time = np.linspace(0, suggestion.seconds, 999)
     np.testing.assert_array_equal(again.signal.signal(time), suggestion.signal.signal(time))
     assert again.json() == suggestion.json()
+    verdicts = {candidate.effect: candidate.verdict for candidate in found.candidates}
+    assert all(verdicts[aim.effect] in (Verdict.AMBIGUOUS, Verdict.NOT_EXCITED) for aim in suggestion.settles)
 
 
 @pytest.mark.slow
-def test_the_suggested_motion_stays_within_what_the_rig_bears(first):
+def test_the_suggested_motion_stays_within_what_the_rig_bears():
     name = "a spring at small angles"
     recording, _ = first(name)
     suggestion = suggested(diagnosed([recording], max_angle=1.0, max_speed=4.0))
@@ -131,18 +120,10 @@ def test_the_suggested_motion_stays_within_what_the_rig_bears(first):
     assert diagnosed([recording, run]).selected == ("spring",)
 
 
-def test_what_is_asked_for_is_open_and_not_rejected_above(first):
-    _, found = first("a spring at small angles")
-    verdicts = {candidate.effect: candidate.verdict for candidate in found.candidates}
-    aims = {aim.effect for aim in suggested(found).settles}
-    assert aims and all(verdicts[effect] in (Verdict.AMBIGUOUS, Verdict.NOT_EXCITED) for effect in aims)
-    assert found.next_step == suggested(found).text and found.next_step not in found.remarks
-
-
 @pytest.mark.parametrize(
     "name", slow.but_first(["an offset while spinning", "asymmetric fluid friction while spinning"])
 )
-def test_unless_asked_an_experiment_stays_within_what_was_recorded(first, name):
+def test_unless_asked_an_experiment_stays_within_what_was_recorded(name):
     recording, _ = first(name)
     found = diagnosed([recording])
     if found.suggestion is None:
@@ -184,7 +165,7 @@ def test_an_experiment_goes_where_most_is_left(models):
         ({"max_angle": 0.3, "max_speed": 2.0}, "6 N m, 0.3 rad and 2 rad/s would"),
     ],
 )
-def test_limits_that_leave_no_experiment_are_said(first, limits, within):
+def test_limits_that_leave_no_experiment_are_said(limits, within):
     recording, _ = first("a spring at small angles")
     found = diagnosed([recording], **limits)
     assert found.suggestion is None and found.inseparable == ()

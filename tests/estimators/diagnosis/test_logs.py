@@ -83,8 +83,7 @@ def test_of_a_damped_stop_to_one_side_the_other_side_is_left_open(stop, open):
 @pytest.mark.parametrize("seed", slow.but_first(range(3)))
 def test_actions_drawn_at_random_raise_no_alarm(seed):
     found = diagnosed(f"random {seed}")
-    assert found.selected == ()
-    assert found.unexplained == ()
+    assert found.selected == found.unexplained == ()
     estimates = found.model.estimates
     assert all(abs(estimates[name].value - truth) < 0.15 * truth for name, truth in THETA.items())
 
@@ -121,8 +120,7 @@ def test_a_simulation_without_noise_hides_nothing():
     torque = 3 * np.sin(12.07 * time) + 3 * np.sin(2.25 * time)
     position = plain().simulate(period, torque, 0.0, 0.0).position[:-1, 0]
     found = diagnosed([Recording("exact", time, position, torque)])
-    assert found.selected == ()
-    assert found.unexplained == ()
+    assert found.selected == found.unexplained == ()
 
 
 def test_the_ringing_of_a_transmission_is_followed_into_the_end_that_is_held_out():

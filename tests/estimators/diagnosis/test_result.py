@@ -14,16 +14,6 @@ def is_number(value: object) -> bool:
     return isinstance(value, float | int) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
-def check_theta(theta: dict, is_biased: bool) -> None:
-    for name, entry in theta.items():
-        assert isinstance(name, str)
-        assert entry.keys() == {"value", "std", "unit"} | ({"biased"} if is_biased else set())
-        assert is_number(entry["value"])
-        assert is_number(entry["std"])
-        assert entry["std"] >= 0
-        assert isinstance(entry["unit"], str)
-
-
 @pytest.mark.parametrize("name", ["steps", "stribeck", "torque_offset", "stribeck and tilt", "knocks"])
 def test_json_is_laid_out_as_promised(name):
     data = diagnosed(name).json()
@@ -33,7 +23,11 @@ def test_json_is_laid_out_as_promised(name):
     assert data["base"]["theta"].keys() == THETA.keys()
     assert [step["added"] for step in data["steps"]] == [None, *data["selected"]]
     for step in data["steps"]:
-        check_theta(step["theta"], step == data["steps"][-1] and data["unexplained"]["present"])
+        biased = {"biased"} if step == data["steps"][-1] and data["unexplained"]["present"] else set()
+        for entry in step["theta"].values():
+            assert entry.keys() == {"value", "std", "unit"} | biased
+            assert is_number(entry["value"]) and is_number(entry["std"]) and entry["std"] >= 0
+            assert isinstance(entry["unit"], str)
         assert step["errors"].keys() == {"train", "holdout"}
         for errors in step["errors"].values():
             assert errors.keys() == {"torque_rms", "position_rms", "torque_fit", "position_fit"}

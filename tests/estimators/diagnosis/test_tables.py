@@ -41,16 +41,11 @@ def kept(hidden: str, table: str) -> Addition:
     return add(diagnosed("nothing").model, table, fitted, unseen)
 
 
-@pytest.mark.parametrize("hidden", ["friction_by_angle", "friction_by_speed", "gain_by_speed"])
-def test_a_diagnosis_names_the_table_that_keeps_a_law_without_a_name(hidden):
-    found = diagnosed(hidden)
-    assert not found.selected
-    assert found.tables == (hidden,) and found.json()["table"] == hidden
-    assert f"add MODEL.json {hidden}" in found.next_step
-
-
-def test_where_nothing_is_hidden_no_table_is_named():
-    assert diagnosed("nothing").tables == ()
+@pytest.mark.parametrize("hidden", ["friction_by_angle", "friction_by_speed", "gain_by_speed", "nothing"])
+def test_a_diagnosis_names_the_table_that_keeps_a_law_without_a_name_and_none_where_nothing_is_hidden(hidden):
+    found, named = diagnosed(hidden), () if hidden == "nothing" else (hidden,)
+    assert found.tables == named and not found.selected
+    assert not named or (found.json()["table"] == hidden and f"add MODEL.json {hidden}" in found.next_step)
 
 
 @pytest.mark.parametrize("hidden", [id for id in HIDDEN if id != "nothing"])
@@ -112,13 +107,8 @@ def test_a_power_of_the_speed_is_told_from_its_table(power):
     assert nearest.share > 0.999
 
 
-def test_a_line_looks_like_a_line_and_not_like_a_bend_or_half_a_bump():
-    table = TorqueByAngle.over(Extent(-1.0, 0.5, 12))()
+def test_a_line_looks_like_a_line_and_not_like_a_bend_or_half_a_bump_and_noise_like_nothing():
+    table, wide = (TorqueByAngle.over(Extent(*extent))() for extent in ((-1.0, 0.5, 12), (-3.0, 3.0, 48)))
     curve = table.curve(np.zeros(len(table.columns)))
     assert [one.words for one in likenesses(table, curve._replace(value=0.3 - 2.0 * curve.x))] == ["a straight line"]
-
-
-def test_noise_looks_like_nothing():
-    table = TorqueByAngle.over(Extent(-3.0, 3.0, 48))()
-    curve = table.curve(np.random.default_rng(3).normal(size=len(table.columns)))
-    assert not likenesses(table, curve)
+    assert not likenesses(wide, wide.curve(np.random.default_rng(3).normal(size=len(wide.columns))))

@@ -17,37 +17,22 @@ from pendulum_env.physics import BASE, Model, effects
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.potential import GravityTilt
-from pendulum_env.recording import (
-    Recording,
-    RecordingError,
-    Source,
-    read_recording,
-    read_study,
-    write_recording,
-    write_study,
-)
+from pendulum_env.recording import Recording, RecordingError, read_recording, read_study, write_recording
 from pendulum_env.servo.drive import Drive
 from workbench.cli import main
 
 TRUE = {"inertia": 0.012, "gravity": 0.9, "viscous": 0.05, "coulomb": 0.08}
 FEW = [id for id in effects() if id in ("stribeck", "load_dependent_friction", "cogging", "viscous_asymmetry")]
 TYPICAL = np.array([1e-3, 0.05, 5e-3, 0.01, 0.01])
+MODEL, TILTED = Model.build(BASE, list(TRUE.values())), (*BASE, GravityTilt())
 
 
 def recorded(hidden: dict[str, dict[str, float]], gains: tuple[float, ...] = (2.5, 5.0, 8.0)) -> list[Recording]:
     """Goals and positions of a servo whose controller looks a thousand times a second, logged at 125 Hz."""
-    plant = Plant(*TRUE.values(), hidden)
-    cases = [
-        (
-            plant,
-            Experiment(
-                1000.0, 8.0, "pd_loop", 0.5, 7 + k, counts=4096, gains=(g, 0.0), torque_limit=6.0, control="servo"
-            ),
-        )
-        for k, g in enumerate(gains)
-    ]
-    found = []
-    for k, (run, gain) in enumerate(zip(simulate(cases), gains, strict=True)):
+    servo, found = {"counts": 4096, "torque_limit": 6.0, "control": "servo"}, []
+    for k, gain in enumerate(gains):
+        experiment = Experiment(1000.0, 8.0, "pd_loop", 0.5, 7 + k, gains=(gain, 0.0), **servo)
+        (run,) = simulate([(Plant(*TRUE.values(), hidden), experiment)])
         drive = Drive(output="torque", kp=gain, limit=6.0, rate=1000.0)
         time, position, goal = run.time[::8], run.position[::8], run.goal[::8]
         ones = np.ones(len(time))
@@ -66,10 +51,15 @@ def pressed() -> list[Recording]:
     return recorded({"load_dependent_friction": {"load_mu": 0.0, "load_w": 0.0, "load_out": 0.3}})
 
 
+@pytest.fixture
+def rollouts(plain) -> Rollouts:
+    return Rollouts(tuple(plain[:2]), is_held=False)
+
+
 @pytest.mark.slow
 def test_a_law_without_a_name_is_kept_as_a_table_of_a_servo():
     rubs = recorded({"friction_spot": {"spot_f": 0.08, "spot_q": 0.3, "spot_w": 0.2}})
-    added = add(Model.build(BASE, list(TRUE.values())), "friction_by_angle", rubs[:2], rubs[2:])
+    added = add(MODEL, "friction_by_angle", rubs[:2], rubs[2:])
     assert added.objection is None and added.is_in_loop
     before, after = (step.errors["holdout"].in_loop for step in (added.before, added.after))
     assert after < 0.5 * before
@@ -90,7 +80,7 @@ def test_parameters_come_back_from_goals_and_positions(plain):
 def test_standard_errors_hold_what_a_late_log_does(plain):
     """Goals that were logged later than they acted, by as much as nobody says."""
     found, late = (
-        add(Model.build(BASE, list(TRUE.values())), "viscous_asymmetry", part[:2], part[2:]).before.model.estimates
+        add(MODEL, "viscous_asymmetry", part[:2], part[2:]).before.model.estimates
         for part in (plain, Rollouts(tuple(plain)).mistimed[0].recordings)
     )
     moved = {name: abs(late[name].value - found[name].value) / found[name].std for name in TRUE}
@@ -120,24 +110,26 @@ def test_friction_that_grows_with_the_load_is_named_and_the_error_falls(pressed)
 
 
 def test_error_falls_where_what_hides_is_added_and_not_where_nothing_does(pressed, plain):
-    base = Model.build(BASE, list(TRUE.values()))
-    right, wrong = (add(base, "load_dependent_friction", own[:2], own[2:]) for own in (pressed, plain))
+    right, wrong = (add(MODEL, "load_dependent_friction", own[:2], own[2:]) for own in (pressed, plain))
     assert right.objection is None and wrong.objection is not None
     first, last = (step.errors["holdout"].in_loop for step in (right.before, right.after))
     assert last < 0.3 * first and "in the loop" in right.text and right.left < 3
 
 
 def test_errors_of_a_comparison_are_those_of_whole_recordings(plain):
-    true = Model.build(BASE, list(TRUE.values()))
-    wrong = Model.build(BASE, [0.012, 0.6, 0.05, 0.08])
-    right, off = (compare(model, plain).joint.errors for model in (true, wrong))
+    wrong = MODEL.at({"gravity": 0.6})
+    right, off = (compare(model, plain).joint.errors for model in (MODEL, wrong))
     assert right.in_loop < 2e-3 < 0.02 < off.in_loop
     assert right.in_loop <= right.in_loop_rms
 
 
-def test_limit_that_is_too_low_is_where_the_parameter_ends(plain):
-    rollouts, terms = Rollouts(tuple(plain[:2]), is_held=False), (*BASE, GravityTilt())
-    limited, _ = within_limits(terms, {}, None, {"viscous": (0.0, 0.04)})
+def test_fit_finds_the_likeliest_parameters_from_far_away_and_a_limit_that_is_too_low_is_where_one_ends(rollouts):
+    found = fit(rollouts, Point(TILTED, np.array([0.03, 0.4, 0.2, 0.2, 0.1])), TYPICAL, share=0.0)
+    true = rollouts.misses([Point(TILTED, np.array([*TRUE.values(), 0.0]))])
+    told = [likelihood(rollouts, e)[0] for e in (found.error[:, None], true)]
+    assert told[0] >= told[1]
+    assert found.point.theta[:4] == pytest.approx(list(TRUE.values()), rel=0.05)
+    limited, _ = within_limits(TILTED, {}, None, {"viscous": (0.0, 0.04)})
     start = np.array([*TRUE.values(), 0.0]) * [1.2, 0.8, 0.8, 1.0, 1.0]
     found = fit(rollouts, Point(tuple(limited), start), TYPICAL, share=0.0)
     assert found.point.theta[2] == pytest.approx(0.04)
@@ -145,7 +137,7 @@ def test_limit_that_is_too_low_is_where_the_parameter_ends(plain):
 
 
 def test_end_of_a_recording_is_compared_as_the_whole_has_it(plain):
-    point = Point((*BASE, GravityTilt()), np.array([*TRUE.values(), 0.02]))
+    point = Point(TILTED, np.array([*TRUE.values(), 0.02]))
     whole, first, last = (Rollouts(tuple(plain[:2]), shares=own) for own in ((0.0, 1.0), (0.0, 0.7), (0.7, 1.0)))
     told = [one.misses([point])[:, 0] for one in (whole, first, last)]
     assert np.sort(np.concatenate(told[1:])) == pytest.approx(np.sort(told[0]), abs=1e-12)
@@ -176,15 +168,6 @@ def test_servos_that_cannot_be_simulated_together_are_refused(plain, other, refu
         are_driven([plain[0], replace(plain[1], **other)])
 
 
-def test_study_with_drives_reads_back(plain, tmp_path):
-    write_recording(plain[0], tmp_path / "a.csv")
-    drives = [Drive(kp=np.float64(2.5), output="torque"), Drive("velocity", "torque", kp=1.0, ki=0.5, rate=500.0)]
-    for drive in drives:
-        source = Source(tmp_path / "a.csv", drive=drive)
-        write_study(tmp_path / "s.toml", [source])
-        assert read_study(tmp_path / "s.toml").sources[0].drive == drive
-
-
 def test_goal_of_a_speed_has_its_units_and_that_of_an_angle_its_turn(plain, tmp_path):
     time = plain[0].time
     position = 8.0 * np.sin(time)
@@ -198,26 +181,13 @@ def test_goal_of_a_speed_has_its_units_and_that_of_an_angle_its_turn(plain, tmp_
     assert speed.reference == pytest.approx(np.pi)
 
 
-def test_slopes_are_those_of_smaller_and_larger_parameters(plain):
-    rollouts = Rollouts(tuple(plain[:2]), is_held=False)
-    terms = (*BASE, GravityTilt())
+def test_slopes_are_those_of_smaller_and_larger_parameters(rollouts):
     theta = np.array([*TRUE.values(), 0.0])
-    near = linear(rollouts, Point(terms, theta), TYPICAL, False)
-    for k, step in enumerate(TYPICAL / 20):
-        shift = step * np.eye(5)[k]
-        more, less = (rollouts.misses([Point(terms, theta + s)])[:, 0] for s in (shift, -shift))
-        slope = (more - less) / (2 * step)
+    near = linear(rollouts, Point(TILTED, theta), TYPICAL, False)
+    for k, step in enumerate(np.diag(TYPICAL / 20)):
+        more, less = (rollouts.misses([Point(TILTED, theta + s)])[:, 0] for s in (step, -step))
+        slope = (more - less) / (2 * step[k])
         assert np.linalg.norm(near.slopes[:, k] - slope) < 0.1 * np.linalg.norm(slope)
-
-
-def test_fit_finds_the_likeliest_parameters_from_far_away(plain):
-    rollouts, terms = Rollouts(tuple(plain[:2]), is_held=False), (*BASE, GravityTilt())
-    far = Point(terms, np.array([0.03, 0.4, 0.2, 0.2, 0.1]))
-    found = fit(rollouts, far, TYPICAL, share=0.0)
-    true = rollouts.misses([Point(terms, np.array([*TRUE.values(), 0.0]))])
-    told = [likelihood(rollouts, e)[0] for e in (found.error[:, None], true)]
-    assert told[0] >= told[1]
-    assert found.point.theta[:4] == pytest.approx(list(TRUE.values()), rel=0.05)
 
 
 def test_a_servo_that_is_told_to_go_at_once_starts_at_rest():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import VectorWrapper
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators import diagnose
 from estimators.online import Diagnoser
 from estimators.online.binning import Bin
@@ -22,10 +22,9 @@ from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import QuadraticDrag, Stribeck
 from pendulum_env.physics.library import effect
 from pendulum_env.physics.potential import Cogging
-from pendulum_env.recording import Recording
 from pendulum_env.registration import PENDULUM
-from tests import slow
-from tests.feeding import fed
+from tests import cases, slow
+from tests.feeding import fed, played
 
 RATE, COUNTS, SECONDS = 250.0, 65_536, 18.0
 HIDDEN = {
@@ -40,14 +39,9 @@ FEW = {id: effect(id) for id in (*HIDDEN, *SOME)}
 
 
 @cache
-def recordings():
-    experiment = Experiment(rate=RATE, seconds=SECONDS, counts=COUNTS, torque_noise=0.05, seed=3)
-    plants = [Plant(effects={id: law}) for id, (law, _) in HIDDEN.items()]
-    return dict(zip((*HIDDEN, ""), simulate([(plant, experiment) for plant in (*plants, Plant())]), strict=True))
-
-
 def recorded(hidden):
-    return recordings()[hidden]
+    experiment = Experiment(rate=RATE, seconds=SECONDS, counts=COUNTS, torque_noise=0.05, seed=3)
+    return cases.recorded(Plant(effects={hidden: HIDDEN[hidden][0]} if hidden else {}), experiment)[0]
 
 
 def diagnoser(terms=BASE, **options):
@@ -90,7 +84,7 @@ def test_where_nothing_is_hidden_nothing_is_missing():
 def test_what_is_said_online_is_what_diagnose_says_of_the_recording(hidden):
     recording = recorded(hidden)
     said = run(diagnoser(), recording)
-    offline = diagnose(Recording(hidden, recording.time, recording.position, recording.torque))
+    offline = diagnose(recording)
     assert offline.selected[0] == said.group[0] == hidden
 
 
@@ -119,9 +113,7 @@ def test_a_wrapper_diagnoses_beside_others_and_adds_by_itself():
     env = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
     _, info = env.reset(seed=0)
     assert set(info["diagnosis"].not_run) == {"dead_time"}
-    for k in range(3000):
-        action = 3 * np.sin(12.07 * k / 200) + 3 * np.sin(2.25 * k / 200)
-        *_, info = env.step(np.array([action], dtype=np.float32))
+    *_, info = played(env, 3000)
     said = info["diagnosis"]
     assert said.added == ("gravity_tilt",) and "dynamic" in info["estimates"]
     assert said.kind == "nothing" and said.theta["gravity_tilt"] == pytest.approx(0.3, rel=0.05)
@@ -130,23 +122,18 @@ def test_a_wrapper_diagnoses_beside_others_and_adds_by_itself():
 
 
 def test_what_cannot_be_followed_is_refused():
-    with pytest.raises(ValueError, match="actuator_lag cannot be in a model that is diagnosed online"):
-        DiagnoseOnline(gym.make(PENDULUM), ["inertia", "actuator_lag"])
-    with pytest.raises(ValueError, match="did you mean stribeck"):
-        DiagnoseOnline(gym.make(PENDULUM), candidates=["stribek"])
-    for candidates, why in (
-        ([], "no effect to try;"),
-        ("backlash", "no effect to try: backlash depends on the past"),
+    for options, why in (
+        ({"terms": ["inertia", "actuator_lag"]}, "actuator_lag cannot be in a model that is diagnosed online"),
+        ({"candidates": ["stribek"]}, "did you mean stribeck"),
+        ({"candidates": []}, "no effect to try;"),
+        ({"candidates": "backlash"}, "no effect to try: backlash depends on the past"),
+        ({"rate": np.nan}, "give a positive number"),
+        ({"rate": 0.0}, "give a positive number"),
+        ({"add_from": 0.2}, "add_from"),
+        ({"alarms_per_hour": 0.0}, "alarms_per_hour"),
     ):
         with pytest.raises(ValueError, match=why):
-            DiagnoseOnline(gym.make(PENDULUM), candidates=candidates)
-    for rate in (np.nan, 0.0):
-        with pytest.raises(ValueError, match="give a positive number"):
-            DiagnoseOnline(gym.make(PENDULUM), rate=rate)
-    with pytest.raises(ValueError, match="add_from"):
-        DiagnoseOnline(gym.make(PENDULUM), add_from=0.2)
-    with pytest.raises(ValueError, match="alarms_per_hour"):
-        DiagnoseOnline(gym.make(PENDULUM), alarms_per_hour=0.0)
+            DiagnoseOnline(gym.make(PENDULUM), **options)
     with pytest.raises(ValueError, match="coupling@first,second cannot be in a model"):
         Diagnoser(1000.0, [coupled("first,second", False)()], binner=TwoJoints())
 
@@ -161,14 +148,10 @@ class OneWithout(VectorWrapper):
 
 
 def test_a_vector_twin_diagnoses_each_and_leaves_out_what_was_not_measured():
-    env = DiagnoseOnlineVector(
-        OneWithout(gym.make_vec(PENDULUM, num_envs=3, rate=200.0, effects=["torque_offset=0.3"])),
-        candidates=["torque_offset"],
-    )
-    _, info = env.reset(seed=0)
-    for k in range(1200):
-        action = 3 * np.sin(12.07 * k / 200) + 3 * np.sin(2.25 * k / 200)
-        *_, info = env.step(np.full((3, 1), action, dtype=np.float32))
+    env = OneWithout(gym.make_vec(PENDULUM, num_envs=3, rate=200.0, effects=["torque_offset=0.3"]))
+    env = DiagnoseOnlineVector(env, candidates=["torque_offset"])
+    env.reset(seed=0)
+    *_, info = played(env, 1200)
     assert [said.group for said in info["diagnosis"]] == [("torque_offset",), ("torque_offset",), ()]
     env.diagnoser.reset(np.array([True, False, False]))
     assert [said.kind for said in env.diagnoser.said] == ["calibrating", "missing", "calibrating"]

@@ -16,9 +16,9 @@ from estimators.signals.measurements import of_steps
 from estimators.wrappers import EstimateParameters, EstimateParametersVector
 from pendulum_env.physics import BASE, effect
 from pendulum_env.registration import PENDULUM
-from tests.feeding import fed
+from tests.cases import TRUTH
+from tests.feeding import fed, played
 
-TRUTH = np.array([0.09, 2.0, 0.35, 0.8])
 PERIOD = 0.02  # [s]
 
 
@@ -69,11 +69,7 @@ def test_it_borrows_a_regression_until_that_knows_enough_and_then_waits_for_noth
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "memory",
-    [{"forgetting": 0.98}, {"random_walk": 0.1}],
-    ids=lambda memory: next(iter(memory)),
-)
+@pytest.mark.parametrize("memory", [{"forgetting": 0.98}, {"random_walk": 0.1}], ids=lambda memory: next(iter(memory)))
 def test_a_payload_picked_up_in_mid_run_is_tracked(memory):
     runs = slow_runs(3, pay_t=8.0, pay_I=0.03, pay_mgl=0.6)
     theta = fed(estimator(3, schemes=[JointState()], **memory), runs)[-1].theta[:, 0]
@@ -122,9 +118,7 @@ def test_it_runs_beside_the_others_in_a_wrapper():
     env = EstimateParameters(gym.make(PENDULUM, rate=200), schemes=["joint_state_ukf", "energy"], in_observation=True)
     observation, info = env.reset(seed=0)
     assert list(info["estimates"]) == ["energy", "joint_state_ukf"] and observation.shape == (3 + 2 * 2 * 4,)
-    for k in range(900):
-        t = k / 200
-        *_, info = env.step(np.array([3 * np.sin(12.07 * t) + 3 * np.sin(2.25 * t)], dtype=np.float32))
+    *_, info = played(env, 900)
     np.testing.assert_allclose(info["estimates"]["joint_state_ukf"]["theta"], [0.0895, 2.01, 0.3638, 0.9163], rtol=0.02)
     again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
     assert [scheme.id for scheme in again.schemes] == ["energy", "joint_state_ukf"]

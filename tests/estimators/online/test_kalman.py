@@ -44,9 +44,8 @@ def test_what_was_handed_out_stays_and_a_copy_goes_on_alike():
     before = fed(estimator, plant_run(), last=600)[-1]
     theta, P = before.theta.copy(), before.spread().copy()
     copy = pickle.loads(pickle.dumps(estimator))
-    np.testing.assert_array_equal(
-        fed(estimator, plant_run(), 600, 900)[-1].theta, fed(copy, plant_run(), 600, 900)[-1].theta
-    )
+    one, other = (fed(each, plant_run(), 600, 900)[-1].theta for each in (estimator, copy))
+    np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(before.theta, theta)
     np.testing.assert_array_equal(before.spread(), P)
     estimator.reset()

@@ -19,6 +19,7 @@ from estimators.signals.measurements import choose_smoothing, measure, remember
 from pendulum_env.physics import BASE, Column, Term, effect
 from pendulum_env.recording import Recording
 from tests import slow
+from tests.cases import TRUTH
 from tests.feeding import fed
 from tests.terms import Clipped, Table
 
@@ -45,11 +46,10 @@ MORE = (
 )
 def test_online_equals_offline(terms, paper_run):
     """To 1e-9: theta and P of the recursion, for every scheme, at several moments."""
-    recording = paper_run.recording
-    smoothing = choose_smoothing(recording)
-    online = OnlineEstimator(recording.rate, terms, MORE, smoothing=smoothing)
-    estimates = fed(online, recording)
-    whole = measure(recording, smoothing)
+    smoothing = choose_smoothing(paper_run)
+    online = OnlineEstimator(paper_run.rate, terms, MORE, smoothing=smoothing)
+    estimates = fed(online, paper_run)
+    whole = measure(paper_run, smoothing)
     points = np.array([1500, 4000, 9000])
     for s, scheme in enumerate(MORE):
         equations, usable = scheme.regression(whole, terms)
@@ -66,18 +66,17 @@ def test_online_equals_offline(terms, paper_run):
 def test_terms_with_memory_are_estimated_with_the_others(id, paper_run):
     """The base parameters, as offline to what happens within a sample."""
     terms = (*BASE, effect(id)())
-    recording = paper_run.recording
-    smoothing = choose_smoothing(recording)
-    now = fed(OnlineEstimator(recording.rate, terms, SCHEMES, smoothing=smoothing), recording)[-1]
+    smoothing = choose_smoothing(paper_run)
+    now = fed(OnlineEstimator(paper_run.rate, terms, SCHEMES, smoothing=smoothing), paper_run)[-1]
     assert np.isfinite(now.theta).all()
     for s, scheme in enumerate(SCHEMES):
-        equations, usable = scheme.regression(remember(measure(recording, smoothing), terms), terms)
+        equations, usable = scheme.regression(remember(measure(paper_run, smoothing), terms), terms)
         course = history(equations, usable, np.array([len(equations.y) - 1]))
         np.testing.assert_allclose(now.theta[0, s, :4], course.theta[0, :4], rtol=5e-3)
 
 
 def test_a_law_that_is_no_formula_is_estimated_as_the_formula_it_holds(paper_run):
-    recording = paper_run.recording.slice(0, 4000)
+    recording = paper_run.slice(0, 4000)
     tables, formulas = (
         fed(OnlineEstimator(recording.rate, (*BASE, kind()), MORE), recording)[-1] for kind in (Table, Clipped)
     )
@@ -97,7 +96,7 @@ class Singular(Term):
 
 
 def test_a_law_may_be_infinite_where_nothing_is_taken_from_it(paper_run):
-    recording = paper_run.recording.slice(0, 4000)
+    recording = paper_run.slice(0, 4000)
     estimator = OnlineEstimator(recording.rate, (*BASE, Singular()))
     with np.errstate(all="ignore"):
         now = fed(estimator, Recording("late", recording.time + 1.0, recording.position, recording.torque))[-1]
@@ -128,64 +127,59 @@ def test_what_is_not_excited_returns_to_the_prior_and_the_rest_still_follows():
 
 @pytest.mark.parametrize("terms", [BASE, (*BASE, effect("presliding")(), Table())], ids=lambda terms: terms[-1].id)
 def test_many_are_estimated_as_one_a_reset_forgets_one_of_them_and_a_copy_goes_on_alike(terms, paper_run):
-    recording = paper_run.recording
 
     def estimator(batch: int = 1) -> OnlineEstimator:
-        return OnlineEstimator(recording.rate, terms, MORE, batch=batch)
+        return OnlineEstimator(paper_run.rate, terms, MORE, batch=batch)
 
     both = estimator(2)
-    early = fed(both, [recording] * 2, 0, 2000)[-1]
+    early = fed(both, [paper_run] * 2, 0, 2000)[-1]
     theta = early.theta.copy()
     both.reset(np.array([False, True]))
     copy = pickle.loads(pickle.dumps(both))
-    after = fed(both, [recording] * 2, 2000, 4000)[-1]
-    steady, fresh = fed(estimator(), recording, 0, 4000)[-1], fed(estimator(), recording, 2000, 4000)[-1]
+    after = fed(both, [paper_run] * 2, 2000, 4000)[-1]
+    steady, fresh = fed(estimator(), paper_run, 0, 4000)[-1], fed(estimator(), paper_run, 2000, 4000)[-1]
     for b, alone in enumerate((steady, fresh)):
         np.testing.assert_allclose(after.theta[b], alone.theta[0], rtol=1e-9)
         np.testing.assert_allclose(after.P[b], alone.P[0], rtol=1e-9)
     np.testing.assert_allclose(after.covariance[0], steady.covariance[0], rtol=1e-6)
-    np.testing.assert_array_equal(fed(copy, [recording] * 2, 2000, 4000)[-1].theta, after.theta)
+    np.testing.assert_array_equal(fed(copy, [paper_run] * 2, 2000, 4000)[-1].theta, after.theta)
     np.testing.assert_array_equal(early.theta, theta)  # as it was handed out
 
 
 def test_nothing_is_told_across_a_gap_or_a_lost_sample(paper_run):
-    recording = paper_run.recording
-    whole = fed(OnlineEstimator(recording.rate), recording)[-1]
-    before, after = recording.slice(0, 5000), recording.slice(5400, 10_000)
-    gapped = OnlineEstimator(recording.rate)
+    whole = fed(OnlineEstimator(paper_run.rate), paper_run)[-1]
+    before, after = paper_run.slice(0, 5000), paper_run.slice(5400, 10_000)
+    gapped = OnlineEstimator(paper_run.rate)
     fed(gapped, before)
     lost = pickle.loads(pickle.dumps(gapped))
     now = fed(gapped, after)[-1]
     np.testing.assert_allclose(now.theta, whole.theta, rtol=5e-3)
-    assert now.time[0] == pytest.approx(after.time[-1] - gapped.delay / recording.rate)
+    assert now.time[0] == pytest.approx(after.time[-1] - gapped.delay / paper_run.rate)
     lost.take(np.full(1, 5.2), np.full(1, np.nan), np.zeros(1))
     np.testing.assert_allclose(now.theta, fed(lost, after)[-1].theta, rtol=1e-12)
 
 
 @cache
-def stick_and_slip(runs: int, seconds: float, change: float | None = None) -> tuple[list, np.ndarray]:
-    """Many runs of an independent simulator, and the truth at first."""
+def stick_and_slip(runs: int, seconds: float, change: float | None = None) -> list:
+    """Many runs of an independent simulator."""
     heavier = {} if change is None else {"payload_change": {"pay_I": 0.03, "pay_mgl": 0.6, "pay_t": change}}
-    plant, experiment = Plant(effects=heavier), Experiment(rate=500.0, seconds=seconds, torque_noise=0.05)
-    records = simulate([(plant, replace(experiment, seed=seed)) for seed in range(runs)])
-    truth = np.array([plant.inertia, plant.gravity, plant.viscous, plant.coulomb])
-    return records, truth
+    experiment = Experiment(rate=500.0, seconds=seconds, torque_noise=0.05)
+    return simulate([(Plant(effects=heavier), replace(experiment, seed=seed)) for seed in range(runs)])
 
 
-def coverage(now: Estimates, truth: np.ndarray) -> np.ndarray:
+def coverage(now: Estimates) -> np.ndarray:
     """Share of runs whose 95 % interval holds the truth (S, P)."""
     std = np.sqrt(np.einsum("bsii->bsi", now.covariance))
-    return (np.abs(now.theta - truth) < 1.96 * std).mean(axis=0)
+    return (np.abs(now.theta - TRUTH) < 1.96 * std).mean(axis=0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("forgetting", [1.0, 0.998])
 def test_intervals_hold_the_truth_as_often_as_they_say(forgetting):
     """200 seeded runs: 90 to 99 %, for every scheme on average over its parameters; also after many memories."""
-    recordings, truth = stick_and_slip(200, 20.0)
-    estimates = fed(OnlineEstimator(500.0, batch=200, forgetting=forgetting), recordings)
+    estimates = fed(OnlineEstimator(500.0, batch=200, forgetting=forgetting), stick_and_slip(200, 20.0))
     for now in (estimates[4000], estimates[-1]):
-        share = coverage(now, truth)
+        share = coverage(now)
         assert (share > 0.86).all(), share
         assert ((share.mean(axis=1) > 0.90) & (share.mean(axis=1) < 0.99)).all(), share
 
@@ -193,10 +187,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say(forgetting):
 @pytest.mark.slow
 def test_parameters_that_may_wander_are_not_claimed_to_be_known_better():
     """They stand still here, so that the intervals hold more than they say; but errors come near them."""
-    recordings, truth = stick_and_slip(50, 10.0)
-    now = fed(OnlineEstimator(500.0, batch=50, random_walk=0.02), recordings)[-1]
-    z = (now.theta - truth) / np.sqrt(np.einsum("bsii->bsi", now.covariance))
-    assert (coverage(now, truth) > 0.9).all()
+    now = fed(OnlineEstimator(500.0, batch=50, random_walk=0.02), stick_and_slip(50, 10.0))[-1]
+    z = (now.theta - TRUTH) / np.sqrt(np.einsum("bsii->bsi", now.covariance))
+    assert (coverage(now) > 0.9).all()
     assert (np.sqrt(np.mean(z**2, axis=0)) > 0.1).all()
 
 
@@ -209,7 +202,7 @@ def test_what_cannot_be_told_is_not_said_to_be_known():
     assert (np.diff(one_way.position[200:]) > 0).all()
     now = fed(OnlineEstimator(1000.0, terms), one_way)[-1]
     std = np.sqrt(np.einsum("bsii->bsi", now.covariance))[0]
-    truth = np.array([0.09, 2.0, 0.35, 0.8, 0.0, 0.0])
+    truth = np.r_[TRUTH, 0.0, 0.0]
     assert np.isfinite(std).all()
     assert (std[:, [3, 4, 5]] > 1.0).all(), std
     assert (std[:, :2] < 0.1 * truth[:2]).all()
@@ -222,15 +215,14 @@ def test_what_cannot_be_told_is_not_said_to_be_known():
     ids=str,
 )
 def test_a_payload_picked_up_in_mid_run_is_tracked_by_who_forgets(memory):
-    recordings, before = stick_and_slip(20, 14.0, change=7.0)
-    theta = fed(OnlineEstimator(500.0, batch=20, **memory), recordings)[-1].theta
-    after = before + np.array([0.03, 0.6, 0.0, 0.0])
+    theta = fed(OnlineEstimator(500.0, batch=20, **memory), stick_and_slip(20, 14.0, change=7.0))[-1].theta
+    after = TRUTH + np.array([0.03, 0.6, 0.0, 0.0])
     error = np.median(np.abs(theta / after - 1), axis=0)[:, :2]
     assert (error < 0.03).all() if memory else (error > 0.05).all()
 
 
 def test_stick_teaches_nothing(sticky):
-    estimates = fed(OnlineEstimator(sticky.recording.rate, schemes=SCHEMES[:1]), sticky.recording)
+    estimates = fed(OnlineEstimator(sticky.rate, schemes=SCHEMES[:1]), sticky)
     used = np.array([now.usable[0, 0] for now in estimates])
     silent = np.array([(now.error[0, 0] == 0) and not now.regressor.any() for now in estimates])
     assert 0.05 < used.mean() < 0.8

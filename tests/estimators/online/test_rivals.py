@@ -14,20 +14,10 @@ def bins_of(count: int, seed: int) -> Bins:
     rng = np.random.default_rng(seed)
     time = 0.01 * np.arange(count)[:, None] + 0.001 * np.arange(13)
     w = rng.uniform(3, 12, 3)
-    position, velocity = (
-        np.sin(w[:, None, None] * time).sum(0),
-        (w[:, None, None] * np.cos(w[:, None, None] * time)).sum(0),
-    )
-    torque = rng.normal(size=time.shape)
-    ones = np.ones(count)
-    return Bins(
-        np.array([time, position, velocity, torque]),
-        rng.normal(size=count),
-        1e-3,
-        np.full(count, ""),
-        np.zeros((count, 0)),
-        ones,
-    )
+    angle = w[:, None, None] * time
+    position, velocity = np.sin(angle).sum(0), (w[:, None, None] * np.cos(angle)).sum(0)
+    series = np.array([time, position, velocity, rng.normal(size=time.shape)])
+    return Bins(series, rng.normal(size=count), 1e-3, np.full(count, ""), np.zeros((count, 0)), np.ones(count))
 
 
 @pytest.mark.parametrize(("id", "shapes"), [("cogging", [{"order": 3.0}, {"order": 7.0}]), ("quadratic_drag", [{}])])

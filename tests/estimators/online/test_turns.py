@@ -6,16 +6,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, simulate
 from estimators.online.turns import TURN, Mover, TurnFinder, Turns
 from pendulum_env.physics import BASE
 from pendulum_env.physics import simulate as pendulum
 from pendulum_env.physics.library import effect
+from tests.cases import PLANT, TRUTH
 from tests.terms import Table
 
 RATE, DELAY, LATE = 500.0, 7, 1
-PLANT = Plant()
-THETA = np.array([PLANT.inertia, PLANT.gravity, PLANT.viscous, PLANT.coulomb])
 LEAST = 1e-3  # [N m]
 
 
@@ -45,7 +44,7 @@ def found(time, position, torque, velocity, begins=0, late=LATE):
     return told
 
 
-def sizes(turns: Turns, theta=THETA) -> np.ndarray:
+def sizes(turns: Turns, theta=TRUTH) -> np.ndarray:
     return Mover(BASE, 1 / RATE).missed(turns, theta).sizes(LEAST)
 
 
@@ -81,8 +80,8 @@ def test_the_plants_own_parameters_explain_its_turns_and_those_of_another_do_not
 
 def test_parameters_explain_another_value_but_not_another_structure():
     def left(plant: str) -> float:
-        missed = Mover(BASE, 1 / RATE).missed(turns_of(plant), THETA)
-        return float(np.median(missed.fitted(0.1 * THETA, 1e-10).sizes(LEAST)[:, 0]))
+        missed = Mover(BASE, 1 / RATE).missed(turns_of(plant), TRUTH)
+        return float(np.median(missed.fitted(0.1 * TRUTH, 1e-10).sizes(LEAST)[:, 0]))
 
     assert left("heavier") < left("own") + 0.5
     assert left("stribeck") > left("own") + 3.0
@@ -90,9 +89,9 @@ def test_parameters_explain_another_value_but_not_another_structure():
 
 def test_derivatives_foresee_what_another_parameter_would_miss():
     turns, mover = turns_of("own"), Mover(BASE, 1 / RATE)
-    here = mover.missed(turns, THETA)
-    for k, delta in enumerate(np.diag(3e-3 * THETA)):
-        moved = mover.missed(turns, THETA + delta).error - here.error
+    here = mover.missed(turns, TRUTH)
+    for k, delta in enumerate(np.diag(3e-3 * TRUTH)):
+        moved = mover.missed(turns, TRUTH + delta).error - here.error
         expected = here.by_parameter[..., k] * delta[k]
         off = np.linalg.norm(moved - expected, axis=1) / np.linalg.norm(expected, axis=1)
         assert np.median(off) < 0.05
@@ -121,7 +120,7 @@ OTHERS = [effect("dead_time")(0.013), effect("torque_offset")(), effect("frictio
 @pytest.mark.parametrize("term", OTHERS, ids=lambda term: term.id)
 def test_a_model_of_any_terms_goes_where_it_goes_from_any_moment_on(term):
     """What it was told before a turn, and when that was, is what makes it."""
-    terms, theta = (*BASE, term), np.r_[THETA, [0.3] * len(term.columns)]
+    terms, theta = (*BASE, term), np.r_[TRUTH, [0.3] * len(term.columns)]
     time = np.arange(0.0, 8.0, 1 / RATE)
     torque = 3.0 * np.sin(6.0 * time) + 2.0 * np.sin(2.3 * time)
     path = pendulum(terms, theta, 1 / RATE, torque, 0.0, 0.0)

@@ -21,6 +21,7 @@ from estimators.wrappers import EstimateParameters, WatchModel, WatchModelVector
 from pendulum_env.physics import BASE, Model
 from pendulum_env.registration import PENDULUM
 from pendulum_env.wrappers import RandomizePlant
+from tests.feeding import fed, played
 
 RATE, COUNTS = 500.0, 65_536
 BEFORE = Plant()
@@ -90,24 +91,16 @@ def test_a_plant_that_holds_and_one_that_drifts_slowly_are_not_alarmed_about():
     assert all(verdict.alarms == 0 and verdict.score < verdict.threshold for verdict in last)
 
 
-def act(env, steps, first=0):
-    told = []
-    for t in np.arange(first, first + steps) / 200:
-        action = 3 * np.sin(12.07 * t) + 3 * np.sin(2.25 * t)
-        *_, info = env.step(np.full(env.action_space.shape, action, dtype=np.float32))
-        told.append(info["watch"])
-    return told, info
-
-
 def test_a_wrapper_watches_beside_others_and_a_reset_begins_anew():
     env = WatchModel(EstimateParameters(RandomizePlant(gym.make(PENDULUM, rate=200), 0.1), schemes="dynamic"))
     again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
     for one in (env, again):
         one.reset(seed=0)
-        told, info = act(one, 1600)
-        assert told[0].kind == "calibrating" and told[-1].kind == "predicts" and "dynamic" in info["estimates"]
+        first, *_, last = played(one, 1600)
+        assert first["watch"].kind == "calibrating" and last["watch"].kind == "predicts"
+        assert "dynamic" in last["estimates"]
     copy = pickle.loads(pickle.dumps(env))
-    assert act(copy, 50, 1600)[1]["watch"] == act(env, 50, 1600)[1]["watch"]
+    assert played(copy, 50, 1600)[-1]["watch"] == played(env, 50, 1600)[-1]["watch"]
     _, info = env.reset()
     assert info["watch"].kind == "calibrating"
 
@@ -120,12 +113,12 @@ def test_a_model_that_is_given_is_compared_with_the_plant_as_it_is(tmp_path):
         Model.build(BASE, theta * [1.0, factor, 1.0, 1.0]).save(tmp_path / "model.json")
         one = WatchModel(env, tmp_path / "model.json")
         one.reset(seed=0)
-        _, info = act(one, 3000)
+        *_, info = played(one, 3000)
         assert info["watch"].kind == kind
     assert info["watch"].parameter == "gravity"
     assert info["watch"].changes["gravity"][0] == pytest.approx(0.4, rel=0.05)
     one.accept()
-    assert act(one, 2400, 3000)[0][-1].kind == "predicts"
+    assert played(one, 2400, 3000)[-1]["watch"].kind == "predicts"
     with pytest.raises(ValueError, match="either model or terms"):
         WatchModel(env, Model.build(BASE, theta), terms=["inertia"])
 
@@ -134,7 +127,7 @@ def test_many_are_watched_like_one():
     env = WatchModelVector(gym.make_vec(PENDULUM, num_envs=2, rate=200.0, torque_noise=0.05))
     _, info = env.reset(seed=0)
     assert [verdict.kind for verdict in info["watch"]] == ["calibrating"] * 2
-    assert [verdict.kind for verdict in act(env, 1500)[0][-1]] == ["predicts"] * 2
+    assert [verdict.kind for verdict in played(env, 1500)[-1]["watch"]] == ["predicts"] * 2
 
 
 @pytest.mark.parametrize("rate", [2.0, 20.0, 200.0])
@@ -159,12 +152,9 @@ def test_bad_options_are_refused():
 def test_a_gap_is_no_alarm():
     """The joint goes on while nobody looks: what is missing between two samples is not a torque."""
     experiment = Experiment(rate=RATE, seconds=12.0, counts=COUNTS, torque_noise=0.05, seed=4)
-    (recording,) = simulate([(BEFORE, experiment)])
-    watch = Watch(RATE, calibrate=4.0)
-    held = np.r_[0.0, recording.torque[:-1]]
-    for t, q, tau in zip(recording.time, recording.position, held, strict=True):
-        if not (5.0 < t < 5.5 or 8.0 < t < 8.01):
-            (verdict,) = watch.take(np.full(1, t), np.full(1, q), np.full(1, tau))
+    (run,), watch = simulate([(BEFORE, experiment)]), Watch(RATE, calibrate=4.0)
+    for first, last in ((0.0, 5.002), (5.5, 8.002), (8.01, 12.0)):
+        ((verdict,), *_) = reversed(fed(watch, run, round(first * RATE), round(last * RATE)))
     assert verdict.kind == "predicts"
 
 

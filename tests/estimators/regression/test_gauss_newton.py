@@ -6,7 +6,7 @@ import pytest
 from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
 
 TIME = np.linspace(0.0, 2.0, 40)
-TRUE = np.array([2.0, -1.5])
+TRUE, START = np.array([2.0, -1.5]), np.array([0.5, 0.0])
 ALL = Rule(50, (1e-6, 1.0), of_cost=1e-12)
 
 
@@ -38,12 +38,11 @@ def test_a_wrong_start_leads_to_the_minimum(start):
 
 def test_a_parameter_at_its_bound_stays_there_and_the_others_are_the_best_beside_it():
     near, best = decay(most=1.5)
-    found = gauss_newton(np.array([0.5, 0.0]), near, best, ALL)
+    found = gauss_newton(START, near, best, ALL)
     assert found[0] == 1.5
     local = near(found)
-    assert abs(local.slopes[:, 1] @ local.error) < 1e-3 * np.linalg.norm(local.slopes[:, 1]) * np.linalg.norm(
-        local.error
-    )
+    slope = local.slopes[:, 1]
+    assert abs(slope @ local.error) < 1e-3 * np.linalg.norm(slope) * np.linalg.norm(local.error)
     assert local.slopes[:, 0] @ local.error < 0  # a larger one would lower the error
 
 
@@ -55,19 +54,16 @@ def test_it_ends_where_a_step_is_short_against_standard_errors_or_gains_little()
         turns.append(near(place).cost)
         return near(place)
 
-    closest = gauss_newton(np.array([0.5, 0.0]), counted, best, ALL)
+    closest = gauss_newton(START, counted, best, ALL)
     every = len(turns)
     for rule in (Rule(50, ALL.dampings, by_offset=True), Rule(50, ALL.dampings, of_cost=0.01), Rule(2, ALL.dampings)):
         turns.clear()
-        found = gauss_newton(np.array([0.5, 0.0]), counted, best, rule)
+        found = gauss_newton(START, counted, best, rule)
         assert len(turns) < every
         assert near(found).cost < 1.02 * near(closest).cost or len(turns) == 2
 
 
 def test_a_turn_that_gains_little_may_be_followed_by_others():
     near, best = decay(noise=0.1)
-    costs = [
-        near(gauss_newton(np.array([0.5, 0.0]), near, best, Rule(50, (1.0,), of_cost=0.9, patience=k))).cost
-        for k in (1, 4)
-    ]
+    costs = [near(gauss_newton(START, near, best, Rule(50, (1.0,), of_cost=0.9, patience=k))).cost for k in (1, 4)]
     assert costs[1] < costs[0]

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from estimators.regression.balance import Balance
 from estimators.regression.equations import Equations
-from estimators.regression.least_squares import jackknife, least_squares, quietest_most, solve, solved
+from estimators.regression.least_squares import Fit, jackknife, least_squares, quietest_most, solve, solved
 from estimators.weak_form.shapes import cross_entropy, refined
 from pendulum_env.physics import Samples, Term, effect
 
@@ -22,10 +22,15 @@ def regression(seed: int, rows: int = 300, columns: int = 4) -> tuple[np.ndarray
     return phi, phi @ theta + 0.3 * rng.standard_normal(rows), theta
 
 
+def fitted(phi: np.ndarray, y: np.ndarray, weights: object = 1.0, each: int = 10, jacobian: object = None) -> Fit:
+    """The solution, with errors by clusters of so many rows."""
+    return solve(Equations(phi, y), weights * np.ones(len(y)), np.arange(len(y)) // each, jacobian)
+
+
 def test_solve_minimises_the_weighted_squares():
     phi, y, _ = regression(0)
     weights = np.random.default_rng(1).uniform(0.2, 2, len(y))
-    fit = solve(Equations(phi, y), weights, np.arange(len(y)) // 10)
+    fit = fitted(phi, y, weights)
     expected = np.linalg.solve(phi.T @ (phi * weights[:, None] ** 2), phi.T @ (y * weights**2))
     np.testing.assert_allclose(fit.theta, expected, rtol=1e-9)
     np.testing.assert_allclose(fit.residual, y - phi @ expected, atol=1e-9)
@@ -45,9 +50,7 @@ def test_normal_equations_are_solved_as_by_scipy_where_one_parameter_is_at_a_bou
 
 def test_two_equal_columns_share_what_they_explain_and_the_fit_says_so():
     phi, y, _ = regression(0, columns=2)
-    clusters = np.arange(len(y)) // 10
-    fit = solve(Equations(np.column_stack([phi, phi[:, 1]]), y), np.ones(len(y)), clusters)
-    alone = solve(Equations(phi, y), np.ones(len(y)), clusters)
+    fit, alone = fitted(np.column_stack([phi, phi[:, 1]]), y), fitted(phi, y)
     np.testing.assert_allclose(fit.theta[1:], 0.5 * alone.theta[1])
     assert fit.condition > 1e10
     np.testing.assert_allclose(np.abs(fit.worst_direction), [0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-6)
@@ -55,10 +58,8 @@ def test_two_equal_columns_share_what_they_explain_and_the_fit_says_so():
 
 def test_a_jacobian_of_shapes_widens_the_standard_errors_and_leaves_the_parameters():
     phi, y, _ = regression(0)
-    clusters = np.arange(len(y)) // 10
-    plain = solve(Equations(phi[:, :3], y), np.ones(len(y)), clusters)
     jacobian = (phi[:, 2] / 10 + 0.05 * np.random.default_rng(1).standard_normal(len(y)))[:, None]
-    fit = solve(Equations(phi[:, :3], y), np.ones(len(y)), clusters, jacobian)
+    plain, fit = (fitted(phi[:, :3], y, jacobian=own) for own in (None, jacobian))
     np.testing.assert_array_equal(fit.theta, plain.theta)
     assert fit.covariance.shape == (4, 4)
     assert fit.std[2] > 1.5 * plain.std[2]
@@ -91,11 +92,11 @@ def test_intervals_hold_the_truth_though_few_clusters_tell_of_it():
 
 @pytest.mark.parametrize("memory", [0.0, 0.8])
 def test_intervals_hold_the_truth_under_correlated_noise(memory):
-    rng, scores, clusters = np.random.default_rng(0), [], np.arange(2400) // 60
+    rng, scores = np.random.default_rng(0), []
     for _ in range(200):
         noise, *columns = lfilter([1.0], [1.0, -memory], rng.standard_normal((3, 2400)))
         phi = np.column_stack(columns) + np.array([0.0, 1.0])
-        fit = solve(Equations(phi, phi @ [2.0, -1.0] + noise), np.ones(2400), clusters)
+        fit = fitted(phi, phi @ [2.0, -1.0] + noise, each=60)
         scores.append((fit.theta - [2.0, -1.0]) / fit.std)
     assert np.all(np.abs(np.sqrt(np.mean(np.square(scores), axis=0)) - 1) < 0.25)
     assert np.mean(np.abs(scores) < 2) > 0.88
@@ -104,8 +105,7 @@ def test_intervals_hold_the_truth_under_correlated_noise(memory):
 def test_one_cluster_alone_gives_errors_all_the_same():
     rng = np.random.default_rng(0)
     phi, noise = rng.normal(size=(200, 2)), 0.1 * rng.normal(size=200)
-    fit = solve(Equations(phi, phi @ [1.0, 2.0] + noise), np.ones(200), np.zeros(200, dtype=int))
-    assert fit.std == pytest.approx(0.1 / np.sqrt(200), rel=0.2)
+    assert fitted(phi, phi @ [1.0, 2.0] + noise, each=200).std == pytest.approx(0.1 / np.sqrt(200), rel=0.2)
 
 
 def loaded(mu: float, noise: float, seed: int = 0, count: int = 2000) -> tuple[Balance, np.ndarray]:
@@ -130,13 +130,6 @@ def test_torque_is_predicted_from_motion_and_not_explained_by_torque(mu):
     assert plain[2] > balance.solve()[2]  # the more torque explains itself, the smaller is what is left
     clean, truth = loaded(mu, 0.0)
     assert clean.solve() == pytest.approx(truth, rel=1e-6)
-
-
-def test_errors_are_those_of_the_torque():
-    balance, truth = loaded(0.4, 0.0)
-    noise = 0.01 * np.random.default_rng(1).standard_normal(len(balance.y))
-    noisy = replace(balance, phi=balance.phi + balance.by_torque * noise[:, None], y=balance.y + noise)
-    assert noisy.error(truth) == pytest.approx(noise, abs=1e-9)
 
 
 def test_a_parameter_that_would_leave_its_bounds_stays_there_and_the_others_make_the_best_of_it():
@@ -255,29 +248,25 @@ def test_errors_beside_a_parameter_at_its_bound_are_those_of_a_fit_without_it():
     y = phi @ [1.0, -0.2] + 0.1 * rng.standard_normal(400)  # the second may not be negative
     nothing, most = np.zeros_like(phi), np.array([np.inf, np.inf])
     balance = Balance(phi, y, nothing, np.array([-np.inf, 0.0]), most, np.ones(400))
-    clusters = np.arange(400) // 10
-    bounded, alone = balance.fit(clusters), solve(Equations(phi[:, :1], y), np.ones(400), clusters)
+    bounded, alone = balance.fit(np.arange(400) // 10), fitted(phi[:, :1], y)
     assert bounded.theta == pytest.approx([alone.theta[0], 0.0])
     assert bounded.std == pytest.approx([alone.std[0], 0.0])
 
 
 def test_a_fit_of_torque_on_both_sides_scatters_as_it_says():
-    """tau = 2 a + 0.3 |tau| s, solved for tau: the estimates of many data sets scatter by their standard errors."""
+    """Noise on a torque that is on both sides: the estimates of many data sets scatter by their standard errors."""
     estimates, told = [], []
     for seed in range(60):
-        rng = np.random.default_rng(seed)
-        a, s = rng.standard_normal(600), np.sign(rng.standard_normal(600))
-        tau = 2 * a / (1 - 0.3 * s * np.sign(a))
-        seen = tau + 0.05 * rng.standard_normal(600)
-        phi = np.column_stack([a, np.abs(seen) * s])
-        slope = np.column_stack([np.zeros(600), np.sign(seen) * s])
-        free = np.full(2, np.inf)
-        fit = Balance(phi, seen, slope, -free, free, np.ones(600)).fit(np.arange(600) // 10)
+        balance, truth = loaded(0.3, 0.0, seed, 600)
+        noise = 0.05 * np.random.default_rng(100 + seed).standard_normal(600)
+        noisy = replace(balance, phi=balance.phi + balance.by_torque * noise[:, None], y=balance.y + noise)
+        assert noisy.error(truth) == pytest.approx(noise, abs=1e-9)
+        fit = noisy.fit(np.arange(600) // 10)
         estimates.append(fit.theta)
         told.append(fit.std)
-    scatter = np.std(estimates, axis=0)
-    assert np.mean(estimates, axis=0) == pytest.approx([2.0, 0.3], abs=0.01)
-    assert np.all((0.6 < scatter / np.mean(told, axis=0)) & (scatter / np.mean(told, axis=0) < 1.5))
+    scatter = np.std(estimates, axis=0) / np.mean(told, axis=0)
+    assert np.mean(estimates, axis=0) == pytest.approx(truth, abs=0.01)
+    assert np.all((0.6 < scatter) & (scatter < 1.5))
 
 
 def test_the_quietest_recording_counts_most_and_one_without_equations_not_at_all():

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators.regression.equations import IdentificationError
 from estimators.schemes import six
 from estimators.schemes.identification import identify
@@ -17,10 +17,10 @@ from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Model, effects
 from pendulum_env.plant import hide, paper_plant
-from pendulum_env.recording import Recording, read_recording
+from pendulum_env.recording import read_recording
 from tests import slow
+from tests.cases import PLANT, THETA, TRUTH, recorded
 
-PLANT = Plant()
 PRACTICE = Path(__file__).parents[3] / "../shared/practice"
 
 
@@ -47,15 +47,13 @@ def test_standard_errors_are_honest():
     excitations = ["two_tone", "multisine", "chirp"]
     schemes = (*SCHEMES, six.scheme("energy", operator=Integral(None)))
     of_all = {"rate": 500.0, "seconds": 10.0, "torque_noise": 0.0}
-    truth = [PLANT.inertia, PLANT.gravity, PLANT.viscous, PLANT.coulomb]
-    for run in simulate([(PLANT, Experiment(excitation=e, seed=k, **of_all)) for k, e in enumerate(excitations)]):
-        clean = Recording("clean", run.time, run.position, run.torque)
+    for clean in recorded(PLANT, *(Experiment(excitation=e, seed=k, **of_all) for k, e in enumerate(excitations))):
         for _ in range(6):  # only the noise differs
             noisy = clean.torque + 0.05 * rng.standard_normal(len(clean))
             for among in (SCHEMES, schemes[len(SCHEMES) :]):  # ids are unique within each
-                result = identify([Recording("noisy", clean.time, clean.position, noisy)], schemes=among)
+                result = identify(replace(clean, torque=noisy), schemes=among)
                 for scheme in among:
-                    error = result[scheme.id].model.theta - truth
+                    error = result[scheme.id].model.theta - TRUTH
                     z.setdefault(scheme, []).append(error / std(result[scheme.id].model))
     for scheme in schemes:
         rms = float(np.sqrt(np.mean(np.square(z[scheme]))))
@@ -63,30 +61,30 @@ def test_standard_errors_are_honest():
 
 
 def test_convergence_ends_at_the_model(paper_run):
-    found = identify([paper_run.recording])
+    found = identify([paper_run])
     for scheme in SCHEMES:
         result = found[scheme.id]
         assert result.convergence.theta.shape == (200, 4)
         np.testing.assert_allclose(result.convergence.theta[-1], result.model.theta, rtol=1e-6)
         np.testing.assert_allclose(result.convergence.std[-1], std(result.model), rtol=1e-6)
-        assert result.convergence.time[-1] == pytest.approx(paper_run.recording.duration, abs=0.1)
+        assert result.convergence.time[-1] == pytest.approx(paper_run.duration, abs=0.1)
 
 
 def test_the_papers_hamiltonian_pair_borrows_inertia(paper_run):
-    found = identify([paper_run.recording], schemes=PAPER)
+    found = identify([paper_run], schemes=PAPER)
     for borrower, lender in (("hamiltonian", "dynamic"), ("filtered_hamiltonian", "filtered_dynamic")):
         np.testing.assert_allclose(found[borrower].model.theta, found[lender].model.theta, rtol=1e-4)
         np.testing.assert_allclose(std(found[borrower].model), std(found[lender].model), rtol=0.1)
         assert found[borrower].model.estimates["inertia"] == found[lender].model.estimates["inertia"]
         assert np.all(found[borrower].convergence.theta[:, 0] == found[lender].model.theta[0])
     with pytest.raises(ValueError, match="put dynamic before it"):
-        identify([paper_run.recording], schemes=[six.scheme("hamiltonian", borrows="dynamic")])
+        identify([paper_run], schemes=[six.scheme("hamiltonian", borrows="dynamic")])
 
 
 @pytest.mark.slow
 def test_the_fit_over_windows_is_the_one_that_a_diagnosis_begins_with(paper_run):
-    found = identify([paper_run.recording], schemes="energy", fixed={"gravity": 2.0})
-    data = prepare([paper_run.recording])
+    found = identify([paper_run], schemes="energy", fixed={"gravity": 2.0})
+    data = prepare([paper_run])
     model, _ = fit_terms(PreparedData(data, ()), found["energy"].model.terms)
     np.testing.assert_array_equal(found.windows.theta, model.theta)
     assert found.windows.estimates["gravity"].value == 2.0
@@ -94,42 +92,35 @@ def test_the_fit_over_windows_is_the_one_that_a_diagnosis_begins_with(paper_run)
         _ = replace(found, data=None).windows
 
 
-def test_several_recordings_share_one_set_of_parameters(record):
+def test_several_recordings_share_one_set_of_parameters():
     """The coarse one counts less, and filters do not run from one into the next."""
-    fine, other = record([PLANT, PLANT], rate=500.0, seconds=8.0)
+    fine, other = recorded(PLANT, *(Experiment(rate=500.0, seconds=8.0, seed=seed) for seed in range(2)))
     count = 2 * np.pi / 2048
-    coarse = Recording(
-        "coarse",
-        other.recording.time,
-        np.round(other.recording.position / count) * count + 50.0,
-        other.recording.torque,
-    )
-    shifted = Recording("far", coarse.time, coarse.position - 50.0 + 16 * np.pi, coarse.torque)
-    joint, alone = identify([fine.recording, shifted]), identify([fine.recording])
+    coarse = replace(other, position=np.round(other.position / count) * count + 16 * np.pi)
+    joint, alone = identify([fine, coarse]), identify([fine])
     for scheme in SCHEMES:
-        np.testing.assert_allclose(joint[scheme.id].model.theta, fine.theta, rtol=0.01)
+        np.testing.assert_allclose(joint[scheme.id].model.theta, TRUTH, rtol=0.01)
         assert np.abs(joint[scheme.id].model.theta / alone[scheme.id].model.theta - 1).max() < 0.005
     assert joint["dynamic"].convergence.time[-1] == pytest.approx(16.0, abs=0.3)
 
 
-def test_slow_sampling_lowers_the_filters_and_says_so(record):
-    run = record([PLANT], rate=50.0, seconds=20.0, counts=None, torque_noise=0.0)[0]
-    found = identify([run.recording])
-    assert [doubt.text for doubt in found.doubts] == [
-        "at 50 Hz the filters would pass everything: their cutoff is lowered to 50 rad/s"
-    ]
+def test_slow_sampling_lowers_the_filters_and_says_so():
+    found = identify(recorded(PLANT, Experiment(rate=50.0, seconds=20.0, counts=None, torque_noise=0.0)))
+    (doubt,) = found.doubts
+    assert doubt.text == "at 50 Hz the filters would pass everything: their cutoff is lowered to 50 rad/s"
     for scheme in SCHEMES:
-        np.testing.assert_allclose(found[scheme.id].model.theta, run.theta, rtol=0.03)
+        np.testing.assert_allclose(found[scheme.id].model.theta, TRUTH, rtol=0.03)
 
 
 @pytest.mark.parametrize("hidden", slow.but_first([True, False]))
-def test_a_missing_effect_biases_and_its_term_cures(record, hidden):
+def test_a_missing_effect_biases_and_its_term_cures(hidden):
     """Test the no as well: Stribeck friction left out of the model biases Coulomb friction."""
-    run = record([Plant(effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.6}})], rate=500.0, seconds=8.0)[0]
+    rubs = Plant(effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.6}})
+    run = recorded(rubs, Experiment(rate=500.0, seconds=8.0))
     terms = BASE if hidden else (*BASE, effects()["stribeck"](stribeck_velocity=0.6))
     for scheme in SCHEMES:
-        coulomb = identify([run.recording], terms, [scheme])[scheme.id].model.estimates["coulomb"].value
-        assert (abs(coulomb / run.theta[3] - 1) > 0.005) == hidden, scheme
+        coulomb = identify(run, terms, [scheme])[scheme.id].model.estimates["coulomb"].value
+        assert (abs(coulomb / THETA["coulomb"] - 1) > 0.005) == hidden, scheme
 
 
 def test_what_the_terms_lack_is_said_in_one_line_and_nothing_where_they_lack_nothing():

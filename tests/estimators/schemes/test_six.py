@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import bilinear, lfilter
 
-from benchmarks.independent_plant import Plant
+from benchmarks.independent_plant import Experiment
 from estimators.schemes import six
 from estimators.schemes.six import (
     SCHEMES,
@@ -15,16 +15,14 @@ from estimators.schemes.six import (
     Scheme,
     energy_view,
     exponential_average,
-    give,
     impulse_view,
-    scheme,
     torque_view,
 )
 from estimators.signals.measurements import Smoothing, measure, remember
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
+from tests.cases import PLANT, TRUTH, recorded
 
-PLANT = Plant()
 TERMS = [*BASE, *(effect() for effect in effects().values())]
 
 
@@ -57,9 +55,8 @@ def test_power_is_torque_times_velocity_and_impulse_its_integral(term):
 
     exact, sampled = made(slice(None), 0.5 * period), made(coarse, period)
     if term.id in exact.memory:  # states are those of the samples
-        exact = dataclasses.replace(
-            exact, memory={term.id: tuple(np.interp(fine, fine[coarse], s) for s in sampled.memory[term.id])}
-        )
+        states = tuple(np.interp(fine, fine[coarse], s) for s in sampled.memory[term.id])
+        exact = dataclasses.replace(exact, memory={term.id: states})
     for column in (*term.columns, *term.fixed):
         torque = torque_view(exact, column)
         size = np.abs(torque).max() + 1e-9
@@ -84,7 +81,7 @@ def test_filter_is_the_bilinear_one_of_the_paper():
 
 def test_cutoff_beyond_nyquist_is_refused(exact):
     with pytest.raises(ValueError, match=r"filter at 2000 rad/s needs samples at more than 636\.6 Hz"):
-        six.scheme("filtered_dynamic", operator=LowPass(cutoff=2000.0)).regression(measure(exact.recording), BASE)
+        six.scheme("filtered_dynamic", operator=LowPass(cutoff=2000.0)).regression(measure(exact), BASE)
 
 
 @pytest.mark.parametrize(
@@ -93,65 +90,50 @@ def test_cutoff_beyond_nyquist_is_refused(exact):
     ids=lambda s: s.id,
 )
 def test_known_parameters_are_recovered_from_exact_data(scheme, exact):
-    np.testing.assert_allclose(fit(scheme, exact.recording), exact.theta, rtol=5e-4)
-
-
-@pytest.mark.parametrize("pair", [("dynamic", "hamiltonian"), ("filtered_dynamic", "filtered_hamiltonian")])
-def test_hamiltonian_equals_dynamic_given_the_same_inertia(pair, paper_run):
-    """The paper's Table 2, to four digits."""
-    m = measure(paper_run.recording)
-    lender, borrower = (scheme(id).regression(m, BASE) for id in pair)
-    theta = fit(scheme(pair[0]), paper_run.recording)
-    given, usable = give(borrower.equations, [0], theta[:1]), borrower.usable
-    rest = np.linalg.lstsq(given.phi[usable], given.y[usable], rcond=None)[0]
-    assert given.phi.shape[1] == 3
-    np.testing.assert_allclose(rest, theta[1:], rtol=1e-4)
-    assert lender.equations.phi.shape == borrower.equations.phi.shape
+    np.testing.assert_allclose(fit(scheme, exact), TRUTH, rtol=5e-4)
 
 
 def test_stick_biases_whoever_keeps_it(sticky):
     """Without the mask, gravity and Coulomb friction absorb what dry friction balances at rest."""
     for id in ("dynamic", "energy"):  # energy needs no mask
-        assert np.abs(fit(six.scheme(id), sticky.recording) / sticky.theta - 1).max() < 0.01
-    naive = fit(six.scheme("dynamic", guard=None), sticky.recording) / sticky.theta - 1
+        assert np.abs(fit(six.scheme(id), sticky) / TRUTH - 1).max() < 0.01
+    naive = fit(six.scheme("dynamic", guard=None), sticky) / TRUTH - 1
     assert np.abs(naive[[1, 3]]).max() > 0.05
 
 
 def test_stick_leaves_the_filter_no_trace(sticky):
     """The gate stands before F: a slow filter remembers stick beyond any guard, and a mask behind it comes too late."""
     slow = six.scheme("filtered_dynamic", operator=LowPass(cutoff=20.0))
-    assert np.abs(fit(slow, sticky.recording) / sticky.theta - 1).max() < 0.01
-    m = measure(sticky.recording)
+    assert np.abs(fit(slow, sticky) / TRUTH - 1).max() < 0.01
+    m = measure(sticky)
     equations, _ = six.scheme("filtered_dynamic", operator=LowPass(cutoff=20.0), guard=None).regression(m, BASE)
     late = m.clear(0.02)
     behind = np.linalg.lstsq(equations.phi[late], equations.y[late], rcond=None)[0]
-    assert np.abs(behind / sticky.theta - 1).max() > 0.03
+    assert np.abs(behind / TRUTH - 1).max() > 0.03
 
 
 def test_second_order_filter_keeps_encoder_noise_out_of_the_inertia(paper_run):
     """Without smoothing; the paper's first-order filter leaves a bias."""
     count = 2 * np.pi / 65_536
-    coarse = dataclasses.replace(paper_run.recording, position=np.round(paper_run.recording.position / count) * count)
+    coarse = dataclasses.replace(paper_run, position=np.round(paper_run.position / count) * count)
     raw = Smoothing(0, slowest=0.12)  # five times the noise of such a velocity
-    bias = [
-        fit(six.scheme("filtered_dynamic", operator=LowPass(order=order)), coarse, raw)[0] / paper_run.theta[0] - 1
-        for order in (1, 2)
-    ]
-    smoothed = fit(six.scheme("filtered_dynamic"), coarse)[0] / paper_run.theta[0] - 1
+    schemes = (six.scheme("filtered_dynamic", operator=LowPass(order=order)) for order in (1, 2))
+    bias = [fit(scheme, coarse, raw)[0] / TRUTH[0] - 1 for scheme in schemes]
+    smoothed = fit(six.scheme("filtered_dynamic"), coarse)[0] / TRUTH[0] - 1
     assert bias[0] < -0.005
     assert abs(bias[1]) < 0.2 * abs(bias[0])
     assert abs(smoothed) < 0.002
 
 
-def test_ignoring_the_hold_biases_slow_sampling(record):
+def test_ignoring_the_hold_biases_slow_sampling():
     """A command taken as it stands is half a sample early."""
-    run = record([PLANT], rate=200.0, seconds=8.0, counts=None, torque_noise=0.0)[0]
-    np.testing.assert_allclose(fit(six.scheme("dynamic"), run.recording), run.theta, rtol=1e-3)
-    m = measure(run.recording)
+    (run,) = recorded(PLANT, Experiment(rate=200.0, seconds=8.0, counts=None, torque_noise=0.0))
+    np.testing.assert_allclose(fit(six.scheme("dynamic"), run), TRUTH, rtol=1e-3)
+    m = measure(run)
     early = dataclasses.replace(m, torque=np.r_[m.held[1:], m.held[-1]])
     equations, usable = six.scheme("dynamic").regression(early, BASE)
     wrong = np.linalg.lstsq(equations.phi[usable], equations.y[usable], rcond=None)[0]
-    assert np.abs(wrong / run.theta - 1).max() > 0.02
+    assert np.abs(wrong / TRUTH - 1).max() > 0.02
 
 
 def test_a_mass_that_jumps_does_no_work():

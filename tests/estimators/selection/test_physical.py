@@ -1,6 +1,7 @@
 """What a body can be."""
 
 import numpy as np
+import pytest
 
 from estimators.selection.physical import driving_friction, impossible
 from pendulum_env.arms.joints import coupled, placed
@@ -16,9 +17,11 @@ def of(effect: Term) -> Model:
     return Model.build([*BASE, effect], [0.1, 2.0, 0.1, 0.1], [0.01] * 4)
 
 
-def test_a_lag_of_seconds_is_no_drives():
+def test_a_lag_of_seconds_is_no_drives_but_what_a_user_bounds_may_lie_at_its_bound():
     assert impossible(of(ActuatorLag(0.01)), {"": X}) == []
     assert impossible(of(ActuatorLag(2.0)), {"": X}) == ["actuator_lag.time_constant = 2 s, the most that it may be"]
+    narrow = limited_term(ActuatorLag(0.01), {"actuator_lag.time_constant": (0.001, 0.01)})
+    assert impossible(of(narrow), {"": X}) == []
 
 
 def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
@@ -33,19 +36,20 @@ def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
     assert wrong == ["coupling.inertia@elbow,-wrist = -5 kg m^2"]
 
 
-def test_what_a_user_bounds_may_lie_at_its_bound():
-    narrow = limited_term(ActuatorLag(0.01), {"actuator_lag.time_constant": (0.001, 0.01)})
-    assert impossible(of(narrow), {"": X}) == []
-
-
-def test_friction_that_surely_drives_is_said_where_no_other_outweighs_it():
-    drives = Model.build(BASE, [0.1, 2.0, 0.1, -0.2], [0.01] * 4)
-    assert driving_friction(drives)[0].startswith("coulomb came out negative")
-    assert driving_friction(Model.build(BASE, [0.1, 2.0, -0.2, -0.2], [0.01] * 4))[0].startswith("viscous and coulomb")
-    assert driving_friction(Model.build(BASE, [0.1, 2.0, 0.1, -0.031], [0.01] * 4))
-    assert driving_friction(Model.build(BASE, [0.1, 2.0, 0.1, -0.029], [0.01] * 4)) == []  # or it may be noise
-    assert driving_friction(Model.build(BASE, [0.1, 2.0, 0.1, -0.2], [0.01, 0.01, 0.01, 0.0])) == []  # or what was told
-    assert driving_friction(Model.build([*BASE, effect("stribeck")()], [0.1, 2.0, 0.1, -0.2, 0.5], [0.01] * 5)) == []
+@pytest.mark.parametrize(
+    ("terms", "theta", "std", "told"),
+    [
+        (BASE, (2.0, 0.1, -0.2), 0.01, "coulomb came out negative"),
+        (BASE, (2.0, -0.2, -0.2), 0.01, "viscous and coulomb"),
+        (BASE, (2.0, 0.1, -0.031), 0.01, "coulomb"),
+        (BASE, (2.0, 0.1, -0.029), 0.01, None),  # or it may be noise
+        (BASE, (2.0, 0.1, -0.2), 0.0, None),  # or what was told
+        ([*BASE, effect("stribeck")()], (2.0, 0.1, -0.2, 0.5), 0.01, None),
+    ],
+)
+def test_friction_that_surely_drives_is_said_where_no_other_outweighs_it(terms, theta, std, told):
+    found = driving_friction(Model.build(terms, [0.1, *theta], [0.01, 0.01, 0.01, std, *theta[3:]]))
+    assert found[0].startswith(told) if told else found == []
 
 
 def swinging(load: KnownLoad = UNLOADED) -> Samples:
@@ -63,14 +67,10 @@ def test_dry_friction_may_be_what_gravity_or_a_load_overcame():
     assert impossible(light, {"": swinging(KnownLoad(0.05, 1.0))}) == []
 
 
-def test_bristles_do_not_push():
-    terms = [*BASE, effect("presliding")(0.01)]
-    assert impossible(Model.build(terms, [0.1, 2.0, 0.1, 0.3, 0.1]), {"": X}) == []
-    assert impossible(Model.build(terms, [0.1, 2.0, 0.1, 0.3, -0.1]), {"": X}) == ["presliding = -0.1 N m"]
-
-
-def test_a_payload_may_overcome_dry_friction_and_a_stop_may_not():
-    dropped, stopped = effect("payload_change")(5.0), effect("hard_stop")(-1.0, 1.0)
-    assert impossible(Model.build([*BASE, dropped], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
-    (told,) = impossible(Model.build([*BASE, stopped], [0.1, 0.1, 0.01, 8.0, 100.0]), {"": swinging()})
+def test_a_payload_may_overcome_dry_friction_but_a_stop_may_not_and_bristles_do_not_push():
+    dropped, stopped, bristles = (effect(id) for id in ("payload_change", "hard_stop", "presliding"))
+    assert impossible(Model.build([*BASE, dropped(5.0)], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
+    (told,) = impossible(Model.build([*BASE, stopped(-1.0, 1.0)], [0.1, 0.1, 0.01, 8.0, 100.0]), {"": swinging()})
     assert "dry friction of 8 N m" in told
+    for force, wrong in ((0.1, []), (-0.1, ["presliding = -0.1 N m"])):
+        assert impossible(Model.build([*BASE, bristles(0.01)], [0.1, 2.0, 0.1, 0.3, force]), {"": X}) == wrong

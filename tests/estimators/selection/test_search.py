@@ -1,17 +1,20 @@
 """The search where its first step misleads, on recordings of a simulator that shares no model code."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators.preprocessing import gather
 from estimators.selection.models import Models
 from estimators.selection.moves import best
 from estimators.selection.physical import beyond
 from estimators.selection.search import Selection, select
 from pendulum_env.physics import BASE, effect
-from pendulum_env.recording import Recording
 from tests.cases import recorded
+
+SPOT = {"spot_f": 1.0, "spot_q": 0.3, "spot_w": 0.2}
 
 
 def searched(plant: Plant, train: Experiment, test: Experiment) -> tuple[Selection, list[str | None], float]:
@@ -42,15 +45,10 @@ def test_a_torque_that_wanders_is_given_no_name():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "table"),
-    (
-        [
-            (
-                {"friction_spot": {"spot_f": 1.0, "spot_q": 0.3, "spot_w": 0.2}, "torque_offset": {"offset": 0.2}},
-                "friction_by_angle",
-            ),
-            ({"random_walk_torque": {"walk_rms": 0.4}, "cogging": {"cog_n": 9.0, "cog_s": 0.2}}, "torque_by_time"),
-        ]
-    ),
+    [
+        ({"friction_spot": SPOT, "torque_offset": {"offset": 0.2}}, "friction_by_angle"),
+        ({"random_walk_torque": {"walk_rms": 0.4}, "cogging": {"cog_n": 9.0, "cog_s": 0.2}}, "torque_by_time"),
+    ],
 )
 def test_what_a_table_hides_is_found_beside_it(hidden, table):
     train, test = (Experiment(rate=200.0, seconds=10.0, seed=seed, excitation="multisine") for seed in (2, 3))
@@ -63,11 +61,11 @@ def test_what_a_table_hides_is_found_beside_it(hidden, table):
 def test_a_motor_whose_gain_fades_is_given_no_name():
     """A battery that empties: the torque at the joint falls short of what is recorded, by more and more."""
     experiments = [Experiment(rate=200.0, seconds=8.0, seed=seed, excitation="multisine") for seed in (2, 3)]
-    recordings = []
-    for run in simulate([(Plant(), experiment) for experiment in experiments]):
-        gain = 1 - 0.25 * (1 - np.exp(-run.time / 5.0))
-        recordings.append(Recording(f"run {len(recordings)}", run.time, run.position, run.torque / gain))
-    selection = select(Models(*gather(recordings[:1], recordings[1:])))
+    first, second = (
+        replace(run, torque=run.torque / (1 - 0.25 * (1 - np.exp(-run.time / 5.0))))
+        for run in recorded(Plant(), *experiments)
+    )
+    selection = select(Models(*gather([first], [second])))
     assert [step.added for step in selection.steps] == [None]
     assert selection.table is not None and selection.table.id == "gain_by_time"
 
@@ -76,11 +74,11 @@ def test_a_motor_whose_gain_fades_is_given_no_name():
 def test_what_explains_one_recording_and_not_the_next_explains_little(later, explained):
     """A tone that shakes the joint, and is another one by the next day."""
     experiments = [Experiment(rate=200.0, seconds=8.0, seed=seed, excitation="multisine") for seed in (2, 3)]
-    recordings = [
-        Recording(f"run {tone:g}", run.time, run.position, run.torque - 0.5 * np.sin(tone * run.time))
-        for run, tone in zip(simulate([(Plant(), experiment) for experiment in experiments]), (9.0, later), strict=True)
-    ]
-    models = Models(*gather(recordings[:1], recordings[1:]))
+    first, second = (
+        replace(run, torque=run.torque - 0.5 * np.sin(tone * run.time))
+        for run, tone in zip(recorded(Plant(), *experiments), (9.0, later), strict=True)
+    )
+    models = Models(*gather([first], [second]))
     trial = best(models, BASE, effect("periodic_disturbance"))
     assert trial.fitted_rms < 0.1
     least, most = explained

@@ -53,6 +53,5 @@ def test_torque_that_was_sampled_moves_a_mass_through_the_same_places_once_it_is
     second_difference = 0.5 * (held[1:] + held[:-1]) * period**2  # of places under a held force
     truth = np.diff(-np.cos(pace * time) / pace**2, 2)
     inside = slice(2, -2)
-    np.testing.assert_allclose(
-        second_difference[:-1][inside], truth[inside], atol=(pace * period) ** 4 / 25 * truth.max()
-    )
+    most = (pace * period) ** 4 / 25 * truth.max()
+    np.testing.assert_allclose(second_difference[:-1][inside], truth[inside], atol=most)

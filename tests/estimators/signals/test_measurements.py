@@ -48,7 +48,7 @@ def test_coarse_encoders_are_smoothed_longer():
 
 
 def test_guard_leaves_out_stick_and_reversals(exact):
-    m = measure(exact.recording)
+    m = measure(exact)
     clear = m.clear(0.02)
     assert m.clear(None).all()
     assert 0.5 < clear.mean() < 0.95

@@ -7,9 +7,7 @@ from estimators.selection.data import PreparedData
 from estimators.simulation.free_running import simulate_all
 from estimators.weak_form.windows import trace_all
 from pendulum_env.physics import BASE, effect
-from tests.cases import recorded
-
-THETA = np.array([0.09, 2.0, 0.35, 0.8])
+from tests.cases import TRUTH, recorded
 
 
 def prepared(*rates: float) -> PreparedData:
@@ -21,7 +19,7 @@ def prepared(*rates: float) -> PreparedData:
 def test_recordings_fly_together_as_they_fly_alone():
     segments = prepared(250.0, 249.7, 400.0).segments
     lagging = (*BASE, effect("actuator_lag")(time_constant=0.02), effect("dead_time")(dead_time=0.007))
-    models = [(lagging, THETA), (lagging, 1.1 * THETA)]
+    models = [(lagging, TRUTH), (lagging, 1.1 * TRUTH)]
     for segment, paths in zip(segments, simulate_all(segments, models), strict=True):
         for k, (terms, theta) in enumerate(models):
             np.testing.assert_allclose(paths[:, k], simulate_all([segment], [(terms, theta)])[0][:, 0], atol=1e-9)

@@ -3,21 +3,20 @@
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant
+from benchmarks.independent_plant import Experiment
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.simulation import output_error
 from estimators.simulation.free_running import choose_segments
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE
-from tests.cases import recorded
+from tests.cases import PLANT, TRUTH, recorded
 
-TRUTH = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.8}
-AT = Point(BASE, np.array(list(TRUTH.values())))
+AT = Point(BASE, TRUTH)
 
 
 def each(seeds: range, counts: int = 1_024_000) -> list[PreparedData]:
     of_all = {"rate": 500.0, "seconds": 10.0, "counts": counts, "torque_noise": 0.05}
-    runs = recorded(Plant(**TRUTH), *(Experiment(seed=seed, **of_all) for seed in seeds))
+    runs = recorded(PLANT, *(Experiment(seed=seed, **of_all) for seed in seeds))
     return [PreparedData.of([run]) for run in runs]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.excitation import smooth_reference
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators import IdentificationError, PreparedData, fit_terms
 from estimators.arguments import within_limits
 from estimators.preprocessing import gather
@@ -14,29 +14,17 @@ from estimators.weak_form.dataset import prepare
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
-from tests.cases import diagnosed
-
-TRUTH = np.array([0.09, 2.0, 0.35, 0.8])
+from tests.cases import TRUTH, diagnosed, recorded
 
 
 @pytest.fixture(scope="module")
 def disturbed() -> list[Recording]:
     """Six runs in which a random torque as large as friction drives the controller."""
     plant = Plant(effects={"random_walk_torque": {"walk_rms": 1.2, "walk_T": 0.15}})
-    experiments = [
-        Experiment(rate=500.0, seconds=20.0, excitation="pd_loop", scale=0.6, seed=seed, gains=(40.0, 4.0))
-        for seed in range(6)
-    ]
-    runs = simulate([(plant, experiment) for experiment in experiments])
+    experiments = [Experiment(500.0, 20.0, "pd_loop", 0.6, seed, gains=(40.0, 4.0)) for seed in range(6)]
     return [
-        Recording(
-            f"run {e.seed}",
-            r.time,
-            r.position,
-            r.torque,
-            reference=smooth_reference(np.random.default_rng([e.seed, 0]), r.time, e.scale),
-        )
-        for r, e in zip(runs, experiments, strict=True)
+        replace(run, reference=smooth_reference(np.random.default_rng([e.seed, 0]), run.time, e.scale))
+        for run, e in zip(recorded(plant, *experiments), experiments, strict=True)
     ]
 
 
@@ -68,10 +56,11 @@ def test_what_is_known_beforehand_stays_so_beside_instruments(disturbed):
 
 
 def test_what_instruments_cannot_do_is_refused(disturbed):
-    with pytest.raises(IdentificationError, match="has no reference"):
-        fit_by_reference(prepare([replace(disturbed[0], reference=None)]), BASE)
-    with pytest.raises(IdentificationError, match="dead_time depends on more than the motion"):
-        fit_by_reference(prepare(disturbed), (*BASE, effect("dead_time")()))
-    still = replace(disturbed[0], reference=np.zeros(len(disturbed[0])))
-    with pytest.raises(IdentificationError, match="reference moves too little"):
-        fit_by_reference(prepare([still]), BASE)
+    run, still = disturbed[0], np.zeros(len(disturbed[0]))
+    for recording, terms, why in (
+        (replace(run, reference=None), BASE, "has no reference"),
+        (run, (*BASE, effect("dead_time")()), "dead_time depends on more than the motion"),
+        (replace(run, reference=still), BASE, "reference moves too little"),
+    ):
+        with pytest.raises(IdentificationError, match=why):
+            fit_by_reference(prepare([recording]), terms)

@@ -15,13 +15,7 @@ from estimators.weak_form.dataset import Dataset, choose_half_width, dataset, pr
 from estimators.weak_form.windows import cut
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
 from pendulum_env.recording import Recording
-from tests.cases import WALLS
-
-TRUTH = np.array([0.09, 2.0, 0.35, 0.8])  # of the default plant
-
-
-def recorded(run: SimulatedRecording) -> Recording:
-    return Recording("run", run.time, run.position, run.torque)
+from tests.cases import TRUTH, WALLS, told
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +34,7 @@ def sticky_runs() -> list[SimulatedRecording]:
 @pytest.mark.parametrize("half_width", [None, 0.02, 0.05])
 def test_windows_never_touch_stick_or_a_reversal(sticky_runs, which, half_width):
     run = sticky_runs[which]
-    (windows,) = prepare([recorded(run)], half_width and [half_width]).windows
+    (windows,) = prepare([told(run)], half_width and [half_width]).windows
     reach = len(windows.kernel) // 2
     assert 0.02 < np.mean(~run.sliding)
     assert len(windows.centers) >= 20
@@ -96,7 +90,7 @@ def noisy_runs() -> dict[str, SimulatedRecording]:
 
 @pytest.mark.parametrize("name", NOISY)
 def test_the_residual_of_the_true_model_is_the_noise_that_was_predicted(noisy_runs, name):
-    data = prepare([recorded(noisy_runs[name])])
+    data = prepare([told(noisy_runs[name])])
     equations = data.equations(BASE)
     residual = equations.y - equations.phi @ TRUTH
     assert np.sqrt(np.mean(residual**2)) == pytest.approx(data.noise(TRUTH[0]), rel=0.3)
@@ -124,14 +118,14 @@ def test_a_joint_at_rest_hides_no_noise_of_its_encoder():
 def test_windows_grow_with_the_coarseness_of_the_encoder():
     counts = [None, 65_536, 8192, 1024]
     runs = simulate([(Plant(), Experiment(rate=1000, seconds=5, counts=count)) for count in counts])
-    widths = [choose_half_width(recorded(run)) for run in runs]
+    widths = [choose_half_width(told(run)) for run in runs]
     assert widths == sorted(widths)
     assert widths[0] < widths[-1]
 
 
 def test_windows_of_several_recordings_share_equations_but_no_cluster():
     runs = simulate([(Plant(), Experiment(rate=500, seconds=6, seed=seed)) for seed in range(2)])
-    parts = [cut(recorded(run), 0.012) for run in runs]
+    parts = [cut(told(run), 0.012) for run in runs]
     data = dataset(parts)
     equations = data.equations(BASE)
     first = len(parts[0].centers)
@@ -143,7 +137,7 @@ def test_windows_of_several_recordings_share_equations_but_no_cluster():
 
 def test_a_noisier_recording_counts_less():
     experiments = [Experiment(rate=500, seconds=6, torque_noise=noise) for noise in (0.02, 0.2)]
-    data = prepare([recorded(run) for run in simulate([(Plant(), e) for e in experiments])], [0.012, 0.012])
+    data = prepare([told(run) for run in simulate([(Plant(), e) for e in experiments])], [0.012, 0.012])
     first = len(data.windows[0].centers)
     assert data.weights[0] > 3 * data.weights[first]
 
@@ -156,7 +150,7 @@ def coarse() -> SimulatedRecording:
 
 def test_a_measured_velocity_is_used_where_it_is_less_noisy_and_agrees(coarse):
     noise = 1e-3 * np.random.default_rng(0).standard_normal(len(coarse.time))
-    plain = recorded(coarse)
+    plain = told(coarse)
     measured = replace(plain, velocity=coarse.velocity + noise)
     without, with_velocity = cut(plain, 0.02), cut(measured, 0.02)
     assert with_velocity.acceleration_noise < 0.5 * without.acceleration_noise
@@ -177,7 +171,7 @@ def test_a_measured_velocity_is_used_where_it_is_less_noisy_and_agrees(coarse):
     ids=["degrees", "sign", "scale", "late", "absent"],
 )
 def test_a_measured_velocity_that_disagrees_with_the_position_is_left_alone(coarse, spoil):
-    plain = recorded(coarse)
+    plain = told(coarse)
     spoiled = cut(replace(plain, velocity=spoil(coarse.velocity)), 0.02)
     without = cut(plain, 0.02)
     np.testing.assert_array_equal(spoiled.acceleration, without.acceleration)
@@ -198,7 +192,7 @@ def test_a_moment_while_the_joint_rests_is_not_known_better_than_the_rest_lasts(
     plant = Plant(effects={"payload_change": {"pay_t": 4.0, "pay_I": 0.04, "pay_mgl": 0.0}})
     runs = simulate([(plant, Experiment(seed=1, seconds=10.0, rate=500.0))] * 2, [command, paused])
     terms = (*BASE, effect("payload_change")(moment=4.0))
-    moving, resting = (fit_terms(PreparedData.of([recorded(r)]), terms)[0] for r in runs)
+    moving, resting = (fit_terms(PreparedData.of([told(r)]), terms)[0] for r in runs)
     assert moving.estimates["payload_change.moment"].std < 0.05
     assert 0.5 < resting.estimates["payload_change.moment"].std < 2.0
 
@@ -208,16 +202,16 @@ def test_a_moment_while_the_joint_rests_is_not_known_better_than_the_rest_lasts(
 def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
     """Encoder noise turns the sign from window to window, torque noise keeps it: neither is told as something there."""
     runs = simulate([(Plant(coulomb=0.1), Experiment(rate=500, seconds=10, seed=seed, **coarse)) for seed in range(6)])
-    told = []
+    shared = []
     for run in runs:
-        prepared = PreparedData.of([recorded(run)])
+        prepared = PreparedData.of([told(run)])
         model, fit = fit_terms(prepared, BASE)
-        told.append(prepared.data.structure(fit.residual, model.estimates["inertia"].value)[1])
+        shared.append(prepared.data.structure(fit.residual, model.estimates["inertia"].value)[1])
         without = prepared.data.structure(
             fit.residual + 3 * fit.rms * np.sin(0.05 * np.arange(len(fit.residual))), 0.09
         )
         assert without[1] > 10  # what goes on from window to window is
-    assert np.abs(np.mean(told)) < 2 and np.max(np.abs(told)) < 4.5
+    assert np.abs(np.mean(shared)) < 2 and np.max(np.abs(shared)) < 4.5
 
 
 def knocked(prepared: PreparedData, terms: Sequence[Term] = BASE) -> Dataset:
@@ -234,7 +228,7 @@ def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met(bouncing):
 
 @pytest.mark.parametrize("which", range(4))
 def test_a_turn_that_friction_makes_is_no_knock(sticky_runs, which):
-    prepared = PreparedData.of([recorded(sticky_runs[which])])
+    prepared = PreparedData.of([told(sticky_runs[which])])
     assert len(prepared.data.windows[0].turning) > 0
     assert knocked(prepared).impacts == 0
 
@@ -250,4 +244,4 @@ def test_a_turn_that_friction_makes_is_no_knock(sticky_runs, which):
 def test_neither_is_one_that_friction_of_another_law_makes(hidden, terms):
     experiment = Experiment(rate=500, seconds=8, seed=3)
     (run,) = simulate([(Plant(effects=hidden), experiment)])
-    assert knocked(PreparedData.of([recorded(run)]), (*BASE, *terms)).impacts == 0
+    assert knocked(PreparedData.of([told(run)]), (*BASE, *terms)).impacts == 0

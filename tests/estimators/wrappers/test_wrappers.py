@@ -13,12 +13,7 @@ from estimators.regression.recursive import history
 from estimators.schemes import six
 from estimators.schemes.six import SCHEMES, LowPass
 from estimators.signals.measurements import Smoothing, measure
-from estimators.wrappers import (
-    EstimateParameters,
-    EstimateParametersVector,
-    InformationReward,
-    InformationRewardVector,
-)
+from estimators.wrappers import EstimateParameters, EstimateParametersVector, InformationReward, InformationRewardVector
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE
 from pendulum_env.plant import PAPER
@@ -35,6 +30,16 @@ def last_info(env, steps, seed=0):
     infos = []
     rollout(env, POLICY, steps, seed=seed, watch=infos.append)
     return infos[-1]
+
+
+def paid(env, steps):
+    """Rewards of many pendulums in sum, and the last step of them."""
+    (observation, _), state, total = env.reset(seed=1), None, np.zeros(env.num_envs)
+    for _ in range(steps):
+        action, state = POLICY.predict(observation, state)
+        observation, reward, *ends, info = env.step(action)
+        total += reward
+    return total, observation, ends, info
 
 
 def test_estimates_while_it_runs_are_those_of_the_recording_and_converge_to_the_plant():
@@ -178,22 +183,17 @@ def test_many_pendulums_are_estimated_like_one(mode):
             schemes=["dynamic", six.scheme("filtered_dynamic", operator=LowPass(order=2))],
         )
     )
-    observation, info = env.reset(seed=1)
-    assert observation.shape == (2, 3 + 2 * 2 * 4)
+    total, observation, (_, truncated), info = paid(env, 1500)
     plants = np.array(info.get("plant", [list(PAPER.values())] * 2))
-    state, total = None, np.zeros(2)
-    for _ in range(1500):
-        action, state = POLICY.predict(observation, state)
-        observation, reward, _, truncated, info = env.step(action)
-        total += reward
-    assert truncated.all() and (total > 20).all() and env.observation_space.contains(observation)
+    assert observation.shape == (2, 3 + 2 * 2 * 4) and env.observation_space.contains(observation)
+    assert truncated.all() and (total > 20).all()
     np.testing.assert_allclose(info["estimates"]["filtered_dynamic"]["theta"], plants, rtol=0.02)
     alone = gym.make(PENDULUM, counts=0, theta=plants[1].tolist())
     alone = InformationReward(EstimateParameters(alone, schemes="dynamic"))
     alone.reset()
     rewards = [alone.step(POLICY.predict(np.zeros(3), (k,))[0])[1] for k in range(1500)]
     assert sum(rewards) == pytest.approx(total[1], rel=0.02)
-    _, reward, _, _, info = env.step(action)  # starts all anew
+    _, reward, _, _, info = env.step(np.zeros((2, 1)))  # starts all anew
     assert (info["estimates"]["dynamic"]["theta"] == 0).all() and (reward == 0).all()
 
 
@@ -213,12 +213,7 @@ def test_same_step_reset_pays_for_the_last_sample_and_keeps_what_was_handed_out(
     for mode in ("NextStep", "SameStep"):
         env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=400, autoreset_mode=mode)
         env = InformationRewardVector(EstimateParametersVector(env, schemes="dynamic"))
-        observation, _ = env.reset(seed=0)
-        state, total = None, np.zeros(2)
-        for _ in range(400):
-            action, state = POLICY.predict(observation, state)
-            observation, reward, _, truncated, info = env.step(action)
-            total += reward
+        total, _, (_, truncated), info = paid(env, 400)
         assert truncated.all()
         totals.append(total)
     assert (totals[0] > 10).all()
@@ -229,25 +224,25 @@ def test_same_step_reset_pays_for_the_last_sample_and_keeps_what_was_handed_out(
 
 
 def test_wrong_use_is_explained():
-    with pytest.raises(ValueError, match=r"samples come every 0\.001 s, not at 500 Hz"):
-        last_info(EstimateParameters(gym.make(PENDULUM), rate=500.0), 10)
-    with pytest.raises(ValueError, match="a scheme is named twice"):
-        EstimateParameters(gym.make(PENDULUM), schemes=["dynamic", "dynamic"])
-    with pytest.raises(ValueError, match="a term is named twice"):
-        EstimateParameters(gym.make(PENDULUM), terms=["inertia", "inertia"])
-    with pytest.raises(ValueError, match="did you mean dynamic"):
-        EstimateParameters(gym.make(PENDULUM), schemes=["dynamics"])
-    with pytest.raises(ValueError, match="unknown effect 'stribek'"):
-        EstimateParameters(gym.make(PENDULUM), terms=["inertia", "stribek"])
-    with pytest.raises(ValueError, match="pass rate"):
-        EstimateParameters(gym.make("Pendulum-v1"))
-    with pytest.raises(ValueError, match="has to carry time, position and torque"):
-        EstimateParameters(gym.make("Pendulum-v1"), rate=100.0, schemes="dynamic").reset()
-    with pytest.raises(
-        ValueError, match=r"^InformationReward needs .*: wrap the environment in EstimateParameters first"
+    foreign, env = gym.make("Pendulum-v1"), gym.make(PENDULUM)
+    for made, why in (
+        (lambda: last_info(EstimateParameters(env, rate=500.0), 10), r"samples come every 0\.001 s, not at 500 Hz"),
+        (lambda: EstimateParameters(env, schemes=["dynamic", "dynamic"]), "a scheme is named twice"),
+        (lambda: EstimateParameters(env, terms=["inertia", "inertia"]), "a term is named twice"),
+        (lambda: EstimateParameters(env, schemes=["dynamics"]), "did you mean dynamic"),
+        (lambda: EstimateParameters(env, terms=["inertia", "stribek"]), "unknown effect 'stribek'"),
+        (lambda: EstimateParameters(foreign), "pass rate"),
+        (
+            lambda: EstimateParameters(foreign, rate=100.0, schemes="dynamic").reset(),
+            "to carry time, position and torque",
+        ),
+        (
+            lambda: InformationReward(env).reset(),
+            "^InformationReward needs .*: wrap the .* in EstimateParameters first",
+        ),
+        (lambda: InformationReward(env, prior=0.0), "give a small positive number"),
     ):
-        InformationReward(gym.make(PENDULUM)).reset()
-    with pytest.raises(ValueError, match="give a small positive number"):
-        InformationReward(gym.make(PENDULUM), prior=0.0)
+        with pytest.raises(ValueError, match=why):
+            made()
     with pytest.raises(TypeError, match="unexpected keyword argument 'forgeting'"):
-        EstimateParameters(gym.make(PENDULUM), forgeting=0.9)
+        EstimateParameters(env, forgeting=0.9)

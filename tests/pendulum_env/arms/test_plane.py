@@ -32,6 +32,8 @@ def test_links_come_back_from_their_file(read):
     assert [first.length, first.center, first.aside, first.angle] == pytest.approx([0.45, 0.2, 0.03, 0.4])
     assert [first.viscous, first.coulomb, last.viscous, last.coulomb] == [0.1, 0.2, 0.3, 0.4]
     assert (last.mass, last.inertia) == pytest.approx((0.8, 0.008))
+    text = PlanarArm(BENT).urdf.replace('<dynamics damping="0.1" friction="0.2"/>', "")  # then it has the paper's
+    assert planar_links(read(text))[0].coulomb == PAPER["coulomb"]
 
 
 def test_a_bent_arm_moves_as_its_file_says(read):
@@ -52,11 +54,6 @@ def test_a_bent_arm_moves_as_its_file_says(read):
     assert np.abs(asked - applied).max() < 0.01  # of up to 8 N m of gravity
 
 
-def test_joints_without_friction_in_the_file_have_the_papers(read):
-    text = PlanarArm(BENT).urdf.replace('<dynamics damping="0.1" friction="0.2"/>', "")
-    assert planar_links(read(text))[0].coulomb == PAPER["coulomb"]
-
-
 @pytest.mark.parametrize(
     ("change", "told"),
     [
@@ -74,6 +71,5 @@ def test_what_the_simulator_cannot_be_is_refused(read, change, told):
 
 
 def test_arms_in_space_and_motors_with_inertia_are_refused():
-    body = six_joint.body()
     with pytest.raises(BodyError, match="simulate it in MuJoCo, --backend mujoco"):
-        planar_links(body)
+        planar_links(six_joint.body())

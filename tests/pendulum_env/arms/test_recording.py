@@ -3,6 +3,7 @@ import pytest
 
 from pendulum_env.arms.recording import ArmRecording, read_arm_recording
 from pendulum_env.recording import RecordingError, write_recording
+from tests.pendulum_env.recording.test_files import moved
 
 JOINTS = ("shoulder", "elbow")
 TIME = np.arange(400) / 200
@@ -73,28 +74,22 @@ def test_an_unknown_name_of_a_column_is_refused(tmp_path):
 
 
 def test_what_is_noted_of_a_column_can_be_pasted_for_its_joint(tmp_path):
-    time, q, v = np.arange(4000) / 200.0, np.empty(4000), 0.0
-    torque, q[0] = 40 * np.sin(0.4 * time) * np.sin(2 * time), 1.0
-    for k in range(3999):  # a motor of 1 kg m^2 on a spring, more than a turn: it could be degrees
-        v += (torque[k] - 9.81 * q[k] - 0.2 * v) / 200.0
-        q[k + 1] = q[k] + v / 200.0
+    time = np.arange(4000) / 200.0
+    torque = 40 * np.sin(0.4 * time) * np.sin(2 * time)
+    q = moved(torque, lambda t, q, v: 9.81 * q + 0.2 * v, start=1.0)  # on a spring: it could be degrees
     path = table(tmp_path / "run.csv", time=time, position_hip=q, torque_hip=torque)
     recording = read_arm_recording(path, ("hip",))
     assert "read it with --columns position_hip=position_hip:deg,torque_hip=torque_hip" in recording.notes[-1]
 
 
 def test_temperatures_of_some_joints_may_be_there(tmp_path):
-    time = np.arange(0, 1, 0.01)
-    q, u = np.sin(3 * time), np.cos(5 * time)
-    table = np.column_stack([time, q, 2 * q, u, 3 * u, 30 + time])
-    names = "time,position_hip,position_knee,torque_hip,torque_knee,temperature_knee[degC]"
-    path = tmp_path / "warm.csv"
-    np.savetxt(path, table, delimiter=",", header=names, comments="")
+    q, u, warm = POSITION[:, 0], TORQUE[:, 0], {"temperature_knee[degC]": 30 + TIME}
+    angles, torques = {"position_hip": q, "position_knee": 2 * q}, {"torque_hip": u, "torque_knee": 3 * u}
+    path = table(tmp_path / "warm.csv", time=TIME, **angles, **torques, **warm)
     recording = read_arm_recording(path, ("hip", "knee"))
-    assert recording.temperature is not None
     np.testing.assert_allclose(recording.temperature[:, 0], 25.0)  # nobody has measured it
-    np.testing.assert_allclose(recording.temperature[:, 1], 30 + time, atol=1e-9)
-    np.testing.assert_allclose(recording.split(0.5)[1].joints[1].temperature, 30 + time[50:], atol=1e-9)
+    np.testing.assert_allclose(recording.temperature[:, 1], 30 + TIME, atol=1e-9)
+    np.testing.assert_allclose(recording.split(0.5)[1].joints[1].temperature, 30 + TIME[200:], atol=1e-9)
     write_recording(recording, tmp_path / "again.csv")
     again = read_arm_recording(tmp_path / "again.csv", ("hip", "knee"))
     np.testing.assert_allclose(again.temperature, recording.temperature)

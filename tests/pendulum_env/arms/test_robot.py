@@ -9,15 +9,10 @@ from pendulum_env.arms.body import BodyError, read_body
 from pendulum_env.arms.joints import Links, at_joints, couplings, friction, joint_effects, kind_at
 from pendulum_env.physics.table import Extent
 from tests import robots
+from tests.pendulum_env.arms.test_body import written
 from tests.robots import ANGULAR, DRIVEN, PARALLEL, TORSO, urdf
 
 HELD = {"PARALLEL": (PARALLEL, 0.02), "ANGULAR": (ANGULAR, 0.3), "TORSO": (TORSO, 0.01)}
-
-
-def written(tmp_path, text, name="arm.urdf"):
-    path = tmp_path / name
-    path.write_text(text)
-    return path
 
 
 def moving(joints):

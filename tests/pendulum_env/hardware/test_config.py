@@ -33,10 +33,7 @@ def written(tmp_path):
         (PLAIN + "[limits]\ntorqe = 3\n", r"unknown key in \[limits\] 'torqe': did you mean torque"),
         ("rat = 3\n" + PLAIN, "unknown key 'rat': did you mean rate"),
         (PLAIN + "[limits]\ntorque = 20\n", "'limits.torque' is 20: it has to be a finite number from 0 to 15"),
-        (
-            PLAIN + "[limits]\nunchecked_torque = 3\n",
-            "'limits.unchecked_torque' is 3: it has to be a finite number from 0 to 2",
-        ),
+        (PLAIN + "[limits]\nunchecked_torque = 3\n", "'limits.unchecked_torque' is 3: .* a finite number from 0 to 2"),
         (PLAIN + "[encoder]\nsign = 0\n", "'encoder.sign' is 0: it has to be one of 1, -1"),
         (PLAIN + '[encoder]\nzero = "there"\n', "'encoder.zero' is 'there': .* or \"start\""),
         (PLAIN + "[limits]\nsoft_velocity = 40\n", "limits.soft_velocity is above limits.hard_velocity"),
@@ -72,6 +69,5 @@ def test_the_documented_configuration_is_whole_and_has_the_defaults(written):
     for key in ("adapter", "rate", "torque_sign", "realtime", "log"):
         assert f"\n{key} = " in "\n" + block
     plain = load(written(PLAIN))
-    assert (shown.encoder, shown.limits, shown.fault, shown.rest) == (
-        plain.encoder, plain.limits, plain.fault, plain.rest,
-    )  # fmt: skip
+    for name in ("encoder", "limits", "fault", "rest"):
+        assert getattr(shown, name) == getattr(plain, name)

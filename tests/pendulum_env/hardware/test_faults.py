@@ -16,10 +16,7 @@ import pytest
 from tests import slow
 from tests.pendulum_env.rigs import KINDS, SLOW, Disturbed
 
-pytestmark = [
-    pytest.mark.realtime,
-    pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals of Unix"),
-]
+pytestmark = [pytest.mark.realtime, pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals of Unix")]
 
 IN_TIME = 0.1  # [s]
 HOST = """
@@ -135,10 +132,17 @@ def test_a_host_that_is_told_to_end(scene, kind, number):
 
 
 @one
-def test_an_exception_in_the_policy(scene, kind):
-    s = scene(kind, "exception")
+@pytest.mark.parametrize(
+    ("trouble", "said"),
+    [
+        ("exception", "the policy has a mistake"),
+        ("nan", "the action is [nan], of shape (1,): it needs (1,), a torque in N m"),
+    ],
+)
+def test_a_policy_that_fails_or_asks_for_what_is_no_number(scene, kind, trouble, said):
+    s = scene(kind, trouble)
     code, err = s.ended()
-    assert code == 1 and "the policy has a mistake" in err
+    assert code == 1 and said in err
     s.safe()
 
 
@@ -175,14 +179,6 @@ def test_a_drive_that_goes_wrong(scene, kind, mishap, said):
     s = scene(kind, limits={"hard_velocity": 20.0, "soft_velocity": 15.0}, plant={"watch": False})
     s.rig.tell(mishap)
     assert re.search(said, s.fault(but=said))
-    s.safe()
-
-
-@one
-def test_an_action_that_is_no_number(scene, kind):
-    s = scene(kind, "nan")
-    code, err = s.ended()
-    assert code == 1 and "the action is [nan], of shape (1,): it needs (1,), a torque in N m" in err
     s.safe()
 
 

@@ -23,14 +23,14 @@ SECONDS, BEGIN = 4.0, 1.0  # [s] of a run, and until something goes wrong
 rates = pytest.mark.parametrize("rate", NOISE)
 
 
-def stopped(position, command, rate, plant=ROUGH):
+def stopped(position, command, rate, plant=ROUGH, noise=None, took=lambda k: 0.0):
     """Time after which the watch had something to say [s]; inf if it never had."""
-    watch = Plausible(plant, STEP, NOISE[rate])
+    watch = Plausible(plant, STEP, NOISE[rate] if noise is None else noise)
     position = [float(q) for q in position]
     watch.measured(0.0, position[0])
     for k, torque in enumerate(command.tolist()):
         watch.commanded(torque)
-        if watch.measured((k + 1) / rate, position[k + 1]):
+        if watch.measured((k + 1) / rate, position[k + 1], took(k)):
             return (k + 1) / rate
     return math.inf
 
@@ -123,27 +123,17 @@ def test_half_a_newton_metre_does_not_hide_an_encoder_that_runs_away():
 
 
 def test_counts_that_stand_still_are_those_of_an_arm_that_sticks_until_friction_cannot_hold_it():
-    watch = Plausible(Plant(coulomb=1.0, share=0.5, slack=0.3), STEP, 0.0)
     ramp = np.arange(3000) / 1000.0  # [N m] over as many samples of 1 ms
-    watch.measured(0.0, 0.0)
-    for k, torque in enumerate(ramp.tolist()):
-        watch.commanded(torque)
-        if watch.measured((k + 1) * 1e-3, 0.0):
-            break
+    torque = stopped(np.zeros(3001), ramp, 1000.0, Plant(coulomb=1.0, share=0.5, slack=0.3), noise=0.0)  # 1 N m/s
     assert 1.5 + 0.3 < torque * 1.15 < 2.6  # with the gain that is allowed, and as much as spans and delay take
 
 
 def test_a_reading_that_took_long_is_believed_less():
     """Its time is known no better: what no motion could be, read at once, may be one that was read late."""
     ((command, position, velocity),) = runs(500.0, names=("paper",), amplitudes=(6.0,))
-    begin = turning(velocity, 500.0)
+    late = slice(turning(velocity, 500.0) + 1, turning(velocity, 500.0) + 4)
+    told = position.copy()
+    told[late] += 4e-3 * velocity[late]
     for took, fine in ((0.0, False), (10e-3, True)):
-        watch = Plausible(Plant(), STEP, 5e-5)
-        watch.measured(0.0, position[0])
-        found = False
-        for k, torque in enumerate(command.tolist()):
-            watch.commanded(torque)
-            late = begin <= k < begin + 3
-            told = position[k + 1] + (4e-3 * velocity[k + 1] if late else 0.0)
-            found |= bool(watch.measured((k + 1) / 500.0, told, took if late else 0.0))
-        assert found is not fine
+        at = stopped(told, command, 500.0, took=lambda k, took=took: took * (late.start <= k + 1 < late.stop))
+        assert (at == math.inf) is fine

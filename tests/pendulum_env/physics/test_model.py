@@ -95,10 +95,7 @@ def with_theta(**entries: object) -> dict:
     ("data", "match"),
     [
         (edited(schema="something else"), "this is not a model: 'schema' should be pendulum-ident/model@1"),
-        (
-            edited(schema="pendulum-ident/arm-model@1"),
-            "this is a model of an arm, of which a pendulum has no use: commands take it with --robot",
-        ),
+        (edited(schema="pendulum-ident/arm-model@1"), "of an arm, .* a pendulum has no use: .* take it with --robot"),
         (None, "this is not a model"),
         ({"schema": "pendulum-ident/model@1"}, "the model lacks 'terms'"),
         (edited(terms=["inertia", "stribek"]), r"unknown effect 'stribek': did you mean stribeck\? Known: "),
@@ -107,15 +104,9 @@ def with_theta(**entries: object) -> dict:
         (edited(theta=[1, 2]), r"'theta' of the model is \[1, 2\]: it has to be a table"),
         (with_theta(**{"stribeck.stribeck_velocity": None}), "the model lacks 'stribeck.stribeck_velocity'"),
         (with_theta(gravity=2.0), "'theta.gravity' of the model is 2.0: it has to be a table"),
-        (
-            with_theta(gravity={"value": float("nan")}),
-            "'theta.gravity.value' of the model is nan: it has to be a finite",
-        ),
+        (with_theta(gravity={"value": np.nan}), "'theta.gravity.value' of the model is nan: it has to be a finite"),
         (with_theta(gravity={"value": 2.0, "std": float("nan")}), "'theta.gravity.std' of the model is nan"),
-        (
-            with_theta(inertia={"value": 0.0}),
-            "'theta.inertia.value' of the model is 0.0: it has to be a number above zero",
-        ),
+        (with_theta(inertia={"value": 0.0}), "'theta.inertia.value' of the model is 0.0: .* a number above zero"),
         (edited(torque_unit=3), "'torque_unit' of the model is 3"),
         (with_theta(gravity={"value": None}), "the model lacks 'value' under 'theta.gravity'"),
     ],
@@ -134,7 +125,7 @@ def test_what_makes_no_model_is_refused_with_the_reason(data, match, tmp_path):
         ("stribeck", "stribeck_velocity", -0.5),
         ("cogging", "order", 3.5),
         ("cogging", "order", 0),
-        ("hard_stop", "lower", 2.0),
+        ("hard_stop", "lower", 2),
     ],
 )
 def test_shape_parameters_beyond_their_limits_or_without_sense_are_refused(id, shape, value):

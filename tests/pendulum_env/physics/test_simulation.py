@@ -1,20 +1,17 @@
 """Simulation with set-valued friction: against an independent integrator, closed forms and the balance of energy."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 
 from pendulum_env.physics import BASE, Coulomb, Inertia, Samples, Term, effect, effects, simulate
 from pendulum_env.physics.term import zero
 from pendulum_env.plant import hide, paper_plant
+from tests.runge_kutta import Law, stick_and_slip
 
 THETA = (0.09, 2.0, 0.35, 0.8)  # inertia, gravity, viscous, coulomb
 INERTIA, MGL, B, FC = THETA
-Law = Callable[[float, float, float, float], float]  # of time, position, velocity and torque
 
 every_effect = pytest.mark.parametrize("id", effects())
 
@@ -86,86 +83,40 @@ CASES = {
 }
 
 
-def reference(
-    case: Case, torque: np.ndarray, period: float, start: tuple[float, float]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position, velocity (N + 1,) and whether each period ends in stick, from event to event with DOP853."""
-    q, v, t = (*start, 0.0)
-    direction = np.sign(v)
-    path, stuck = [(q, v)], [False]
-    for u in torque:
-        end = t + period
+def reference(case: Case, torque: np.ndarray, period: float, start: tuple[float, float]):
+    """Position, velocity (N + 1,) and whether each period ends in stick."""
 
-        def net(t: float, q: float, v: float, u: float = u) -> float:
-            return case.torque(t, q, v, u) - case.load(t, q, v, u)
+    def net(t: float, q: float, v: float, u: float) -> float:
+        return case.torque(t, q, v, u) - case.load(t, q, v, u)
 
-        def slope(t: float, x: np.ndarray, net: Law = net, u: float = u) -> list[float]:
-            friction = direction * case.dry(t, *x, u)  # noqa: B023
-            return [x[1], (net(t, *x) - friction) / INERTIA]
-
-        def stop(t: float, x: np.ndarray) -> float:
-            return x[1]
-
-        stop.terminal = True
-        while t < end:
-            if direction == 0:
-
-                def spare(t: float, net: Law = net, q: float = q, u: float = u) -> float:
-                    return case.dry(t, q, 0.0, u) - abs(net(t, q, 0.0))
-
-                if spare(t) >= 0:
-                    if spare(end) >= 0:
-                        t = end
-                        break
-                    t = brentq(spare, t, end)  # friction fades while the joint rests
-                direction = np.sign(net(t, q, 0.0))
-                ahead = 1e-9  # off the zero of the event
-                a = slope(t, np.array([q, 0.0]))[1]
-                t, q, v = t + ahead, q + 0.5 * a * ahead**2, a * ahead
-            stop.direction = -direction
-            leg = solve_ivp(slope, (t, end), [q, v], method="DOP853", rtol=1e-10, atol=1e-12, events=stop)
-            (q, v), t = leg.y[:, -1], leg.t[-1]
-            if leg.status == 1:
-                v, direction = 0.0, 0.0
-        path.append((q, v))
-        stuck.append(direction == 0)
-    return *np.transpose(path), np.array(stuck)
+    return stick_and_slip(net, case.dry, INERTIA, torque.tolist(), period, start)
 
 
+def weak(period: float, count: int) -> np.ndarray:
+    """Torque under which the joint sticks at every other reversal [N m]."""
+    time = period * np.arange(count)
+    return 1.9 * np.sin(3 * time) + 1.2 * np.sin(7.3 * time + 1)
+
+
+@pytest.mark.parametrize("sticks", [False, True])
 @pytest.mark.parametrize("name", CASES)
-def test_motion_with_stick_is_that_of_an_integrator_that_goes_from_event_to_event(name):
+def test_motion_is_that_of_an_integrator_of_high_order_that_goes_from_event_to_event(name, sticks):
     case, period = CASES[name], 0.01
-    time = period * np.arange(150)
-    torque = 1.9 * np.sin(3 * time) + 1.2 * np.sin(7.3 * time + 1)  # weak: the joint sticks at every other reversal
-    position, velocity, stuck = reference(case, torque, period, (0.1, 0.0))
-    found = simulate(case.terms, np.array(case.theta), period, torque, 0.1, 0.0, longest_step=5e-4)
-    assert 0.05 < np.mean(stuck) < 0.8
-    assert np.ptp(position) > 0.5
+    torque, start = (weak(period, 150), (0.1, 0.0)) if sticks else (np.full(40, 5.0), (-1.0, 8.0))
+    position, velocity, stuck = reference(case, torque, period, start)
+    step = 5e-4 if sticks else 2.5e-4
+    found = simulate(case.terms, np.array(case.theta), period, torque, *start, longest_step=step)
+    assert 0.05 < np.mean(stuck) < 0.8 and np.ptp(position) > 0.5 if sticks else not stuck.any()
     np.testing.assert_allclose(found.position[:, 0], position, atol=5e-6)
     np.testing.assert_allclose(found.velocity[:, 0], velocity, atol=1e-4)
     assert np.all(found.velocity[stuck, 0] == 0)
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_motion_between_stick_is_that_of_a_high_order_integrator(name):
-    case, period, start = CASES[name], 0.01, (-1.0, 8.0)
-    torque = np.full(40, 5.0)
-    position, velocity, stuck = reference(case, torque, period, start)
-    found = simulate(case.terms, np.array(case.theta), period, torque, *start, longest_step=2.5e-4)
-    assert not stuck.any()
-    np.testing.assert_allclose(found.position[:, 0], position, atol=5e-6)
-    np.testing.assert_allclose(found.velocity[:, 0], velocity, atol=1e-4)
 
 
 @pytest.mark.parametrize("sticks", [False, True])
 @pytest.mark.parametrize("name", ["base", "stribeck", "cogging", "spring", "torque_saturation"])
 def test_the_error_is_of_second_order_in_the_step(name, sticks):
     case, period = CASES[name], 0.016
-    if sticks:
-        time, start = period * np.arange(60), (0.1, 0.0)
-        torque = 1.9 * np.sin(3 * time) + 1.2 * np.sin(7.3 * time + 1)
-    else:
-        torque, start = np.full(25, 5.0), (-1.0, 8.0)
+    torque, start = (weak(period, 60), (0.1, 0.0)) if sticks else (np.full(25, 5.0), (-1.0, 8.0))
     position, _, stuck = reference(case, torque, period, start)
     assert np.any(stuck) == sticks
     steps = period / 2.0 ** np.arange(1, 5)
@@ -310,13 +261,6 @@ def test_presliding_friction_is_a_spring_of_stiffness_f_over_d_for_small_displac
     assert period == pytest.approx(2 * np.pi * np.sqrt(INERTIA / stiffness), rel=0.01)
 
 
-def test_presliding_friction_far_beyond_its_displacement_is_dry_friction():
-    terms, torque = (*BASE, effect("presliding")(displacement=1e-3)), np.full(600, 5.0)
-    smooth = simulate(terms, np.array([*THETA, FC]), 1e-3, torque, -1.0, 8.0)
-    dry = simulate(BASE, np.array(THETA), 1e-3, torque, -1.0, 8.0)
-    np.testing.assert_allclose(smooth.position, dry.position, atol=0.01)
-
-
 def test_joint_flexibility_swings_at_the_eigenfrequency_of_two_masses():
     link, resonance = 0.06, 40.0  # J, and sqrt(k / J)
     terms = (Inertia(), effect("joint_flexibility")(resonance=resonance, damping=0.01, gravity=0.1))
@@ -328,12 +272,15 @@ def test_joint_flexibility_swings_at_the_eigenfrequency_of_two_masses():
     assert frequency == pytest.approx(resonance * np.sqrt(INERTIA / (INERTIA - link)), rel=0.01)
 
 
-def test_a_stiff_transmission_is_rigid():
-    terms = (*BASE, effect("joint_flexibility")(resonance=800.0, damping=200.0, gravity=MGL / 0.06))
-    torque = two_tones(0.4, 1e-3)
-    elastic = simulate(terms, np.array([*THETA, 0.06]), 1e-3, torque, 0.0, 0.0, longest_step=1e-4)
-    rigid = simulate(BASE, np.array(THETA), 1e-3, torque, 0.0, 0.0)
-    np.testing.assert_allclose(elastic.position, rigid.position, atol=0.01)
+def test_a_stiff_transmission_is_rigid_and_presliding_friction_far_beyond_its_displacement_is_dry():
+    stiff = effect("joint_flexibility")(resonance=800.0, damping=200.0, gravity=MGL / 0.06)
+    for term, coefficient, torque, start in (
+        (stiff, 0.06, two_tones(0.4, 1e-3), (0.0, 0.0)),
+        (effect("presliding")(displacement=1e-3), FC, np.full(600, 5.0), (-1.0, 8.0)),
+    ):
+        theta = np.array([*THETA, coefficient])
+        found = simulate((*BASE, term), theta, 1e-3, torque, *start, longest_step=1e-4).position
+        np.testing.assert_allclose(found, simulate(BASE, theta[:4], 1e-3, torque, *start).position, atol=0.01)
 
 
 def test_the_command_is_held_over_each_period():

@@ -67,17 +67,13 @@ def column(name: str) -> tuple[Term, Column]:
     return TERMS[id], getattr(TERMS[id], part)[place]
 
 
-def test_the_library_holds_the_base_terms_and_the_effects_that_are_a_contract():
+def test_the_library_holds_what_is_a_contract_and_no_two_terms_share_an_id_nor_two_columns_a_name():
     assert [term.id for term in BASE] == ["inertia", "gravity", "viscous", "coulomb"]
     promised = """torque_offset gravity_tilt coulomb_asymmetry viscous_asymmetry stribeck quadratic_drag
         load_dependent_friction position_dependent_friction cogging torque_ripple spring actuator_lag dead_time
         torque_saturation friction_drift payload_change periodic_disturbance backlash joint_flexibility presliding
         encoder_eccentricity hard_stop"""
-    assert set(promised.split()) <= effects().keys()
-
-
-def test_no_two_terms_share_an_id_and_no_two_columns_a_name():
-    assert len(TERMS) == len(BASE) + len(effects())
+    assert set(promised.split()) <= effects().keys() and len(TERMS) == len(BASE) + len(effects())
     names = [column.name for term in TERMS.values() for column in term.columns]
     names += [f"{term.id}.{shape.name}" for term in TERMS.values() for shape in term.shapes]
     assert len(set(names)) == len(names)
@@ -189,18 +185,17 @@ def test_a_bumper_gives_back_the_share_of_a_slow_impact_that_hunt_and_crossley_s
     assert -path.velocity[-1, 0] / speed == pytest.approx(1 - 2 / 3 * c * speed, abs=0.5 * (c * speed) ** 2)
 
 
+MOTIONS = {
+    "short and small": {"seconds": 3.0, "scale": 0.1},
+    "usual": {"seconds": 8.0},
+    "many turns": {"seconds": 30.0, "drift": -6.0},
+    "long": {"seconds": 200.0, "scale": 1.5},
+    "fast": {"seconds": 6.0, "drift": 60.0},
+}
+
+
 @every_effect
-@pytest.mark.parametrize(
-    "motion",
-    [
-        {"seconds": 3.0, "scale": 0.1},
-        {"seconds": 8.0},
-        {"seconds": 30.0, "drift": -6.0},
-        {"seconds": 200.0, "scale": 1.5},
-        {"seconds": 6.0, "drift": 60.0},
-    ],
-    ids=["short and small", "usual", "many turns", "long", "fast"],
-)
+@pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_grid_offers_valid_variants_on_random_motion(id, motion):
     kind = effects()[id]
     rng = np.random.default_rng(0)

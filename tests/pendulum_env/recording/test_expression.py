@@ -18,32 +18,23 @@ NUMBERS = st.floats(1e-6, 1e6).map(repr) | st.integers(1, 10**6).map(str) | st.j
 FACTORS = st.lists(st.tuples(st.sampled_from(["*", "/", "*-", "/-"]), NUMBERS).map("".join), max_size=4).map(tuple)
 
 
-@st.composite
-def expressions(draw: st.DrawFn) -> Expression:
-    offset = draw(st.none() | st.tuples(st.sampled_from("+-"), NUMBERS).map("".join))
-    return Expression(
-        name=draw(NAMES),
-        unit=draw(st.none() | st.sampled_from(list(UNITS.values()))),
-        factors=draw(FACTORS),
-        offset=offset,
-        offset_unit=draw(st.none() | st.sampled_from(list(UNITS.values()))) if offset else None,
-        negative=draw(st.booleans()),
-    )
+UNIT = st.none() | st.sampled_from(list(UNITS.values()))
+OFFSETS = st.tuples(st.tuples(st.sampled_from("+-"), NUMBERS).map("".join), UNIT) | st.just((None, None))
+EXPRESSIONS = st.builds(
+    lambda name, unit, factors, offset, negative: Expression(name, unit, factors, *offset, negative),
+    NAMES, UNIT, FACTORS, OFFSETS, st.booleans(),
+)  # fmt: skip
 
 
-@given(expression=expressions(), others=st.lists(NAMES, max_size=3))
-def test_what_is_written_is_read_back(expression: Expression, others: list[str]) -> None:
+@given(expression=EXPRESSIONS, others=st.lists(NAMES, max_size=3), column=st.floats(-1e3, 1e3))
+def test_what_is_written_is_read_back_and_does_what_python_makes_of_it(expression: Expression, others, column) -> None:
+    sign = "-" if expression.negative else ""
+    expected = eval(f"{sign}{column!r}{''.join(expression.factors)}{expression.offset or ''}", {"pi": math.pi})
+    assert expression.gain * column + expression.shift == pytest.approx(expected, rel=1e-9, abs=1e-9)
     text = str(expression)
     assume(not any(name != expression.name and text.lstrip("- ").startswith(name.lstrip("-")) for name in others))
     assume(not expression.name.startswith("-") and text not in others)
     assert parse(text, [*others, expression.name], UNITS) == expression
-
-
-@given(expression=expressions(), column=st.floats(-1e3, 1e3))
-def test_gain_and_shift_are_what_python_makes_of_the_text(expression: Expression, column: float) -> None:
-    sign = "-" if expression.negative else ""
-    expected = eval(f"{sign}{column!r}{''.join(expression.factors)}{expression.offset or ''}", {"pi": math.pi})
-    assert expression.gain * column + expression.shift == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 @given(text=st.text("ab-:*/+?.0123e pi", max_size=20) | st.text(max_size=20))
@@ -146,26 +137,6 @@ def test_expressions_are_told_and_applied(tmp_path) -> None:
     np.testing.assert_allclose(recording.position, np.sin(time), atol=1e-12)
     np.testing.assert_allclose(recording.torque, 0.5 * np.cos(time))
     assert {"position is -motor:deg/6+5", "torque is i:A*0.5"} <= set(recording.notes)
-
-
-@pytest.mark.parametrize(
-    ("headers", "found"),
-    [
-        (
-            "__time,/joint_states/position[0],/joint_states/velocity[0],/joint_states/effort[0]",
-            "time position velocity torque",
-        ),
-        ("__time,/joint_states/elbow/position,/joint_states/elbow/effort", "time position torque"),
-        ("__time,/joint_states/position/elbow,/joint_states/effort/elbow", "time position torque"),
-        ("time,signals.theta,signals.tau", "time position torque"),
-        ("timestamp,observation.state[0],action[0],tau,episode_index", "time position reference torque segment"),
-        ("t,pos_estimate,vel_estimate,torque_estimate", "time position velocity torque"),
-        ("time,joint.position (deg),out.torque [Nm]", "time position torque"),
-    ],
-)
-def test_names_of_known_programs(headers: str, found: str) -> None:
-    columns = find_columns(headers.split(","))
-    assert sorted(columns, key=lambda quantity: columns[quantity].index) == found.split()
 
 
 def test_one_of_several_joints_has_to_be_chosen() -> None:

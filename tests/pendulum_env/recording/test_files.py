@@ -16,13 +16,14 @@ FORMATS = (".csv", ".csv.gz", ".parquet", ".npz")
 SHARED = Path(__file__).parents[4] / "shared"  # real and simulated recordings, absent on most machines
 
 Write = Callable[..., Path]
+Columns = dict[str, np.ndarray]
 
 
 @pytest.fixture
 def write(tmp_path: Path) -> Write:
     """Write columns by header to a CSV file and give its path; `edit` changes its lines, of which 0 is the header."""
 
-    def _write(columns: dict[str, np.ndarray], *, delimiter: str = ",", digits: str = "%.10g", edit=None) -> Path:
+    def _write(columns: Columns, *, delimiter: str = ",", digits: str = "%.10g", edit=None) -> Path:
         rows = np.column_stack(list(columns.values()))
         lines = [delimiter.join(columns), *(delimiter.join(digits % cell for cell in row) for row in rows)]
         path = tmp_path / "run.csv"
@@ -33,12 +34,13 @@ def write(tmp_path: Path) -> Write:
 
 
 @pytest.fixture
-def columns(swing: Recording) -> dict[str, np.ndarray]:
+def columns(swing: Recording) -> Columns:
     return {"time": swing.time, "position": swing.position, "torque": swing.torque}
 
 
 def assert_same(one: Recording, other: Recording, atol: float = 0.0) -> None:
-    for quantity in ("time", "position", "torque", "velocity"):
+    assert one.starts == other.starts
+    for quantity in ("time", "position", "torque", "velocity", "reference"):
         a, b = getattr(one, quantity), getattr(other, quantity)
         assert (a is None) == (b is None), quantity
         if a is not None:
@@ -83,9 +85,12 @@ def test_record_refuses(change: dict[str, np.ndarray], match: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_round_trip_is_exact(swing: Recording, tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"a.run{suffix}"
-    for recording in (swing, Recording("bare", swing.time, swing.position, swing.torque)):
+def test_round_trip_is_exact_with_segments_and_reference_or_without(swing, tmp_path: Path, suffix: str) -> None:
+    path, time = tmp_path / f"a.run{suffix}", np.arange(900) / 300 + np.repeat([0.0, 0.0021, 5.0], 300)
+    goal, starts = np.sin(time), (0, 300, 600)  # the first gap is shorter than a period
+    told = {"starts": starts, "reference": goal}
+    gappy = Recording("gappy", time, np.sin(7 * time), np.cos(time), 7 * np.cos(7 * time), **told)
+    for recording in (swing, Recording("bare", swing.time, swing.position, swing.torque), gappy):
         write_recording(recording, path)
         back = read_recording(path)
         assert_same(back, recording)
@@ -105,19 +110,26 @@ def test_write_refuses(swing: Recording, tmp_path: Path, name: str, match: str) 
 @pytest.mark.parametrize(
     ("headers", "quantities"),
     [
-        ("t,q,u", ["time", "position", "torque"]),
-        ("Time [s],q [rad],tau [N m]", ["time", "position", "torque"]),
-        ("time_s,pos_rad,vel_rad/s,tau_Nm", ["time", "position", "velocity", "torque"]),
-        ("timestamp,theta,omega,effort", ["time", "position", "velocity", "torque"]),
-        ("time,meas_pos,meas_vel,meas_tau,des_pos,des_tau", ["time", "position", "velocity", "torque", "reference"]),
-        ("mode,t,angle (rad),dq,torque (N·m)", [None, "time", "position", "velocity", "torque"]),
-        ("Timestamp,θ,qd,τ,temperature", ["time", "position", "velocity", "torque", "temperature"]),
+        ("t,q,u", "time position torque"),
+        ("Time [s],q [rad],tau [N m]", "time position torque"),
+        ("time_s,pos_rad,vel_rad/s,tau_Nm", "time position velocity torque"),
+        ("timestamp,theta,omega,effort", "time position velocity torque"),
+        ("time,meas_pos,meas_vel,meas_tau,des_pos,des_tau", "time position velocity torque reference"),
+        ("mode,t,angle (rad),dq,torque (N·m)", "- time position velocity torque"),
+        ("Timestamp,θ,qd,τ,temperature", "time position velocity torque temperature"),
+        # of known programs
+        ("__time,/arm/position[0],/arm/velocity[0],/arm/effort[0]", "time position velocity torque"),
+        ("__time,/joint_states/elbow/position,/joint_states/elbow/effort", "time position torque"),
+        ("__time,/joint_states/position/elbow,/joint_states/effort/elbow", "time position torque"),
+        ("time,signals.theta,signals.tau", "time position torque"),
+        ("timestamp,observation.state[0],action[0],tau,episode_index", "time position reference torque segment"),
+        ("t,pos_estimate,vel_estimate,torque_estimate", "time position velocity torque"),
+        ("time,joint.position (deg),out.torque [Nm]", "time position torque"),
     ],
 )
-def test_aliases(headers: str, quantities: list[str | None]) -> None:
+def test_quantities_are_found_by_the_names_that_people_and_programs_give_them(headers: str, quantities: str) -> None:
     found = {column.index: quantity for quantity, column in find_columns(headers.split(",")).items()}
-    assert [found.get(index) for index in range(len(quantities))] == quantities
-    assert len(found) == len([q for q in quantities if q])
+    assert found == {index: quantity for index, quantity in enumerate(quantities.split()) if quantity != "-"}
 
 
 def test_no_name_has_two_meanings() -> None:
@@ -129,40 +141,37 @@ def test_no_name_has_two_meanings() -> None:
 
 
 @pytest.mark.parametrize(
-    ("headers", "match"),
+    ("headers", "named", "match"),
     [
-        ("time,q,position,torque", "'q' and 'position' could both be position"),
-        ("time,x,torque", "no column for position among 'time', 'x', 'torque': name the columns time,position,torque"),
-        (
-            "time,position_a,position_b,torque_a,torque_b",
-            "there are some for 'a', 'b': identify and diagnose take an arm's links with --robot",
-        ),
-        ("time,position [counts],torque", "no column for position"),
-        ("time,position,current [A]", "no column for torque"),
-        ("time,q,tau_cmd,u", "'tau_cmd' and 'u' could both be torque: say which with --columns QUANTITY=NAME"),
+        ("time,q,position,torque", {}, "'q' and 'position' could both be position"),
+        ("time,x,torque", {}, "for position among 'time', 'x', 'torque': name the columns time,position,torque"),
+        ("time,position_a,position_b,torque_a,torque_b", {}, "for 'a', 'b': .* take an arm's links with --robot"),
+        ("time,position [counts],torque", {}, "no column for position"),
+        ("time,position,current [A]", {}, "no column for torque"),
+        ("time,q,tau_cmd,u", {}, "'tau_cmd' and 'u' could both be torque: say which with --columns QUANTITY=NAME"),
+        ("t,q,tau", {"angle": "q"}, "are named for time, position, velocity, torque, reference, supply, enabled"),
+        ("t,q,tau", {"position": "Q"}, "no column is named 'Q', which is to be position, among 't', 'q', 'tau'"),
+        ("t,q,tau,x,x", {"position": "x"}, "2 columns are named 'x'"),
+        ("t,q,tau", {"velocity": "q"}, "no column for position"),
     ],
 )
-def test_columns_refused(headers: str, match: str) -> None:
-    with pytest.raises(RecordingError, match=match.replace("[", r"\[")):
-        find_columns(headers.split(","))
+def test_columns_refused(headers: str, named: dict[str, str], match: str) -> None:
+    with pytest.raises(RecordingError, match=match):
+        find_columns(headers.split(","), named)
 
 
-def test_units_in_names_are_converted_and_noted(write: Write, swing: Recording) -> None:
-    path = write(
-        {
-            "time_ms": 1e3 * swing.time,
-            "position [°]": np.degrees(swing.position),
-            "tau_mNm": 1e3 * swing.torque,
-            "speed (rpm)": swing.velocity * 60 / (2 * np.pi),
-        }
-    )
-    recording = read_recording(path)
+def test_units_are_converted_and_noted_whether_in_names_or_in_a_row_below(write: Write, swing: Recording) -> None:
+    time, speed = 1e3 * swing.time, swing.velocity * 60 / (2 * np.pi)
+    columns = {"time_ms": time, "position [°]": np.degrees(swing.position), "tau_mNm": 1e3 * swing.torque}
+    recording = read_recording(write(columns | {"speed (rpm)": speed}))
     assert_same(recording, swing, atol=1e-7)
-    assert "position converted to rad from column 'position [°]'" in recording.notes
-    assert len(recording.notes) == 4
+    assert "position converted to rad from column 'position [°]'" in recording.notes and len(recording.notes) == 4
+    below = read_recording(write(columns, edit=lambda lines: ["t,q,tau", "ms,deg,N m", *lines[1:]]))
+    np.testing.assert_allclose(below.position, swing.position, atol=1e-7)
+    assert len(below.notes) == 2
 
 
-def test_commanded_torque_is_the_second_choice(write: Write, columns: dict[str, np.ndarray]) -> None:
+def test_commanded_torque_is_the_second_choice(write: Write, columns: Columns) -> None:
     torque = columns.pop("torque")
     both = read_recording(write(columns | {"tau_cmd": 2 * torque, "tau": torque}))
     np.testing.assert_allclose(both.torque, torque, atol=1e-8)
@@ -171,25 +180,11 @@ def test_commanded_torque_is_the_second_choice(write: Write, columns: dict[str, 
     assert alone.notes == ("torque is the commanded one, from column 'tau_cmd'",)
 
 
-def test_a_column_that_is_named_leaves_the_others_to_their_names(write: Write, columns: dict[str, np.ndarray]) -> None:
+def test_a_column_that_is_named_leaves_the_others_to_their_names(write: Write, columns: Columns) -> None:
     path = write(columns | {"q": 2 * columns["position"], "a:b": columns["time"]})
     assert find_columns(["q", "t", "tau"], {"torque": "tau"})["position"].header == "q"
     recording = read_recording(path, columns={"position": "q", "time": "a:b"})  # a colon may be part of a name
     np.testing.assert_allclose(recording.position, 2 * columns["position"], atol=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("named", "match"),
-    [
-        ({"angle": "q"}, "columns are named for time, position, velocity, torque, reference, supply, enabled"),
-        ({"position": "Q"}, "no column is named 'Q', which is to be position, among 't', 'q', 'tau', 'x', 'x'"),
-        ({"position": "x"}, "2 columns are named 'x'"),
-        ({"velocity": "q"}, "no column for position"),
-    ],
-)
-def test_named_columns_refused(named: dict[str, str], match: str) -> None:
-    with pytest.raises(RecordingError, match=match):
-        find_columns(["t", "q", "tau", "x", "x"], named)
 
 
 def test_units_that_people_are_told_of_are_understood() -> None:
@@ -200,6 +195,9 @@ def test_units_that_people_are_told_of_are_understood() -> None:
 
 
 # Text
+
+
+LABVIEW = ["LabVIEW Measurement", "Writer_Version\t2", "Separator\tTab", "***End_of_Header***", ""]
 
 
 @pytest.mark.parametrize(
@@ -217,37 +215,18 @@ def test_units_that_people_are_told_of_are_understood() -> None:
         (",", lambda lines: ["mode,time,position,torque", *(f'"on, running",{line}' for line in lines[1:])]),
         (",", lambda lines: [line + "\r" for line in lines]),
         (",", lambda lines: [lines[0], "", *lines[1:], "", ""]),
+        ("\t", lambda lines: [*LABVIEW, *lines]),
+        (",", lambda lines: ["Rig 3", "Recorded by,me", "", *lines]),
+        (",", lambda lines: [lines[0], "s,rad,Nm", *lines[1:]]),
+        (";", lambda lines: [*LABVIEW, lines[0], "[s];[rad];", *lines[1:]]),
     ],
-    ids="semicolon tab space padded decimal-comma comments savetxt bom quoted text-column crlf blank-lines".split(),
+    ids="semicolon tab space padded decimal-comma comments savetxt bom quoted text-column crlf blank-lines "
+    "labview title units labview-and-units".split(),
 )
-def test_text_dialects(write: Write, columns: dict, swing: Recording, delimiter: str, edit: Callable | None) -> None:
+def test_text_dialects(write: Write, columns: Columns, swing: Recording, delimiter: str, edit: Callable | None) -> None:
     recording = read_recording(write(columns, delimiter=delimiter, edit=edit))
-    bare = Recording("run", swing.time, swing.position, swing.torque)
-    assert_same(recording, bare, atol=1e-7)
+    assert_same(recording, Recording("run", swing.time, swing.position, swing.torque), atol=1e-7)
     assert recording.notes == ()
-
-
-LABVIEW = ["LabVIEW Measurement", "Writer_Version\t2", "Separator\tTab", "***End_of_Header***", ""]
-
-
-@pytest.mark.parametrize(
-    ("delimiter", "edit", "converted"),
-    [
-        ("\t", lambda lines: [*LABVIEW, *lines], 0),
-        (",", lambda lines: ["Rig 3", "Recorded by,me", "", *lines], 0),
-        (",", lambda lines: [lines[0], "s,rad,Nm", *lines[1:]], 0),
-        (";", lambda lines: [*LABVIEW, lines[0], "[s];[rad];", *lines[1:]], 0),
-        (",", lambda lines: ["t,q,tau,temperature", "s,deg,N m,degC", *(line + ",20" for line in lines[1:])], 1),
-    ],
-    ids="labview title units both foreign-unit".split(),
-)
-def test_what_stands_around_the_header(
-    write: Write, columns: dict, swing: Recording, delimiter: str, edit: Callable, converted: int
-) -> None:
-    recording = read_recording(write(columns, delimiter=delimiter, edit=edit))
-    factor = np.pi / 180 if converted else 1.0
-    np.testing.assert_allclose(recording.position, factor * swing.position, atol=1e-8)
-    assert len(recording.notes) == converted
 
 
 @pytest.mark.parametrize("zone", ["", "Z", "+02:00"])
@@ -264,34 +243,31 @@ def test_iso_time_is_counted_from_the_first_row(write: Write, columns: dict, zon
     assert recording.notes == (f"time is counted from 2026-02-28{between}23:59:58.000000{zone}",)
 
 
+def changed(row: int, text: str) -> Callable:
+    return lambda lines: [*lines[:row], text, *lines[row + 1 :]]
+
+
+def emptied(lines: list[str], quantity: int) -> list[str]:
+    cells = (line.split(",") for line in lines[1:])
+    return [lines[0], *(",".join("nan" if k == quantity else cell for k, cell in enumerate(row)) for row in cells)]
+
+
 @pytest.mark.parametrize(
     ("edit", "match"),
     [
         (lambda lines: lines[1:], "first row holds numbers .* put the header time,position,torque above"),
         (lambda lines: lines[:1], "header but no data"),
         (lambda lines: ["# nothing"], "comments but no header"),
-        (
-            lambda lines: [*lines[:12], "0.022,abc,1", *lines[13:]],
-            r"data row 12 \(header not counted\) has 'abc' as pos",
-        ),
-        (
-            lambda lines: [*lines[:12], f"0.022,{'1' * 100_000}x,1", *lines[13:]],
-            "data row 12 .* has '1{27}...1{27}x' as position",
-        ),
-        (lambda lines: ["1" * 60_000 + "x", *lines[1:]], "no column for time, position, torque among '1{17}...1{17}x'"),
+        (changed(12, "0.022,abc,1"), r"data row 12 \(header not counted\) has 'abc' as pos"),
+        (changed(12, f"0.022,{'1' * 100_000}x,1"), "data row 12 .* has '1{27}...1{27}x' as position"),
+        (changed(0, "1" * 60_000 + "x"), "no column for time, position, torque among '1{17}...1{17}x'"),
         (lambda lines: [*lines[:-2], "3.99", lines[-1]], "data row 1999 .* has 1 cells where the header has 3"),
-        (lambda lines: ["time;position;torque", *lines[1:]], "data row 1 .* has 1 cells where the header has 3"),
-        (
-            lambda lines: [lines[0], *(line.rsplit(",", 1)[0] + ",nan" for line in lines[1:])],
-            r"data row 1 \(header not counted\) has torque that is empty or NaN, as have 2000 of 2000 rows",
-        ),
-        (
-            lambda lines: [lines[0], *(",nan,".join(line.split(",")[::2]) for line in lines[1:])],
-            r"data row 1 \(header not counted\) has position that is empty or NaN, as have 2000 of 2000 rows",
-        ),
+        (changed(0, "time;position;torque"), "data row 1 .* has 1 cells where the header has 3"),
+        (lambda lines: emptied(lines, 2), "row 1 .* has torque that is empty or NaN, as have 2000 of 2000 rows"),
+        (lambda lines: emptied(lines, 1), "row 1 .* has position that is empty or NaN, as have 2000 of 2000 rows"),
         (
             lambda lines: [lines[0], *["0,1,", "0.1,,1"] * 100],
-            "fewer than 100 rows have all of time, position and torque",
+            "fewer than 100 rows have all of time, position and torq",
         ),
         (lambda lines: lines[:12] + lines[2:], "time falls from 0.02 to 0.002 s at data row 12 .* sort the rows"),
         (lambda lines: [lines[0], *("7," + line for line in lines[1:])], "has 4 cells where the header has 3"),
@@ -299,12 +275,12 @@ def test_iso_time_is_counted_from_the_first_row(write: Write, columns: dict, zon
         (lambda lines: lines[:201], "lasts 0.398 s, of which at least 1 s"),
     ],
 )
-def test_text_refused(write: Write, columns: dict[str, np.ndarray], edit: Callable, match: str) -> None:
+def test_text_refused(write: Write, columns: Columns, edit: Callable, match: str) -> None:
     with pytest.raises(RecordingError, match=match):
         read_recording(write(columns, edit=edit))
 
 
-def test_refusal_is_one_line_with_the_file(write: Write, columns: dict[str, np.ndarray]) -> None:
+def test_refusal_is_one_line_with_the_file(write: Write, columns: Columns) -> None:
     path = write(columns, edit=lambda lines: ["time,'po\x00s\x1b',torque", *lines[1:]])
     with pytest.raises(RecordingError) as refusal:
         read_recording(path)
@@ -313,7 +289,7 @@ def test_refusal_is_one_line_with_the_file(write: Write, columns: dict[str, np.n
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_no_file_directory_empty_and_damaged(tmp_path: Path, swing: Recording, suffix: str) -> None:
+def test_no_file_a_directory_and_half_of_a_file(tmp_path: Path, swing: Recording, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     with pytest.raises(RecordingError, match="no such file"):
         read_recording(path)
@@ -321,10 +297,6 @@ def test_no_file_directory_empty_and_damaged(tmp_path: Path, swing: Recording, s
     with pytest.raises(RecordingError, match="it is a directory"):
         read_recording(path)
     path.rmdir()
-    for content in (b"", b"\x1f\x8bgarbage", b"PK\x03\x04garbage", b"PAR1garbagePAR1", bytes(range(256))):
-        path.write_bytes(content)
-        with pytest.raises(RecordingError, match=r"run\."):
-            read_recording(path)
     write_recording(swing, path)
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
@@ -369,7 +341,7 @@ def test_a_name_that_is_no_utf_8_is_told(tmp_path: Path, ending: str) -> None:
         ({"position": np.zeros(2000, dtype=complex)}, "has type complex128"),
     ],
 )
-def test_npz_refused(tmp_path: Path, columns: dict[str, np.ndarray], change: dict, match: str) -> None:
+def test_npz_refused(tmp_path: Path, columns: Columns, change: dict, match: str) -> None:
     np.savez(tmp_path / "run.npz", **(columns | change))
     with pytest.raises(RecordingError, match=match):
         read_recording(tmp_path / "run.npz")
@@ -382,93 +354,71 @@ def spinning(time: np.ndarray) -> np.ndarray:
     return 30.0 * time + 0.3 * np.sin(30.0 * time)  # [rad], as gravity would have it
 
 
-def test_a_steady_turn_says_nothing_of_degrees(write: Write, columns: dict[str, np.ndarray]) -> None:
+def test_a_steady_turn_says_nothing_of_degrees(write: Write, columns: Columns) -> None:
     assert read_recording(write(columns | {"position": 5 * columns["time"]}, digits="%.17g")).notes == ()
 
 
-def test_wrapped_angle_is_refused_and_unwrapped_on_request(write: Write, columns: dict[str, np.ndarray]) -> None:
+def test_wrapped_angle_is_refused_and_unwrapped_on_request(write: Write, columns: Columns) -> None:
     turns = spinning(columns["time"])
-    path = write(columns | {"position": np.angle(np.exp(1j * turns))})
-    first = int(np.argmax(turns > np.pi)) + 1
+    wrapped = np.angle(np.exp(1j * turns))
+    path, first = write(columns | {"position": wrapped}), int(np.argmax(turns > np.pi)) + 1
     with pytest.raises(RecordingError, match=rf"data row {first} .* wrapped at 2 pi does: read it with --unwrap"):
         read_recording(path)
     recording = read_recording(path, unwrap=True)
     np.testing.assert_allclose(recording.position, turns, atol=1e-8)
     assert recording.notes == ("position unwrapped at 19 jumps of 2 pi",)
+    for unwrap in (False, True):
+        with pytest.raises(RecordingError, match=r"wrapped at 360 degrees does: .* --columns position=position:deg"):
+            read_recording(write(columns | {"position": np.degrees(wrapped)}), unwrap=unwrap)
+    del columns["position"]  # it is told to be in degrees, and swings freely
+    free = read_recording(write(columns | {"position_deg": np.degrees(wrapped), "torque": 0.0 * turns}), unwrap=True)
+    np.testing.assert_allclose(free.position, turns, atol=1e-6)
+    assert not free.torque.any()
 
 
-@pytest.mark.parametrize("unwrap", [False, True])
-def test_wrapped_degrees_are_refused(write: Write, columns: dict[str, np.ndarray], unwrap: bool) -> None:
-    degrees = np.degrees(np.angle(np.exp(1j * spinning(columns["time"]))))
-    with pytest.raises(
-        RecordingError, match=r"wrapped at 360 degrees does: .* and with --columns position=position:deg"
-    ):
-        read_recording(write(columns | {"position": degrees}), unwrap=unwrap)
-
-
-def test_wrapped_degrees_by_name_are_unwrapped_and_a_free_swing_needs_no_torque(
-    write: Write, columns: dict[str, np.ndarray]
-) -> None:
-    turns = spinning(columns["time"])
-    degrees = np.degrees(np.angle(np.exp(1j * turns)))
-    path = write({"time": columns["time"], "position_deg": degrees, "torque": 0.0 * turns})
-    recording = read_recording(path, unwrap=True)
-    np.testing.assert_allclose(recording.position, turns, atol=1e-6)
-    assert not recording.torque.any()
-
-
-def test_degrees_by_speed(write: Write, columns: dict[str, np.ndarray]) -> None:
-    with pytest.raises(
-        RecordingError, match="faster than any arm: read it with --columns position=position:deg if it is"
-    ):
-        read_recording(write(columns | {"position": 2 * np.degrees(columns["position"])}))
+def moved(torque: np.ndarray, load: Callable[[float, float, float], float], start: float = 0.0) -> np.ndarray:
+    """Angles of 1 kg m^2 by semi-implicit Euler at 200 Hz, under a load by time, angle and speed."""
+    q, v, path = start, 0.0, []
+    for k, held in enumerate(torque.tolist()):
+        path.append(q)
+        v += (held - load(k / 200, q, v)) / 200.0
+        q += v / 200.0
+    return np.array(path)
 
 
 def test_degrees_by_gravity(write: Write) -> None:
-    time = np.arange(4000) / 200.0
-    q, v = np.empty(4000), 0.0
-    q[0] = 1.0
-    for k in range(3999):  # semi-implicit Euler of a free swing of 57 degrees
-        v += (-9.81 * np.sin(q[k]) - 0.2 * v) / 200.0
-        q[k + 1] = q[k] + v / 200.0
-    swing = {"time": time, "position": q, "torque": 0 * q}
+    time, none = np.arange(4000) / 200.0, np.zeros(4000)
+    q = moved(none, lambda t, q, v: 9.81 * np.sin(q) + 0.2 * v, start=1.0)  # a free swing of 57 degrees
+    swing = {"time": time, "position": q, "torque": none}
     assert read_recording(write(swing)).notes == ()
     with pytest.raises(RecordingError, match="gravity acts on it as on degrees"):
         read_recording(write(swing | {"position": np.degrees(q)}))
     hours = np.arange(20_000) / 10.0
     slow = {"time": hours, "position": 57.0 * np.cos(hours / 300.0), "torque": 0 * hours}
     assert len(read_recording(write(slow))) == 20_000  # what accelerates so little tells nothing of gravity
-    trusted = {"time": time, "position_rad": np.degrees(q), "torque": 0 * q}
+    trusted = {"time": time, "position_rad": np.degrees(q), "torque": none}
     assert read_recording(write(trusted)).position.max() > 50  # its name says radians
 
 
 @pytest.mark.parametrize(
-    ("position", "velocity", "match"),
+    ("read", "match"),
     [
-        (1, 57.3, "as if in degrees per second: read it with --columns velocity=velocity:deg/s"),
-        (1, -1, "opposite sign of the slope of position: read it with --columns velocity=-velocity"),
-        (1, 6, "velocity is 6 times the slope of position: mend it, or do without .*: --columns velocity=unused"),
-        (1, 0, r"does not follow the slope of position \(0.00 correlated\)"),
-        (10, 10 / 57.3, "as fast as velocity says, as if in degrees: read it with --columns position=position:deg"),
+        ({"position": 115}, "faster than any arm: read it with --columns position=position:deg if it is"),
+        ({"position": 0}, "position is 0 rad in every row"),
+        ({"time": 1e3}, "2 s pass between samples.* read it with --columns time=time:ms"),
+        ({"velocity": 57.3}, "as if in degrees per second: read it with --columns velocity=velocity:deg/s"),
+        ({"velocity": -1}, "opposite sign of the slope of position: read it with --columns velocity=-velocity"),
+        ({"velocity": 6}, "is 6 times the slope of position: mend it, or do without .*: --columns velocity=unused"),
+        ({"velocity": 0}, r"does not follow the slope of position \(0.00 correlated\)"),
+        ({"position": 10, "velocity": 10 / 57.3}, "as if in degrees: read it with --columns position=position:deg"),
     ],
 )
-def test_foreign_velocity_is_refused(
-    write: Write, columns: dict, swing: Recording, position: float, velocity: float, match: str
+def test_a_column_in_another_unit_is_refused_with_what_mends_it(
+    write: Write, columns: Columns, swing: Recording, read: dict[str, float], match: str
 ) -> None:
-    scaled = columns | {"position": position * swing.position, "velocity": velocity * swing.velocity}
+    columns |= {"velocity": swing.velocity} if "velocity" in read else {}
     with pytest.raises(RecordingError, match=match):
-        read_recording(write(scaled))
-
-
-def test_constant_position_is_refused(write: Write, columns: dict[str, np.ndarray]) -> None:
-    still = columns | {"position": np.full(2000, 0.25)}
-    with pytest.raises(RecordingError, match=r"position is 0\.25 rad in every row"):
-        read_recording(write(still))
-
-
-def test_time_in_milliseconds_is_refused(write: Write, columns: dict[str, np.ndarray]) -> None:
-    with pytest.raises(RecordingError, match=r"2 s pass between samples.* read it with --columns time=time:ms"):
-        read_recording(write(columns | {"time": 1e3 * columns["time"]}))
+        read_recording(write({name: read.get(name, 1) * values for name, values in columns.items()}))
 
 
 # Uneven time
@@ -485,7 +435,7 @@ def test_rounded_time_shifts_nothing(write: Write, rate: float, digits: int) -> 
     assert "by rounding only" in recording.notes[0]
 
 
-def test_single_precision_time_shifts_nothing(tmp_path: Path, columns: dict[str, np.ndarray]) -> None:
+def test_single_precision_time_shifts_nothing(tmp_path: Path, columns: Columns) -> None:
     np.savez(tmp_path / "run.npz", **{name: column.astype(np.float32) for name, column in columns.items()})
     recording = read_recording(tmp_path / "run.npz")
     assert "by rounding only" in recording.notes[0]
@@ -535,9 +485,7 @@ LOST = "missing after"
         ([40, 777, 778], "3 samples are missing after 0.078, 1.552 s: filled in by interpolation"),
     ],
 )
-def test_lost_samples_are_filled_in_without_touching_the_others(
-    write: Write, swing: Recording, gone: list[int], note: str
-) -> None:
+def test_lost_samples_are_filled_in_without_touching_the_others(write: Write, swing: Recording, gone, note) -> None:
     whole = {"time": swing.time, "position": swing.position, "velocity": swing.velocity, "torque": swing.torque}
     path = write({name: np.delete(column, gone) for name, column in whole.items()}, digits="%.17g")
     recording = read_recording(path)
@@ -572,7 +520,7 @@ def test_samples_lost_at_regular_intervals_are_told_by_the_motion(every: int) ->
     assert "missing" in log.notes[0] or "resampled" in log.notes[0]
 
 
-def test_seconds_since_1970_keep_their_uniformity(write: Write, columns: dict[str, np.ndarray]) -> None:
+def test_seconds_since_1970_keep_their_uniformity(write: Write, columns: Columns) -> None:
     recording = read_recording(write(columns | {"time": 1.7e9 + columns["time"]}, digits="%.6f"))
     assert recording.rate == pytest.approx(500.0)
     np.testing.assert_allclose(recording.torque, columns["torque"], atol=1e-6)
@@ -581,9 +529,7 @@ def test_seconds_since_1970_keep_their_uniformity(write: Write, columns: dict[st
 # Size
 
 
-def test_plain_text_is_read_in_this_process_unless_it_is_large(
-    write: Write, columns: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_plain_text_is_read_in_this_process_unless_it_is_large(write: Write, columns: Columns, monkeypatch) -> None:
     path = write(columns)
     with monkeypatch.context() as patch:
         patch.setattr(storage, "isolated", None)
@@ -614,25 +560,19 @@ def test_practice_recordings_are_left_alone_and_refused_in_degrees(tmp_path: Pat
 
 @pytest.mark.parametrize("bent", [0.0, 30.0])
 def test_a_spring_is_not_taken_for_degrees(write: Write, bent: float) -> None:
-    time, q, v = np.arange(4000) / 200.0, np.empty(4000), 0.0
-    torque, q[0] = 40 * np.sin(0.4 * time) * np.sin(2 * time), 1.0
-    for k in range(3999):  # semi-implicit Euler of a motor of 1 kg m^2 on a spring, without gravity
-        v += (torque[k] - 9.81 * (q[k] + bent * (1 - np.cos(0.05 * q[k]))) - 0.2 * v) / 200.0
-        q[k + 1] = q[k] + v / 200.0
+    time = np.arange(4000) / 200.0
+    torque = 40 * np.sin(0.4 * time) * np.sin(2 * time)
+    q = moved(torque, lambda t, q, v: 9.81 * (q + bent * (1 - np.cos(0.05 * q))) + 0.2 * v, start=1.0)
     assert np.ptp(q) > 2 * np.pi  # less is no question
     (note,) = read_recording(write({"time": time, "position": q, "torque": torque})).notes
     assert "on which a spring acts; if it is degrees, read it with --columns position=position:deg" in note
 
 
-@pytest.mark.parametrize(("drift", "asymmetry"), [(0.06, 0.0), (0.03, 0.4)])
-def test_a_wheel_that_runs_off_under_a_torque_that_drifts_is_not_taken_for_degrees(
-    write: Write, drift: float, asymmetry: float
-) -> None:
-    time, q, v = np.arange(4000) / 200.0, np.zeros(4000), 0.0
-    torque = np.sin(2 * time) + 0.7 * np.sin(0.7 * time) - 0.6
-    for k in range(3999):  # semi-implicit Euler of a wheel of 0.5 kg m^2, which no gravity acts on
-        v += (torque[k] - drift * time[k] - (0.3 + asymmetry * (v > 0)) * v) / 0.5 / 200.0
-        q[k + 1] = q[k] + v / 200.0
+@pytest.mark.parametrize(("drift", "asymmetry"), [(0.12, 0.0), (0.06, 0.8)])
+def test_a_wheel_that_runs_off_under_a_torque_that_drifts_is_not_taken_for_degrees(write, drift, asymmetry) -> None:
+    time = np.arange(4000) / 200.0
+    torque = 2 * np.sin(2 * time) + 1.4 * np.sin(0.7 * time) - 1.2
+    q = moved(torque, lambda t, q, v: drift * t + (0.6 + asymmetry * (v > 0)) * v)  # no gravity acts on it
     assert q.min() < -30.0
     recording = read_recording(write({"time": time, "position": q, "torque": torque}))
     assert np.ptp(recording.position) == pytest.approx(np.ptp(q))

@@ -8,12 +8,7 @@ import pytest
 from pendulum_env.recording import Source, read_study, write_study
 
 DATA = Path(__file__).parents[4] / "shared" / "data"
-COLUMNS = {
-    "bam_xl330": {},
-    "dfki": {},
-    "emps": {"position": "position:m", "torque": "torque:N"},
-    "odrive": {},
-}
+COLUMNS = {"bam_xl330": {}, "dfki": {}, "emps": {"position": "position:m", "torque": "torque:N"}, "odrive": {}}
 LOST = {"odrive": 2}  # segments at most; the others have no gap
 
 

@@ -14,17 +14,9 @@ def gappy() -> Recording:
     """Four segments, with gaps that are no multiples of the period."""
     gaps = np.repeat([0.0, 0.0131, 0.7, 3.14159], LENGTHS)
     time = np.arange(sum(LENGTHS)) / RATE + np.cumsum(np.diff(gaps, prepend=0.0))
-    return Recording(
-        "gappy",
-        time,
-        np.sin(time),
-        np.cos(3 * time),
-        velocity=np.cos(time),
-        notes=("as it came",),
-        starts=tuple(np.cumsum((0, *LENGTHS[:-1]))),
-        reference=np.sin(time + 0.01),
-        load=Load(0.02, 1.0),
-    )
+    told = {"reference": np.sin(time + 0.01), "load": Load(0.02, 1.0), "notes": ("as it came",)}
+    starts = tuple(np.cumsum((0, *LENGTHS[:-1])))
+    return Recording("gappy", time, np.sin(time), np.cos(3 * time), np.cos(time), starts=starts, **told)
 
 
 def test_segments_are_recordings_without_gaps_that_hold_every_sample(gappy: Recording) -> None:

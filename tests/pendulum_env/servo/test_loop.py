@@ -22,19 +22,9 @@ STEP = 1e-4  # [s]
 
 def servo(drive: Drive, goal: np.ndarray, **more: object) -> Servos:
     """One servo that hangs at rest, its goal given at every step."""
-    column = np.asarray(goal, dtype=float)[:, None]
-    usual = Servos(
-        (drive,),
-        STEP,
-        column,
-        np.full_like(column, 10.0),
-        np.ones_like(column),
-        np.zeros(1),
-        np.zeros(1),
-        np.zeros(1),
-        KnownLoad(),
-    )
-    return replace(usual, **more)
+    column, rest = np.asarray(goal, dtype=float)[:, None], np.zeros(1)
+    ones = np.ones_like(column)
+    return replace(Servos((drive,), STEP, column, 10 * ones, ones, rest, rest, rest, KnownLoad()), **more)
 
 
 def path(drive: Drive, goal: np.ndarray, terms: tuple = BASE, theta: np.ndarray = SMOOTH, **more: object) -> np.ndarray:
@@ -150,14 +140,13 @@ def test_back_emf_is_viscous_friction_while_the_motor_is_on():
 
 
 def test_variants_and_servos_do_not_know_of_each_other():
-    goals = np.column_stack([wave(), 0.5 * wave()])
-    two = (Drive(kp=0.5, gain=0.4), Drive(kp=0.9, kd=0.05, gain=0.4))
-    ones = np.ones_like(goals)
-    both = Servos(two, STEP, goals, 10 * ones, ones, np.zeros(2), np.zeros(2), np.zeros(2), KnownLoad())
+    goals, two = (wave(), 0.5 * wave()), (Drive(kp=0.5, gain=0.4), Drive(kp=0.9, kd=0.05, gain=0.4))
+    goal, rest = np.column_stack(goals), np.zeros(2)
+    both = Servos(two, STEP, goal, np.full_like(goal, 10.0), np.ones_like(goal), rest, rest, rest, KnownLoad())
     other = SMOOTH * [1.5, 0.7, 1.2, 1.0]
     paths = follow(BASE, np.column_stack([SMOOTH, other]), both)
-    assert paths[:, 1, 1] == pytest.approx(path(two[1], goals[:, 1], theta=other), abs=1e-12)
-    assert paths[:, 0, 0] == pytest.approx(path(two[0], goals[:, 0]), abs=1e-12)
+    assert paths[:, 1, 1] == pytest.approx(path(two[1], goals[1], theta=other), abs=1e-12)
+    assert paths[:, 0, 0] == pytest.approx(path(two[0], goals[0]), abs=1e-12)
 
 
 def test_law_that_is_no_formula_is_simulated_all_the_same():

@@ -55,16 +55,18 @@ def test_plants_are_drawn_as_an_identified_model_knows_its_linear_parameters():
     assert (drawn[:, 4] == 0).any() and (drawn[:, 4] >= 0).all()  # friction does not drive
 
 
-def test_what_cannot_be_drawn_is_refused():
-    with pytest.raises(ValueError, match="a recording or a rig is as it is"):
-        RandomizePlant(gym.make("Pendulum-v1"))
+@pytest.mark.parametrize(
+    ("id", "spread", "why"),
+    [
+        ("Pendulum-v1", 0.2, "a recording or a rig is as it is"),
+        (PENDULUM, {"mass": 0.1}, "no parameter 'mass'"),
+        (PENDULUM, 1.0, "a share from 0 to below 1"),
+        (PENDULUM, "covariances", "by 'covariances': give shares"),
+        (PENDULUM, "covariance", "no covariance can be drawn: take a model that was fitted"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(id, spread, why):
+    with pytest.raises(ValueError, match=why):
+        RandomizePlant(gym.make(id), spread)
     with pytest.raises(ValueError, match="only the plants of batched pendulums can be drawn"):
         RandomizePlantVector(gym.make_vec("Pendulum-v1", num_envs=2))
-    with pytest.raises(ValueError, match="no parameter 'mass'"):
-        RandomizePlant(gym.make(PENDULUM), {"mass": 0.1})
-    with pytest.raises(ValueError, match="a share from 0 to below 1"):
-        RandomizePlant(gym.make(PENDULUM), 1.0)
-    with pytest.raises(ValueError, match="by 'covariances': give shares"):
-        RandomizePlant(gym.make(PENDULUM), "covariances")
-    with pytest.raises(ValueError, match="no covariance can be drawn: take a model that was fitted"):
-        RandomizePlant(gym.make(PENDULUM), "covariance")

@@ -22,41 +22,34 @@ POLICY = OpenLoop(excitation("paper", np.random.default_rng(0)), 1000.0)
 
 
 def test_file_is_the_recording_of_the_rollout(tmp_path):
-    env = RecordMeasurements(gym.make(PENDULUM, torque_noise=0.1), tmp_path / "run.csv")
-    run = rollout(env, POLICY, 1500, seed=0)
-    env.close()
+    with RecordMeasurements(gym.make(PENDULUM, torque_noise=0.1), tmp_path / "run.csv") as env:
+        run = rollout(env, POLICY, 1500, seed=0)
     kept = read_recording(tmp_path / "run.csv")
     for name in ("time", "position", "torque"):
         np.testing.assert_array_equal(getattr(kept, name), getattr(run, name))
 
 
 def test_replay_of_what_was_recorded_records_the_same(tmp_path):
-    env = RecordMeasurements(gym.make(PENDULUM), tmp_path / "first.csv")
-    rollout(env, POLICY, 1500, seed=0)
-    env.close()
-    again = RecordMeasurements(
-        gym.make(PENDULUM, backend="replay", recording=tmp_path / "first.csv"), tmp_path / "second.csv"
-    )
-    rollout(again, POLICY, 5000)
-    again.close()
     first, second = (tmp_path / f"{name}.csv" for name in ("first", "second"))
+    with RecordMeasurements(gym.make(PENDULUM), first) as env:
+        rollout(env, POLICY, 1500, seed=0)
+    with RecordMeasurements(gym.make(PENDULUM, backend="replay", recording=first), second) as env:
+        rollout(env, POLICY, 5000)
     assert first.read_text().splitlines()[:-1] == second.read_text().splitlines()  # the last torque is not known
 
 
 def test_each_episode_has_its_file_and_none_is_replaced(tmp_path):
-    env = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv")
-    env.reset()
-    for _ in range(3):  # the first reset has no step and leaves no file
-        rollout(env, POLICY, 1200)
-    env.close()
+    with RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv") as env:
+        env.reset()
+        for _ in range(3):  # the first reset has no step and leaves no file
+            rollout(env, POLICY, 1200)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run-2.csv", "run-3.csv", "run.csv"]
     again = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv")
     with pytest.raises(FileExistsError, match="exists already: choose another name"):
         rollout(again, POLICY, 10)
     assert len(read_recording(tmp_path / "run.csv")) == 1200
-    replaced = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv", overwrite=True)
-    rollout(replaced, POLICY, 1100)
-    replaced.close()
+    with RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv", overwrite=True) as env:
+        rollout(env, POLICY, 1100)
     assert len(read_recording(tmp_path / "run.csv")) == 1100
 
 
