@@ -14,6 +14,7 @@ from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics import BASE, Model, Samples
 from pendulum_env.physics.friction import Stribeck
+from pendulum_env.physics.table import Extent, TorqueByAngle
 from pendulum_env.recording import Recording
 from pendulum_env.words import number
 from tests.cases import diagnosed
@@ -23,6 +24,7 @@ from workbench.report.case import Case
 from workbench.report.failures import profile_figure
 from workbench.report.figure import broken, numbers, thin
 from workbench.report.page import SECTIONS
+from workbench.report.parameters import of_models
 
 PLANT = Model.build((*BASE, Stribeck(0.6)), [0.09, 2.0, 0.35, 0.7, 0.4])
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
@@ -202,6 +204,22 @@ def test_plotted_numbers_are_rounded_and_gaps_are_null():
 
 
 @pytest.mark.slow
+def test_a_table_of_a_model_is_drawn_with_its_band():
+    table = TorqueByAngle.over(Extent(-1.0, 1.0, 6))()
+    count = len(table.columns)
+    model = Model.build((*BASE, table), [0.1, 1.0, 0.1, 0.1, *np.sin(np.arange(count))], [0.01] * (4 + count))
+    (figure,) = of_models([model], ["base model"]).content["figures"]
+    shade, line = figure.data
+    curve = model.tables["torque_by_angle"][1]
+    assert line["y"] == pytest.approx(curve.value, rel=1e-4, abs=1e-5)
+    assert max(shade["y"]) == pytest.approx(np.max(curve.value + 2 * curve.std), rel=1e-4)
+
+
+def test_a_diagnosis_that_was_read_from_a_file_has_no_report(diagnosis):
+    with pytest.raises(ValueError, match="the diagnosis has no data"):
+        render(replace(diagnosis, data=None))
+
+
 def test_what_knocked_the_joint_is_among_the_windows_of_a_report(bouncing):
     found = diagnosed([bouncing])
     assert found.data.impacts_beside is not None
