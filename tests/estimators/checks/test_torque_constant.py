@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.checks.torque_constant import torque_constant
+from estimators.checks.torque_constant import of_the_drive, torque_constant
 from estimators.comparison import compare
 from estimators.diagnosis.addition import add
 from estimators.preprocessing import Preprocessed
@@ -121,6 +121,16 @@ def test_a_planned_current_tells_the_torque_constant(excitation):
     scale = {"two_tone": 0.7, "filtered_noise": 1.0}[excitation]
     found = torque_constant(bench("motor", LOADS[:5], excitation=excitation, scale=scale, rate=500.0))
     assert found.value == pytest.approx(K, rel=0.01)
+
+
+def test_what_a_voltage_and_a_motor_that_always_drives_leave_open_is_said():
+    (run,) = bench(loads=LOADS[2:3], seconds=5.0)
+    always = replace(run, torque=np.sign(np.gradient(run.position)), torque_unit="V")
+    model = Model.build(BASE, list(UNLOADED.values()))
+    one_number, back_emf = of_the_drive(model, TorqueConstant(0.5, 0.01, "V", 2), prepare([always]))
+    assert "along the motion 100% of the time" in one_number and "torque gain are one number" in one_number
+    assert "k_e is 0.3 V s/rad at most" in back_emf  # 0.15 N m s/rad of viscous friction over 0.5 N m/V
+    assert of_the_drive(model, TorqueConstant(0.5, 0.01, "A", 2), prepare([run])) == []
 
 
 def test_two_loads_are_enough_and_a_recording_without_one_is_a_load_of_none():
