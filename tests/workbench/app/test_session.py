@@ -18,7 +18,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model, effects
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.plant import paper_plant
-from pendulum_env.recording import Recording, Source, write_recording
+from pendulum_env.recording import Recording, RecordingError, Source, write_recording
 from pendulum_env.recording.study import read_sources
 from tests import slow
 from tests.cases import diagnosed
@@ -41,7 +41,7 @@ pytest.importorskip("dash")
 from dash import html
 from plotly.utils import PlotlyJSONEncoder
 
-from workbench.app.card import Choice, understood
+from workbench.app.card import Card, Choice, understood
 from workbench.app.page.server import make_app
 from workbench.app.parts import UNWRAP
 from workbench.app.recorder import options
@@ -509,3 +509,22 @@ def test_a_box_selects_the_same_windows_in_every_view(state):
     region = next(region for region in state.told.unexplained if region.axis == "velocity")
     chosen = x.velocity[within(x, region)]
     assert len(chosen) and chosen.min() >= region.low and chosen.max() <= region.high
+
+
+def test_a_card_begins_with_what_is_said_of_its_columns_and_reads_as_they_do(tmp_path):
+    time = np.arange(0.0, 4.0, 0.01)
+    file = tmp_path / "run.csv"
+    rows = np.column_stack([time, -6 * np.degrees(np.sin(time)) + 180, np.cos(time), np.cos(time)])
+    np.savetxt(file, rows, delimiter=",", header="t,motor,i,speed", comments="")
+    said = {"position": "-motor:deg/6+30:deg", "torque": "i:A*0.1", "velocity": "unused"}
+    card = Card.of(Source(file, columns=said))
+    first, again = Source(file, columns=said).read(), card.asked().read()
+    np.testing.assert_allclose(again.position, first.position, rtol=1e-12)
+    np.testing.assert_allclose(again.torque, first.torque, rtol=1e-12)
+    assert again.velocity is None
+    both = [replace(choice, role="time") if choice.role == "torque" else choice for choice in card.choices]
+    with pytest.raises(RecordingError, match="columns 't' and 'i' are all to be time: choose one"):
+        card.told(both, False, (None, None)).asked()
+    np.savetxt(file, rows[:, :1], delimiter=",", header="t", comments="")
+    with pytest.raises(RecordingError, match="has fewer than 3 columns of numbers"):
+        Card.of(Source(file))
