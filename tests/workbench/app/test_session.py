@@ -387,6 +387,19 @@ def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path, capsys)
     assert "none.toml: cannot be read" in error and error.count("\n") == 1
 
 
+def test_what_there_is_not_yet_is_asked_for_first(tmp_path):
+    session = Session(tmp_path)
+    for asked, why in [
+        (lambda: live.keep(session), "nothing has run yet"),
+        (lambda: live.options(session, live_form("replay")), "there is no recording to replay"),
+        (lambda: live.options(session, live_form("replay", "a", excitation="rl-rms")), "does not follow a policy"),
+        (lambda: live.ACTIONS["live-add"](session, "", {}), "nothing is missing that could be added"),
+        (lambda: export.file(session.state, "experiment", ""), "the diagnosis suggests no experiment"),
+    ]:
+        with pytest.raises(InputError, match=why):
+            asked()
+
+
 def test_a_form_becomes_options_and_cannot_pass_for_others():
     assert {"--excitation=rl", "--policy=rms"} <= set(options(run_form("rl-rms"), "", 0))
     assert "--excitation=rl-/tmp/own.npz" in options(run_form("rl-/tmp/own.npz"), "", 0)  # which knows no such name
