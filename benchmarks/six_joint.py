@@ -1,4 +1,4 @@
-"""Six joints, or seven, simulated by MuJoCo, which shares no code with this project: hidden effects named.
+"""Six joints, or seven, simulated by MuJoCo, which shares no code with this project: is what hides named?
 
     python -m benchmarks.six_joint [RUNS [JOINTS]]
 
@@ -236,6 +236,8 @@ def drawn(run: int, joints: int = 6) -> list[float]:
 
 def main(arguments: Sequence[str] = ()) -> int:
     runs, n = (int(given) for given in (*arguments, *("30", "6")[len(arguments) :]))
+    if not 2 <= n <= len(SEVEN):
+        raise SystemExit(f"the arm has 2 to {len(SEVEN)} joints")
     arm = body(SEVEN[:n])
     fitted, unseen = (simulate(seed, rubs=[1.0] * n) for seed in (1, 2))
     began = time.process_time()

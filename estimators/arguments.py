@@ -115,21 +115,19 @@ def chosen_effects(
 
 
 def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recording]) -> dict[str, type[Term]]:
-    """Effects that recordings might show: none that needs a quantity which none of them has."""
-    measured = {"", *(name for own in recordings for name, value in vars(own).items() if value is not None)}
-    return {id: kind for id, kind in kinds.items() if kind.needs in measured}
-
-
-def refuse_unmeasured(kinds: Mapping[str, type[Term]], recordings: Sequence[Recording]) -> None:
-    """Refuse effects that were asked for by name and need a quantity that no recording has.
+    """Effects that recordings might show: none that needs a quantity which none of them has.
 
     Raises:
-        IdentificationError: with the effect and the quantity.
+        IdentificationError: if there are some, and all need such a quantity.
     """
-    for id in kinds.keys() - that_may_show(kinds, recordings).keys():
+    measured = {"", *(name for own in recordings for name, value in vars(own).items() if value is not None)}
+    shown = {id: kind for id, kind in kinds.items() if kind.needs in measured}
+    if kinds and not shown:
+        id, kind = next(iter(kinds.items()))
         raise IdentificationError(
-            f"{id} needs the joint's {kinds[id].needs}, which no recording has: record it, or say which column it is"
+            f"{id} needs the joint's {kind.needs}, which no recording has: record it, or say which column it is"
         )
+    return shown
 
 
 def within_limits(

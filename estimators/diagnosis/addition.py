@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.arguments import Recordings, chosen_recordings, model_that_moves, refuse_unmeasured, within_limits
+from estimators.arguments import Recordings, chosen_recordings, model_that_moves, that_may_show, within_limits
 from estimators.checks.torque_constant import told
 from estimators.diagnosis.in_loop import Looped
 from estimators.diagnosis.result import CHANCE, Addition
@@ -71,7 +71,7 @@ def add(
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
     kind = addition(id) if body is None else kind_at(id, body)
     model.add(kind())  # raises if it is there already
-    refuse_unmeasured({kind.id: kind}, recordings)
+    that_may_show({kind.id: kind}, recordings)  # raises if it needs a quantity that none has
     terms, library = within_limits(model.terms, {kind.id: kind}, fixed, bounds)
     model, kind = replace(model, terms=terms), library[kind.id]
     setting = Setting(model.terms, library, progress=progress)

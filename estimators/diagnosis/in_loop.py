@@ -38,6 +38,9 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import listing, name
 
+SELDOM = 200.0  # [Hz], at which a slow controller looks
+MADE_UP = "predicts no better with shorter steps of the integrator: it made up for long ones"
+
 
 @dataclass(frozen=True)
 class Looped:
@@ -91,24 +94,33 @@ class Looped:
         return train, replace(self.check, data=replace(self.check.data, steps=FINE), guide=train)
 
     def confirmed(self, steps: Sequence[Step]) -> list[Step]:
-        """Steps sharpened, up to the first that predicts no better with shorter steps: it made up for long ones."""
+        """Steps sharpened, without effects that predict no better with shorter steps: they made up for long ones."""
         models = replace(self.models, train=self.fine[0], holdout=self.fine[1])
-        found = [self.sharpened(steps[0])]
-        for step in steps[1:]:
-            longer = self.sharpened(step)
-            if not models.is_significant(longer.model.terms, found[-1].model.terms):
-                break
-            found.append(longer)
-        return found
+        found = [self.sharpened(step) for step in steps]
+        terms, named = found[-1].model.terms, [step.added for step in steps[1:]]
+
+        def without(*left_out: str | None) -> tuple[Term, ...]:
+            return tuple(term for term in terms if term.id not in left_out)
+
+        while idle := [id for id in named if not models.is_significant(terms, without(id))]:
+            named.remove(idle[-1])
+            terms = without(idle[-1])
+        if len(named) == len(steps) - 1:
+            return found
+        return [found[0], *(self._fitted(id, without(*named[k + 1 :])) for k, id in enumerate(named))]
 
     def sharpened(self, step: Step) -> Step:
         """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
-        train, unseen = self.fine
         start = Point.within(step.model.terms, np.asarray(step.model.theta))  # where shapes follow what they should
-        train.regression.begin_at(start)
-        terms = train.regression.as_fitted(start.terms)
+        self.fine[0].regression.begin_at(start)
+        return self._fitted(step.added, start.terms)
+
+    def _fitted(self, added: str | None, terms: Sequence[Term]) -> Step:
+        """A step to some terms with shorter steps of the integrator."""
+        train, unseen = self.fine
+        terms = train.regression.as_fitted(terms)
         model = self._in_unit(_timed(fit_terms(train, terms)[0], train))
-        return Step(step.added, model, {"train": train.errors(model), "holdout": unseen.errors(model)})
+        return Step(added, model, {"train": train.errors(model), "holdout": unseen.errors(model)})
 
     def _in_unit(self, model: Model) -> Model:
         """A model in the unit of the torque, with its constant, by whose error all parameters may be off alike."""
@@ -133,11 +145,18 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
     models, given = servos.models, servos.given
     found = select(models)
     setting.progress("judging", 0.93)
+    before = found.terms
     found = replace(found, steps=servos.confirmed(found.steps))
     candidates, groups = judge(found, found.terms)
+    candidates = [
+        replace(own, reason=MADE_UP) if own.effect in ids(before) and own.effect not in ids(found.terms) else own
+        for own in candidates
+    ]
     *others, last = found.steps
     left = unexplained(found, servos.fine[0])
     model = last.model.biased() if left else last.model
+    setting.progress("looking at the torque", 0.96)
+    open_ = (given.doubt, _of_rate(last.model, recordings), _otherwise(found, groups, given, setting))
     setting.progress("done", 1.0)
     return Diagnosis(
         steps=(*others, replace(last, model=model)),
@@ -145,10 +164,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         ambiguous=tuple(groups),
         unexplained=tuple(left),
         floors=servos.train.data.encoder,
-        advice=(
-            *remedies(model, recordings, groups),
-            *filter(None, [given.doubt, _of_rate(recordings), _otherwise(found, groups, given, setting)]),
-        ),
+        advice=(*remedies(model, recordings, groups), *filter(None, open_)),
         forbidden=UNNAMED if left else None,
         torque_unit=given.unit,
         torque_constant=given.constant,
@@ -156,14 +172,16 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
     )
 
 
-def _of_rate(recordings: Sequence[Recording]) -> str | None:
-    """What is said where a controller acts on a speed that it sees late, nobody knows how much."""
+def _of_rate(model: Model, recordings: Sequence[Recording]) -> str | None:
+    """What is said where a controller may see the speed so late that this passes for inertia."""
     drives = [own.drive for own in recordings if own.drive is not None and own.drive.rate is None]
-    if not any(drive.kd or drive.acts_on_speed for drive in drives):
+    gains = [(drive.kp if drive.acts_on_speed else drive.kd) * (drive.gain or 1.0) for drive in drives]
+    off = max(gains, default=0.0) / (2 * SELDOM)
+    if off <= model.estimates["inertia"].std:
         return None
     return (
-        "the drive acts on a speed that it takes from two looks at its encoder, and how often it looks is not known: "
-        "give its `rate`; without it, inertia comes out too small by the gain of the speed over twice that rate"
+        "if the drive takes its speed from two looks at its encoder, say how often it looks (`rate`): at "
+        f"{SELDOM:g} looks a second, inertia is {off:.2g} {model.estimates['inertia'].unit} more than is said here"
     )
 
 
@@ -171,21 +189,20 @@ def _otherwise(found: Selection, groups: Sequence[Sequence[str]], given: Preproc
     """What is said where torque that was logged, regressed on the motion, calls for other effects than the loop."""
     if any(one.origin is not None and "torque" not in one.origin.columns for one in given.recordings):
         return None  # what the drive asked for is a function of the motion that the loop has simulated
-    setting.progress("looking at the torque", 0.96)
+    setting = replace(setting, base=found.models.base, progress=no_progress)
     try:
-        by_torque = select(replace(setting, progress=no_progress).models(given.timed().parts))
+        by_torque = select(setting.models(given.timed().parts))
     except IdentificationError:  # too little motion for a regression
         return None
-    usual = {*ids(setting.base), *ids(found.models.base)}
-    ours, theirs = ({id for id in ids(terms) if id not in usual} for terms in (found.terms, by_torque.terms))
+    ours, theirs = (ids(terms) - ids(setting.base) for terms in (found.terms, by_torque.terms))
     alike = [{*group} for group in groups if ours & {*group} and theirs & {*group}]
     if not (ours ^ theirs).difference(*alike):  # none that one names and the other does not
         return None
     named = [listing([name(id) for id in sorted(own)]) or "nothing" for own in (theirs, ours)]
     return (
         f"torque and loop differ: regressed on the motion, the torque that was logged calls for {named[0]}, the loop "
-        f"for {named[1]}; where a servo sticks and leaves shows in the loop alone, and what is wrong with the log or "
-        "with the drive's gains shows in one of them"
+        f"for {named[1]}; where a servo sticks and leaves shows in the loop alone; else check unit, offset and filter "
+        "of the torque's column, and the drive's gains"
     )
 
 

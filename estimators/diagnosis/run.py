@@ -13,7 +13,6 @@ from estimators.arguments import (
     chosen_effects,
     chosen_recordings,
     chosen_terms,
-    refuse_unmeasured,
     that_may_show,
     within_limits,
 )
@@ -119,9 +118,7 @@ def diagnose(
     terms, chosen = within_limits(terms, chosen, fixed, bounds)
     progress = forward(progress)
     fitted, unseen = chosen_recordings(recordings, body=body), chosen_recordings(holdout, empty=True, body=body)
-    if only is None:
-        chosen = that_may_show(chosen, fitted)
-    refuse_unmeasured(chosen, fitted)
+    chosen = that_may_show(chosen, fitted)
     setting = Setting(
         terms,
         chosen,

@@ -213,12 +213,12 @@ class Balance:
         left = float(np.sum((self.weights * self.error(theta))[rows] ** 2))
         return bool(np.count_nonzero(rows) * (left - square) < 2 * SOLVER.unlikelier * max(square, 1e-300))
 
-    def fit(self, clusters: Index, jacobian: Array | None = None) -> Fit:
-        """The solution with its covariance, see `solve`, linear in the errors of the predicted torque around it.
+    def fit(self, clusters: Index, jacobian: Array | None = None, theta: Array | None = None) -> Fit:
+        """The solution (P,), where it is not given, and its covariance: linear in errors of the predicted torque there.
 
         A parameter at its bound is known there: it has no error of its own, and the others' are those beside it.
         """
-        theta = self.solve()
+        theta = self.solve() if theta is None else theta
         error, slopes = self.error(theta), self.slopes(theta, jacobian)
         free = (theta > self.least) & (theta < self.most)
         own, extra = slopes[:, : len(theta)][:, free], slopes[:, len(theta) :]

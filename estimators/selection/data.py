@@ -183,10 +183,10 @@ def fit_terms(prepared: Comparable, terms: Sequence[Term]) -> tuple[Model, Fit]:
     data, regression = prepared.data, prepared.regression
     terms = regression.settle(terms)
     balance = regression.balance(terms)
-    first = balance.fit(data.clusters)
-    jacobian, names = regression.shape_jacobian(terms, first.theta)
-    fit = balance.fit(data.clusters, jacobian) if names else first
-    theta, count = regression.solve(terms), len(fit.theta)  # in the loop where the fit ended, not a linear step away
+    theta = regression.solve(terms)  # in the loop where the fit ended
+    jacobian, names = regression.shape_jacobian(terms, theta)
+    fit = balance.fit(data.clusters, jacobian if names else None, theta)
+    count = len(theta)
     shape_std = dict(zip(names, fit.std[count:].tolist(), strict=True))
     first_column = 0
     for term in terms:

@@ -314,8 +314,8 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     for begin, end in pairwise((*recording.starts, len(recording))):
         lead_in = round(min(LEAD_IN * recording.rate, 0.1 * (end - begin)))
         outside[begin : begin + guard + 1 + lead_in] = outside[end - guard - 1 : end] = True
-    if not recording.powered.all():  # no torque acts then, whatever was asked for, and nothing brakes
-        outside |= np.convolve(recording.powered == 0.0, np.ones(2 * guard + 1), "same") > 0
+    if not recording.powered.all():  # an open motor has no back-EMF
+        outside |= np.convolve(recording.powered == 0.0, np.ones(2 * guard + 1))[guard : guard + len(v)] > 0
     first, stop = (round(share * len(v)) for share in part)
     candidates = np.arange(first + m, stop - m, m)
     candidates = candidates[~outside[candidates]]

@@ -90,7 +90,7 @@ class Recording:
     simulation therefore start anew in each of `segments`.
 
     `torque[k]` is held from `time[k]` to `time[k + 1]` (zero-order hold, as a DAC does it), while `position[k]` and
-    `velocity[k]` are taken at the instant `time[k]`.
+    `velocity[k]` are taken at the instant `time[k]`. While the motor is open (`enabled` 0), torque is zero.
 
     Raises:
         RecordingError: if the arrays differ in shape, a segment holds fewer than two samples, values are not finite, or
@@ -120,6 +120,8 @@ class Recording:
             values = getattr(self, quantity)
             if values is not None:
                 object.__setattr__(self, quantity, self._column(quantity, values))
+        if self.enabled is not None and len(self.enabled) == len(self.torque):  # whatever was asked of an open motor
+            object.__setattr__(self, "torque", self._column("torque", self.torque * (self.enabled > 0)))
         if len(self.time) < 2:
             raise RecordingError(f"recording {self.name!r} holds {len(self.time)} samples and needs at least 2")
         object.__setattr__(self, "starts", tuple(int(start) for start in self.starts))

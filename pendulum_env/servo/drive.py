@@ -45,7 +45,7 @@ class Drive:
         limit: largest output; 1 for a share of the supply.
         supply: voltage of the bus where the recording has none, of which a duty is a share [V].
         gain: torque per volt or ampere, gear included [N m/V or N m/A]; None where it is not known.
-        rate: turns of the controller in a second [Hz]; None: all the time.
+        rate: turns of the controller in a second [Hz]; None: it acts, and sees the true speed, all the time.
         cutoff: of the low-pass filter that the controller sees the speed through [Hz]; None: there is none.
         delay: from measuring to acting [s].
     """

@@ -9,7 +9,7 @@ from functools import partial
 
 from agents.baselines import BASELINE, BASELINES, baseline
 from agents.evaluation import Contender, compare, evaluation_json
-from agents.network import load
+from agents.network import Network, load
 from agents.observer import CONSTRAINTS
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
@@ -148,11 +148,16 @@ def _workers(arguments: argparse.Namespace) -> Iterator[Executor | None]:
             raise InputError("a worker ended unexpectedly, perhaps for want of memory: use fewer") from None
 
 
+def _itself(network: Network, seed: int) -> Network:
+    """A network, which draws nothing."""
+    return network
+
+
 def _contender(name: str, constraint: str) -> Contender:
     if name == SHIPPED or name.endswith(".npz"):
         network = load(constraint if name == SHIPPED else name)
         if network.constraint != constraint:
             raise InputError(f"{name}: was trained under the constraint {network.constraint}, not {constraint}")
-        return lambda seed: network  # it draws nothing
+        return partial(_itself, network)
     baseline(name, constraint)
     return partial(baseline, name, constraint)

@@ -277,9 +277,9 @@ class Guard:
 
 
 def _brake(drive: Drive, encoder: Encoder, config: RigConfig, rise: float, step: float = 1e-3) -> list[Exception]:
-    """Slow the arm down for a while, unless it speeds up by `rise` [rad/s]; returns what went wrong.
+    """Slow the arm down for a while by a command every `step` [s], unless it speeds up by `rise` [rad/s].
 
-    A command every `step` [s].
+    Returns what went wrong.
     """
     until = time.monotonic() + config.fault.seconds
     slowest = abs(encoder.velocity)

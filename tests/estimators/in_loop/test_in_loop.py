@@ -249,21 +249,23 @@ def test_torque_that_was_logged_and_speaks_of_another_effect_than_the_loop_is_sa
     for own in plain:
         path = tmp_path / f"{own.name}.csv"
         torque = own.torque + ripple * np.sin(8 * own.position)
-        rows = np.column_stack([own.time, own.position, own.reference, torque])
+        askew = own.position + 0.1, own.reference + 0.1  # as a horn that is put on by hand
+        rows = np.column_stack([own.time, *askew, torque])
         np.savetxt(path, rows, delimiter=",", header="time,position,goal,torque", comments="")
         logs.append(read_recording(path, drive=own.drive, columns={"torque": "torque:Nm"}))
     found = diagnose(logs[:2], logs[2:], only=FEW)
     assert not found.selected
-    differ = [text for text in found.advice if "torque that was logged calls for cogging torque, the loop for" in text]
+    differ = [text for text in found.advice if text.startswith("torque and loop differ")]
     assert len(differ) == bool(ripple)
+    assert all("the torque that was logged calls for cogging torque, the loop for nothing" in text for text in differ)
 
 
 def test_a_drive_that_acts_on_the_speed_is_asked_how_often_it_looks(plain):
-    def asked(rate: float | None) -> bool:
-        damped = [replace(own, drive=replace(own.drive, rate=rate, kd=1e-6)) for own in plain[:2]]
-        return any("give its `rate`" in text for text in diagnose(damped, only=["stribeck"]).advice)
+    def asked(rate: float | None, kd: float) -> bool:
+        damped = [replace(own, drive=replace(own.drive, rate=rate, kd=kd)) for own in plain[:2]]
+        return any("say how often it looks" in text for text in diagnose(damped, only=["stribeck"]).advice)
 
-    assert asked(None) and not asked(1000.0)
+    assert asked(None, 0.03) and not asked(None, 1e-6) and not asked(1000.0, 0.03)
 
 
 def test_study_says_the_drive_of_all_and_of_each(plain, tmp_path):

@@ -7,17 +7,19 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
+from estimators.diagnosis.run import diagnose
 from estimators.regression.equations import IdentificationError
 from estimators.schemes import six
 from estimators.schemes.identification import identify
 from estimators.schemes.six import PAPER, SCHEMES, Integral
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.weak_form.dataset import prepare
+from estimators.weak_form.windows import cut
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
-from pendulum_env.physics import BASE, Model, effects
+from pendulum_env.physics import BASE, Model, effects, simulate
 from pendulum_env.plant import hide, paper_plant
-from pendulum_env.recording import read_recording
+from pendulum_env.recording import Recording, read_recording
 from tests import slow
 from tests.cases import PLANT, THETA, TRUTH, recorded
 
@@ -134,3 +136,16 @@ def test_what_the_terms_lack_is_said_in_one_line_and_nothing_where_they_lack_not
     assert line.endswith("something is missing, run diagnose")
     (line,) = (d.text for d in identify(runs["lacking"], schemes="energy").doubts)  # which differs from none
     assert "noise" in line and "schemes" not in line
+
+
+def test_torque_that_was_asked_of_an_open_motor_did_not_act():
+    time = np.arange(8000) / 500.0
+    asked, enabled = 2 * np.sin(3 * time) + np.sin(7.3 * time), (time % 4.0 < 3.0).astype(float)
+    theta = [0.02, 0.9, 0.05, 0.08]
+    position = simulate(BASE, np.array(theta), 1 / 500.0, asked * enabled, 0.0, 0.0).position[: len(time), 0]
+    run = Recording("run", time, position, asked, enabled=enabled)
+    assert not run.torque[enabled == 0].any() and run.torque[enabled == 1] == pytest.approx(asked[enabled == 1])
+    assert identify(run)["dynamic"].model.theta == pytest.approx(theta, rel=0.01, abs=1e-3)
+    assert diagnose(run, only=["stribeck"]).headline == "Nothing is missing"
+    short = run.slice(1450, 1510)
+    assert len(cut(short, 0.04).centers) == 0  # the motor is off in half of it
