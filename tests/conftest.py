@@ -16,9 +16,8 @@ from tests.pendulum_env.rigs import until_in_time
 settings.register_profile("unhurried", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("unhurried")
 
-if (
-    signal.getsignal(signal.SIGINT) == signal.SIG_IGN
-):  # as where a shell runs the tests behind: commands would inherit it
+# as where a shell runs the tests behind: commands would inherit it
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

@@ -14,10 +14,8 @@ from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import effects
 from workbench.cli import COMMANDS
 
-pytest.importorskip("mkdocs", reason="building the pages needs the extra docs")
-pytest.importorskip("material", reason="building the pages needs the extra docs")
-pytest.importorskip("mkdocstrings", reason="building the pages needs the extra docs")
-pytest.importorskip("latex2mathml", reason="building the pages needs the extra docs")
+for module in ("mkdocs", "material", "mkdocstrings", "latex2mathml"):
+    pytest.importorskip(module, reason="building the pages needs the extra docs")
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[1]

@@ -17,6 +17,7 @@ from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE, Model, ModelError
 from pendulum_env.recording import Recording
+from tests.pendulum_env.arms.test_body import chain, written
 from tests.two_link import recorded
 
 ARM = TwoLink()
@@ -165,18 +166,11 @@ def test_a_parameter_that_the_motion_does_not_show_is_unknown(body, truth, tmp_p
 
 
 def test_a_pendulum_and_an_arm_of_one_joint_call_the_same_errors_unknown(tmp_path):
-    path = tmp_path / "one.urdf"
-    path.write_text(
-        '<robot name="one"><link name="base"/><joint name="j" type="continuous"><parent link="base"/>'
-        '<child link="rod"/><axis xyz="0 1 0"/></joint>'
-        '<link name="rod"><inertial><origin xyz="0 0 -0.2"/><mass value="1"/>'
-        '<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.001"/></inertial></link></robot>'
-    )
-    rod = read_body(path)
+    rod = read_body(written(tmp_path, chain(1)))
     time = np.arange(0, 4, 1e-3)
     recording = Recording("swing", time, np.sin(3 * time), 2.0 * np.sin(5 * time))  # up to 3 rad/s and 2 N m
     measured, (q, v) = measure_segments(recording), (np.sin(3 * time)[:, None], 3 * np.cos(3 * time)[:, None])
-    gravity = rod.names.index("mz@j")
+    gravity = rod.names.index("mz@joint0")
     for errors, expected in (
         ((0.015, 1.9, 0.6, 1.9), set()),
         ((0.02, 1.9, 0.6, 1.9), {0}),
@@ -187,8 +181,8 @@ def test_a_pendulum_and_an_arm_of_one_joint_call_the_same_errors_unknown(tmp_pat
         told = {doubt.withheld[0] for doubt in untold(pendulum, measured)}
         assert told == {BASE[k].id for k in expected}
         theta, std = np.full(len(rod.base), 1e-3), np.zeros(len(rod.base))
-        theta[rod.names.index("Iyy@j")], std[rod.names.index("Iyy@j")] = 0.05, errors[0]
+        theta[rod.names.index("Iyy@joint0")], std[rod.names.index("Iyy@joint0")] = 0.05, errors[0]
         theta[gravity], std[gravity] = 0.1 / 9.81, errors[1] / 9.81
         arm = ArmModel.build((Links(rod), *friction(rod)), [*theta, 0.1, 0.1], [*std, *errors[2:]])
-        names = ("Iyy@j", "mz@j", "viscous@j", "coulomb@j")
+        names = ("Iyy@joint0", "mz@joint0", "viscous@joint0", "coulomb@joint0")
         assert untold_of_arm(arm, q, v, recording.torque[:, None]) == {names[k] for k in expected}

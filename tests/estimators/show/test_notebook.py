@@ -1,6 +1,6 @@
 """What results show of themselves in a notebook: the numbers they hold, well-formed, and nothing that could run."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import gymnasium as gym
@@ -13,11 +13,12 @@ from estimators.wrappers import EstimateParameters, EstimateParametersVector
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.notebook import BLUE, Curve, plot
-from pendulum_env.physics import Column, Model, Term, effects
+from pendulum_env.physics import Model, effects
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import Recording
 from pendulum_env.words import opening, plus_minus
 from tests.feeding import played
+from tests.terms import CubicDamping
 
 HOSTILE = "</div><script>alert('1')</script>&\"{{ 7 * 7 }}"
 PENDULUM = "pendulum_env/DirectDrivePendulum-v0"
@@ -130,17 +131,8 @@ def test_headline_says_no_more_than_was_looked_for(results):
 
 
 def test_laws_of_users_are_escaped():
-    @dataclass(frozen=True)
-    class Own(Term):
-        id = "own"
-        law = "c <b>q'</b>"
-        kind = "dissipative"
-
-        @property
-        def columns(self):
-            return (Column("own", "N m", force=lambda x: x.velocity),)
-
-    assert "c <b>q'</b>" in shown(Model.build([Own()], [1.0]))
+    own = type("Own", (CubicDamping,), {"law": "c <b>q'</b>"})
+    assert "c <b>q'</b>" in shown(Model.build([own()], [1.0]))
 
 
 @pytest.mark.parametrize("values", [np.zeros(5), np.full(5, 3.0), np.array([0.0, 1e9, -1e9, 0.0, 0.0])])

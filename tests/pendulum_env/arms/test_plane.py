@@ -11,6 +11,7 @@ from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.planar import Link
 from pendulum_env.arms.plane import planar_links
 from pendulum_env.plant import PAPER
+from tests.pendulum_env.arms.test_body import written
 
 BENT = (  # centres of mass beside the lines, and lines that do not hang down where the joints are at zero
     Link(1.2, 0.45, 0.2, 0.02, 0.1, 0.2, aside=0.03, angle=0.4),
@@ -18,29 +19,20 @@ BENT = (  # centres of mass beside the lines, and lines that do not hang down wh
 )
 
 
-@pytest.fixture
-def read(tmp_path):
-    def body(text):
-        (tmp_path / "arm.urdf").write_text(text)
-        return read_body(tmp_path / "arm.urdf")
-
-    return body
-
-
-def test_links_come_back_from_their_file(read):
-    first, last = planar_links(read(PlanarArm(BENT).urdf))
+def test_links_come_back_from_their_file(tmp_path):
+    first, last = planar_links(read_body(written(tmp_path, PlanarArm(BENT).urdf)))
     assert [first.length, first.center, first.aside, first.angle] == pytest.approx([0.45, 0.2, 0.03, 0.4])
     assert [first.viscous, first.coulomb, last.viscous, last.coulomb] == [0.1, 0.2, 0.3, 0.4]
     assert (last.mass, last.inertia) == pytest.approx((0.8, 0.008))
     text = PlanarArm(BENT).urdf.replace('<dynamics damping="0.1" friction="0.2"/>', "")  # then it has the paper's
-    assert planar_links(read(text))[0].coulomb == PAPER["coulomb"]
+    assert planar_links(read_body(written(tmp_path, text)))[0].coulomb == PAPER["coulomb"]
 
 
-def test_a_bent_arm_moves_as_its_file_says(read):
+def test_a_bent_arm_moves_as_its_file_says(tmp_path):
     """Without friction, torque that Pinocchio's regressor asks for along the simulated motion is what was applied."""
     free = [Link(k.mass, k.length, k.center, k.inertia, 0.0, 0.0, k.aside, k.angle) for k in BENT]
     arm = PlanarArm(free, counts=0, velocity="ideal", rate=2000.0)
-    body = read(arm.urdf)
+    body = read_body(written(tmp_path, arm.urdf))
     _, info = arm.reset(options={"position": [0.7, -1.2], "velocity": [1.5, -2.0]})
     applied, measured = np.array([0.6, -0.2]), []
     for _ in range(1000):
@@ -63,11 +55,11 @@ def test_a_bent_arm_moves_as_its_file_says(read):
         (lambda text: re.sub(r'(link2"/><origin xyz=)"[^"]*"', r'\1"0 0 0"', text), "in one place"),
     ],
 )
-def test_what_the_simulator_cannot_be_is_refused(read, change, told):
+def test_what_the_simulator_cannot_be_is_refused(tmp_path, change, told):
     text = PlanarArm(BENT).urdf
     assert change(text) != text
     with pytest.raises(BodyError, match=told):
-        planar_links(read(change(text)))
+        planar_links(read_body(written(tmp_path, change(text))))
 
 
 def test_arms_in_space_and_motors_with_inertia_are_refused():

@@ -62,13 +62,7 @@ def test_six_estimators_find_the_emulated_plant_while_it_runs(emulated, kind):
 
 
 def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, monkeypatch, capsys):
-    few = (
-        "torque_offset",
-        "coulomb_asymmetry",
-        "stribeck",
-        "quadratic_drag",
-        "cogging",
-    )  # a search among them is quick
+    few = ("torque_offset", "coulomb_asymmetry", "stribeck", "quadratic_drag", "cogging")  # a quick search
     known = {id: effects()[id] for id in few}
     monkeypatch.setattr(estimators.arguments, "nameable", lambda: known)
     rig = emulated("canopen402", effects=["cogging"], limits=PATIENT, encoder=HANGING)

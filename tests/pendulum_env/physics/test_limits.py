@@ -59,11 +59,8 @@ def test_limits_go_along_to_another_process():
     kind = limited(effects()["cogging"], {"cogging.order": (10, 14)})
     for term in (kind(order=12.0), limited_term(BASE[1], {"gravity": (2.0, 2.0)})):
         there = pickle.loads(pickle.dumps(term))
-        assert (
-            there == limited_term(term, {"gravity": (2.0, 2.0)}) == term
-            and there.columns[0].least == term.columns[0].least
-            and there.shapes == term.shapes
-        )
+        assert there == limited_term(term, {"gravity": (2.0, 2.0)}) == term
+        assert (there.columns[0].least, there.shapes) == (term.columns[0].least, term.shapes)
 
 
 @pytest.mark.parametrize(
