@@ -143,15 +143,12 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
     """
     servos = Looped.of(recordings, holdout, setting)
     models, given = servos.models, servos.given
-    found = select(models)
+    searched = select(models)
     setting.progress("judging", 0.93)
-    before = found.terms
-    found = replace(found, steps=servos.confirmed(found.steps))
+    found = replace(searched, steps=servos.confirmed(searched.steps))
     candidates, groups = judge(found, found.terms)
-    candidates = [
-        replace(own, reason=MADE_UP) if own.effect in ids(before) and own.effect not in ids(found.terms) else own
-        for own in candidates
-    ]
+    dropped = ids(searched.terms) - ids(found.terms)
+    candidates = [replace(own, reason=MADE_UP) if own.effect in dropped else own for own in candidates]
     *others, last = found.steps
     left = unexplained(found, servos.fine[0])
     model = last.model.biased() if left else last.model
