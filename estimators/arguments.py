@@ -125,7 +125,8 @@ def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recordin
     if kinds and not shown:
         id, kind = next(iter(kinds.items()))
         raise IdentificationError(
-            f"{id} needs the joint's {kind.needs}, which no recording has: record it, or say which column it is"
+            f"{id} needs the joint's {kind.needs}, which no recording has: record it, or say which column it is "
+            f"(--columns {kind.needs}=NAME)"
         )
     return shown
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.arguments import Recordings, chosen_recordings, model_that_moves
+from estimators.arguments import Recordings, chosen_recordings, model_that_moves, that_may_show
 from estimators.checks.homogeneity import AGREEMENT, Disagreement, disagreements_with, misfits, own_fits
 from estimators.checks.residual import Profile, Region, everywhere, profiles
 from estimators.checks.torque_constant import unit_of
@@ -179,13 +179,15 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     Of an arm, the errors are those of the torque of each joint, all recordings together.
 
     Raises:
-        IdentificationError: if one of the recordings holds too little motion, or a joint of an arm does.
+        IdentificationError: if one of the recordings holds too little motion, or a joint of an arm does, or if none has
+            a quantity that the model needs, such as a temperature.
         ModelError: if the model has no inertia, or is of a current and the recordings are not.
         TypeError: if something else is given than a model and recordings.
     """
     model = model_that_moves(model)
     body = body_of(model.terms)
     recordings = in_units_of(model, chosen_recordings(recordings, body=body)).recordings
+    that_may_show({term.id: type(term) for term in model.terms if term.needs}, recordings)
     if body is not None:
         parts, together = [], PreparedData.of_arm(of_arms(recordings), model.terms)
     else:

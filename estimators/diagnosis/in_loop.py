@@ -153,7 +153,8 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
     left = unexplained(found, servos.fine[0])
     model = last.model.biased() if left else last.model
     setting.progress("looking at the torque", 0.96)
-    open_ = (given.doubt, _of_rate(last.model, recordings), _otherwise(found, groups, given, setting))
+    of_drive = _of_rate(last.model, recordings), _of_scale(recordings)
+    doubts = (given.doubt, *of_drive, _otherwise(found, groups, given, setting))
     setting.progress("done", 1.0)
     return Diagnosis(
         steps=(*others, replace(last, model=model)),
@@ -161,7 +162,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         ambiguous=tuple(groups),
         unexplained=tuple(left),
         floors=servos.train.data.encoder,
-        advice=(*remedies(model, recordings, groups), *filter(None, open_)),
+        advice=(*remedies(model, recordings, groups), *filter(None, doubts)),
         forbidden=UNNAMED if left else None,
         torque_unit=given.unit,
         torque_constant=given.constant,
@@ -182,9 +183,36 @@ def _of_rate(model: Model, recordings: Sequence[Recording]) -> str | None:
     )
 
 
+def _is_logged(recordings: Sequence[Recording]) -> bool:
+    """Whether torque was logged, and is not what the drive asked for."""
+    return all(one.origin is None or "torque" in one.origin.columns for one in recordings)
+
+
+def _of_scale(recordings: Sequence[Recording]) -> str | None:
+    """What is said where torque that was logged is another multiple of what the drive asks for than one."""
+    pairs = []
+    for own in recordings:
+        if own.drive is not None and own.reference is not None and own.torque_unit == own.drive.unit:
+            velocity = np.gradient(own.position, 1.0 / own.rate) if own.velocity is None else own.velocity
+            pairs.append((own.torque, own.drive.torque(own.reference, own.position, velocity, own.bus, own.powered)))
+    if not pairs or not _is_logged(recordings):
+        return None
+    logged, asked = map(np.concatenate, zip(*pairs, strict=True))
+    share = float(logged @ asked / max(asked @ asked, np.finfo(float).tiny))
+    if abs(share - 1.0) < LOOP.scale:
+        return None
+    return (
+        f"the torque that was logged is {share:.2f} times what the drive, as it is described, asks for, and all "
+        "parameters are by the drive: check its gains and limit, and the unit of the torque's column"
+    )
+
+
 def _otherwise(found: Selection, groups: Sequence[Sequence[str]], given: Preprocessed, setting: Setting) -> str | None:
-    """What is said where torque that was logged, regressed on the motion, calls for other effects than the loop."""
-    if any(one.origin is not None and "torque" not in one.origin.columns for one in given.recordings):
+    """What is said where torque that was logged, regressed on the motion, calls for an effect that the loop does not.
+
+    What the loop alone calls for may well be too little for a regression.
+    """
+    if not _is_logged(given.recordings):
         return None  # what the drive asked for is a function of the motion that the loop has simulated
     setting = replace(setting, base=found.models.base, progress=no_progress)
     try:
@@ -192,14 +220,13 @@ def _otherwise(found: Selection, groups: Sequence[Sequence[str]], given: Preproc
     except IdentificationError:  # too little motion for a regression
         return None
     ours, theirs = (ids(terms) - ids(setting.base) for terms in (found.terms, by_torque.terms))
-    alike = [{*group} for group in groups if ours & {*group} and theirs & {*group}]
-    if not (ours ^ theirs).difference(*alike):  # none that one names and the other does not
+    alike = [{*group} for group in groups if ours & {*group}]
+    if not (more := theirs.difference(ours, *alike)):
         return None
-    named = [listing([name(id) for id in sorted(own)]) or "nothing" for own in (theirs, ours)]
+    named = listing([name(id) for id in sorted(more)])
     return (
-        f"torque and loop differ: regressed on the motion, the torque that was logged calls for {named[0]}, the loop "
-        f"for {named[1]}; where a servo sticks and leaves shows in the loop alone; else check unit, offset and filter "
-        "of the torque's column, and the drive's gains"
+        f"torque and loop differ: regressed on the motion, the torque that was logged calls for {named}, and the loop "
+        "does not: check unit, offset and filter of the torque's column, and the drive's gains"
     )
 
 

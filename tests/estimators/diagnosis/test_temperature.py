@@ -8,7 +8,7 @@ import pytest
 
 from estimators import IdentificationError, add, compare, diagnose
 from estimators.signals.motion import warmth
-from pendulum_env.physics import Model
+from pendulum_env.physics import BASE, Model
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.time_varying import FrictionDrift
 from pendulum_env.plant import paper_plant
@@ -66,6 +66,9 @@ def test_temperature_that_does_nothing_or_was_not_measured_is_not_named():
         diagnose(unmeasured, only=["temperature_dependent_friction"])
     with pytest.raises(IdentificationError, match="needs the joint's temperature, which no recording has"):
         add(paper_plant(), "temperature_dependent_friction", unmeasured)
+    warm = Model.build((*BASE, TemperatureDependentFriction()), [INERTIA, GRAVITY, VISCOUS, COULOMB, 0.0, 0.0])
+    with pytest.raises(IdentificationError, match="needs the joint's temperature, which no recording has"):
+        compare(warm, unmeasured)
 
 
 def test_a_thermometer_that_shows_whole_kelvins_is_read_between_them():

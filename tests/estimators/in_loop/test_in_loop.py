@@ -257,7 +257,10 @@ def test_torque_that_was_logged_and_speaks_of_another_effect_than_the_loop_is_sa
     assert not found.selected
     differ = [text for text in found.advice if text.startswith("torque and loop differ")]
     assert len(differ) == bool(ripple)
-    assert all("the torque that was logged calls for cogging torque, the loop for nothing" in text for text in differ)
+    assert all("calls for cogging torque, and the loop does not" in text for text in differ)
+    softer = [replace(own, drive=replace(own.drive, kp=0.75 * own.drive.kp)) for own in logs]
+    wrong = diagnose(softer[:2], softer[2:], only=["stribeck"]).advice
+    assert any("is 1.33 times what the drive, as it is described, asks for" in text for text in wrong)
 
 
 def test_a_drive_that_acts_on_the_speed_is_asked_how_often_it_looks(plain):
