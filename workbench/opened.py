@@ -73,11 +73,13 @@ def opened(
 def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Terminal) -> Preprocessed:
     """Say the torque constant if it is known, else we speak of currents; say what is logged late, and correct it.
 
-    With `align`, torque that is logged late or filtered is corrected, else only said; with None, nobody looks.
+    With `align`, torque that is logged late or filtered is corrected, else only said; with None, or where a controller
+    asked for it, nobody looks.
     """
     if given.constant is not None:
         terminal.say(given.constant.text)
     terminal.torque_unit = given.unit
+    align = align if all(own.has_logged_torque for own in given.recordings) else None
     timed = given if align is None else given.timed()
     for text in timed.timing_texts(True):
         terminal.say(f"{text}: corrected" if align else f"warning: {text}: correct it with --align", style="yellow")

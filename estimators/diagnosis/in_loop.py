@@ -97,6 +97,7 @@ class Looped:
         """Steps sharpened, without effects that predict no better with shorter steps: they made up for long ones."""
         models = replace(self.models, train=self.fine[0], holdout=self.fine[1])
         found = [self.sharpened(step) for step in steps]
+        rungs = {ids(step.model.terms): step.model.terms for step in found}
         terms, named = found[-1].model.terms, [step.added for step in steps[1:]]
 
         def without(*left_out: str | None) -> tuple[Term, ...]:
@@ -104,7 +105,8 @@ class Looped:
 
         while idle := [id for id in named if not models.is_significant(terms, without(id))]:
             named.remove(idle[-1])
-            terms = without(idle[-1])
+            rest = without(idle[-1])
+            terms = rungs.get(ids(rest)) or self.fine[0].regression.with_shapes(rest)
         if len(named) == len(steps) - 1:
             return found
         return [found[0], *(self._fitted(id, without(*named[k + 1 :])) for k, id in enumerate(named))]
@@ -183,19 +185,16 @@ def _of_rate(model: Model, recordings: Sequence[Recording]) -> str | None:
     )
 
 
-def _is_logged(recordings: Sequence[Recording]) -> bool:
-    """Whether torque was logged, and is not what the drive asked for."""
-    return all(one.origin is None or "torque" in one.origin.columns for one in recordings)
-
-
 def _of_scale(recordings: Sequence[Recording]) -> str | None:
     """What is said where torque that was logged is another multiple of what the drive asks for than one."""
     pairs = []
     for own in recordings:
-        if own.drive is not None and own.reference is not None and own.torque_unit == own.drive.unit:
+        if own.drive is None or own.reference is None or not own.has_logged_torque:
+            continue
+        if own.torque_unit == own.drive.unit:
             velocity = np.gradient(own.position, 1.0 / own.rate) if own.velocity is None else own.velocity
             pairs.append((own.torque, own.drive.torque(own.reference, own.position, velocity, own.bus, own.powered)))
-    if not pairs or not _is_logged(recordings):
+    if not pairs:
         return None
     logged, asked = map(np.concatenate, zip(*pairs, strict=True))
     share = float(logged @ asked / max(asked @ asked, np.finfo(float).tiny))
@@ -212,7 +211,7 @@ def _otherwise(found: Selection, groups: Sequence[Sequence[str]], given: Preproc
 
     What the loop alone calls for may well be too little for a regression.
     """
-    if not _is_logged(given.recordings):
+    if not all(own.has_logged_torque for own in given.recordings):
         return None  # what the drive asked for is a function of the motion that the loop has simulated
     setting = replace(setting, base=found.models.base, progress=no_progress)
     try:

@@ -120,7 +120,7 @@ class LoopRegression:
             for share in (0.0, 1.0, 3.0)
         ]
         if all(name in values for name in names):
-            return starts[0]
+            del starts[1:]
         foretold = [self._foretold[terms]] if terms in self._foretold else []
         return likeliest(self.data, [*starts, *foretold])[0]
 

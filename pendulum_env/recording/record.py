@@ -208,6 +208,11 @@ class Recording:
         """1 while the motor is powered and 0 while it is open (N,): as recorded, or else all along."""
         return np.ones(len(self)) if self.enabled is None else self.enabled
 
+    @property
+    def has_logged_torque(self) -> bool:
+        """Whether torque was logged, and is not what a controller asked for."""
+        return self.origin is None or "torque" in self.origin.columns
+
     def slice(self, start: int | None, stop: int | None) -> Self:
         """Samples start to stop - 1, indices as in Python slicing; time is not shifted.
 
