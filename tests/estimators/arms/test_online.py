@@ -193,6 +193,7 @@ def test_an_arm_is_known_after_a_few_seconds_as_well_as_from_its_recording(file)
     offline = identify(ArmRecording.of("run", body.joints, *samples), arm_base(body))
     friction = [value for link in TWO_LINK for value in (link.viscous, link.coulomb)]
     for scheme, found in info["estimates"].items():
+        assert len(found) == len(list(found)) and "theta" in repr(found)
         assert found["P"].shape == (10, 10) and info["parameters"] == tuple(offline[scheme].model.estimates)
         assert np.allclose(found["theta"], offline[scheme].model.theta, rtol=0.02, atol=5e-3)
         assert np.allclose(found["theta"], [*body.values, *friction], rtol=0.03, atol=0.01)

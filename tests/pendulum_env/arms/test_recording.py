@@ -93,3 +93,32 @@ def test_temperatures_of_some_joints_may_be_there(tmp_path):
     write_recording(recording, tmp_path / "again.csv")
     again = read_arm_recording(tmp_path / "again.csv", ("hip", "knee"))
     np.testing.assert_allclose(again.temperature, recording.temperature)
+
+
+@pytest.mark.parametrize(
+    ("more", "told", "why"),
+    [
+        (
+            {"position_elbow": np.where(abs(TIME - 1.0) < 0.2, np.nan, POSITION[:, 1])},
+            {},
+            "joint 'elbow' has other ins",
+        ),
+        ({"position_elbow": 0 * TIME}, {}, "joint 'elbow': position is 0 rad in every row, so nothing can be learned"),
+        ({"position_wrist": np.nan * TIME}, {}, "column 'position_wrist' has no numbers: say --columns"),
+        ({"position_wrist": TIME}, {"position_wrist": "position_wrist:mile"}, "unit 'mile' of position is not known"),
+    ],
+)
+def test_what_is_wrong_with_one_joint_is_said_of_that_joint(tmp_path, more, told, why):
+    columns = {f"position_{joint}": POSITION[:, k] for k, joint in enumerate(JOINTS)}
+    columns |= {f"torque_{joint}": TORQUE[:, k] for k, joint in enumerate(JOINTS)}
+    path = table(tmp_path / "run.csv", time=TIME, **columns | more)
+    with pytest.raises(RecordingError, match=why):
+        read_arm_recording(path, JOINTS, held=("wrist",) if "position_wrist" in more else (), columns=told)
+
+
+def test_positions_of_some_links_alone_are_not_used(tmp_path):
+    columns = {f"position_{joint}": POSITION[:, k] for k, joint in enumerate(JOINTS)}
+    columns |= {f"torque_{joint}": TORQUE[:, k] for k, joint in enumerate(JOINTS)}
+    path = table(tmp_path / "run.csv", time=TIME, **columns, link_position_elbow=POSITION[:, 1])
+    read = read_arm_recording(path, JOINTS)
+    assert read.link_position is None and "as there are none of shoulder" in read.notes[-1]

@@ -6,7 +6,7 @@ import pinocchio
 import pytest
 
 from pendulum_env.arms.body import BodyError, read_body
-from pendulum_env.arms.joints import Links, at_joints, couplings, friction, joint_effects, kind_at
+from pendulum_env.arms.joints import Links, at_joints, couplings, effect_at, friction, joint_effects, kind_at
 from pendulum_env.physics.table import Extent
 from tests import robots
 from tests.pendulum_env.arms.test_body import written
@@ -116,6 +116,9 @@ def test_what_comes_again_with_each_turn_is_not_offered_where_a_joint_slides(tmp
             kind_at(text, body)
     with pytest.raises(ValueError, match="should name two joints, such as coupling@torso,elbow"):
         kind_at("coupling@-shoulder,elbow", body)
+    with pytest.raises(ValueError, match="coupling is nothing that the simulator here has: leave it out"):
+        effect_at("coupling@shoulder,elbow", body.joints)
+    assert links.shape == {}
     (speed,) = [shape for shape in kind_at("stribeck@torso", body).shapes if shape.name == "stribeck_velocity"]
     assert speed.unit == "m/s"
 

@@ -9,7 +9,7 @@ import pytest
 
 from pendulum_env.backends.hardware import guard as guards
 from pendulum_env.backends.hardware.config import Limits, OnFault, Plant, load
-from pendulum_env.backends.hardware.drive import DriveError, Reading, Sent
+from pendulum_env.backends.hardware.drive import DriveError, Reading, Sent, driver_errors
 from pendulum_env.backends.hardware.guard import Fault, Guard
 
 PER_RADIAN = 1_024_000 / (2 * math.pi)
@@ -316,3 +316,15 @@ def test_a_motion_that_no_such_arm_can_make_takes_the_torque(make, clock):
     with fault(guard, r"cannot have moved so under 3\.5 N m, its speed changed by .* \[plant\] of"):
         for _ in range(6):
             step(guard, clock, 3.5, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("raised", "told"),
+    [
+        (DriveError("the bus is off: switch it on"), "the bus is off: switch it on"),
+        (KeyError("x"), r"no answer \('x'\): check it"),
+    ],
+)
+def test_whatever_a_driver_raises_is_an_error_of_the_drive(raised, told):
+    with pytest.raises(DriveError, match=told), driver_errors("no answer", "check it"):
+        raise raised
