@@ -38,7 +38,6 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import listing, name
 
-SELDOM = 200.0  # [Hz], at which a slow controller looks
 MADE_UP = "predicts no better with shorter steps of the integrator: it made up for long ones"
 
 
@@ -176,27 +175,23 @@ def _of_rate(model: Model, recordings: Sequence[Recording]) -> str | None:
     """What is said where a controller may see the speed so late that this passes for inertia."""
     drives = [own.drive for own in recordings if own.drive is not None and own.drive.rate is None]
     gains = [(drive.kp if drive.acts_on_speed else drive.kd) * (drive.gain or 1.0) for drive in drives]
-    off = max(gains, default=0.0) / (2 * SELDOM)
+    off = max(gains, default=0.0) / (2 * LOOP.seldom)
     if off <= model.estimates["inertia"].std:
         return None
     return (
         "if the drive takes its speed from two looks at its encoder, say how often it looks (`rate`): at "
-        f"{SELDOM:g} looks a second, inertia is {off:.2g} {model.estimates['inertia'].unit} more than is said here"
+        f"{LOOP.seldom:g} looks a second, inertia is {off:.2g} {model.estimates['inertia'].unit} more than is said here"
     )
 
 
 def _of_scale(recordings: Sequence[Recording]) -> str | None:
     """What is said where torque that was logged is another multiple of what the drive asks for than one."""
-    pairs = []
-    for own in recordings:
-        if own.drive is None or own.reference is None or not own.has_logged_torque:
-            continue
-        if own.torque_unit == own.drive.unit:
-            velocity = np.gradient(own.position, 1.0 / own.rate) if own.velocity is None else own.velocity
-            pairs.append((own.torque, own.drive.torque(own.reference, own.position, velocity, own.bus, own.powered)))
-    if not pairs:
+    told = [own for own in recordings if own.has_logged_torque and own.drive and own.torque_unit == own.drive.unit]
+    if not told:
         return None
-    logged, asked = map(np.concatenate, zip(*pairs, strict=True))
+    logged, asked = (
+        np.concatenate(every) for every in zip(*((own.torque, own.asked_torque) for own in told), strict=True)
+    )
     share = float(logged @ asked / max(asked @ asked, np.finfo(float).tiny))
     if abs(share - 1.0) < LOOP.scale:
         return None

@@ -121,8 +121,9 @@ class LoopRegression:
         ]
         if all(name in values for name in names):
             del starts[1:]
-        foretold = [self._foretold[terms]] if terms in self._foretold else []
-        return likeliest(self.data, [*starts, *foretold])[0]
+        if terms in self._foretold:
+            starts.append(self._foretold[terms])
+        return starts[0] if len(starts) == 1 else likeliest(self.data, starts)[0]
 
     def _first(self, terms: Terms) -> Iterator[Point]:
         """Where the first fit may begin: where torque has the parameters, or with what a joint has at least."""

@@ -120,7 +120,7 @@ class Recording:
             values = getattr(self, quantity)
             if values is not None:
                 object.__setattr__(self, quantity, self._column(quantity, values))
-        if self.enabled is not None and len(self.enabled) == len(self.torque):  # whatever was asked of an open motor
+        if self.enabled is not None:  # whatever was asked of an open motor
             object.__setattr__(self, "torque", self._column("torque", self.torque * (self.enabled > 0)))
         if len(self.time) < 2:
             raise RecordingError(f"recording {self.name!r} holds {len(self.time)} samples and needs at least 2")
@@ -212,6 +212,17 @@ class Recording:
     def has_logged_torque(self) -> bool:
         """Whether torque was logged, and is not what a controller asked for."""
         return self.origin is None or "torque" in self.origin.columns
+
+    @property
+    def asked_torque(self) -> Array:
+        """Torque (N,) that its drive asked for along the recording, which has a reference, in the drive's unit."""
+        assert self.drive is not None
+        parts = []
+        for part in self.segments:
+            assert part.reference is not None  # there is no drive without one
+            velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
+            parts.append(self.drive.torque(part.reference, part.position, velocity, part.bus, part.powered))
+        return np.concatenate(parts)
 
     def slice(self, start: int | None, stop: int | None) -> Self:
         """Samples start to stop - 1, indices as in Python slicing; time is not shifted.

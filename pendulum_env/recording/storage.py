@@ -240,7 +240,7 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
     )
     if drive is not None and "torque" not in table.columns:
         asked = "torque is not taken from the log: it is what the drive asked for"
-        recording = replace(recording, torque=_asked_for(recording, drive), notes=(*recording.notes, asked))
+        recording = replace(recording, torque=recording.asked_torque, notes=(*recording.notes, asked))
     checks.refuse_too_short(recording, origin)
     if recording.velocity is not None:
         checks.refuse_foreign_velocity(recording, origin)
@@ -258,16 +258,6 @@ def _doubts(recording: Recording, origin: Origin) -> tuple[str, ...]:
         if not origin.columns["position"].is_unit_told:
             raise
         return (f"{WARNING}{error}",)
-
-
-def _asked_for(recording: Recording, drive: Drive) -> Array:
-    """Torque that a controller asked for along a recording (N,), in the unit of its output."""
-    parts = []
-    for part in recording.segments:
-        assert part.reference is not None  # there is no drive without one
-        velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
-        parts.append(drive.torque(part.reference, part.position, velocity, part.bus, part.powered))
-    return np.concatenate(parts)
 
 
 def _unwrap(log: Log, is_angle: bool) -> int:

@@ -30,8 +30,8 @@ from workbench.robot import RobotFile
 SCHEMA = "pendulum-ident/session@1"
 CONTENTS = "session.json"
 HINT = "a session is what “Save session” wrote"
-MEMBERS = {name: name for name in ("model_file", "is_aligned", "asked", "started", "diagnosis")} | {"ladder": "grown"}
 # Fields of a `State` by what they are called in a file, beside its recordings and the terms of the base
+MEMBERS = {name: name for name in ("model_file", "is_aligned", "asked", "started", "diagnosis")} | {"ladder": "grown"}
 
 
 def study(state: State) -> str:

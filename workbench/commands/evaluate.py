@@ -148,16 +148,15 @@ def _workers(arguments: argparse.Namespace) -> Iterator[Executor | None]:
             raise InputError("a worker ended unexpectedly, perhaps for want of memory: use fewer") from None
 
 
-def _itself(network: Network, seed: int) -> Network:
-    """A network, which draws nothing."""
-    return network
-
-
 def _contender(name: str, constraint: str) -> Contender:
     if name == SHIPPED or name.endswith(".npz"):
         network = load(constraint if name == SHIPPED else name)
         if network.constraint != constraint:
             raise InputError(f"{name}: was trained under the constraint {network.constraint}, not {constraint}")
-        return partial(_itself, network)
+        return partial(_always, network)
     baseline(name, constraint)
     return partial(baseline, name, constraint)
+
+
+def _always(network: Network, seed: int) -> Network:
+    return network  # it draws nothing
