@@ -60,7 +60,7 @@ def add(
     Raises:
         ValueError: if the effect, its joint or a parameter is unknown.
         ModelError: if the model has it already, or has no inertia.
-        IdentificationError: if the recordings hold too little motion, or that of an arm does not show the effect.
+        IdentificationError: if the recordings hold too little motion, or do not show the effect.
         TypeError: if something else is given than a model, an id and recordings.
     """
     model = model_that_moves(model)
@@ -102,15 +102,21 @@ def _added_at_joint(
 ) -> Addition:
     """An effect added at a joint of an arm."""
     models = setting.models(Preprocessed(tuple(recordings), tuple(holdout), terms=(*setting.base, kind)).parts)
-    trial = best(models, models.base, kind)
-    if trial is None:
-        names = ", ".join(recording.name for recording in recordings)
-        raise IdentificationError(f"{names}: the motion does not show {kind.id} at all: record another one")
-    without, with_it = models.report(None, models.base), models.report(kind.id, trial.terms)
+    longer = _longer(models, models.base, kind)
+    without, with_it = models.report(None, models.base), models.report(kind.id, longer)
     against = objection(with_it, without, models.train.motions)
-    if against is None and not models.is_significant(trial.terms, models.base):
+    if against is None and not models.is_significant(longer, models.base):
         against = CHANCE
     return Addition(without, with_it, models.left.floors, against)
+
+
+def _longer(models: Models, terms: tuple[Term, ...], kind: type[Term]) -> tuple[Term, ...]:
+    """The terms with the best variant of an effect; raises IdentificationError where the motion does not show it."""
+    trial = best(models, terms, kind)
+    if trial is None:
+        names = ", ".join(dict.fromkeys(recording.name for recording in models.train.recordings))
+        raise IdentificationError(f"{names}: the motion does not show {kind.id} at all: record another one")
+    return trial.terms
 
 
 def _searched(models: Models, kind: type[Term]) -> tuple[Step, Step, str | None]:
@@ -118,9 +124,7 @@ def _searched(models: Models, kind: type[Term]) -> tuple[Step, Step, str | None]
     models.progress("fitting without it", 0.1)
     before = models.report(None, settle(models, models.base))
     models.progress(f"searching {kind.id}", 0.3)
-    trial = best(models, before.model.terms, kind)
+    longer = _longer(models, before.model.terms, kind)
     models.progress(f"fitting with {kind.id}", 0.8)
-    if trial is None:
-        return before, models.report(kind.id, (*before.model.terms, kind())), None
-    terms = settle(models, loosened(models, trial.terms))
+    terms = settle(models, loosened(models, longer))
     return before, models.report(kind.id, terms), None if models.is_significant(terms, before.model.terms) else CHANCE

@@ -77,9 +77,14 @@ def test_an_effect_that_is_not_there_is_objected_to_and_what_cannot_be_added_is_
     needless = add(complete, "spring@shoulder", recording)
     assert needless.objection is not None and "no reason to keep it" in needless.text
     assert abs(needless.after.model.estimates["spring.stiffness@shoulder"].value) < 0.02
+    chance = add(complete, "torque_offset@shoulder", recording)
+    assert chance.objection == "lowers the held-out errors by no more than chance would"
     with pytest.raises(ValueError, match="unknown joint 'wrist'"):
         add(complete, "spring@wrist", recording)
     with pytest.raises(IdentificationError, match="temperature_dependent_friction@elbow needs the joint's temperature"):
         add(complete, "temperature_dependent_friction@elbow", recording)
+    steady = replace(recording, temperature=np.full_like(recording.torque, 25.0))
+    with pytest.raises(IdentificationError, match="the motion does not show temperature_dependent_friction@elbow"):
+        add(complete, "temperature_dependent_friction@elbow", steady)
     with pytest.raises(ModelError, match="has 'quadratic_drag@elbow' already"):
         add(complete, "quadratic_drag@elbow", recording)

@@ -1,6 +1,7 @@
 """Effects at joints: data from MuJoCo and from SciPy, neither of which shares code with what is tested."""
 
 import pickle
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -94,7 +95,8 @@ def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(six, tmp_pa
     found = diagnose(recording, (), arm_base(six), library={"stribeck": Stribeck})
     assert found.selected == () and "elbow" in found.left
     assert found.tables == ("torque_by_angle@elbow",) and "add MODEL.json torque_by_angle@elbow" in found.next_step
-    assert next(one for one in found.unexplained if one.at == "elbow").axis == "position"
+    (place,) = (one for one in found.unexplained if one.at == "elbow")
+    assert place.axis == "position" and re.match(r"[\d.]+ N m at elbow; ", found.told_of(place))
     added = add(found.model, "torque_by_angle@elbow", recording)
     assert added.objection is None and added.looks_like is not None
     after = error_at("elbow", added.after)

@@ -69,6 +69,9 @@ def test_temperature_that_does_nothing_or_was_not_measured_is_not_named():
     warm = Model.build((*BASE, TemperatureDependentFriction()), [INERTIA, GRAVITY, VISCOUS, COULOMB, 0.0, 0.0])
     with pytest.raises(IdentificationError, match="needs the joint's temperature, which no recording has"):
         compare(warm, unmeasured)
+    steady = [replace(run, temperature=np.full(len(run.time), 25.0)) for run in unmeasured]
+    with pytest.raises(IdentificationError, match="run 1, run 2: the motion does not show temperature_dependent_"):
+        add(paper_plant(), "temperature_dependent_friction", steady)
 
 
 def test_a_thermometer_that_shows_whole_kelvins_is_read_between_them():

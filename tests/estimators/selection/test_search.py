@@ -8,9 +8,9 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.preprocessing import gather
 from estimators.selection.models import Models
-from estimators.selection.moves import best
+from estimators.selection.moves import best, freer, settle
 from estimators.selection.physical import beyond
-from estimators.selection.search import Selection, select
+from estimators.selection.search import Selection, confirmed, grown_beside, refines, select
 from pendulum_env.physics import BASE, effect
 from tests.cases import recorded
 
@@ -96,6 +96,32 @@ def test_a_drive_that_clips_deep_is_named_by_its_limit():
     term = best(selection.models, selection.models.base, effect("torque_saturation")).terms[-1]
     assert term.limit == pytest.approx(3.0, rel=0.05)
     assert term.roundness < 0.5
+
+
+def knowing(effects: dict, *library: str) -> Models:
+    """What there is to fit of a plant, with some effects of the library."""
+    recordings = recorded(Plant(effects=effects), Experiment(rate=500.0, seconds=10.0, seed=4))
+    return Models(*gather(recordings), library={id: effect(id) for id in library})
+
+
+@pytest.mark.parametrize(("exponent", "unusual"), [(1.0, True), (2.0, False)])
+def test_another_form_refines_an_effect_if_the_effect_has_it(exponent, unusual):
+    models = knowing({"stribeck": {"strib_d": 0.45, "strib_v": 0.8, "strib_p": exponent}}, "stribeck", "torque_offset")
+    usual = settle(models, best(models, BASE, effect("stribeck")).terms)
+    (free,) = freer(models, usual)
+    assert refines(models, free, usual) == unusual
+    assert not refines(models, (*free, effect("torque_offset")()), usual)  # which is more than another form
+
+
+def test_beside_a_table_an_effect_is_named_unless_another_table_predicts_more():
+    for hidden, named in (({"quadratic_drag": {"drag": 0.05}}, True), ({"cubic_damping": {"cubic": 0.008}}, False)):
+        models = knowing(hidden, "quadratic_drag")
+        (table,) = (kind for kind in models.tables if kind.id == "torque_by_angle")
+        terms = best(models, BASE, table).terms
+        assert [term.id for term in grown_beside(models, BASE, terms)[len(terms) :]] == ["quadratic_drag"] * named
+    spare = (*BASE, effect("spring")(), effect("quadratic_drag")())
+    models = knowing({"quadratic_drag": {"drag": 0.05}}, "quadratic_drag", "spring")
+    assert [step.added for step in confirmed(models, BASE, spare)] == [None, "quadratic_drag"]
 
 
 def test_no_body_has_a_link_of_negative_inertia():
