@@ -12,6 +12,7 @@ import numpy as np
 
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Model, Term, effect
+from pendulum_env.physics.library import MEASURED
 from pendulum_env.reading import LARGE
 
 PAPER: dict[str, float] = {  # the paper's Table 2, dynamic row
@@ -81,6 +82,8 @@ def hide(plant: Model, text: str) -> Model:
     """
     id, separator, listed = re.fullmatch("([^:=]*)([:=]?)(.*)", text, re.DOTALL).groups()  # type: ignore[union-attr]
     id = id.strip()
+    if id in MEASURED:
+        raise ValueError(f"{id} acts by the joint's {MEASURED[id].needs}, which no simulated pendulum has")
     kind = effect(id)
     parameters = typical(kind)
     if separator == "=":

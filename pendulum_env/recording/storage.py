@@ -53,7 +53,7 @@ RECIPES = {  # what helps where a format is not read
     ".pkl": "write it with pandas' to_parquet, since reading a pickle runs what is in it",
     ".feather": "write it with pandas' to_parquet",
     ".arrow": "write it with pandas' to_parquet",
-    ".json": "write it with pandas' to_csv",
+    ".json": "a recording is written with pandas' to_csv; of a model, `compare` and `diagnose` say how it fares",
     ".jsonl": "write it with pandas' to_csv",
     ".ulg": "export it by ulog2csv of pyulog",
     ".tdms": "export it by npTDMS: TdmsFile('run.tdms').as_dataframe().to_parquet('run.parquet')",

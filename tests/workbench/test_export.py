@@ -16,6 +16,7 @@ import pytest
 
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Column, Model, Term, effects
+from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.table import Extent, TorqueByAngle
 from pendulum_env.plant import PAPER, hide, paper_plant
 from tests.pendulum_env.physics.test_table import KINDS, in_model
@@ -125,6 +126,20 @@ def test_a_users_own_effect_is_exported_like_any_other():
     model = paper_plant().add(Magnet(), [0.4])
     text = export(model, "python").content
     np.testing.assert_allclose(in_python(text), simulated(model)[:, 0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("warm", [25.0, 60.0])
+def test_friction_by_temperature_takes_the_temperature_as_an_input(warm):
+    model = paper_plant()
+    program = module(export(model.add(TemperatureDependentFriction(), [-0.002, 0.005]), "python").content)
+    values = {name: known.value for name, known in model.estimates.items()}
+    values["viscous"] -= 0.002 * (warm - 25.0)
+    values["coulomb"] += 0.005 * (warm - 25.0)
+    state, path = program.start(0.2), [0.2]
+    for torque in TORQUE:
+        state = program.step(state, torque, warm)
+        path.append(state.position)
+    assert np.array(path) == pytest.approx(simulated(Model.build(model.terms, [*values.values()]))[:, 0], abs=1e-12)
 
 
 def test_a_law_that_is_no_formula_is_refused_in_a_sentence():

@@ -16,7 +16,8 @@ from pendulum_env.physics import Estimate, Model, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.simulation import LONGEST_STEP, Balance, in_symbols, step
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, in_order, labelled, name
-from pendulum_env.physics.term import Memory
+from pendulum_env.physics.term import ROOM, Memory
+from pendulum_env.recording.vocabulary import SI
 from pendulum_env.servo.drive import UNIT, Drive
 from pendulum_env.servo.loop import GAINS, Given, State, control, gains_of, taps
 from workbench.export.request import ExportError
@@ -27,7 +28,7 @@ RESERVED = frozenset(  # names that the exported programs and their languages ha
     auto case char const default do double enum extern float goto int long register short signed sizeof static struct
     switch typedef union unsigned void volatile fabs sin cos tan exp log sqrt tanh atan pow fmax fmin gamma
     round hypot y0 y1 j0 j1 inline restrict memset INFINITY NAN NamedTuple pendulum_step
-    np Any Value SimpleNamespace NUMBERS _functions
+    np Any Value SimpleNamespace NUMBERS _functions temperature link_position
     goal supply on applied friction phase held speed last_velocity integral limit kp ki kd gain""".split()
 )
 
@@ -147,13 +148,20 @@ class _Parts:
             parameters.append(Parameter(symbol.label, known.value, known.unit, known.std))
         start: dict[str, Any] = {"time": 0.0, "position": x.position, "velocity": x.velocity}
         remembered: dict[str, list[str]] = {}
+        given, measured = [Quantity("torque", model.torque_unit)], {t.id: t.needs for t in terms if t.needs}
+        for quantity in dict.fromkeys(measured.values()):
+            given.append(Quantity(quantity, SI[quantity], {"temperature": ROOM}.get(quantity)))
         long_ago, memory = balance.start(replace(x, torque=np.zeros(()))), cast(Mapping[str, Any], x.memory)
+        held: dict[str, Any] = {id: (name(quantity), 0.0) for id, quantity in measured.items()}
+        x = replace(x, memory={**memory, **held})
         for id, symbols in memory.items():
+            if id in held:
+                continue
             ends = [f"_{k + 1}" for k in range(len(symbols))] if len(symbols) > 1 else [""]
             remembered[id] = [f"{id}_memory{end}" for end in ends]
             for symbol, text, at_rest in zip(symbols, remembered[id], long_ago[id], strict=True):
                 symbol.label, start[text] = text, at_rest
-        parts = cls(seconds, balance, x, remembered, parameters, [Quantity("torque", model.torque_unit)], start)
+        parts = cls(seconds, balance, x, remembered, parameters, given, start)
         if drive is None:
             parts.delay = sum(term.delay for term in terms)
         else:
@@ -173,7 +181,7 @@ class _Parts:
                 self.parameters.append(Parameter("limit" if text == "most" else text, gains[text], unit, 0.0))
                 gains[text] = name(self.parameters[-1].name)
         scale: Any = 1.0
-        self.given = [Quantity("goal", "rad/s" if drive.acts_on_speed else "rad")]
+        self.given[0] = Quantity("goal", "rad/s" if drive.acts_on_speed else "rad")
         if drive.output == "duty":
             self.given.append(Quantity("supply", "V", supply_of(drive)))
             scale = name("supply")
