@@ -102,7 +102,8 @@ def _opened_arm(arguments: argparse.Namespace, outputs: Sequence[str | None], te
     torques = in_torque(recordings, body)
     for joint, gain in torques.gains.items():
         size = f"{plus_minus(gain.value, gain.std)} {body.worded(joint, gain.unit)}"
-        terminal.say(f"torque gain of {joint}: {size}, as known loads tell it")
+        source = "known loads tell it" if gain.loads else "the other joints tell it, which feel the same links"
+        terminal.say(f"torque gain of {joint}: {size}, as {source}")
     for text in meaning(torques.recordings, body):
         terminal.say(f"warning: {text}", style="yellow")
     count = len(asked.fitted)

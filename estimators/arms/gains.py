@@ -1,9 +1,12 @@
-"""Gains of an arm's motors: currents become torques where the arm carried a known weight in some recordings.
+"""Gains of an arm's motors: currents become torques by a known weight, or by what other joints feel of the same links.
 
 Each joint has its own row of the balance, in which all of the arm is per unit of its current; a known weight adds a
 torque of known size, whose coefficient is one over the gain:
 
     i = Y (theta / K) + f / K + (Y of the weight) / K
+
+Joints in N m tell base parameters theta of the links beyond them, and so a part of the torque of joints in currents,
+whose coefficient is one over the gain, too.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import ARM_SCHEMES
@@ -54,19 +58,48 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
         RecordingError: if the currents of a joint are in two units, or count against the weight.
     """
     asked = _units(recordings)
-    if not asked or len({recording.carried for recording in recordings}) < 2:
+    if not asked:
         return Torques(tuple(recordings), {})
-    segments = [measure_joints(recording.joints) for recording in recordings]
-    data = stack(segments, partial(regressions(arm_base(body)), SCHEME))
-    of = data.recording
+    gains: dict[str, TorqueConstant] = {}
+    if len({recording.carried for recording in recordings}) > 1:
+        gains = _by_weight(recordings, body, asked)
+    converted = tuple(_converted(recording, gains) for recording in recordings)
+    least = min((one.carried for one in converted), key=lambda own: own.mass if own else 0.0)
+    alike = [one for one in converted if one.carried == least]
+    others = {joint: unit for joint, unit in asked.items() if joint not in gains}
+    if others and len(others) < len(body.joints):
+        gains |= (told := _by_other_joints(alike, body, others))
+        converted = tuple(_converted(recording, told) for recording in converted)
+    return Torques(converted, gains)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Rows of the balance of all joints: regressor (R, P), torque or current (R,), and what may be compared."""
+
+    phi: Array
+    y: Array
+    clusters: Array
+    joint: Array  # (R,) index
+    recording: Array  # (R,) index
+    usable: Array  # (R,) bool
+
+    @classmethod
+    def of(cls, recordings: Sequence[ArmRecording], body: Body) -> _Rows:
+        data = stack([measure_joints(one.joints) for one in recordings], partial(regressions(arm_base(body)), SCHEME))
+        own = data.equations
+        return cls(own.phi, own.y, data.clusters, data.joint, data.recording, data.usable)
+
+
+def _by_weight(recordings: Sequence[ArmRecording], body: Body, asked: dict[str, str]) -> dict[str, TorqueConstant]:
+    rows, gains = _Rows.of(recordings, body), {}
     carried = [body.combine @ _standard(recording.carried, body) for recording in recordings]  # (P,) each
-    weighs = np.einsum("rp,rp->r", data.equations.phi[:, : len(body.base)], np.array(carried)[of])
-    gains = {}
+    weighs = np.einsum("rp,rp->r", rows.phi[:, : len(body.base)], np.array(carried)[rows.recording])
     for joint, unit in asked.items():
         alike = np.array([joint in recording.currents for recording in recordings])  # others are in N m
         weights = {recording.carried for recording in recordings if joint in recording.currents}
-        own = data.usable & (data.joint == body.joints.index(joint)) & alike[of]
-        value, std = _beside(data.equations.phi[own], weighs[own], data.equations.y[own], data.clusters[own])
+        own = rows.usable & (rows.joint == body.joints.index(joint)) & alike[rows.recording]
+        value, std = _beside(rows.phi[own], weighs[own], rows.y[own], rows.clusters[own])
         if len(weights) > 1 and value < -SURE * std:
             raise RecordingError(
                 f"the known weight acts on joint '{joint}' with the other sign than the current: say -COLUMN for its "
@@ -74,7 +107,49 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
             )
         if len(weights) > 1 and value > SURE * std:
             gains[joint] = TorqueConstant(1 / value, std / value**2, unit, len(weights))
-    return Torques(tuple(_converted(recording, gains) for recording in recordings), gains)
+    return gains
+
+
+def _by_other_joints(
+    recordings: Sequence[ArmRecording], body: Body, asked: dict[str, str]
+) -> dict[str, TorqueConstant]:
+    """Gains with which all joints feel the same links; raises RecordingError if a current has the other sign.
+
+    Base parameters, friction and gains are fitted together; for given gains, all others are linear.
+    """
+    rows, inertial = _Rows.of(recordings, body), len(body.base)
+    currents = np.array([[joint in recording.currents for joint in body.joints] for recording in recordings])
+    index = np.full(len(body.joints), -1)
+    index[[body.joints.index(joint) for joint in asked]] = np.arange(len(asked))
+    of = np.where(currents[rows.recording, rows.joint], index[rows.joint], -1)[rows.usable]  # gain of a row, -1: N m
+    phi, y, joint, clusters = (own[rows.usable] for own in (rows.phi, rows.y, rows.joint, rows.clusters))
+    by_file, start, weights = phi[:, :inertial] @ body.values, np.zeros(len(asked)), np.ones(len(y))
+    for k in range(-1, len(asked)):
+        for j in np.unique(joint[of == k]):
+            own = (of == k) & (joint == j)
+            left = y[own] - phi[own] @ np.linalg.lstsq(phi[own], y[own], rcond=None)[0]
+            weights[own] = 1.0 / max(float(np.sqrt(np.mean(left**2))), 1e-9)
+        if k >= 0:
+            start[k] = _beside(phi[of == k][:, inertial:], by_file[of == k], y[of == k], clusters[of == k])[0]
+
+    def residual(inverses: Array) -> Array:
+        per = np.append(inverses, 1.0)[of][:, None]  # the last one is that of rows in N m
+        left = np.column_stack([phi[:, :inertial] * per, phi[:, inertial:]]) * weights[:, None]
+        return weights * y - left @ np.linalg.lstsq(left, weights * y, rcond=None)[0]
+
+    fit = least_squares(residual, start, x_scale=np.maximum(np.abs(start), 1e-9))
+    scores = np.zeros((clusters.max() + 1, len(asked)))
+    np.add.at(scores, clusters, fit.jac * fit.fun[:, None])
+    std = np.linalg.norm(scores @ np.linalg.pinv(fit.jac.T @ fit.jac, hermitian=True), axis=0)
+    gains = {}
+    for (joint, unit), value, own in zip(asked.items(), fit.x.tolist(), std.tolist(), strict=True):
+        if value < -SURE * own:
+            raise RecordingError(
+                f"the current of joint '{joint}' counts against what other joints feel of its links: say -COLUMN for it"
+            )
+        if value > SURE * own:
+            gains[joint] = TorqueConstant(1 / value, own / value**2, unit)
+    return gains
 
 
 def without_loads(

@@ -297,7 +297,10 @@ def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(caps
         ("identify plain.csv --align", "--align is for pendulums"),
         ("diagnose plain.csv --only backlash", "unknown effect of joints 'backlash'"),
         ("diagnose plain.csv --experiment x.csv", "--experiment is for pendulums"),
-        ("identify plain.csv --columns torque_elbow=torque_elbow:A*?", "nothing tells its gain"),
+        (
+            "identify plain.csv --columns torque_shoulder=torque_shoulder:A*?,torque_elbow=torque_elbow:A*?",
+            "nothing tells its gain",
+        ),
         ("identify loaded.toml", "plain.csv: a load of an arm is told by mass and center"),
         ("compare none.json plain.csv", "none.json"),
     ],

@@ -46,9 +46,22 @@ def test_a_current_that_counts_the_other_way_round_is_said_to(logged, six):
         in_torque([replace(run, torque=run.torque * signs) for run in logged], six)
 
 
-def test_a_current_without_a_gain_is_no_torque(logged, six):
-    (alone,) = in_torque(logged[:1], six).recordings
-    with pytest.raises(RecordingError, match="joint 'shoulder': torque is in A, and nothing tells its gain: give it"):
+def test_one_joint_in_torque_tells_the_gains_of_those_that_move_the_same_links(logged, six):
+    empty = logged[0]
+    found = in_torque([empty], six)
+    assert found.gains.keys() == set(six_joint.JOINTS[1:]) and not found.recordings[0].currents
+    for joint, gain in found.gains.items():
+        true = GAINS[six_joint.JOINTS.index(joint)]
+        assert gain.loads == 0 and abs(gain.value - true) < 4 * gain.std < 0.15 * true
+    turned = replace(empty, torque=empty.torque * [1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
+    with pytest.raises(RecordingError, match="the current of joint 'elbow' counts against what other joints feel"):
+        in_torque([turned], six)
+
+
+def test_where_every_torque_is_a_current_nothing_tells_gains(logged, six):
+    empty = logged[0]
+    (alone,) = in_torque([replace(empty, currents=dict.fromkeys(six_joint.JOINTS, "A"))], six).recordings
+    with pytest.raises(RecordingError, match="joint 'base': torque is in A, and nothing tells its gain: give it"):
         identify(alone, arm_base(six))
 
 
