@@ -249,7 +249,7 @@ def main(arguments: Sequence[str] = ()) -> int:
     print("  " + ", ".join(f"{joint} {100 * share:.2f} %" for joint, share in errors.shares.items()))
     right = alarms = 0
     longest = 0.0
-    hidden_ones = [Hidden(EFFECTS[run % 6], (run + run // 6) % n) for run in range(runs)]
+    hidden_ones = [Hidden(EFFECTS[run % 6], (run % 6 + run // 6) % n) for run in range(runs)]
     hidden_ones += [Hidden("coupling", run % (n - 1)) for run in range(runs // 6)]
     for run, hidden in enumerate(hidden_ones):
         recording = simulate(100 + run, hidden, rubs=drawn(run, n))

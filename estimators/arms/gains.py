@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import ARM_SCHEMES
-from estimators.schemes.fitting import regressions, stack
+from estimators.schemes.fitting import Stack, regressions, stack
 from estimators.signals.measurements import measure_joints
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import STANDARD, Body
@@ -73,33 +73,21 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
     return Torques(converted, gains)
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """Rows of the balance of all joints: regressor (R, P), torque or current (R,), and what may be compared."""
-
-    phi: Array
-    y: Array
-    clusters: Array
-    joint: Array  # (R,) index
-    recording: Array  # (R,) index
-    usable: Array  # (R,) bool
-
-    @classmethod
-    def of(cls, recordings: Sequence[ArmRecording], body: Body) -> _Rows:
-        data = stack([measure_joints(one.joints) for one in recordings], partial(regressions(arm_base(body)), SCHEME))
-        own = data.equations
-        return cls(own.phi, own.y, data.clusters, data.joint, data.recording, data.usable)
+def _rows(recordings: Sequence[ArmRecording], body: Body) -> Stack:
+    return stack([measure_joints(one.joints) for one in recordings], partial(regressions(arm_base(body)), SCHEME))
 
 
 def _by_weight(recordings: Sequence[ArmRecording], body: Body, asked: dict[str, str]) -> dict[str, TorqueConstant]:
-    rows, gains = _Rows.of(recordings, body), {}
+    """Gains by known weights; raises RecordingError if a current counts against one."""
+    rows = _rows(recordings, body)
+    gains: dict[str, TorqueConstant] = {}
     carried = [body.combine @ _standard(recording.carried, body) for recording in recordings]  # (P,) each
-    weighs = np.einsum("rp,rp->r", rows.phi[:, : len(body.base)], np.array(carried)[rows.recording])
+    weighs = np.einsum("rp,rp->r", rows.equations.phi[:, : len(body.base)], np.array(carried)[rows.recording])
     for joint, unit in asked.items():
         alike = np.array([joint in recording.currents for recording in recordings])  # others are in N m
         weights = {recording.carried for recording in recordings if joint in recording.currents}
         own = rows.usable & (rows.joint == body.joints.index(joint)) & alike[rows.recording]
-        value, std = _beside(rows.phi[own], weighs[own], rows.y[own], rows.clusters[own])
+        value, std = _beside(rows.equations.phi[own], weighs[own], rows.equations.y[own], rows.clusters[own])
         if len(weights) > 1 and value < -SURE * std:
             raise RecordingError(
                 f"the known weight acts on joint '{joint}' with the other sign than the current: say -COLUMN for its "
@@ -117,38 +105,42 @@ def _by_other_joints(
 
     Base parameters, friction and gains are fitted together; for given gains, all others are linear.
     """
-    rows, inertial = _Rows.of(recordings, body), len(body.base)
+    rows, inertial = _rows(recordings, body), len(body.base)
     currents = np.array([[joint in recording.currents for joint in body.joints] for recording in recordings])
     index = np.full(len(body.joints), -1)
     index[[body.joints.index(joint) for joint in asked]] = np.arange(len(asked))
     of = np.where(currents[rows.recording, rows.joint], index[rows.joint], -1)[rows.usable]  # gain of a row, -1: N m
-    phi, y, joint, clusters = (own[rows.usable] for own in (rows.phi, rows.y, rows.joint, rows.clusters))
-    by_file, start, weights = phi[:, :inertial] @ body.values, np.zeros(len(asked)), np.ones(len(y))
-    for k in range(-1, len(asked)):
-        for j in np.unique(joint[of == k]):
-            own = (of == k) & (joint == j)
-            left = y[own] - phi[own] @ np.linalg.lstsq(phi[own], y[own], rcond=None)[0]
-            weights[own] = 1.0 / max(float(np.sqrt(np.mean(left**2))), 1e-9)
-        if k >= 0:
-            start[k] = _beside(phi[of == k][:, inertial:], by_file[of == k], y[of == k], clusters[of == k])[0]
+    joint, clusters = rows.joint[rows.usable], rows.clusters[rows.usable]
+    phi, y = (own[rows.usable] for own in (rows.equations.phi, rows.equations.y))
+    by_file, start = phi[:, :inertial] @ body.values, np.zeros(len(asked))
+    for k in range(len(asked)):
+        start[k] = _beside(phi[of == k][:, inertial:], by_file[of == k], y[of == k], clusters[of == k])[0]
+    for k, j in sorted(set(zip(of.tolist(), joint.tolist(), strict=True))):
+        own = (of == k) & (joint == j)
+        noise = max(float(np.std(y[own] - phi[own] @ np.linalg.lstsq(phi[own], y[own], rcond=None)[0])), 1e-9)
+        phi[own], y[own] = phi[own] / noise, y[own] / noise
 
-    def residual(inverses: Array) -> Array:
-        per = np.append(inverses, 1.0)[of][:, None]  # the last one is that of rows in N m
-        left = np.column_stack([phi[:, :inertial] * per, phi[:, inertial:]]) * weights[:, None]
-        return weights * y - left @ np.linalg.lstsq(left, weights * y, rcond=None)[0]
+    def residual(inverses: Array, phi: Array, y: Array, of: Array) -> Array:
+        left = phi * np.append(inverses, 1.0)[of][:, None]  # the last one is that of rows in N m
+        return np.asarray(y - left @ np.linalg.lstsq(left, y, rcond=None)[0])
 
-    fit = least_squares(residual, start, x_scale=np.maximum(np.abs(start), 1e-9))
+    parts = [np.linalg.qr(np.column_stack([phi, y])[of == k], mode="r") for k in range(-1, len(asked))]  # as good
+    short = np.concatenate(parts)
+    of_short = np.repeat(np.arange(-1, len(asked)), [len(part) for part in parts])
+    scale = np.maximum(np.abs(start), 1e-9)
+    fit = least_squares(residual, start, x_scale=scale, args=(short[:, :-1], short[:, -1], of_short))
+    fit = least_squares(residual, fit.x, x_scale=scale, args=(phi, y, of), max_nfev=1)
     scores = np.zeros((clusters.max() + 1, len(asked)))
     np.add.at(scores, clusters, fit.jac * fit.fun[:, None])
     std = np.linalg.norm(scores @ np.linalg.pinv(fit.jac.T @ fit.jac, hermitian=True), axis=0)
-    gains = {}
-    for (joint, unit), value, own in zip(asked.items(), fit.x.tolist(), std.tolist(), strict=True):
-        if value < -SURE * own:
+    gains: dict[str, TorqueConstant] = {}
+    for (name, unit), value, error in zip(asked.items(), fit.x.tolist(), std.tolist(), strict=True):
+        if value < -SURE * error:
             raise RecordingError(
-                f"the current of joint '{joint}' counts against what other joints feel of its links: say -COLUMN for it"
+                f"the current of joint '{name}' counts against what other joints feel of its links: say -COLUMN for it"
             )
-        if value > SURE * own:
-            gains[joint] = TorqueConstant(1 / value, own / value**2, unit)
+        if value > SURE * error:
+            gains[name] = TorqueConstant(1 / value, error / value**2, unit)
     return gains
 
 

@@ -58,8 +58,8 @@ class ArmRecording(Recording):
         for joint, unit in self.currents.items():
             raise RecordingError(
                 f"{self.name}: joint '{joint}': torque is in {unit}, and nothing tells its gain: give it, --columns "
-                f"torque_{joint}=NAME:{unit}*0.4 (of one joint it tells others'), or record with a known load, too, which "
-                "a study names"
+                f"torque_{joint}=NAME:{unit}*0.4, or that of another joint, or record with a known load, too, which a "
+                "study names"
             )
 
     @classmethod
