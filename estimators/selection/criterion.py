@@ -29,7 +29,6 @@ class Criterion:
         seen: share of an effect's torque that the others cannot imitate, below which the data do not show it.
         moment: pieces in which a drifting torque, which hardly changes within one, is predicted from the others [s].
         closer: share of the windows' length at a second look, where motion shows more than torque.
-        simulated: most promising starts from which effects are fitted to segments, where torque is too noisy.
         finest: share of the motion, the accuracy of initial states and integration of a simulation.
     """
 
@@ -50,7 +49,6 @@ class Criterion:
     seen: float = 0.001
     moment: float = 0.2
     closer: float = 0.5
-    simulated: int = 6
     finest: float = 0.001
 
     def shows(self, left: Structure, floor: float) -> bool:

@@ -1,4 +1,4 @@
-"""Free-running simulation in the search: models refined by the motion, and effects that only the motion shows.
+"""Free-running simulation after the search: models refined by the motion.
 
 Windows exclude stick and reversals; a simulation includes both.
 """
@@ -9,32 +9,30 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.selection.columns import complexity
 from estimators.selection.errors import Step
 from estimators.selection.models import Models, has_transmission, held_out_cost
-from estimators.selection.moves import best, has_bristles
+from estimators.selection.moves import has_bristles
 from estimators.selection.search import Selection
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import choose_segments, position_noise
 from estimators.simulation.multiple_shooting import has_link
 from estimators.simulation.output_error import Point
-from pendulum_env.physics import Model, Term
+from pendulum_env.physics import Model
 
 SEGMENT = 0.5  # [s], segment length, short enough for errors to grow as linearised
 FEWEST = 2  # segments per parameter
 
 
 def refine(found: Selection) -> Selection:
-    """The steps with the last model refined by the motion, and effects that windows do not show."""
-    models, steps = found.models, found.steps
-    *others, last = steps
-    if is_misfit(models, last) or any(has_bristles(term) for term in last.model.terms):
-        models.progress("fitting the segments", 0.9)
-        flown = better(last, models.in_motion(last))
-        steps = [*others, flown if not others or models.is_confirmed(flown, others[-1]) else last]
-    if found.table is None and models.left.fits(steps[-1].model.terms):
-        steps = grow_by_simulation(models, steps)
-    return replace(found, steps=steps)
+    """The steps with the last model refined by the motion, where windows do not see enough of it."""
+    models, (*others, last) = found.models, found.steps
+    if not (is_misfit(models, last) or any(has_bristles(term) for term in last.model.terms)):
+        return found
+    models.progress("fitting the segments", 0.9)
+    refined = better(last, models.in_motion(last))
+    if others and not models.is_confirmed(refined, others[-1]):
+        return found
+    return replace(found, steps=[*others, refined])
 
 
 def better(one: Step, other: Step) -> Step:
@@ -109,56 +107,3 @@ def _with_link(models: Models, last: Step, start: Model) -> Step:
     steps = [models.with_errors(last.added, model) for model in tried]
     no_worse = [step for step in steps if step.errors["holdout"].torque_rms <= last.errors["holdout"].torque_rms]
     return min(last, *no_worse, key=held_out_cost) if no_worse else last
-
-
-def grow_by_simulation(models: Models, steps: list[Step]) -> list[Step]:
-    """Add effects that only free-running simulation shows, where the torque is too noisy."""
-    while len(steps) <= models.criterion.most and is_misfit(models, steps[-1]):
-        found = _best_simulated(models, steps[-1])
-        if found is None:
-            break
-        steps = [*steps, found]
-    return steps
-
-
-def _best_simulated(models: Models, last: Step) -> Step | None:
-    """The step to the effect with the smallest segment errors; it has to beat the model refitted in the same way."""
-    segments = models.train.segments
-    before = models.in_motion(last)
-    start = Point.of(before.model)
-    weights = output_error.trust(output_error.sizes(segments, start))
-    ranked = []
-    for point in _starts(models, last, start):
-        ranked.append((output_error.promise(segments, point, weights), complexity(point.terms[-1]), point))
-    ranked.sort(key=lambda entry: entry[:2])
-    found, least = None, np.inf
-    for promised, _, point in ranked[: models.criterion.simulated]:
-        if promised > least:
-            break  # another effect already has a smaller error
-        models.progress(f"fitting the segments with {point.terms[-1].id}", 0.9)
-        point = output_error.fit(segments, point.terms, point.theta)
-        error = output_error.rms(segments, point, weights)
-        if error >= least:
-            continue
-        gain, share = models.simulation_gain(Model.build(point.terms, point.theta), before.model)
-        if gain.chance <= models.criterion.chance and share > models.criterion.share:
-            step = models.with_errors(point.terms[-1].id, output_error.model(segments, point))
-            if models.is_confirmed(step, better(before, last)):
-                found, least = step, error
-    return found
-
-
-def _starts(models: Models, last: Step, start: Point) -> list[Point]:
-    """Points with one more effect from which segments are fitted."""
-    terms = last.model.terms
-    points: list[Point] = []
-    for kind in models.library.values():
-        if kind.multimodal or kind.id in {term.id for term in terms}:
-            continue
-        models.progress(f"simulating {kind.id}", len(points) / (2 * len(models.library)))
-        trial = best(models, terms, kind)
-        variants: list[Term] = [trial.terms[-1]] if trial is not None else []
-        if kind.kind == "dissipative" and kind.shapes:  # friction near reversals, which windows hardly see
-            variants += list(kind.grid(models.train.samples, models.regression.residual(terms)))[::2]
-        points += [Point((*start.terms, v), np.append(start.theta, np.zeros(len(v.columns)))) for v in variants]
-    return points

@@ -205,14 +205,6 @@ def noise(segments: Sequence[Segments], point: Point) -> float:
     return rms(perturbed, point)
 
 
-def promise(segments: Sequence[Segments], point: Point, weights: Array) -> float:
-    """Weighted root mean square error that a linear fit of all parameters around a point would leave [rad]."""
-    error, slopes, which = _slopes(segments, point, weights)
-    size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
-    step = np.linalg.lstsq(slopes / size, -error, rcond=1e-6)[0]
-    return float(np.linalg.norm(error + slopes / size @ step) / np.sqrt(weights[which].sum()))
-
-
 def model(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Model:
     """Model at a point, with standard errors from the spread of the segments (jackknife's sandwich)."""
     error, slopes, which = _slopes(segments, point, trust(sizes(segments, point, filters)), filters)

@@ -33,7 +33,7 @@ def test_adding_an_effect_that_is_not_there_does_little_harm(id):
     assert held_out_ratio(plain(), id, recording("steps")) < 1.15
 
 
-@pytest.mark.parametrize("id", ["stribeck", "cogging", "actuator_lag"])
+@pytest.mark.parametrize("id", ["stribeck", "cogging", "actuator_lag", "joint_flexibility"])
 def test_adding_the_effect_that_is_there_lowers_both_held_out_errors(id):
     added = add(plain(), id, [recording(id)])
     before, after = added.before, added.after
