@@ -250,8 +250,9 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--columns": {
         "type": argument(_columns),
         "metavar": "QUANTITY=NAME[:UNIT][*GAIN]...,...",
-        "help": "columns of time, position, torque, velocity and reference whose names are not known, with unit and "
-        "conversion, e.g. time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=unused; "
+        "help": "columns of time, position, torque, velocity, reference, segment, supply, enabled, temperature and "
+        "link_position whose names are not known, with unit and conversion, e.g. time=clock:ms,"
+        "position=-motor:deg/6+90,torque=current:A*0.091,velocity=unused; "
         f"units: {'; '.join(TOLD[quantity] for quantity in ('time', 'position', 'velocity', 'torque'))} (default: SI)",
     },
     "--unwrap": {"action": "store_true", "help": "undo jumps of 2 pi in position"},
