@@ -19,9 +19,9 @@ from workbench.report import render, render_comparison
 from workbench.report.case import Case
 from workbench.report.errors import ladder
 from workbench.report.figure import Figure, Section, axis, line
-from workbench.report.fleet import write_fleet_report
 from workbench.report.page import assemble
 from workbench.survey import Fleet
+from workbench.survey.page import write_fleet_report
 
 sync_api = pytest.importorskip("playwright.sync_api")
 CHROMIUM = shutil.which("chromium")

@@ -23,9 +23,9 @@ from tests.workbench.pages import Page, values
 from workbench.cli import main
 from workbench.commands.survey import configure
 from workbench.mistakes import InputError
-from workbench.report.fleet import write_fleet_report
 from workbench.survey import Dataset, Fleet, Settings, find_cases, survey, work
 from workbench.survey import dataset as stored
+from workbench.survey.page import write_fleet_report
 from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table, pooled_table
 
 distributed = pytest.importorskip("distributed")

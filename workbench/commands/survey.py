@@ -132,7 +132,7 @@ def _show(dataset: Dataset, report: str | None, terminal: Terminal) -> None:
         elif otherwise:
             terminal.say(otherwise)
     if report is not None:
-        from workbench.report.fleet import write_fleet_report  # plotly takes a while to import
+        from workbench.survey.page import write_fleet_report  # plotly takes a while to import
 
         with terminal.progress("writing the page"):
             write_fleet_report(report, fleet)

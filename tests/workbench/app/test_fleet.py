@@ -7,8 +7,8 @@ from tests.workbench.app.fleets import repeat, surveyed
 from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values
 from workbench.cli import main
-from workbench.report.fleet import render
 from workbench.survey import Dataset, Fleet
+from workbench.survey.page import render
 
 pytest.importorskip("dash")
 

@@ -20,10 +20,10 @@ from workbench.app import uploads
 from workbench.app.page import layout
 from workbench.app.session import Sessions
 from workbench.mistakes import MISTAKES, InputError, sentence
-from workbench.report import fleet
 from workbench.report.page import plotly
 from workbench.robot import RobotFile
 from workbench.survey import Dataset, Fleet
+from workbench.survey.page import render
 
 log = logging.getLogger("workbench.app")
 HOST = "127.0.0.1"
@@ -79,7 +79,7 @@ def _show_fleet(server: flask.Flask, survey: Path) -> str:
 
     @lru_cache(maxsize=1)  # made anew when there are other files in the dataset: none is ever written twice
     def made(parts: tuple[Path, ...]) -> str:
-        return fleet.render(Fleet.of(dataset), dataset.folder, home=HOME)
+        return render(Fleet.of(dataset), dataset.folder, home=HOME)
 
     @server.get(FLEET)
     def page() -> str:
