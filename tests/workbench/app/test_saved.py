@@ -14,6 +14,7 @@ import pytest
 from estimators import add, diagnose
 from estimators.selection.score import Gain
 from pendulum_env.physics.potential import HardStop
+from tests.estimators.diagnosis.test_experiment import first as wagged
 from tests.workbench.app.plants import files_of, limited, recorded, upload, url, written
 
 pytest.importorskip("dash")
@@ -22,7 +23,7 @@ from workbench.app.card import Choice
 from workbench.app.saved import CONTENTS, STUDY, _plain, _typed, pack, study
 from workbench.app.session import Session
 from workbench.app.stages.diagnose import look_for
-from workbench.app.stages.export import commands
+from workbench.app.stages.export import commands, file
 from workbench.app.state import Asked, State
 from workbench.mistakes import InputError
 
@@ -167,6 +168,31 @@ def test_windows_and_timing_of_a_diagnosis_come_back(worked, tmp_path):
     assert found is not None and found.data is not None and found.data.impacts_beside is not None
     assert [term.id for term in found.data.impacts_beside] == [term.id for term in beside]
     assert found.data.window_share == 0.5 and [one.delay for one in found.data.alignments] == [0.004, 0.004]
+
+
+def test_a_session_of_an_older_version_has_its_table_and_noise_floor(worked, tmp_path):
+    def older(files: dict[str, bytes]) -> None:
+        content = json.loads(files[CONTENTS])
+        content["diagnosis"]["noise_floor"] = content["diagnosis"].pop("floors")[""]
+        content["diagnosis"]["table"] = content["diagnosis"].pop("tables") or None
+        files[CONTENTS] = json.dumps(content).encode()
+
+    session = opened(tmp_path, changed(pack(worked.state), older))
+    assert session.notice == "" and plain(session.state.told) == plain(worked.state.told)
+
+
+def test_an_experiment_that_is_suggested_is_saved_and_comes_back(tmp_path):
+    session = Session(tmp_path / "first")
+    wagging, found = wagged("a spring at small angles")
+    session.act(lambda: session.load([written(wagging, tmp_path)]))
+    session.state = session.state.diagnosed(found)
+    text = file(session.state, "experiment", "")[1]
+    rows = np.loadtxt(io.BytesIO(text), delimiter=",", skiprows=1)
+    assert rows.shape[1] == 2 and np.abs(rows[:, 1]).max() > 1.0
+    again = opened(tmp_path, pack(session.state)).state
+    assert file(again, "experiment", "") == file(session.state, "experiment", "")
+    with pytest.raises(InputError, match="the diagnosis suggests no experiment"):
+        file(Session(tmp_path / "empty").state, "experiment", "")
 
 
 # ------------------------------------------------------------------------------------------------ undo
