@@ -16,7 +16,6 @@ from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import TorqueConstant
 from pendulum_env.recording.study import Source
-from pendulum_env.words import plus_minus
 from workbench.inputs import check_outputs, given, read_all, read_model
 from workbench.mistakes import InputError
 from workbench.robot import RobotFile, held_text, loaded_text, meaning, straying
@@ -100,10 +99,8 @@ def _opened_arm(arguments: argparse.Namespace, outputs: Sequence[str | None], te
     body = robot.body(made.held) if made.held else robot.holding(recordings)
     tell_held(body, recordings, terminal)
     torques = in_torque(recordings, body)
-    for joint, gain in torques.gains.items():
-        size = f"{plus_minus(gain.value, gain.std)} {body.worded(joint, gain.unit)}"
-        source = "known loads tell it" if gain.loads else "the other joints tell it, which feel the same links"
-        terminal.say(f"torque gain of {joint}: {size}, as {source}")
+    for text in torques.texts(body):
+        terminal.say(text)
     for text in meaning(torques.recordings, body):
         terminal.say(f"warning: {text}", style="yellow")
     count = len(asked.fitted)

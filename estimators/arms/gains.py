@@ -14,8 +14,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from estimators.regression.equations import IdentificationError
@@ -29,9 +31,13 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.arms.robot import pinocchio
 from pendulum_env.recording.record import RecordingError, TorqueConstant
 from pendulum_env.recording.study import Carried
+from pendulum_env.words import listing, plus_minus
 
 SCHEME = next(scheme for scheme in ARM_SCHEMES if scheme.id == "filtered_dynamic")
 SURE = 10.0  # standard errors of a gain, from which it is known
+MISFIT = 1.5  # times each joint's own noise: beyond, joints do not feel the same links, as with rotors left out
+EXACT = 1e-3  # share of a joint's torque, below which nothing is taken for noise: simulations have hardly any
+PASSES = 3  # of the linear fit that the search for gains starts from
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,16 +52,25 @@ class Torques:
     recordings: tuple[ArmRecording, ...]
     gains: dict[str, TorqueConstant]
 
+    def texts(self, body: Body) -> list[str]:
+        """Each gain in a sentence, with what tells it."""
+        return [
+            f"torque gain of {joint}: {plus_minus(gain.value, gain.std)} {body.worded(joint, gain.unit)}, as "
+            + ("known loads tell it" if gain.loads else "the other joints tell it, which feel the same links")
+            for joint, gain in self.gains.items()
+        ]
+
 
 def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
-    """Turn currents into torques, joint by joint, as far as known weights tell the gains.
+    """Turn currents into torques, as far as known weights, and then joints in N m, tell the gains.
 
     Args:
-        recordings: some with a known weight (`carried`), some with another or none.
+        recordings: some perhaps with a known weight (`carried`).
         body: the links.
 
     Raises:
-        RecordingError: if the currents of a joint are in two units, or count against the weight.
+        RecordingError: if the currents of a joint are in two units, or count against the weight, or against what joints
+            in N m feel of the same links, or if no gains fit those.
     """
     asked = _units(recordings)
     if not asked:
@@ -64,13 +79,19 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
     if len({recording.carried for recording in recordings}) > 1:
         gains = _by_weight(recordings, body, asked)
     converted = tuple(_converted(recording, gains) for recording in recordings)
-    least = min((one.carried for one in converted), key=lambda own: own.mass if own else 0.0)
-    alike = [one for one in converted if one.carried == least]
-    others = {joint: unit for joint, unit in asked.items() if joint not in gains}
-    if others and len(others) < len(body.joints):
-        gains |= (told := _by_other_joints(alike, body, others))
-        converted = tuple(_converted(recording, told) for recording in converted)
-    return Torques(converted, gains)
+    left = {joint: unit for joint, unit in asked.items() if joint not in gains}
+    told = _by_other_joints(_bare(converted), body, left)
+    vague = max(
+        (gain.std / gain.value for gain in gains.values()), default=0.0
+    )  # of the weight's, which these build on
+    told = {joint: replace(own, std=float(np.hypot(own.std, vague * own.value))) for joint, own in told.items()}
+    return Torques(tuple(_converted(recording, told) for recording in converted), gains | told)
+
+
+def _bare(recordings: Sequence[ArmRecording]) -> list[ArmRecording]:
+    """Recordings of the arm with what it carries least."""
+    masses = [one.carried.mass if one.carried else 0.0 for one in recordings]
+    return [one for one, mass in zip(recordings, masses, strict=True) if mass <= min(masses)]
 
 
 def _rows(recordings: Sequence[ArmRecording], body: Body) -> Stack:
@@ -101,46 +122,71 @@ def _by_weight(recordings: Sequence[ArmRecording], body: Body, asked: dict[str, 
 def _by_other_joints(
     recordings: Sequence[ArmRecording], body: Body, asked: dict[str, str]
 ) -> dict[str, TorqueConstant]:
-    """Gains with which all joints feel the same links; raises RecordingError if a current has the other sign.
+    """Gains with which all joints feel the same links, of currents that anything tells of.
 
-    Base parameters, friction and gains are fitted together; for given gains, all others are linear.
+    Base parameters, friction and gains are fitted together. For given gains all others are linear and projected out
+    (Golub and Pereyra, SIAM Journal on Numerical Analysis 10(2), 1973).
+
+    Raises:
+        RecordingError: if a current has the other sign, or no gains fit.
     """
-    rows, inertial = _rows(recordings, body), len(body.base)
-    currents = np.array([[joint in recording.currents for joint in body.joints] for recording in recordings])
-    index = np.full(len(body.joints), -1)
-    index[[body.joints.index(joint) for joint in asked]] = np.arange(len(asked))
+    rows = _rows(recordings, body)
+    currents = np.array([[joint in asked and joint in one.currents for joint in body.joints] for one in recordings])
+    index = np.array([[*asked].index(joint) if joint in asked else -1 for joint in body.joints])
     of = np.where(currents[rows.recording, rows.joint], index[rows.joint], -1)[rows.usable]  # gain of a row, -1: N m
+    if not (of < 0).any() or not (of >= 0).any():
+        return {}
     joint, clusters = rows.joint[rows.usable], rows.clusters[rows.usable]
     phi, y = (own[rows.usable] for own in (rows.equations.phi, rows.equations.y))
-    by_file, start = phi[:, :inertial] @ body.values, np.zeros(len(asked))
-    for k in range(len(asked)):
-        start[k] = _beside(phi[of == k][:, inertial:], by_file[of == k], y[of == k], clusters[of == k])[0]
+    noise = np.ones(len(y))
     for k, j in sorted(set(zip(of.tolist(), joint.tolist(), strict=True))):
         own = (of == k) & (joint == j)
-        noise = max(float(np.std(y[own] - phi[own] @ np.linalg.lstsq(phi[own], y[own], rcond=None)[0])), 1e-9)
-        phi[own], y[own] = phi[own] / noise, y[own] / noise
+        left = y[own] - phi[own] @ np.linalg.lstsq(phi[own], y[own], rcond=None)[0]
+        noise[own] = max(float(np.std(left)), EXACT * float(np.std(y[own])), 1e-9)
 
-    def residual(inverses: Array, phi: Array, y: Array, of: Array) -> Array:
-        left = phi * np.append(inverses, 1.0)[of][:, None]  # the last one is that of rows in N m
-        return np.asarray(y - left @ np.linalg.lstsq(left, y, rcond=None)[0])
+    def projected(inverses: Array, rows: Array, of: Array) -> tuple[Array, Array, Array]:
+        """Residual, regressor and what the arm needs in N m, of rows (R, P + 1) of regressor and torque."""
+        per = np.append(inverses, 1.0)[of][:, None]  # the last one is that of rows in N m
+        theta = np.linalg.lstsq(rows[:, :-1] * per, rows[:, -1], rcond=None)[0]
+        needed = rows[:, :-1] @ theta
+        return rows[:, -1] - per[:, 0] * needed, rows[:, :-1] * per, needed
 
-    parts = [np.linalg.qr(np.column_stack([phi, y])[of == k], mode="r") for k in range(-1, len(asked))]  # as good
-    short = np.concatenate(parts)
-    of_short = np.repeat(np.arange(-1, len(asked)), [len(part) for part in parts])
-    scale = np.maximum(np.abs(start), 1e-9)
-    fit = least_squares(residual, start, x_scale=scale, args=(short[:, :-1], short[:, -1], of_short))
-    fit = least_squares(residual, fit.x, x_scale=scale, args=(phi, y, of), max_nfev=1)
-    scores = np.zeros((clusters.max() + 1, len(asked)))
-    np.add.at(scores, clusters, fit.jac * fit.fun[:, None])
-    std = np.linalg.norm(scores @ np.linalg.pinv(fit.jac.T @ fit.jac, hermitian=True), axis=0)
-    gains: dict[str, TorqueConstant] = {}
-    for (name, unit), value, error in zip(asked.items(), fit.x.tolist(), std.tolist(), strict=True):
-        if value < -SURE * error:
-            raise RecordingError(
-                f"the current of joint '{name}' counts against what other joints feel of its links: say -COLUMN for it"
-            )
-        if value > SURE * error:
-            gains[name] = TorqueConstant(1 / value, error / value**2, unit)
+    whole = np.column_stack([phi, y]) / noise[:, None]
+    parts = [np.linalg.qr(whole[of == k], mode="r") for k in range(-1, len(asked))]  # tell as much in fewer rows
+    of_short, short = np.repeat(range(-1, len(asked)), [len(part) for part in parts]), np.concatenate(parts)
+    start = 1.0 / _linear(phi, y, noise, of, len(asked))
+    fit = least_squares(lambda x: projected(x, short, of_short)[0], start, x_scale=np.abs(start))
+    residual, linear, needed = projected(fit.x, whole, of)
+    felt = np.array([np.where(of == k, needed, 0.0) for k in range(len(asked))])  # slopes of the residual
+    beside = [np.column_stack([linear, *np.delete(felt, k, axis=0)]) for k in range(len(asked))]
+    std = [_beside(beside[k], felt[k], residual, clusters)[1] for k in range(len(asked))]
+    if (misfit := float(np.sqrt(np.mean(residual**2)))) > MISFIT:
+        raise RecordingError(
+            f"no gains let all joints feel the same links ({misfit:.1f} times the noise): say --rotors if motors have "
+            f"inertia of their own, or give the gain of each of {listing([*asked])}"
+        )
+    sure = {name: (x, e) for name, x, e in zip(asked, fit.x.tolist(), std, strict=True) if abs(x) > SURE * e}
+    if turned := [name for name, (x, _) in sure.items() if x < 0]:
+        every = len(turned) == len(sure)
+        raise RecordingError(
+            f"currents of {listing(turned)} count against what the joints in N m feel of the same links: say -COLUMN "
+            f"for {'them, or for the joints in N m' if every else 'them'}"
+        )
+    return {name: TorqueConstant(1 / x, e / x**2, asked[name]) for name, (x, e) in sure.items()}
+
+
+def _linear(phi: Array, y: Array, noise: Array, of: Array, count: int) -> Array:
+    """Gains by which currents y (R,) are torques phi theta, a linear problem whose noise depends on them, in passes."""
+    sizes = [float(np.sqrt(np.mean((y[of == k]) ** 2))) if (of == k).any() else 1.0 for k in range(-1, count)]
+    alike = gains = sizes[0] / np.maximum(np.array(sizes[1:]), 1e-12)  # of torques as large as those in N m
+    for _ in range(PASSES):
+        weights = 1.0 / (noise * np.append(np.abs(gains), 1.0)[of])
+        columns = np.column_stack([np.where(of == k, -y, 0.0) for k in range(count)])
+        known = np.where(of < 0, y, 0.0)
+        left = np.column_stack([phi, columns]) * weights[:, None]
+        size = np.maximum(np.linalg.norm(left, axis=0), 1e-300)
+        found = (np.linalg.lstsq(left / size, known * weights, rcond=None)[0] / size)[-count:]
+        gains = np.where(np.abs(found) > 1e-6 * alike, found, alike)  # which nothing tells
     return gains
 
 
@@ -152,11 +198,10 @@ def without_loads(
     Raises:
         IdentificationError: if none is left of those to fit, or of those to hold out.
     """
-    masses = {id(one): one.carried.mass if one.carried else 0.0 for one in (*fitted, *held_out)}
-    least = min(masses.values(), default=0.0)
-    left, checks = ([one for one in part if masses[id(one)] <= least] for part in (fitted, held_out))
-    for what, part, bare in (("fitted", fitted, left), ("held-out", held_out, checks)):
-        if part and not bare:
+    bare = {id(one) for one in _bare([*fitted, *held_out])}
+    left, checks = ([one for one in part if id(one) in bare] for part in (fitted, held_out))
+    for what, part, those in (("fitted", fitted, left), ("held-out", held_out, checks)):
+        if part and not those:
             raise IdentificationError(
                 f"every {what} recording has a known load, which is no part of the arm: add one of the arm without it"
             )
@@ -186,7 +231,7 @@ def _standard(carried: Carried | None, body: Body) -> Array:
     return found
 
 
-def _beside(phi: Array, x: Array, y: Array, clusters: Array) -> tuple[float, float]:
+def _beside(phi: Array, x: Array, y: Array, clusters: NDArray[Any]) -> tuple[float, float]:
     """Coefficient of x (R,) beside columns phi (R, P), and its standard error by clusters."""
     left, rest = (own - phi @ np.linalg.lstsq(phi, own, rcond=None)[0] for own in (x, y))
     size = float(left @ left)

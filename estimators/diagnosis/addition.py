@@ -115,7 +115,7 @@ def _longer(models: Models, terms: tuple[Term, ...], kind: type[Term]) -> tuple[
     trial = best(models, terms, kind)
     if trial is None:
         names = ", ".join(dict.fromkeys(recording.name for recording in models.train.recordings))
-        raise IdentificationError(f"{names}: the motion does not show {kind.id} at all: record another one")
+        raise IdentificationError(f"{names}: nothing there shows {kind.id}: it takes {kind.reveal}")
     return trial.terms
 
 

@@ -57,12 +57,12 @@ class Load:
 
 @dataclass(frozen=True)
 class TorqueConstant:
-    """Torque per unit of the current that was logged, as known loads tell it."""
+    """Torque per unit of the current that was logged, as known loads, or other joints of an arm, tell it."""
 
     value: float  # [N m/unit]
     std: float  # standard error [N m/unit]
     of: str  # unit of what was logged: `A`, or `V` and `duty`, of which it is a gain
-    loads: int = 0  # how many different ones it is known from, none counting as one; 0 if it was given
+    loads: int = 0  # how many different ones it is known from, none counting as one; 0 if none told it
 
     @property
     def unit(self) -> str:

@@ -51,7 +51,7 @@ RAW = {  # factor to SI, of units of which a gain makes the quantity, by what th
 }
 GAINS = {  # what such a gain is, as an example that mends it
     "torque": "torque={}:A*0.1 with the torque constant [N m/A] times the gear ratio, or torque={}:A*? to have it "
-    "found by known loads",
+    "found by known loads, or by other joints of an arm",
     "position": "position={}:counts/4096 with the counts of a turn",
     "velocity": "velocity={}:counts/s/4096 with the counts of a turn",
     "reference": "reference={}:counts/4096 with the counts of a turn",

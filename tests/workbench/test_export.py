@@ -128,18 +128,26 @@ def test_a_users_own_effect_is_exported_like_any_other():
     np.testing.assert_allclose(in_python(text), simulated(model)[:, 0], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("warm", [25.0, 60.0])
-def test_friction_by_temperature_takes_the_temperature_as_an_input(warm):
+@needs_compiler
+def test_friction_by_temperature_takes_the_temperature_as_an_input(tmp_path):
+    """Friction of the plant itself is what it is at 25 deg C, and at any other temperature that of another plant."""
+    law = TemperatureDependentFriction()
     model = paper_plant()
-    program = module(export(model.add(TemperatureDependentFriction(), [-0.002, 0.005]), "python").content)
+    exported = {language: export(model.add(law, [-0.002, 0.005]), language).content for language in ("python", "c")}
+    program, compiled, state = module(exported["python"]), library(exported["c"], tmp_path), (ctypes.c_double * 9)()
+    compiled.pendulum_start.argtypes = [ctypes.c_void_p] + 2 * [ctypes.c_double]
+    compiled.pendulum_step.argtypes = [ctypes.c_void_p] + 2 * [ctypes.c_double]
     values = {name: known.value for name, known in model.estimates.items()}
-    values["viscous"] -= 0.002 * (warm - 25.0)
-    values["coulomb"] += 0.005 * (warm - 25.0)
-    state, path = program.start(0.2), [0.2]
-    for torque in TORQUE:
-        state = program.step(state, torque, warm)
-        path.append(state.position)
-    assert np.array(path) == pytest.approx(simulated(Model.build(model.terms, [*values.values()]))[:, 0], abs=1e-12)
+    for warm in (25.0, 60.0):
+        other = values | {"viscous": values["viscous"] - 0.002 * (warm - 25.0)}
+        other["coulomb"] += 0.005 * (warm - 25.0)
+        path = simulated(Model.build(model.terms, [*other.values()]))[:, 0]
+        now = program.start(0.2)
+        compiled.pendulum_start(state, 0.2, 0.0)
+        for torque, position in zip(TORQUE, path[1:], strict=True):
+            now = program.step(now, torque, *([] if warm == 25.0 else [warm]))
+            compiled.pendulum_step(state, torque, warm)
+            assert (now.position, state[1]) == pytest.approx((position, position), abs=1e-12)
 
 
 def test_a_law_that_is_no_formula_is_refused_in_a_sentence():

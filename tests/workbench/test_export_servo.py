@@ -10,6 +10,7 @@ import pytest
 
 from pendulum_env.physics import Estimate, KnownLoad, Model
 from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.servo.drive import Drive
 from pendulum_env.servo.loop import Servos, follow
@@ -56,6 +57,20 @@ def test_a_program_of_a_servo_is_the_simulator_in_the_loop(name):
         state = program.step(state, goal, on=on)
         path.append(state.position)
     np.testing.assert_allclose(path, in_the_loop(model, DRIVES[name]), rtol=0, atol=1e-9)
+
+
+def test_a_servo_at_room_temperature_needs_no_thermometer_and_rubs_otherwise_where_it_is_warm():
+    drive = DRIVES["duty, late"]
+    rubbing = joint().add(TemperatureDependentFriction(), [0.0, 0.004])
+    request = Request(drive=drive, callback="python")
+    assert off(in_mujoco(export(rubbing, "mjcf", request), GOAL, ON), in_the_loop(joint(), drive)) < 0.01
+    program = module(export(rubbing, "python", Request(drive=drive)).content)
+    state, path = program.start(), [0.0]
+    for goal, on in zip(GOAL.tolist(), ON.tolist(), strict=True):
+        state = program.step(state, goal, temperature=45.0, on=on)
+        path.append(state.position)
+    warm = Model.build(joint().terms, [*joint().theta[:3], joint().theta[3] + 20 * 0.004])
+    np.testing.assert_allclose(path, in_the_loop(warm, drive), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["position", "speed"])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from estimators.arguments import chosen_effects, within_limits
-from estimators.arms.gains import in_torque, without_loads
+from estimators.arms.gains import Torques, in_torque, without_loads
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import Doubt, identifiability
 from estimators.checks.residual import everywhere
@@ -228,9 +228,9 @@ class State:
         return of_arms([one.recording for one in self.loaded])
 
     @cached_property
-    def _torques(self) -> tuple[ArmRecording, ...]:
-        """What is loaded of an arm, currents turned into torques where known loads tell the gains."""
-        return in_torque(self._arms, links_of(self.base_terms)).recordings
+    def _torques(self) -> Torques:
+        """What is loaded of an arm, currents turned into torques where anything tells the gains."""
+        return in_torque(self._arms, links_of(self.base_terms))
 
     @cached_property
     def questions(self) -> list[str]:
@@ -239,8 +239,10 @@ class State:
         away = straying(body, self._arms)
         if self.trouble:
             return away
-        loaded = loaded_text(self._torques, of_arms([*self.train, *self.holdout]))
-        return [*away, *([loaded] if loaded else []), *meaning(self._torques, body, f"press “{WEIGHTLESS}”")]
+        torques = self._torques.recordings
+        loaded = loaded_text(torques, of_arms([*self.train, *self.holdout]))
+        more = [*self._torques.texts(body), *([loaded] if loaded else [])]
+        return [*away, *more, *meaning(torques, body, f"press “{WEIGHTLESS}”")]
 
     def anew(self, **choices: Any) -> State:
         """Other choices, from which the ladder begins anew."""
@@ -284,7 +286,7 @@ class State:
             known = Asked(fix=self.asked.fix, bound=self.asked.bound)
             if self.body is None:
                 return prepare(self.loaded, self.base_terms, self.is_aligned, known)
-            both = list(zip(self.loaded, self._torques, strict=True))
+            both = list(zip(self.loaded, self._torques.recordings, strict=True))
             parts = ([own for one, own in both if one.held_out == held] for held in (False, True))
             train, holdout = without_loads(*parts)
             return prepare_arm(tuple(train), tuple(holdout), self.body, self.terms)
@@ -314,7 +316,7 @@ class State:
         if self.trouble:
             return [one.recording for one in self.loaded]
         if self.body is not None:
-            return list(self._torques)
+            return list(self._torques.recordings)
         fitted, held_out = iter(self.train), iter(self.holdout)
         return [next(held_out if one.held_out else fitted) for one in self.loaded]
 

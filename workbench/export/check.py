@@ -114,7 +114,8 @@ def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array
                 data.ctrl[0] = goal
                 world.opt.disableactuator = int(not on)  # bit 0 is the group of actuators by default
             else:
-                state = program.before_step(world, data, state, goal, *([supply] if volts else []), on)
+                given = {"supply": supply} if volts else {}
+                state = program.before_step(world, data, state, goal, on=on, **given)
             mujoco.mj_step(world, data)
             if (k + 1) % every == 0:
                 paths[(k + 1) // every, 0, lane] = data.qpos[0]

@@ -20,6 +20,7 @@ from pendulum_env.physics.term import ROOM, Memory
 from pendulum_env.recording.vocabulary import SI
 from pendulum_env.servo.drive import UNIT, Drive
 from pendulum_env.servo.loop import GAINS, Given, State, control, gains_of, taps
+from pendulum_env.words import listing
 from workbench.export.request import ExportError
 from workbench.export.servo import supply_of
 
@@ -28,7 +29,7 @@ RESERVED = frozenset(  # names that the exported programs and their languages ha
     auto case char const default do double enum extern float goto int long register short signed sizeof static struct
     switch typedef union unsigned void volatile fabs sin cos tan exp log sqrt tanh atan pow fmax fmin gamma
     round hypot y0 y1 j0 j1 inline restrict memset INFINITY NAN NamedTuple pendulum_step
-    np Any Value SimpleNamespace NUMBERS _functions temperature link_position
+    np Any Value SimpleNamespace NUMBERS _functions temperature
     goal supply on applied friction phase held speed last_velocity integral limit kp ki kd gain""".split()
 )
 
@@ -148,14 +149,17 @@ class _Parts:
             parameters.append(Parameter(symbol.label, known.value, known.unit, known.std))
         start: dict[str, Any] = {"time": 0.0, "position": x.position, "velocity": x.velocity}
         remembered: dict[str, list[str]] = {}
-        given, measured = [Quantity("torque", model.torque_unit)], {t.id: t.needs for t in terms if t.needs}
-        for quantity in dict.fromkeys(measured.values()):
-            given.append(Quantity(quantity, SI[quantity], {"temperature": ROOM}.get(quantity)))
+        given, warm = [Quantity("torque", model.torque_unit)], [t.id for t in terms if t.needs == "temperature"]
+        if other := [f"{term.id} (by its {term.needs})" for term in terms if term.needs not in ("", "temperature")]:
+            raise ExportError(f"{listing(other)}: no program is given that")
+        if warm:
+            given.append(Quantity("temperature", SI["temperature"], ROOM))
+            x = replace(x, temperature=cast(Any, name("temperature")))
         long_ago, memory = balance.start(replace(x, torque=np.zeros(()))), cast(Mapping[str, Any], x.memory)
-        held: dict[str, Any] = {id: (name(quantity), 0.0) for id, quantity in measured.items()}
-        x = replace(x, memory={**memory, **held})
+        as_given: dict[str, Any] = {id: (x.temperature, 0.0) for id in warm if id in memory}
+        x = replace(x, memory={**memory, **as_given})
         for id, symbols in memory.items():
-            if id in held:
+            if id in as_given:
                 continue
             ends = [f"_{k + 1}" for k in range(len(symbols))] if len(symbols) > 1 else [""]
             remembered[id] = [f"{id}_memory{end}" for end in ends]

@@ -84,7 +84,10 @@ def test_an_effect_that_is_not_there_is_objected_to_and_what_cannot_be_added_is_
     with pytest.raises(IdentificationError, match="temperature_dependent_friction@elbow needs the joint's temperature"):
         add(complete, "temperature_dependent_friction@elbow", recording)
     steady = replace(recording, temperature=np.full_like(recording.torque, 25.0))
-    with pytest.raises(IdentificationError, match="the motion does not show temperature_dependent_friction@elbow"):
+    with pytest.raises(
+        IdentificationError,
+        match="nothing there shows temperature_dependent_friction@elbow: it takes a recording that warms",
+    ):
         add(complete, "temperature_dependent_friction@elbow", steady)
     with pytest.raises(ModelError, match="has 'quadratic_drag@elbow' already"):
         add(complete, "quadratic_drag@elbow", recording)

@@ -1,4 +1,4 @@
-"""Gains of motors, from what an arm is known to carry."""
+"""Gains of motors, from what an arm is known to carry, or from joints whose torque is known."""
 
 from dataclasses import replace
 
@@ -9,9 +9,12 @@ from benchmarks import six_joint
 from estimators import identify
 from estimators.arms.gains import in_torque, without_loads
 from estimators.regression.equations import IdentificationError
+from pendulum_env.arms.body import read_body
 from pendulum_env.arms.joints import arm_base
+from pendulum_env.arms.recording import read_arm_recording
 from pendulum_env.recording import RecordingError
 from pendulum_env.recording.study import Carried
+from tests.robots import Joint, simulate, urdf, write
 
 GAINS = np.array([1.0, 9.0, 7.5, 3.2, 2.1, 1.4])  # [N m/A], the first unknown to none
 
@@ -50,12 +53,46 @@ def test_one_joint_in_torque_tells_the_gains_of_those_that_move_the_same_links(l
     empty = logged[0]
     found = in_torque([empty], six)
     assert found.gains.keys() == set(six_joint.JOINTS[1:]) and not found.recordings[0].currents
+    assert "the other joints tell it" in found.texts(six)[0]
     for joint, gain in found.gains.items():
-        true = GAINS[six_joint.JOINTS.index(joint)]
-        assert gain.loads == 0 and abs(gain.value - true) < 4 * gain.std < 0.15 * true
-    turned = replace(empty, torque=empty.torque * [1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
-    with pytest.raises(RecordingError, match="the current of joint 'elbow' counts against what other joints feel"):
-        in_torque([turned], six)
+        error = gain.value / GAINS[six_joint.JOINTS.index(joint)] - 1.0
+        assert abs(error) < (0.05 if joint == "flange" else 0.015) and abs(error) < 4 * gain.std / gain.value
+        assert gain.loads == 0
+    scale = np.array([1.0, 60.0, 0.01, 0.5, 200.0, 30.0])
+    (other,) = in_torque([replace(empty, torque=empty.torque * GAINS / scale)], six).recordings
+    assert other.torque == pytest.approx(found.recordings[0].torque, rel=1e-6, abs=1e-9)
+
+
+def test_joints_that_do_not_feel_the_same_links_tell_no_gains(logged, tmp_path, six):
+    empty = logged[0]
+    for signs, told in (
+        ([1.0, 1.0, -1.0, 1.0, -1.0, 1.0], r"currents of elbow and pitch count .*: say -COLUMN for them$"),
+        ([-1.0, 1.0, 1.0, 1.0, 1.0, 1.0], "currents of shoulder, .* say -COLUMN for them, or for the joints in N m"),
+    ):
+        with pytest.raises(RecordingError, match=told):
+            in_torque([replace(empty, torque=empty.torque * signs)], six)
+    with pytest.raises(RecordingError, match=r"no gains let all joints feel the same links .*: say --rotors"):
+        (tmp_path / "arm.urdf").write_text(six_joint.urdf())
+        in_torque([empty], read_body(tmp_path / "arm.urdf", rotors=False))
+
+
+def test_a_joint_that_shares_nothing_with_others_keeps_its_currents(tmp_path):
+    """Two links about vertical axes and a quill that slides along them: it feels no mass that they tell."""
+    quill = (
+        Joint("shoulder", "", "0 0 1", "0 0 0.4", 4.0, "0.15 0.02 0.01", (0.02, 0.06, 0.07),
+              viscous=0.8, coulomb=1.1, sweep=0.9),
+        Joint("elbow", "shoulder", "0 0 1", "0.3 0 0", 2.0, "0.12 0.01 0.02", (0.01, 0.03, 0.03),
+              viscous=0.4, coulomb=0.6, sweep=1.0),
+        Joint("quill", "elbow", "0 0 1", "0.25 0 0", 1.2, "0 0 -0.1", (0.01, 0.01, 0.002), slides=True,
+              viscous=40.0, coulomb=8.0, sweep=0.1),
+    )  # fmt: skip
+    (tmp_path / "arm.urdf").write_text(urdf(quill))
+    body = read_body(tmp_path / "arm.urdf")
+    write(simulate(quill, {}, seconds=8.0), tmp_path / "run.csv")
+    recording = read_arm_recording(tmp_path / "run.csv", body.joints)
+    found = in_torque([replace(recording, currents=dict.fromkeys(body.joints[1:], "A"))], body)
+    assert [*found.gains] == ["elbow"] and found.gains["elbow"].value == pytest.approx(1.0, rel=0.02)
+    assert [*found.recordings[0].currents] == ["quill"]
 
 
 def test_where_every_torque_is_a_current_nothing_tells_gains(logged, six):

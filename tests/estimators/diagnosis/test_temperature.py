@@ -70,7 +70,7 @@ def test_temperature_that_does_nothing_or_was_not_measured_is_not_named():
     with pytest.raises(IdentificationError, match="needs the joint's temperature, which no recording has"):
         compare(warm, unmeasured)
     steady = [replace(run, temperature=np.full(len(run.time), 25.0)) for run in unmeasured]
-    with pytest.raises(IdentificationError, match="run 1, run 2: the motion does not show temperature_dependent_"):
+    with pytest.raises(IdentificationError, match="run 1, run 2: nothing there shows temperature_dependent_"):
         add(paper_plant(), "temperature_dependent_friction", steady)
 
 
