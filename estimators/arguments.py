@@ -126,7 +126,7 @@ def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recordin
         id, kind = next(iter(kinds.items()))
         raise IdentificationError(
             f"{id} needs the joint's {kind.needs}, which no recording has: record it, or say which column it is "
-            f"(--columns {kind.needs}=NAME)"
+            f"(--columns {'_'.join([kind.needs, *id.partition('@')[2:]]).rstrip('_')}=NAME)"
         )
     return shown
 

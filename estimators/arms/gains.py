@@ -34,9 +34,11 @@ from pendulum_env.recording.study import Carried
 from pendulum_env.words import listing, plus_minus
 
 SCHEME = next(scheme for scheme in ARM_SCHEMES if scheme.id == "filtered_dynamic")
+NOTABLE = 0.01  # standard error of a gain, as a share, that is told again
 SURE = 10.0  # standard errors of a gain, from which it is known
 MISFIT = 1.5  # times each joint's own noise: beyond, joints do not feel the same links, as with rotors left out
 EXACT = 1e-3  # share of a joint's torque, below which nothing is taken for noise: simulations have hardly any
+VAGUE = 3.0  # times the least standard error of a gain by a known weight, from which other joints may tell it better
 PASSES = 3  # of the linear fit that the search for gains starts from
 
 
@@ -53,12 +55,19 @@ class Torques:
     gains: dict[str, TorqueConstant]
 
     def texts(self, body: Body) -> list[str]:
-        """Each gain in a sentence, with what tells it."""
-        return [
+        """Each gain in a sentence, with what tells it, and what its error means."""
+        said = [
             f"torque gain of {joint}: {plus_minus(gain.value, gain.std)} {body.worded(joint, gain.unit)}, as "
             + ("known loads tell it" if gain.loads else "the other joints tell it, which feel the same links")
             for joint, gain in self.gains.items()
         ]
+        vague = [f"{joint} ({_share(gain):.1%})" for joint, gain in self.gains.items() if _share(gain) > NOTABLE]
+        if vague:
+            said.append(
+                f"standard errors of parameters leave out those of the gains of {listing(vague)}: record longer, or "
+                "with a heavier weight"
+            )
+        return said
 
 
 def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
@@ -78,14 +87,26 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
     gains: dict[str, TorqueConstant] = {}
     if len({recording.carried for recording in recordings}) > 1:
         gains = _by_weight(recordings, body, asked)
-    converted = tuple(_converted(recording, gains) for recording in recordings)
-    left = {joint: unit for joint, unit in asked.items() if joint not in gains}
-    told = _by_other_joints(_bare(converted), body, left)
-    vague = max(
-        (gain.std / gain.value for gain in gains.values()), default=0.0
-    )  # of the weight's, which these build on
-    told = {joint: replace(own, std=float(np.hypot(own.std, vague * own.value))) for joint, own in told.items()}
-    return Torques(tuple(_converted(recording, told) for recording in converted), gains | told)
+    least = min(map(_share, gains.values()), default=0.0)
+    anchors = {joint: gain for joint, gain in gains.items() if _share(gain) <= VAGUE * least}  # others may know better
+    converted = [_converted(recording, anchors) for recording in recordings]
+    left = {joint: unit for joint, unit in asked.items() if joint not in anchors}
+    vague = max(map(_share, anchors.values()), default=0.0)  # of what other joints build on
+    try:
+        told = _by_other_joints(_bare(converted), body, left)
+    except RecordingError:
+        if left.keys() - gains.keys():
+            raise
+        told = {}  # all have a gain by the weight, which asks nothing of the arm's model
+    for joint, own in told.items():
+        own = replace(own, std=float(np.hypot(own.std, vague * own.value)))
+        if joint not in gains or _share(own) < _share(gains[joint]):
+            gains[joint] = own
+    return Torques(tuple(_converted(recording, gains) for recording in recordings), gains)
+
+
+def _share(gain: TorqueConstant) -> float:
+    return gain.std / gain.value
 
 
 def _bare(recordings: Sequence[ArmRecording]) -> list[ArmRecording]:

@@ -24,6 +24,7 @@ from pendulum_env.words import listing
 
 QUANTITIES = ("position", "torque")
 OF_JOINTS = (*QUANTITIES, "temperature", "link_position")  # the last two where there are any
+CURRENT = ", as torque_JOINT=NAME:A*? if it is a current"  # for --columns
 SHOWN = 12  # columns of a file that are named where one is missing
 
 
@@ -137,7 +138,8 @@ def read_arm_recording(
         same = len(other) == len(first) and other.starts == first.starts
         if not (same and np.allclose(other.time, first.time, rtol=0, atol=0.1 / first.rate)):
             raise RecordingError(
-                f"{first.name}: joint '{joint}' has other instants than joint '{joints[0]}': sample all joints at once"
+                f"{first.name}: joint '{joint}' has other instants than joint '{joints[0]}': sample all joints at "
+                "once, and leave rows out in which one has no number"
             )
     links = [own.link_position for own in single if own.link_position is not None]
     measured = [own.temperature for own in single]
@@ -194,6 +196,7 @@ def _still(path: str | os.PathLike[str], look: Preview, text: str) -> Array:
 def _of_joint(joint: str, text: str) -> str:
     """A text about columns of one joint, ready to paste."""
     text = re.sub(",(velocity|reference)=unused", "", text)
+    text = re.sub(f"^({'|'.join(OF_JOINTS)}) is", lambda found: f"{found[1]}_{joint} is", text)
     return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})=", lambda found: f"{found[1]}_{joint}=", text)
 
 
@@ -241,10 +244,11 @@ def _named(
             found |= {f"{quantity}_{joint}": plain[name] for joint, name in zip(joints, numbered, strict=True)}
         elif missing and quantity in QUANTITIES:
             need = "joints need as many columns" if len(joints) > 1 else "joint needs a column"
+            current = CURRENT if quantity == "torque" else ""
             raise ColumnError(
                 f"{path}: {len(joints)} {need} of {quantity}, there is none for {', '.join(missing)} among "
                 f"{', '.join([*plain][:SHOWN])}: name them {quantity}_{missing[0]} and so on, say which with "
-                "--columns, or hold joints by naming those that move, --joints A,B,C"
+                f"--columns{current}, or hold joints by naming those that move, --joints A,B,C"
             )
         for header in plain:
             if header.startswith(f"{quantity}_") and header not in wanted and plain[header] not in found.values():

@@ -92,7 +92,7 @@ class Column:
             unit = along(si) if self.unit in LINEAR.get(self.quantity, {}) else si
             notes.append(f"{self.quantity} converted to {unit} from column {self.header!r}")
         if self.result_unit != SI[self.quantity]:
-            notes.append(f"{self.quantity} is in {self.result_unit}, its gain to be found from known loads")
+            notes.append(f"{self.quantity} is in {self.result_unit}, its gain to be found")
         if self.commanded and letters(self.header) != "u":  # which never means anything else
             notes.append(f"torque is the commanded one, from column {self.header!r}")
         for other in self.passed_over:

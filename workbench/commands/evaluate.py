@@ -103,14 +103,13 @@ def show(report: JSON, terminal: Terminal) -> None:
     ]
     table(first["gain"], lambda figures: map(_gain, figures["gain"].values()), trainings)
     terminal.heading("What it takes")
-    table(("peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision [ms]"), _use)
+    table(("peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision for all [ms]"), _use)
     if PLANNER in policies and SHIPPED in policies:
         agent, planner = policies[SHIPPED], policies[PLANNER]
         share = agent["gain"]["information"]["ratio"] / planner["gain"]["information"]["ratio"]
         faster = planner["seconds_per_action"] / agent["seconds_per_action"]
-        terminal.say(
-            f"\nthe agent learns {share:.2f} times what looking ahead does, and decides {faster:.0f} times faster"
-        )
+        told = f"learns {share:.2f} times what looking ahead does, and decides for all {faster:.0f} times faster"
+        terminal.say(f"\nthe agent {told}")
 
 
 def _errors(figures: JSON) -> Iterator[str]:

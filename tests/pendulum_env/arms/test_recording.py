@@ -103,7 +103,11 @@ def test_temperatures_of_some_joints_may_be_there(tmp_path):
             {},
             "joint 'elbow' has other ins",
         ),
-        ({"position_elbow": 0 * TIME}, {}, "joint 'elbow': position is 0 rad in every row, so nothing can be learned"),
+        (
+            {"position_elbow": 0 * TIME},
+            {},
+            "joint 'elbow': position_elbow is 0 rad in every row, so nothing can be learned",
+        ),
         ({"position_wrist": np.nan * TIME}, {}, "column 'position_wrist' has no numbers: say --columns"),
         ({"position_wrist": TIME}, {"position_wrist": "position_wrist:mile"}, "unit 'mile' of position is not known"),
     ],

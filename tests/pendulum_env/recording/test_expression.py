@@ -125,7 +125,7 @@ def test_a_current_of_unknown_gain_stays_one(tmp_path) -> None:
     recording = read_recording(tmp_path / "run.npz", columns={"torque": "-current:mA*?"})
     assert recording.torque_unit == "A"
     np.testing.assert_allclose(recording.torque, -np.cos(time))
-    assert "torque is in A, its gain to be found from known loads" in recording.notes
+    assert "torque is in A, its gain to be found" in recording.notes
 
 
 def test_expressions_are_told_and_applied(tmp_path) -> None:
