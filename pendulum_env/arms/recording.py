@@ -232,7 +232,13 @@ def _named(
             find("column of the arm", name, dict.fromkeys(["time", *wanted]))
         except ValueError as error:
             raise ColumnError(f"{path}: {error}") from None
-    plain = without_units(headers)
+    plain, first = without_units(headers), dict[str, str]()
+    for name, text in given.items():
+        column = max(
+            (own for own in (*headers, *plain) if own and text.lstrip("+-").startswith(own)), key=len, default=name
+        )
+        if first.setdefault(column, name) != name:
+            raise ColumnError(f"{path}: column '{column}' is given for {first[column]} and for {name}: which is it?")
     found = {name: plain[name] for name in wanted if name in plain} | given
     for quantity in OF_JOINTS:
         numbered = sorted(

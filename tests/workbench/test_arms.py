@@ -301,6 +301,10 @@ def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(caps
             "identify plain.csv --columns torque_shoulder=torque_shoulder:A*?,torque_elbow=torque_elbow:A*?",
             "nothing tells its gain",
         ),
+        (
+            "identify plain.csv --columns torque_shoulder=torque_elbow,torque_elbow=torque_elbow:mNm",
+            "column 'torque_elbow' is given for torque_shoulder and for torque_elbow: which is it?",
+        ),
         ("identify loaded.toml", "plain.csv: a load of an arm is told by mass and center"),
         ("compare none.json plain.csv", "none.json"),
     ],
