@@ -124,9 +124,10 @@ def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recordin
     shown = {id: kind for id, kind in kinds.items() if kind.needs in measured}
     if kinds and not shown:
         id, kind = next(iter(kinds.items()))
+        _, of_arm, joint = id.partition("@")
         raise IdentificationError(
             f"{id} needs the joint's {kind.needs}, which no recording has: record it, or say which column it is "
-            f"(--columns {'_'.join([kind.needs, *id.partition('@')[2:]]).rstrip('_')}=NAME)"
+            f"(--columns {f'{kind.needs}_{joint}' if of_arm else kind.needs}=NAME)"
         )
     return shown
 

@@ -91,6 +91,8 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
     anchors = {joint: gain for joint, gain in gains.items() if _share(gain) <= VAGUE * least}  # others may know better
     converted = [_converted(recording, anchors) for recording in recordings]
     left = {joint: unit for joint, unit in asked.items() if joint not in anchors}
+    if not left:
+        return Torques(tuple(converted), gains)
     vague = max(map(_share, anchors.values()), default=0.0)  # of what other joints build on
     try:
         told = _by_other_joints(_bare(converted), body, left)
@@ -159,11 +161,7 @@ def _by_other_joints(
         return {}
     joint, clusters = rows.joint[rows.usable], rows.clusters[rows.usable]
     phi, y = (own[rows.usable] for own in (rows.equations.phi, rows.equations.y))
-    noise = np.ones(len(y))
-    for k, j in sorted(set(zip(of.tolist(), joint.tolist(), strict=True))):
-        own = (of == k) & (joint == j)
-        left = y[own] - phi[own] @ np.linalg.lstsq(phi[own], y[own], rcond=None)[0]
-        noise[own] = max(float(np.std(left)), EXACT * float(np.std(y[own])), 1e-9)
+    noise = _noise(phi, y, of * len(body.joints) + joint)
 
     def projected(inverses: Array, rows: Array, of: Array) -> tuple[Array, Array, Array]:
         """Residual, regressor and what the arm needs in N m, of rows (R, P + 1) of regressor and torque."""
@@ -194,6 +192,16 @@ def _by_other_joints(
             f"for {'them, or for the joints in N m' if every else 'them'}"
         )
     return {name: TorqueConstant(1 / x, e / x**2, asked[name]) for name, (x, e) in sure.items()}
+
+
+def _noise(phi: Array, y: Array, group: NDArray[Any]) -> Array:
+    """What each group of rows leaves when it is fitted alone, root mean square of a row's group (R,)."""
+    noise = np.ones(len(y))
+    for one in np.unique(group):
+        own = group == one
+        left = y[own] - phi[own] @ np.linalg.lstsq(phi[own], y[own], rcond=None)[0]
+        noise[own] = max(float(np.std(left)), EXACT * float(np.std(y[own])), 1e-9)
+    return noise
 
 
 def _linear(phi: Array, y: Array, noise: Array, of: Array, count: int) -> Array:

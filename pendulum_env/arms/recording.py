@@ -133,6 +133,7 @@ def read_arm_recording(
     look = preview(path, largest)
     named = _named(path, look.headers, joints, held, dict(columns or {}))
     single = [_read_joint(path, joint, named, unwrap, largest) for joint in joints]
+    _refuse_twice(path, joints, single)
     first = single[0]
     for joint, other in zip(joints, single, strict=True):
         same = len(other) == len(first) and other.starts == first.starts
@@ -164,6 +165,19 @@ def read_arm_recording(
         },
         still={joint: _still(path, look, column) for joint, column in columns_of.items() if column != UNUSED},
     )
+
+
+def _refuse_twice(path: str | os.PathLike[str], joints: Sequence[str], single: Sequence[Recording]) -> None:
+    """Refuse a column that two quantities of joints were read from."""
+    taken: dict[str, str] = {}
+    for joint, own in zip(joints, single, strict=True):
+        for quantity in QUANTITIES:
+            if own.origin is not None and (column := own.origin.columns.get(quantity)) is not None:
+                name = f"{quantity}_{joint}"
+                if (other := taken.setdefault(column.header, name)) != name:
+                    raise ColumnError(
+                        f"{path}: column '{column.header}' is given for {other} and for {name}: which is it?"
+                    )
 
 
 def _read_joint(
@@ -232,13 +246,7 @@ def _named(
             find("column of the arm", name, dict.fromkeys(["time", *wanted]))
         except ValueError as error:
             raise ColumnError(f"{path}: {error}") from None
-    plain, first = without_units(headers), dict[str, str]()
-    for name, text in given.items():
-        column = max(
-            (own for own in (*headers, *plain) if own and text.lstrip("+-").startswith(own)), key=len, default=name
-        )
-        if first.setdefault(column, name) != name:
-            raise ColumnError(f"{path}: column '{column}' is given for {first[column]} and for {name}: which is it?")
+    plain = without_units(headers)
     found = {name: plain[name] for name in wanted if name in plain} | given
     for quantity in OF_JOINTS:
         numbered = sorted(
