@@ -2,6 +2,6 @@
 
 from agents.network import Network, load
 from agents.pilot import Pilot
-from pendulum_env.registration import DESIGN
+from pendulum_env.registration import ARM_DESIGN, DESIGN
 
-__all__ = ["DESIGN", "Network", "Pilot", "load"]
+__all__ = ["ARM_DESIGN", "DESIGN", "Network", "Pilot", "load"]

@@ -13,6 +13,7 @@ from pendulum_env.reading import Value, read_toml, several, within
 ROLLOUT = 50_000_000  # decisions of all pendulums between two updates, of some 100 bytes each
 USUAL: dict[str, dict[str, Any]] = {  # what a constraint changes
     "peak": {},
+    "arm": {"pendulums": 256, "rollout": 50, "steps": 8_000_000, "batch": 3200, "gamma": 1.0},
     "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001, "steps": 3_600_000, "gamma": 0.985},
 }
 
@@ -22,24 +23,27 @@ class Config:
     """Everything a training depends on.
 
     Attributes:
-        constraint: of the torque, "peak" or "rms".
+        constraint: of the torque, "peak" or "rms"; "arm" to choose the motion of an arm.
+        robot: file of the arm, URDF or MJCF; the links of `PlanarArm-v0` without one.
         seed: of plants, noise, network and exploration.
         steps: decisions in all.
-        pendulums: that learn together.
+        pendulums: or motions of an arm, that learn together.
         batch: decisions in a step of the optimiser.
         learning_rate: falls linearly to zero.
-        gamma: discount per decision of 20 ms; patient trainings, with 0.99, are later to know every parameter to 1 %.
+        gamma: discount per decision; of pendulums, patient trainings, with 0.99, are later to know every parameter to
+            1 %, of arms, where what is known in the end counts, there is none.
         hidden: width of the two hidden layers.
         rollout: decisions of each between updates.
         epochs: passes over a rollout.
         entropy: weight of the exploration bonus.
-        levels: torque levels, shares of the peak.
+        levels: torque levels, shares of the peak, or levels of each joint's speed.
         price_rate: by which the price of torque follows a relative excess of the budget, per decision; under "rms".
         head_start: decisions added to t in the weight of a reward; without any, nothing is worth while at the start.
         checkpoint: decisions between two checkpoints.
     """
 
     constraint: str = "peak"
+    robot: str = ""
     seed: int = within(0, 2**20 - 1, 0)  # beyond, plants of an evaluation would be drawn
     steps: int = within(1, 10**12, 1_200_000)
     pendulums: int = within(1, 100_000, 64)

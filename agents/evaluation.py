@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
+from types import MappingProxyType
 
 import numpy as np
 
@@ -90,6 +91,7 @@ def compare(
     *,
     seed: int = 0,
     effects: Sequence[str] = (),
+    task: Mapping[str, float] = MappingProxyType({}),
     scheme_id: str = "filtered_dynamic",
     executor: Executor | None = None,
     tell: Progress | None = None,
@@ -104,12 +106,13 @@ def compare(
         plants: number of them.
         seed: of plants, noise and signals.
         effects: hidden in the plants.
+        task: further arguments of `ExcitationDesignVector`, `spread`, `max_speed` or `max_turns`.
         scheme_id: of the estimator.
         executor: workers, here or on a cluster; None does it here.
         tell: called with the progress, as text and as a share.
     """
     sizes = [min(PART, plants - first) for first in range(0, plants, PART)]
-    alike = partial(observe, constraint=constraint, effects=tuple(effects), scheme_id=scheme_id)
+    alike = partial(observe, constraint=constraint, effects=tuple(effects), task=dict(task), scheme_id=scheme_id)
     jobs = [
         partial(alike, contender, plants=size, seed=seed + 4 * FRESH * part)
         for contender in contenders.values()
@@ -132,6 +135,7 @@ def observe(
     *,
     seed: int = 0,
     effects: Sequence[str] = (),
+    task: Mapping[str, float] = MappingProxyType({}),
     scheme_id: str = "filtered_dynamic",
 ) -> Outcome:
     """Let a policy excite fresh plants for 10 s, the online estimator beside it at 1 kHz.
@@ -139,7 +143,7 @@ def observe(
     The same seed gives the same plants and the same noise to every policy.
     """
     policy = contender(seed)
-    env = ExcitationDesignVector(plants, constraint=constraint, effects=effects)
+    env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, **task)  # type: ignore[arg-type]
     estimator = OnlineEstimator(RATE, BASE, [scheme(scheme_id)], batch=plants)
     observation, info = env.reset(seed=FRESH + seed)
     truth = info["plant"][:, :COUNT]

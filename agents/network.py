@@ -10,27 +10,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.observer import CONSTRAINTS, INPUTS, mirrored
+from agents.observer import ARM, CONSTRAINTS, INPUTS, mirrored
 from pendulum_env._typing import Array
 from pendulum_env.files import replacing
 from pendulum_env.lookup import find
+from pendulum_env.mistake import Mistake
 from pendulum_env.policy import State
 from pendulum_env.reading import Unreadable, read_arrays, shown
 
 LARGEST_WEIGHT = 1e6  # far beyond any that a training finds, and no sum of them overflows
 SHIPPED = Path(__file__).parent / "policies"
-NAMES = tuple(CONSTRAINTS)  # of those that ship, one for each
+NAMES = (*CONSTRAINTS, ARM)  # of those that ship, one for each
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Network:
-    """Perceptron with tanh between its layers; it sees the arm turn forwards.
+    """Perceptron with tanh between its layers; it sees a pendulum turn forwards.
 
     Attributes:
         weights: of the layers, each (outputs, inputs).
         biases: of the layers, each (outputs,).
-        levels: torque as a share of the peak (L,), of which the one with the highest output is played.
-        constraint: it was trained under.
+        levels: torque as a share of the peak (L,), of which the one with the highest output is played; of an arm the
+            speed of each joint as a share of the largest, each with L outputs of its own.
+        constraint: it was trained under, or "arm".
     """
 
     weights: Sequence[Array]
@@ -41,19 +43,22 @@ class Network:
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], State]:
-        """Actions (1,) or (B, 1) of `ExcitationDesign`, without chance.
+        """Actions (n,) or (B, n) of `ExcitationDesign` or `ArmExcitationDesign`, without chance.
 
         Raises:
             ValueError: if the observation is of another length than those of its training.
         """
         if np.shape(observation)[-1] != self.weights[0].shape[1]:
             seen, known = np.shape(observation)[-1], self.weights[0].shape[1]
-            raise ValueError(f"the policy was trained on observations of {known} numbers, this one has {seen}")
-        x, sign = mirrored(observation)
+            if self.constraint == ARM or (seen, known) != (INPUTS + 1, INPUTS):
+                raise Mistake(f"the policy was trained on observations of {known} numbers, this one has {seen}")
+            observation = np.asarray(observation)[..., :INPUTS]  # one that knows no limit of turns does not see it
+        x, sign = (observation, np.ones(())) if self.constraint == ARM else mirrored(observation)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = np.tanh(x @ weight.T + bias)
         output = x @ self.weights[-1].T + self.biases[-1]
-        return (sign * self.levels[output.argmax(axis=-1)])[..., None].astype(np.float32), state
+        best = output.reshape(*output.shape[:-1], -1, len(self.levels)).argmax(axis=-1)
+        return (sign[..., None] * self.levels[best]).astype(np.float32), state
 
     def save(self, path: str | Path) -> None:
         """Write an NPZ file; arrays only.
@@ -96,11 +101,14 @@ class Network:
         *parameters, levels = (arrays[name].astype(float) for name in names)
         weights, biases = parameters[: len(layers)], parameters[len(layers) :]
         seen, constraint = weights[0].shape[-1], str(arrays["constraint"])
-        sizes = [seen if seen == INPUTS + 1 else INPUTS, *(bias.size for bias in biases)]  # one more with limited turns
-        if [w.shape for w in weights] != [*zip(sizes[1:], sizes, strict=False)] or levels.shape != biases[-1].shape:
+        of_arm, outputs = constraint == ARM, biases[-1].size
+        inputs = seen if of_arm or seen == INPUTS + 1 else INPUTS  # one more with limited turns
+        sizes = [inputs, *(bias.size for bias in biases)]
+        actions = outputs % levels.size == 0 if of_arm else outputs == levels.size
+        if [w.shape for w in weights] != [*zip(sizes[1:], sizes, strict=False)] or not actions:
             raise ValueError("its layers, outputs and levels do not follow from one another")
-        if constraint not in CONSTRAINTS:
-            raise ValueError(f"its constraint is {shown(constraint)}, none of {', '.join(CONSTRAINTS)}")
+        if constraint not in NAMES:
+            raise ValueError(f"its constraint is {shown(constraint)}, none of {', '.join(NAMES)}")
         if np.abs(levels).max() > 1.0:
             raise ValueError("a level is beyond 1, the peak")
         return cls(weights, biases, levels, constraint)
@@ -113,7 +121,7 @@ def _bounded(numbers: NDArray[Any]) -> bool:
 def load(name: str) -> Network:
     """Policy that ships with the package, or from a file NAME.npz.
 
-    By the constraint it was trained under, "peak" or "rms".
+    By the constraint it was trained under, "peak" or "rms", or "arm": that for the links of `PlanarArm-v0`.
 
     Raises:
         ValueError: if there is none of that name, or the file cannot be read, or is no policy.

@@ -34,6 +34,7 @@ class Constraint:
     rms: float | None = None  # bound of its root mean square over the episode [N m], enforced as a budget of energy
 
 
+ARM = "arm"  # what stands for a constraint of the torque where the motion of an arm is chosen
 CONSTRAINTS = {
     "peak": Constraint(6.0),  # what the paper's two tones reach
     "rms": Constraint(MAX_TORQUE, 3.0),  # their root mean square; the drive bounds the peak

@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium.vector import VectorWrapper
 from gymnasium.vector.utils import batch_space
 
+from agents.arm_env import ArmExcitationDesignVector
 from agents.config import Config
 from agents.design_env import ExcitationDesignVector
 from agents.observer import mirrored
@@ -57,3 +58,20 @@ class LearntOn(VectorWrapper):
     def _see(self, observation: Any) -> Any:
         turned, self._sign = mirrored(observation)
         return turned.astype(np.float32)
+
+
+class InLevels(VectorWrapper):
+    """Motions of an arm, the speed of each joint in levels."""
+
+    env: ArmExcitationDesignVector
+
+    def __init__(self, env: ArmExcitationDesignVector, config: Config) -> None:
+        """Take the environment; the configuration has the levels."""
+        super().__init__(env)
+        self._levels = np.array(config.levels)
+        self.single_action_space = gym.spaces.MultiDiscrete([len(config.levels)] * len(env.body.joints))
+        self.action_space = batch_space(self.single_action_space, env.num_envs)
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Play levels (B, n)."""
+        return self.env.step(self._levels[actions])

@@ -17,11 +17,12 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
+from agents.arm_env import ArmExcitationDesignVector
 from agents.config import Config
 from agents.design_env import ExcitationDesignVector
 from agents.network import Network
-from agents.observer import CONSTRAINTS
-from agents.tasks import LearntOn
+from agents.observer import ARM, CONSTRAINTS
+from agents.tasks import InLevels, LearntOn
 from agents.vec_env import BatchedVecEnv
 from estimators.progress import Progress
 from pendulum_env.files import write_whole
@@ -59,7 +60,8 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
         callback, left = _Watch(config, tell, folder), config.steps - model.num_timesteps
         model.learn(left, callback, reset_num_timesteps=model.num_timesteps == 0, tb_log_name="training")
     network = export(model, config)
-    return network if CONSTRAINTS[config.constraint].rms is None else rescaled(network, config)
+    constraint = CONSTRAINTS.get(config.constraint)
+    return network if constraint is None or constraint.rms is None else rescaled(network, config)
 
 
 def _begin(config: Config, folder: Path | None, resume: bool) -> PPO:
@@ -77,8 +79,7 @@ def _begin(config: Config, folder: Path | None, resume: bool) -> PPO:
 
 def make_model(config: Config) -> PPO:
     """What learns, before it has."""
-    design = ExcitationDesignVector(config.pendulums, constraint=config.constraint, autoreset_mode="SameStep")
-    env = BatchedVecEnv(LearntOn(design, config))
+    env = BatchedVecEnv(_task(config))
     model = PPO(
         policy="MlpPolicy",
         env=env,
@@ -94,6 +95,16 @@ def make_model(config: Config) -> PPO:
     )
     env.seed(config.seed)
     return model
+
+
+def _task(config: Config) -> LearntOn | InLevels:
+    if config.constraint != ARM:
+        design = ExcitationDesignVector(config.pendulums, constraint=config.constraint, autoreset_mode="SameStep")
+        return LearntOn(design, config)
+    robot = config.robot or None
+    return InLevels(
+        ArmExcitationDesignVector(config.pendulums, robot=robot, draw=True, autoreset_mode="SameStep"), config
+    )
 
 
 def export(model: PPO, config: Config) -> Network:

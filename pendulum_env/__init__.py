@@ -5,7 +5,7 @@ Importing it makes the environments known to `gymnasium.make`, as is Gymnasium's
 
 from gymnasium.envs.registration import register
 
-from pendulum_env.registration import ARM, DESIGN, PENDULUM
+from pendulum_env.registration import ARM, ARM_DESIGN, DESIGN, PENDULUM
 
 register(
     PENDULUM,
@@ -17,4 +17,9 @@ register(
     DESIGN,
     entry_point="agents.design_env:ExcitationDesign",  # found only when it is made: nothing here knows of agents
     vector_entry_point="agents.design_env:ExcitationDesignVector",
+)
+register(
+    ARM_DESIGN,
+    entry_point="agents.arm_env:ArmExcitationDesign",
+    vector_entry_point="agents.arm_env:ArmExcitationDesignVector",
 )

@@ -6,8 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimators.arms.excitation import PERIOD, design_excitation
+from agents.arm_env import plan
+from agents.network import load
+from agents.observer import ARM
+from estimators.arms.excitation import Reference, design_excitation
 from estimators.arms.following import follow
+from estimators.arms.limits import limits_of
 from estimators.arms.payload import Payload, find_payload
 from estimators.regression.equations import IdentificationError
 from estimators.show.story import Part
@@ -24,6 +28,7 @@ from pendulum_env.words import Table, listing
 from workbench.inputs import read_all, sources_of, wrote
 from workbench.mistakes import InputError
 from workbench.opened import Opened, refuse, robot_of, tell_held
+from workbench.runs import LEARNT
 from workbench.terminal import Terminal
 
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
@@ -34,29 +39,21 @@ def record(
 ) -> None:
     """Design a motion, let the simulated arm follow it, and write what it did."""
     refuse(arguments)
-    for name, own in (("excitation", ("multisine",)), ("backend", ("pymunk", "mujoco"))):
+    for name, own in (("excitation", (LEARNT,)), ("backend", ("pymunk", "mujoco"))):
         if (asked := getattr(arguments, name)) not in (None, *own):
             raise InputError(f"--{name} {asked} is for pendulums: arms know {' and '.join(own)} alone")
     body = robot_of(arguments).body()
     tell_held(body, [], terminal)
     arm = _simulated(arguments, body)
-    motion = design_excitation(
-        body,
-        min(PERIOD, seconds),
-        max_angle=arguments.max_angle,
-        max_speed=arguments.max_speed,
-        max_torque=arguments.amplitude,
-        rng=rng,
-    )
+    with terminal.progress("choosing the motion"):
+        motion = _motion(arguments, body, seconds, rng)
     with terminal.progress("simulating") as tell:
         recording = follow(arm, motion, samples, arguments.amplitude, rng=rng, name=arguments.output, progress=tell)
     if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
         raise InputError(f"the joints turn by more than {LARGE:g} rad: hide less, or allow less torque")
     write_recording(recording, arguments.output)
     terminal.say(recording.summary)
-    terminal.say(
-        f"the joints follow a multisine of {motion.period:g} s, condition of the base regressor {motion.condition:.3g}"
-    )
+    terminal.say(f"the joints follow {motion}, condition of the base regressor {motion.condition:.3g}")
     off = np.sqrt(np.mean((motion(recording.time)[0] - recording.position) ** 2, axis=0))
     rows = [
         (
@@ -71,6 +68,16 @@ def record(
     if arguments.effects:
         terminal.say(f"hidden: {listing([re.split('[=:]', text)[0] for text in arguments.effects])}")
     wrote([arguments.output], terminal)
+
+
+def _motion(arguments: argparse.Namespace, body: Body, seconds: float, rng: np.random.Generator) -> Reference:
+    """The reference that is asked for, within the limits; raises InputError if a policy is none for this arm."""
+    if arguments.policy is not None and arguments.excitation != LEARNT:
+        raise InputError(f"--policy goes with --excitation {LEARNT} only")
+    limits = {"max_angle": arguments.max_angle, "max_speed": arguments.max_speed, "max_torque": arguments.amplitude}
+    if arguments.excitation == LEARNT:
+        return plan(load(arguments.policy or ARM), body, limits_of(body, **limits), seconds)
+    return design_excitation(body, seconds, **limits, rng=rng)
 
 
 def _simulated(arguments: argparse.Namespace, body: Body) -> SimulatedArm:

@@ -1,6 +1,6 @@
 """What is of arms alone: excitation, payload, transmissions, standard parameters, and estimates while an arm runs."""
 
-from estimators.arms.excitation import Excited, design_excitation
+from estimators.arms.excitation import Reference, design_excitation
 from estimators.arms.following import Follow, follow
 from estimators.arms.online import ArmEstimator
 from estimators.arms.payload import Payload, find_payload
@@ -9,10 +9,10 @@ from estimators.arms.transmission import Transmission, find_transmissions
 
 __all__ = [
     "ArmEstimator",
-    "Excited",
     "Follow",
     "Nearest",
     "Payload",
+    "Reference",
     "Transmission",
     "design_excitation",
     "find_payload",

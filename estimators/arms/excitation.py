@@ -1,170 +1,271 @@
-"""Excitation of an arm: a reference that makes its base parameters show, within the limits of its joints.
+"""Excitation of an arm knot by knot: which speeds its joints have next, within their limits, to learn most of it.
 
-Each joint follows a Fourier series whose periods fit into the excitation, so that it can be repeated. Random series are
-scaled into the limits; the one that teaches most, by the determinant of its information, is then changed by chance as
-long as it teaches more: an evolution strategy with one parent and one child, whose steps grow with success.
-Source: Swevers, Ganseman, Tukel, de Schutter and Van Brussel, IEEE Transactions on Robotics and Automation 13(5), 1997;
-Beyer and Schwefel, Evolution strategies, Natural Computing 1(1), 2002.
+Between knots speeds are linear in time. What the arm follows is the average of that over the time between two knots:
+averages keep the limits of angle and speed, and acceleration has no jumps, which estimators would not forgive. Under a
+robot's own controller the motion, and so what it teaches, does not depend on the parameters that are to be learnt: it
+is chosen in advance, greedily, by A-optimality of relative errors (Fedorov, Theory of Optimal Experiments, 1972).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
+from estimators.arms.limits import Limits, limits_of
 from estimators.regression.equations import IdentificationError
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.body import Body
-from pendulum_env.excitation import USUAL_SPEED
+from pendulum_env.arms.plane import friction_of
 
-PERIOD = 10.0  # [s]
-
-
-@dataclass(frozen=True)
-class DesignSettings:
-    """Numbers of the design and of its evolution strategy."""
-
-    points: int = 120  # instants at which a series is judged
-    angle: float = np.pi  # [rad] to either side, where the file has no limits
-    stroke: float = 0.2  # [m] to either side, likewise
-    slide: float = 0.5  # [m/s], largest speed of a joint that slides
-    narrowest: float = 1e-3  # [rad] or [m] between limits, below which a motion is of no use
-    margin: float = 0.9  # of the limits that is used
-    shares: tuple[float, ...] = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the motion that are tried until the torque suffices
-    anew: float = 0.1  # share of the tries that are drawn anew
-    step: float = 0.3  # of a change, the first
-    grows: float = 1.5  # step after a change that was better,
-    shrinks: float = 0.9  # and after one that was not: the two cancel at one success in five
+HOLD = 0.1  # [s] between knots
+TICK = 0.02  # [s] between instants at which rows are taken
+SLOW = 0.05  # [rad/s or m/s]; slower than this nothing is learnt: estimators keep clear of stick,
+GUARD = 0.03  # [s] before and after a reversal, their filters' reach included
+PRIOR = 0.1  # of the information: (noise / spread)^2 with 0.1 N m of noise on a tick and arms within some 30 %
+PARTS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.1)  # of a change of speed that are tried until the torque suffices
+LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)  # of speed that are tried
+MARGIN = 0.9  # of the torque that is used
+SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the acceleration that are tried until the torque suffices
+STOPPING = 20  # knots at most until an arm has come to rest
 
 
-DESIGN = DesignSettings()
+def torque_rows(body: Body, q: Array, v: Array, a: Array) -> Array:
+    """Regressor of the torques in base parameters, viscous and dry friction (N, n, P), of a motion (N, n) each."""
+    own = np.eye(v.shape[1])
+    return np.concatenate([body.torque(q, v, a), v[:, :, None] * own, np.sign(v)[:, :, None] * own], axis=2)
+
+
+def clear(v: Array, a: Array) -> Mask:
+    """Where velocity [rad/s or m/s] is clear of stick and, at this acceleration, of reversals; the shapes of both."""
+    return np.abs(v) >= SLOW + GUARD * np.abs(a)
+
+
+def averaged(q: Array, before: Array, now: Array, after: Array, s: Array) -> tuple[Array, Array, Array]:
+    """Position, velocity and acceleration of the reference; all arguments broadcast.
+
+    Args:
+        q: position at the knot before the last [rad or m].
+        before: speed there.
+        now: at the last knot.
+        after: at the next.
+        s: time since the last knot [s].
+    """
+    h, last = HOLD, q + 0.5 * HOLD * (before + now)
+    rise, next_rise = (now - before) / h, (after - now) / h
+    position = q * (h - s) + before * (h**2 - s**2) / 2 + rise * (h**3 - s**3) / 6
+    position = position + last * s + now * s**2 / 2 + next_rise * s**3 / 6
+    velocity = before * (h - s) + rise * (h**2 - s**2) / 2 + now * s + next_rise * s**2 / 2
+    return position / h, velocity / h, (rise * (h - s) + next_rise * s) / h
+
+
+def reachable(body: Body, limits: Limits, q: Array, v: Array, share: Array) -> Array:
+    """Speeds (N, n) at the next knot, of those that are asked for as shares of the largest (N, n).
+
+    Acceleration stays within its limit. The speed is so low that the joint can stop before the end of its angle with
+    half of it; what that takes goes before the torque, which is kept otherwise, by the file and without friction.
+
+    Args:
+        body: the arm.
+        limits: of its joints, (n,) or (N, n) each.
+        q: positions at the last knot (N, n) [rad or m].
+        v: speeds there.
+        share: of the largest speeds, in [-1, 1].
+    """
+    h, most = HOLD, limits.acceleration * HOLD
+    slowing = np.minimum(0.5 * limits.acceleration, (limits.high - limits.low) / h**2)  # nor from end to end in a knot
+    # up and down, the largest w with w^2 / (2 slowing) + h w / 2 within the room; where there is none it slows down
+    up, down = (
+        np.where(
+            room >= 0,
+            np.sqrt((0.5 * slowing * h) ** 2 + 2 * slowing * np.maximum(room, 0.0)) - 0.5 * slowing * h,
+            speed - slowing * h,
+        )
+        for room, speed in ((limits.high - q - 0.5 * h * v, v), (q + 0.5 * h * v - limits.low, -v))
+    )
+    high, low = np.minimum(up, limits.speed), -np.minimum(down, limits.speed)
+    change = np.clip(np.clip(share * limits.speed, low, high) - v, -most, most)
+    taken, decided = np.zeros_like(change), np.zeros(len(q), dtype=bool)
+    for part in PARTS:
+        a = part * change / h
+        ends = (q, v), (q + h * v + 0.5 * h**2 * a, v + h * a)
+        needed = np.max([np.abs(body.torque(*end, a) @ body.values) for end in ends], axis=0)
+        fits = ~decided & (needed <= MARGIN * limits.torque).all(axis=1)
+        taken[fits] = part * change[fits]
+        decided |= fits
+        if decided.all():
+            break
+    return np.clip(v + taken, np.maximum(low, v - most), np.minimum(high, v + most))
+
+
+def sizes(body: Body) -> Array:
+    """What counts as the size of base parameters, viscous and dry friction (P,), by the file.
+
+    A first moment counts as large as that of its link along all axes, an element of its inertia as large as all, and
+    where a link has none, as the smallest that another has: nothing is zero for certain.
+    """
+    groups = []  # kind, and whose it is
+    for quantity, _, joint in (name.partition("@") for name in body.names):
+        alone = quantity in ("m", "rotor")
+        groups.append(({"m": "mass", "rotor": "I"}[quantity] if alone else quantity[0], f"{quantity * alone}@{joint}"))
+    norms = {own: float(np.linalg.norm(body.values[[other == own for other in groups]])) for own in groups}
+    known = sorted((norm, kind) for (kind, _), norm in norms.items() if norm > 0)
+    least = {kind: next((norm for norm, other in known if other == kind), 1.0) for kind, _ in groups}
+    links = [norms[own] or least[own[0]] for own in groups]
+    return np.concatenate([links, *np.array(friction_of(body)).T])
+
+
+class Moving:
+    """B motions of an arm at a knot, and what they have taught.
+
+    Attributes:
+        limits: of the joints, (B, n) each.
+        speed: at the last knot (B, n) [rad/s or m/s].
+        information: of parameters as shares of their sizes, in units of the noise of a tick's mean torque (B, P, P).
+    """
+
+    def __init__(self, body: Body, limits: Limits, batch: int) -> None:
+        """Begin at rest, with all joints as near to zero as they may be; limits are (n,) or (B, n)."""
+        self._body, self._sizes = body, sizes(body)
+        self.limits = Limits(*(np.broadcast_to(values, (batch, values.shape[-1])) for values in limits))
+        self._place = np.clip(0.0, self.limits.low, self.limits.high)  # at the knot before the last
+        self._before, self.speed = np.zeros((2, *self._place.shape))
+        self.information = np.tile(PRIOR * np.eye(len(self._sizes)), (batch, 1, 1))
+
+    def copies(self, count: int) -> Self:
+        """The only motion of a batch, several times."""
+        other = object.__new__(type(self))
+        other._body, other._sizes = self._body, self._sizes
+        other.limits = Limits(*(np.repeat(values, count, axis=0) for values in self.limits))
+        for name in ("_place", "_before", "speed", "information"):
+            setattr(other, name, np.repeat(getattr(self, name), count, axis=0))
+        return other
+
+    @property
+    def position(self) -> Array:
+        """At the last knot (B, n) [rad or m]."""
+        return self._place + 0.5 * HOLD * (self._before + self.speed)
+
+    def go(self, share: Array) -> None:
+        """Go on to the next knot, with shares (B, n) of the largest speeds there as far as limits allow."""
+        position = self.position
+        after = reachable(self._body, self.limits, position, self.speed, share)
+        s = np.arange(TICK / 2, HOLD, TICK)[:, None]
+        knots = (x[:, None] for x in (self._place, self._before, self.speed, after))
+        way = averaged(*knots, s)  # type: ignore[call-arg]  # (B, ticks, n) each
+        q, v, a = (x.reshape(-1, x.shape[-1]) for x in way)
+        rows = torque_rows(self._body, q, v, a) * self._sizes * clear(v, a)[..., None]
+        rows = rows.reshape(len(position), -1, len(self._sizes))
+        self.information = self.information + np.swapaxes(rows, 1, 2) @ rows
+        self._place, self._before, self.speed = position, self.speed, after
+
+    @property
+    def variances(self) -> Array:
+        """Squared standard errors of the parameters, in units of `information` (B, P)."""
+        return np.asarray(np.linalg.inv(self.information).diagonal(axis1=1, axis2=2))
+
+    @property
+    def worth(self) -> Array:
+        """How small the standard errors are (B,) [nat]: minus the logarithm of their root mean square."""
+        return -0.5 * np.log(self.variances.mean(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
-class Excited:
-    """A reference motion of n joints.
+class Reference:
+    """A reference motion of n joints, from rest to rest.
 
     Attributes:
         body: the arm.
-        middle: of the motion (n,) [rad].
-        sines, cosines: of the harmonics (K, n) [rad].
-        period: after which it repeats [s].
+        start: where it begins (n,) [rad or m].
+        speeds: at the knots (K + 1, n), the first and the last of them zero [rad/s or m/s].
     """
 
     body: Body
-    middle: Array
-    sines: Array
-    cosines: Array
-    period: float
+    start: Array
+    speeds: Array
 
-    def __call__(self, time: Array) -> tuple[Array, Array, Array]:
-        """Position [rad], velocity [rad/s] and acceleration [rad/s^2] of the joints (N, n) at N instants [s]."""
-        w = 2 * np.pi / self.period * np.arange(1, len(self.sines) + 1)
-        s, c = np.sin(np.outer(time, w)), np.cos(np.outer(time, w))
-        a, b = self.sines, self.cosines
-        return self.middle + s @ a + c @ b, (c * w) @ a - (s * w) @ b, -(s * w**2) @ a - (c * w**2) @ b
-
-    def torque(self, time: Array) -> Array:
-        """Torque that the body needs by its file, without friction (N, n) [N m]."""
-        return np.asarray(self.body.torque(*self(time)) @ self.body.values)
-
-    def rows(self, time: Array) -> Array:
-        """Regressor of the torques in base parameters, viscous and dry friction (N, n, P)."""
-        q, v, a = self(time)
-        own = np.eye(v.shape[1])
-        return np.concatenate([self.body.torque(q, v, a), v[:, :, None] * own, np.sign(v)[:, :, None] * own], axis=2)
+    def __str__(self) -> str:
+        return f"a motion of {self.seconds:g} s from rest to rest"
 
     @property
     def condition(self) -> float:
         """Condition number of the torque regressor in base parameters and friction, columns scaled to equal length."""
-        rows = self.rows(np.linspace(0, self.period, DESIGN.points, endpoint=False))
+        rows = torque_rows(self.body, *self(np.arange(TICK / 2, self.seconds, TICK)))
         phi = rows.reshape(-1, rows.shape[-1])
         return float(np.linalg.cond(phi / np.linalg.norm(phi, axis=0)))
+
+    @property
+    def seconds(self) -> float:
+        """From rest to rest."""
+        return HOLD * len(self.speeds)
+
+    def __call__(self, time: Array) -> tuple[Array, Array, Array]:
+        """Position, velocity and acceleration of the joints (N, n) at N instants [s]."""
+        v = np.pad(self.speeds, ((1, 2), (0, 0)))
+        q = self.start + HOLD * np.pad(np.cumsum(0.5 * (v[1:] + v[:-1]), axis=0), ((1, 0), (0, 0)))
+        k = np.clip(np.floor(time / HOLD + 1e-9).astype(int), 0, len(v) - 3)
+        s = np.minimum(time - HOLD * k, HOLD)[:, None]
+        return averaged(q[k], v[k], v[k + 1], v[k + 2], s)
 
 
 def design_excitation(
     body: Body,
-    period: float = PERIOD,
+    seconds: float = 10.0,
     *,
-    harmonics: int = 5,
     max_angle: float | None = None,
     max_speed: float | None = None,
     max_torque: float | None = None,
-    tries: int = 600,
+    max_acceleration: float | None = None,
     rng: np.random.Generator | None = None,
-) -> Excited:
-    """A series within the joints' limits of position, speed and torque that teaches much, found in `tries` steps.
+) -> Reference:
+    """A motion within the joints' limits that teaches much: at each knot the speeds that promise to teach most.
+
+    One joint after the other, in an order drawn anew at each knot, has that of five speeds after which all standard
+    errors together are smallest. After the time the arm is brought to rest.
 
     Args:
         body: with the limits of its file; half a turn, or 0.2 m, to either side where it has none.
-        period: of the motion [s].
-        harmonics: of each joint.
+        seconds: of the motion, until it is brought to rest.
         max_angle: bound of every angle to either side of zero [rad], if less than the file's.
         max_speed: bound of every angle's speed [rad/s], if less than the file's; 4 rad/s, or 0.5 m/s, without one.
         max_torque: bound of every torque [N m], if less than the file's.
-        tries: series that are judged, the first at random, the others near the best so far.
-        rng: that draws them.
+        max_acceleration: bound of every angle's acceleration [rad/s^2]; by default the largest speed takes 0.2 s.
+        rng: that draws the orders.
 
     Raises:
-        IdentificationError: if no series keeps within the torque limits, or a joint's limits leave no room.
+        IdentificationError: if a joint's limits leave no room, or no motion keeps within those of torque.
     """
-    rng = rng or np.random.default_rng(0)
-    low, high = _room(body, max_angle)
-    slides = np.array(body.slides)
-    speed = np.where(slides, DESIGN.slide, USUAL_SPEED if max_speed is None else max_speed)
-    speed = np.minimum(body.velocity_limits, speed)
-    most = np.minimum(body.torque_limits, np.where(slides, np.inf, np.inf if max_torque is None else max_torque))
-    time = np.linspace(0, period, DESIGN.points, endpoint=False)
-    alike = 1.0 / np.sqrt(np.arange(1, harmonics + 1))[:, None]  # size of the harmonics
-    best: Excited | None = None
-    parent, most_known, step = (np.zeros((2, harmonics, len(low))), np.full(len(low), 0.5)), -np.inf, DESIGN.step
-    for k in range(tries):
-        anew = best is None or k < DESIGN.anew * tries
-        waves = step * rng.normal(size=parent[0].shape) * alike + parent[0]
-        at = np.clip(step * rng.uniform(-0.1, 0.1, len(low)) + parent[1], 0.4, 0.6)  # of the way from low to high
-        if anew:
-            waves, at = rng.normal(size=waves.shape) * alike, rng.uniform(0.4, 0.6, len(low))
-        middle = low + (high - low) * at
-        q, v, _ = Excited(body, np.zeros(len(low)), waves[0], waves[1], period)(time)
-        room = np.minimum(high - middle, middle - low)
-        scale = DESIGN.margin * np.minimum(room / np.abs(q).max(axis=0), speed / np.abs(v).max(axis=0))
-        known = -np.inf
-        for share in DESIGN.shares:
-            tried = Excited(body, middle, waves[0] * scale * share, waves[1] * scale * share, period)
-            rows = tried.rows(time)
-            if np.all(np.abs(rows[..., : len(body.values)] @ body.values) <= DESIGN.margin * most):
-                phi = rows.reshape(-1, rows.shape[-1])
-                known = float(np.linalg.slogdet(phi.T @ phi).logabsdet)
-                break
-        if known > most_known:
-            best, parent, most_known = tried, (waves, at), known
-        if not anew:
-            step *= DESIGN.grows if known == most_known else DESIGN.shrinks
-    if best is None:
-        raise IdentificationError(
-            f"{body.name}: every motion of {tries} needs more torque than the joints have: allow less speed or "
-            "angle, or more torque"
-        )
-    return best
+    rng, limits = rng or np.random.default_rng(0), limits_of(body, max_angle, max_speed, max_torque, max_acceleration)
+    for share in SHARES:
+        found = _greedy(body, limits._replace(acceleration=share * limits.acceleration), seconds, rng)
+        q, v, a = found(np.arange(0.0, found.seconds, TICK))
+        if (np.abs(body.torque(q, v, a) @ body.values) <= limits.torque).all():
+            return found
+    raise IdentificationError(
+        f"{body.name}: moving needs more torque than the joints have: allow less speed or angle, or more torque"
+    )
 
 
-def _room(body: Body, max_angle: float | None) -> tuple[Array, Array]:
-    """Lowest and highest position (n,) of each joint [rad or m].
+def _greedy(body: Body, limits: Limits, seconds: float, rng: np.random.Generator) -> Reference:
+    moving = Moving(body, limits, 1)
+    start, speeds, share = moving.position[0], [moving.speed], np.zeros((1, len(body.joints)))
+    for _ in range(round(seconds / HOLD)):
+        for joint in rng.permutation(len(body.joints)):
+            tried, candidates = np.repeat(share, len(LEVELS), axis=0), moving.copies(len(LEVELS))
+            tried[:, joint] = LEVELS
+            candidates.go(tried)
+            share = tried[[candidates.worth.argmax()]]
+        moving.go(share)
+        speeds.append(moving.speed)
+    return to_rest(body, moving, start, speeds)
 
-    Raises:
-        IdentificationError: if they leave a joint no room.
-    """
-    slides, joints = np.array(body.slides), np.array(body.joints)
-    (low, high), usual = body.position_limits, np.where(slides, DESIGN.stroke, DESIGN.angle)
-    low, high = np.where(np.isfinite(low), low, -usual), np.where(np.isfinite(high), high, usual)
-    if max_angle is not None:
-        reach = np.where(slides, np.inf, max_angle)
-        low, high = np.maximum(low, -reach), np.minimum(high, reach)
-        for joint in joints[low >= high]:
-            raise IdentificationError(
-                f"{body.name}: joint '{joint}' is never within {max_angle:g} rad of zero: allow a larger angle"
-            )
-    for joint in joints[high - low < DESIGN.narrowest]:
-        raise IdentificationError(f"{body.name}: the limits of joint '{joint}' leave it no room to move: widen them")
-    return low, high
+
+def to_rest(body: Body, moving: Moving, start: Array, speeds: list[Array]) -> Reference:
+    """The motion that had these speeds, each (1, n), brought to rest."""
+    for _ in range(STOPPING):
+        if not np.any(moving.speed):
+            break
+        moving.go(np.zeros_like(moving.speed))
+        speeds.append(moving.speed)
+    return Reference(body, start, np.concatenate(speeds))

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
-from estimators.arms.excitation import Excited
+from estimators.arms.excitation import Reference
 from estimators.progress import Progress, no_progress
 from pendulum_env._typing import Array
 from pendulum_env.arms.env import SimulatedArm
+from pendulum_env.arms.plane import friction_of
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.policy import measure, transitions
 
@@ -23,9 +25,9 @@ BANDWIDTH = 30.0  # [rad/s]: fast beside the motion, slow beside samples of some
 class Follow:
     """A controller by computed torque: what the body by its file needs to come back, critically damped.
 
-        tau = Y(q, q', a) theta,    a = q_r'' + 2 w (q_r' - q') + w^2 (q_r - q)
+        tau = Y(q, q', a) theta + b q_r' + fc sgn q_r',    a = q_r'' + 2 w (q_r' - q') + w^2 (q_r - q)
 
-    It knows no friction, which therefore leaves a lag behind the reference.
+    It knows the friction of the file; what differs from that leaves a lag behind the reference.
     Source: Siciliano, Sciavicco, Villani and Oriolo, Robotics, 2009, section 8.5.2.
 
     Attributes:
@@ -33,7 +35,7 @@ class Follow:
         limits: of the torques (n,) [N m].
     """
 
-    motion: Excited
+    motion: Reference
     limits: Array
 
     def torque(self, info: Mapping[str, Any]) -> Array:
@@ -43,12 +45,18 @@ class Follow:
         (q_r,), (v_r,), (a_r,) = self.motion(np.array([time]))
         a = a_r + 2 * w * (v_r - v) + w**2 * (q_r - q)
         (asked,) = body.torque(q[None], v[None], a[None]) @ body.values
-        return np.clip(asked, -self.limits, self.limits)
+        viscous, coulomb = self._friction
+        return np.clip(asked + viscous * v_r + coulomb * np.sign(v_r), -self.limits, self.limits)
+
+    @cached_property
+    def _friction(self) -> Array:
+        """Viscous and dry friction of the joints by the file, zero where it gives none (2, n)."""
+        return np.array(friction_of(self.motion.body, np.zeros(len(self.limits)))).T
 
 
 def follow(
     arm: SimulatedArm,
-    motion: Excited,
+    motion: Reference,
     samples: int,
     max_torque: float | None = None,
     *,

@@ -15,7 +15,7 @@ from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
 from workbench.cluster import connected
-from workbench.inputs import check_outputs, one_of, refuse_joint, take, whole, write_json, wrote
+from workbench.inputs import check_outputs, number, one_of, refuse_joint, take, whole, write_json, wrote
 from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 
@@ -31,7 +31,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--constraint", type=one_of("constraint", CONSTRAINTS), default="peak", help=", ".join(CONSTRAINTS)
     )
-    parser.add_argument("--plants", type=whole(2, MOST), default=160, help="fresh plants, within 30 %% (default 160)")
+    parser.add_argument("--plants", type=whole(2, MOST), default=160, help="fresh plants (default 160)")
+    parser.add_argument("--spread", type=number(0.0, 0.9), default=0.3, help="within which they differ (default 0.3)")
+    parser.add_argument(
+        "--max-speed", type=number(0.1), metavar="RAD/S", help="beyond which no torque drives the arm on"
+    )
+    parser.add_argument("--max-turns", type=number(0.01), metavar="TURNS", help="likewise, to either side")
     parser.add_argument("--seed", type=whole(0), default=0, help="of plants, noise and signals (default 0)")
     parser.add_argument(
         "--scheme",
@@ -61,6 +66,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     outputs = [arguments.json, arguments.report]
     check_outputs(outputs, files)
     names = list(dict.fromkeys([BASELINE, *(arguments.policies or [SHIPPED, *BASELINES])]))
+    task = {name: getattr(arguments, name) for name in ("spread", "max_speed", "max_turns")}
+    task = {name: value for name, value in task.items() if value is not None}
     contenders = {name: _contender(name, arguments.constraint) for name in names}
     with _workers(arguments) as executor, terminal.progress("evaluating") as tell:
         outcomes = compare(
@@ -69,11 +76,13 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             arguments.plants,
             seed=arguments.seed,
             effects=arguments.effects,
+            task=task,
             scheme_id=arguments.scheme,
             executor=executor,
             tell=tell,
         )
-    setting = {name: getattr(arguments, name) for name in ("constraint", "plants", "seed", "scheme", "effects")}
+    told = ("constraint", "plants", "seed", "scheme", "effects", "spread", "max_speed", "max_turns")
+    setting = {name: getattr(arguments, name) for name in told}
     figures = evaluation_json(outcomes, BASELINE, list(dict.fromkeys(files)), **setting)
     show(figures, terminal)
     write_json(arguments.json, figures)
@@ -93,7 +102,8 @@ def show(report: JSON, terminal: Terminal) -> None:
     def table(headers: Iterable[str], row: Callable[[JSON], Iterable[str]], more: Iterable[list[str]] = ()) -> None:
         terminal.table(("policy", *headers), [*([name, *row(figures)] for name, figures in policies.items()), *more])
 
-    terminal.say(f"{report['plants']} plants within 30 %, 10 s, constraint {report['constraint']}; medians over plants")
+    plants = f"{report['plants']} plants within {100 * report['spread']:g} %"
+    terminal.say(f"{plants}, 10 s, constraint {report['constraint']}; medians over plants")
     terminal.heading("RMS error of the parameters [%] (Cramer-Rao bound), and time until all stay within [s]")
     table((*(f"at {moment}" for moment in first["error"]), *first["time_to"]), _errors)
     terminal.heading(f"Gain over {report['baseline']}, above 1 is better, with bootstrap intervals of 95 %")

@@ -56,13 +56,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help=f"{', '.join(EXCITATIONS)} (default paper; with --until, a multisine that was optimised to tell effects "
         f"apart); {SUGGESTED}: the experiment that --diagnosis suggests; {LEARNT}: by a policy that "
-        "sees the motion and what it has taught so far; an arm follows a multisine that is designed within the limits "
-        "of its joints",
+        "sees the motion and what it has taught so far; an arm follows a motion that is designed within the limits of "
+        f"its joints, with {LEARNT} by a policy for this arm",
     )
     parser.add_argument(
         "--policy",
         metavar="NAME",
-        help=f"{', '.join(SHIPPED)}, or a file that `train` wrote, for --excitation {LEARNT} (default peak)",
+        help=f"{', '.join(SHIPPED)}, or a file that `train` wrote, for --excitation {LEARNT}",
     )
     parser.add_argument(
         "--until",
@@ -114,7 +114,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of all random numbers (default 0)")
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help=", ".join(WRITERS))
-    of_pendulums(parser, "policy", "until", "diagnosis", "replay", "config", "theta")
+    of_pendulums(parser, "until", "diagnosis", "replay", "config", "theta")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

