@@ -103,11 +103,6 @@ class Left:
         """Torque error due to measurement noise alone [N m]."""
         return (self.floors if part is self.train else self._unseen)[self.joints[0] if at is None else at]
 
-    def shows(self, terms: Terms) -> bool:
-        """Whether the terms leave more than white noise on the training data of any joint."""
-        left = self.structures(terms)[0]
-        return any(self.criterion.shows(own, self.noise_of(self.train, at)) for at, own in left.items())
-
     def are_noise(self, terms: Terms) -> tuple[bool, bool]:
         """Whether the terms leave only noise, on training and on held-out data."""
         first, second = self.structures(terms)
@@ -139,29 +134,30 @@ class Left:
         """Share of one model's explainable residual power that another explains, the largest over the joints.
 
         It is the smaller share of training and held-out data, without data in which the smaller model leaves white
-        noise. Explainable power is the power that the larger model removes, impacts included, plus the power of the
-        rest that neighbouring windows share, with a floor set by the number of windows. Where that correlation is
-        insignificant, it is all power above the noise floor. The largest, as parameters of the links may imitate an
-        effect at its own joint, at the cost of other joints.
+        noise; where that is all it leaves in both, all power is to be explained. Explainable power is the power that
+        the larger model removes, impacts included, plus the power of the rest that neighbouring windows share, with a
+        floor set by the number of windows. Where that correlation is insignificant, it is all power above the noise
+        floor. The largest, as parameters of the links may imitate an effect at its own joint, at the cost of other
+        joints.
         """
         return max(self._explained_at(at, after, before) for at in self.joints)
 
     def _explained_at(self, at: str, after: Terms, before: Terms) -> float:
         least = self.train.data.part(at).precision() ** 2
-        shares = []
+        shares, white = [], []
         both = zip(self.parts, self.power(before), self.power(after), self.structures(before), strict=True)
         for part, lefts, less, structures in both:
             old, new, structure, floor = lefts[at], less[at], structures[at], self.noise_of(part, at)
             gone = old.all - new.all
             if not self.criterion.shows(structure, floor):
-                continue
-            if gone <= least:
+                white.append(gone / max(old.all, least))
+            elif gone <= least:
                 shares.append(0.0)
             elif structure.sure >= self.criterion.sure:
                 shares.append(gone / (gone + new.shared + new.all / len(part.data.part(at).weights) ** 0.5))
             else:
                 shares.append(gone / max(old.all - floor**2, gone))
-        return min(shares, default=0.0)
+        return min(shares or white)
 
     def explains(self, after: Terms, before: Terms) -> bool:
         """Whether that share is large enough to add an effect."""

@@ -114,8 +114,6 @@ def grow(models: Models, terms: Terms, base: Terms) -> tuple[Models, Terms]:
 
 def add(models: Models, terms: Terms) -> tuple[Models, Terms] | None:
     """The terms with one more effect: the simplest of those that are confirmed and predict alike."""
-    if not models.left.shows(terms):
-        return None  # white noise holds no information
     confirmed: list[Terms] = []
     for longer in sorted(candidates(models, terms) + freer(models, terms), key=models.promise)[
         : models.criterion.tried

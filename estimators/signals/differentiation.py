@@ -28,10 +28,23 @@ def scatter(series: Array, where: Mask | slice = np.s_[:]) -> float:
 
 def white_noise(series: Array) -> float:
     """Standard deviation of the white part of a smooth signal, its rounding to whole steps included."""
-    spread = scatter(series)
-    steps = np.abs(np.diff(series))
-    quantum = float(steps[steps > 1e-12].min(initial=np.inf))
-    return max(spread, quantum / np.sqrt(12)) if np.isfinite(quantum) else spread
+    return max(scatter(series), rounding(series) / np.sqrt(12))
+
+
+def rounding(series: Array) -> float:
+    """Step to multiples of which a signal was rounded; 0 where its least change is none.
+
+    A command that is held at some values has a least change, too, and was not rounded to that: its other changes are no
+    multiples, or it only switches between two or three values.
+    """
+    changes = np.abs(np.diff(series))
+    changes = changes[changes > 1e-12]
+    if not len(changes):
+        return 0.0
+    step = float(changes.min())
+    off = np.abs(changes / step - np.rint(changes / step))
+    values = np.unique(np.rint((series - series[0]) / step))
+    return step if len(values) > 3 and np.quantile(off, 0.9) < 0.1 else 0.0
 
 
 def encoder_noise(position: Array) -> float:

@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
+from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import diagnose
 from estimators.preprocessing import gather
+from estimators.selection.criterion import Criterion
 from estimators.selection.models import Models
 from estimators.selection.moves import settle
 from pendulum_env.physics import BASE, Model, effect, effects, library, register
+from pendulum_env.recording import Recording
 from tests import slow
 from tests.cases import (
     CASES,
@@ -189,3 +192,25 @@ def test_a_wide_swing_that_was_held_out_tells_a_spring_from_an_offset(scale, rea
     else:
         assert found.selected == ("spring",)
     assert "spring" not in diagnosed(f"scale {scale}").selected
+
+
+def switched(kind, seed):
+    """A plant whose torque lags, under a torque that is held for a while, logged without noise."""
+    experiment = Experiment(rate=250.0, seconds=10.0, excitation=kind, seed=seed, counts=65_536, torque_noise=0.0)
+    (run,) = simulate([(Plant(effects={"actuator_lag": {"lag_T": 0.012}}), experiment)])
+    return Recording(kind, run.time, run.position, run.torque)
+
+
+def test_a_lag_is_named_where_the_torque_is_switched_and_its_log_has_no_noise():
+    """What a lag leaves at the switches is no noise of the log, however like it looks."""
+    found = diagnose([switched("steps", 0), switched("prbs", 1)])
+    assert found.selected == ("actuator_lag",) and found.unexplained == ()
+    lag = found.model.estimates["actuator_lag.time_constant"]
+    assert lag.value == pytest.approx(0.012, abs=max(5 * lag.std, 2e-4))
+
+
+def test_what_predicts_most_of_it_is_named_though_the_residual_passes_for_noise():
+    """Prediction of other data speaks louder than a test of noise, which has to know how large that is."""
+    blind = Criterion(sure=1e9, misfit=1e9)
+    assert diagnosed("stribeck", criterion=blind).selected == ("stribeck",)
+    assert diagnosed("paper's encoder", criterion=blind).selected == ()

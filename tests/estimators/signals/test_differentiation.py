@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from estimators.signals.differentiation import shared
+from estimators.signals.differentiation import rounding, shared, white_noise
 
 
 @pytest.mark.parametrize("lag", [1, 3, 6])
@@ -14,3 +16,21 @@ def test_averages_of_white_noise_share_what_their_weights_overlap(lag, differenc
     averages = np.convolve(noise, weights, mode="valid")
     measured = np.corrcoef(averages[lag:], averages[:-lag])[0, 1]
     assert shared(weights, lag) == pytest.approx(measured, abs=0.02)
+
+
+@given(seed=st.integers(0, 2**32 - 1), step=st.floats(1e-4, 0.05), pace=st.floats(0.5, 5.0))
+def test_the_step_that_a_smooth_signal_was_rounded_to_is_found(seed, step, pace):
+    phase, time = np.random.default_rng(seed).uniform(0, 2 * np.pi, 2), np.arange(0, 10, 1e-3)
+    signal = np.sin(pace * time + phase[0]) + 0.3 * np.sin(11.0 * time + phase[1])
+    assert rounding(step * np.rint(signal / step)) == pytest.approx(step, rel=1e-6)
+
+
+@given(seed=st.integers(0, 2**32 - 1), least=st.floats(0.02, 1.0))
+def test_a_command_that_is_held_at_some_values_was_not_rounded_to_their_least_difference(seed, least):
+    rng, held = np.random.default_rng(seed), np.repeat(np.arange(25), 200)
+    for values in (
+        rng.uniform(-5, 5, 25),
+        least * rng.choice([-1.0, 1.0], 25),
+        least * rng.choice([-1.0, 0.0, 1.0], 25),
+    ):
+        assert rounding(values[held]) == white_noise(values[held]) == 0.0
