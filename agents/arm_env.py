@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from agents.knowledge import DECADES
 from agents.observer import BOUND, Batch
-from estimators.arms.excitation import HOLD, PRIOR, Moving, Reference, to_rest
+from estimators.arms.excitation import PRIOR, Moving, to_rest
 from estimators.arms.limits import Limits, limits_of
+from estimators.arms.reference import HOLD, Reference
 from estimators.wrappers.arms import body_of
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, read_body

@@ -20,10 +20,11 @@ import numpy as np
 from agents import load
 from agents.arm_env import TORQUE, plan
 from agents.evaluation import improvement, interval
-from estimators.arms.excitation import PRIOR, TICK, clear, design_excitation, sizes, torque_rows
+from estimators.arms.excitation import PRIOR, clear, design_excitation, sizes
 from estimators.arms.following import follow
 from estimators.arms.limits import limits_of
 from estimators.arms.online import ArmEstimator
+from estimators.arms.reference import TICK, torque_rows
 from estimators.wrappers.arms import body_of
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, read_body

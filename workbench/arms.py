@@ -9,10 +9,11 @@ import numpy as np
 from agents.arm_env import plan
 from agents.network import load
 from agents.observer import ARM
-from estimators.arms.excitation import Reference, design_excitation
+from estimators.arms.excitation import design_excitation
 from estimators.arms.following import follow
 from estimators.arms.limits import limits_of
 from estimators.arms.payload import Payload, find_payload
+from estimators.arms.reference import Reference
 from estimators.regression.equations import IdentificationError
 from estimators.show.story import Part
 from pendulum_env.arms.body import Body, BodyError

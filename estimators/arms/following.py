@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.arms.excitation import Reference
+from estimators.arms.reference import Reference
 from estimators.progress import Progress, no_progress
 from pendulum_env._typing import Array
 from pendulum_env.arms.env import SimulatedArm

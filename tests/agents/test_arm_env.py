@@ -11,8 +11,9 @@ from agents.config import Config
 from agents.training import train
 from benchmarks import six_joint
 from benchmarks.arm_excitation import deviation, random_fourier
-from estimators.arms.excitation import HOLD, PRIOR
+from estimators.arms.excitation import PRIOR
 from estimators.arms.limits import limits_of
+from estimators.arms.reference import HOLD
 from estimators.wrappers.arms import body_of
 from pendulum_env.arms.env import PlanarArm
 from workbench.cli import main

@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 
 from benchmarks.arm_excitation import deviation, random_fourier
 from estimators import identify
-from estimators.arms.excitation import HOLD, PRIOR, TICK, Moving, clear, design_excitation, sizes, to_rest, torque_rows
+from estimators.arms.excitation import PRIOR, Moving, clear, design_excitation, sizes, to_rest
 from estimators.arms.following import follow
 from estimators.arms.limits import Limits, limits_of
+from estimators.arms.reference import HOLD, TICK, torque_rows
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import arm_base

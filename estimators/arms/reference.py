@@ -1,0 +1,127 @@
+"""Reference motions of an arm from knot to knot, within the limits of its joints.
+
+Between knots speeds are linear in time. What the arm follows is the average of that over the time between two knots:
+averages keep the limits of angle and speed, and acceleration has no jumps, which estimators would not forgive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from estimators.arms.limits import Limits
+from pendulum_env._typing import Array
+from pendulum_env.arms.body import Body
+
+HOLD = 0.1  # [s] between knots
+TICK = 0.02  # [s] between instants at which rows are taken
+PARTS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.1)  # of a change of speed that are tried until the torque suffices
+MARGIN = 0.9  # of the torque that is used
+
+
+def averaged(q: Array, before: Array, now: Array, after: Array, s: Array) -> tuple[Array, Array, Array]:
+    """Position, velocity and acceleration of the reference; all arguments broadcast.
+
+    Args:
+        q: position at the knot before the last [rad or m].
+        before: speed there.
+        now: at the last knot.
+        after: at the next.
+        s: time since the last knot [s].
+    """
+    h, last = HOLD, q + 0.5 * HOLD * (before + now)
+    rise, next_rise = (now - before) / h, (after - now) / h
+    position = q * (h - s) + before * (h**2 - s**2) / 2 + rise * (h**3 - s**3) / 6
+    position = position + last * s + now * s**2 / 2 + next_rise * s**3 / 6
+    velocity = before * (h - s) + rise * (h**2 - s**2) / 2 + now * s + next_rise * s**2 / 2
+    return position / h, velocity / h, (rise * (h - s) + next_rise * s) / h
+
+
+def reachable(body: Body, limits: Limits, q: Array, v: Array, share: Array) -> Array:
+    """Speeds (N, n) at the next knot, of those that are asked for as shares of the largest (N, n).
+
+    Acceleration stays within its limit. The speed is so low that the joint can stop before the end of its angle with
+    half of it; what that takes goes before the torque, which is kept otherwise, by the file and without friction.
+
+    Args:
+        body: the arm.
+        limits: of its joints, (n,) or (N, n) each.
+        q: positions at the last knot (N, n) [rad or m].
+        v: speeds there.
+        share: of the largest speeds, in [-1, 1].
+    """
+    h, most = HOLD, limits.acceleration * HOLD
+    slowing = np.minimum(0.5 * limits.acceleration, (limits.high - limits.low) / h**2)  # nor from end to end in a knot
+    # up and down, the largest w with w^2 / (2 slowing) + h w / 2 within the room; where there is none it slows down
+    up, down = (
+        np.where(
+            room >= 0,
+            np.sqrt((0.5 * slowing * h) ** 2 + 2 * slowing * np.maximum(room, 0.0)) - 0.5 * slowing * h,
+            speed - slowing * h,
+        )
+        for room, speed in ((limits.high - q - 0.5 * h * v, v), (q + 0.5 * h * v - limits.low, -v))
+    )
+    high, low = np.minimum(up, limits.speed), -np.minimum(down, limits.speed)
+    change = np.clip(np.clip(share * limits.speed, low, high) - v, -most, most)
+    taken, decided = np.zeros_like(change), np.zeros(len(q), dtype=bool)
+    for part in PARTS:
+        a = part * change / h
+        ends = (q, v), (q + h * v + 0.5 * h**2 * a, v + h * a)
+        needed = np.max([np.abs(body.torque(*end, a) @ body.values) for end in ends], axis=0)
+        fits = ~decided & (needed <= MARGIN * limits.torque).all(axis=1)
+        taken[fits] = part * change[fits]
+        decided |= fits
+        if decided.all():
+            break
+    return np.clip(v + taken, np.maximum(low, v - most), np.minimum(high, v + most))
+
+
+def torque_rows(body: Body, q: Array, v: Array, a: Array) -> Array:
+    """Regressor of the torques in base parameters, viscous and dry friction (N, n, P), of a motion (N, n) each."""
+    own = np.eye(v.shape[1])
+    return np.concatenate([body.torque(q, v, a), v[:, :, None] * own, np.sign(v)[:, :, None] * own], axis=2)
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A reference motion of n joints, from rest to rest.
+
+    Attributes:
+        body: the arm.
+        start: where it begins (n,) [rad or m].
+        speeds: at the knots (K + 1, n), the first and the last of them zero [rad/s or m/s].
+    """
+
+    body: Body
+    start: Array
+    speeds: Array
+
+    def __str__(self) -> str:
+        return f"a motion of {self.seconds:g} s from rest to rest"
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the torque regressor in base parameters and friction, columns scaled to equal length."""
+        rows = torque_rows(self.body, *self(np.arange(TICK / 2, self.seconds, TICK)))
+        phi = rows.reshape(-1, rows.shape[-1])
+        return float(np.linalg.cond(phi / np.linalg.norm(phi, axis=0)))
+
+    @property
+    def seconds(self) -> float:
+        """From rest to rest."""
+        return HOLD * len(self.speeds)
+
+    def __call__(self, time: Array) -> tuple[Array, Array, Array]:
+        """Position, velocity and acceleration of the joints (N, n) at N instants [s]."""
+        q, v = self._knots
+        k = np.clip(np.floor(time / HOLD + 1e-9).astype(int), 0, len(v) - 3)
+        s = np.minimum(time - HOLD * k, HOLD)[:, None]
+        return averaged(q[k], v[k], v[k + 1], v[k + 2], s)
+
+    @cached_property
+    def _knots(self) -> tuple[Array, Array]:
+        """Positions and speeds at the knots, with one before the start and two after the end."""
+        v = np.pad(self.speeds, ((1, 2), (0, 0)))
+        return self.start + HOLD * np.pad(np.cumsum(0.5 * (v[1:] + v[:-1]), axis=0), ((1, 0), (0, 0))), v
