@@ -105,6 +105,15 @@ def test_an_effect_that_each_recording_alone_takes_for_its_own_friction_is_no_ot
     assert theta == pytest.approx({"coulomb": PLANT.coulomb, "load_dependent_friction": 0.1}, rel=0.02)
 
 
+def test_what_is_left_of_either_recording_may_have_moved_its_parameters():
+    geared = replace(PLANT, effects={"load_dependent_friction": {"load_mu": 0.05}})
+    kinds = [Experiment(500.0, 10.0, "two_tone", seed=1), Experiment(500.0, 10.0, "prbs", 0.6, 2, torque_noise=0.1)]
+    runs = [told(run) for run in simulate([(geared, experiment) for experiment in kinds])]
+    fits = own_fits([prepare(runs)], BASE)
+    assert [fit.is_explained for fit in fits] == [False, True]
+    assert disagreements(fits) == ()
+
+
 def turned(recording: Recording) -> Recording:
     return replace(recording, torque=-recording.torque)
 
