@@ -50,6 +50,8 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
         told = f"your zero is {off} off, or the base is tilted by as much (gravity_tilt)"
         return [told + _remedy(recordings, lambda origin: origin.shifted(angle, digits))]
     if surely_negative(model, "gravity") and down < 0:
+        if "spring.stiffness" in model.estimates:
+            return ["gravity came out negative beside a spring: the two cancel, and neither is what it is called"]
         told = "gravity came out negative: position 0 seems to be the upright position, it should hang down"
         return [told + _remedy(recordings, lambda origin: origin.shifted(np.pi, 0))]
     return []

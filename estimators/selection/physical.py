@@ -111,9 +111,14 @@ def driving_friction(model: Model) -> list[str]:
 
 
 def surely_negative(model: Model, name: str) -> bool:
-    """Whether an estimate is; a value that a user has fixed, without a standard error, is none."""
+    """Whether an estimate is."""
+    return sure_sign(model, name) < 0
+
+
+def sure_sign(model: Model, name: str) -> int:
+    """Sign of an estimate; 0 if it may be noise, or is a value that a user has fixed, without a standard error."""
     estimate = model.estimates.get(name)
-    return estimate is not None and estimate.std > 0 and estimate.value < -3 * estimate.std
+    return int(np.sign(estimate.value)) if estimate is not None and abs(estimate.value) > 3 * estimate.std > 0 else 0
 
 
 def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str | None:
@@ -130,6 +135,9 @@ def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str 
     wrong = impossible(after.model, {at: motions[at] for at in motions if at in changed})
     if wrong:
         return f"would mean {listing(wrong)}, which no body has"
+    turns = sure_sign(after.model, "gravity") * sure_sign(before.model, "gravity") < 0
+    if turns and "gravity_tilt" not in after.model.estimates:  # beside a tilt, gravity alone has any sign
+        return "would turn gravity round: the two cancel, in place of a law that is neither"
     if new.in_loop >= old.in_loop:
         return f"does not lower the held-out error in the loop ({old.in_loop:.3g} -> {new.in_loop:.3g} rad)"
     if new.position_rms >= old.position_rms:

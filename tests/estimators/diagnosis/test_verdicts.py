@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from estimators import diagnose
+from estimators import diagnose, identify
 from estimators.preprocessing import gather
 from estimators.selection.models import Models
 from estimators.selection.moves import settle
 from pendulum_env.physics import BASE, Model, effect, effects, library, register
+from pendulum_env.recording import Recording
 from tests import slow
 from tests.cases import (
     CASES,
@@ -189,3 +190,20 @@ def test_a_wide_swing_that_was_held_out_tells_a_spring_from_an_offset(scale, rea
     else:
         assert found.selected == ("spring",)
     assert "spring" not in diagnosed(f"scale {scale}").selected
+
+
+def test_a_spring_that_would_turn_gravity_round_is_not_named_nor_is_the_zero_called_wrong():
+    """A cable gets stiffer as it winds: a spring that is too strong, less a gravity that pulls up, imitates it."""
+    rng, time = np.random.default_rng(3), np.arange(0.0, 20.0, 0.002)
+    rates, phases = 2 * np.pi * np.array([0.15, 0.35, 0.6]), np.array([0.3, 1.0, 2.0])
+    waves = rates * time[:, None] + phases
+    q, v, a = (wave @ [0.6, 0.4, 0.25] for wave in (np.sin(waves), rates * np.cos(waves), -(rates**2) * np.sin(waves)))
+    torque = 0.09 * a + 2.0 * np.sin(q) + 0.5 * q**3 + 0.1 * v + 0.3 * np.sign(v) + 0.01 * rng.standard_normal(len(q))
+    cable = Recording("cable", time, q, torque)
+    found = diagnosed(cable, only=["spring", "stribeck"])
+    assert found.selected == () and found.unexplained
+    assert found.model.estimates["gravity"].value > 0
+    assert "would turn gravity round" in next(one.reason for one in found.candidates if one.effect == "spring")
+    assert not any("upright" in text for text in found.advice)
+    (doubt,) = (one.text for one in identify([cable], [*BASE, "spring"], "energy").doubts if "negative" in one.text)
+    assert doubt.startswith("gravity came out negative beside a spring") and "upright" not in doubt
