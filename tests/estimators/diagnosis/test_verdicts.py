@@ -1,5 +1,7 @@
 """Verdicts: what is hidden is named and measured, what is not there is not, and what nothing explains is said."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from estimators import diagnose, identify
 from estimators.preprocessing import gather
 from estimators.selection.models import Models
 from estimators.selection.moves import settle
+from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, effect, effects, library, register
 from pendulum_env.recording import Recording
 from tests import slow
@@ -192,14 +195,19 @@ def test_a_wide_swing_that_was_held_out_tells_a_spring_from_an_offset(scale, rea
     assert "spring" not in diagnosed(f"scale {scale}").selected
 
 
-def test_a_spring_that_would_turn_gravity_round_is_not_named_nor_is_the_zero_called_wrong():
-    """A cable gets stiffer as it winds: a spring that is too strong, less a gravity that pulls up, imitates it."""
+def moved(resistance: Callable[[Array, Array], Array]) -> Recording:
+    """Torque that a motion of three tones takes of a body against a torque of its position and velocity."""
     rng, time = np.random.default_rng(3), np.arange(0.0, 20.0, 0.002)
     rates, phases = 2 * np.pi * np.array([0.15, 0.35, 0.6]), np.array([0.3, 1.0, 2.0])
     waves = rates * time[:, None] + phases
     q, v, a = (wave @ [0.6, 0.4, 0.25] for wave in (np.sin(waves), rates * np.cos(waves), -(rates**2) * np.sin(waves)))
-    torque = 0.09 * a + 2.0 * np.sin(q) + 0.5 * q**3 + 0.1 * v + 0.3 * np.sign(v) + 0.01 * rng.standard_normal(len(q))
-    cable = Recording("cable", time, q, torque)
+    torque = 0.09 * a + 2.0 * np.sin(q) + 0.3 * np.sign(v) + resistance(q, v) + 0.01 * rng.standard_normal(len(q))
+    return Recording("moved", time, q, torque)
+
+
+def test_a_spring_that_would_turn_gravity_round_is_not_named_nor_is_the_zero_called_wrong():
+    """A cable gets stiffer as it winds: a spring that is too strong, less a gravity that pulls up, imitates it."""
+    cable = moved(lambda q, v: 0.5 * q**3 + 0.1 * v)
     found = diagnosed(cable, only=["spring", "stribeck"])
     assert found.selected == () and found.unexplained
     assert found.model.estimates["gravity"].value > 0
@@ -207,3 +215,14 @@ def test_a_spring_that_would_turn_gravity_round_is_not_named_nor_is_the_zero_cal
     assert not any("upright" in text for text in found.advice)
     (doubt,) = (one.text for one in identify([cable], [*BASE, "spring"], "energy").doubts if "negative" in one.text)
     assert doubt.startswith("gravity came out negative beside a spring") and "upright" not in doubt
+
+
+def test_friction_that_bends_down_over_speed_is_no_drag():
+    found = diagnosed(moved(lambda q, v: 0.2 * np.arcsinh(v / 0.4)), only=["quadratic_drag"])
+    assert found.selected == () and found.unexplained
+
+
+def test_friction_that_drives_is_said_of_what_is_found():
+    found = diagnosed(moved(lambda q, v: 0.3 * np.sign(v) * np.exp(-np.abs(v / 1.5))), only=["gravity_tilt"])
+    assert found.model.estimates["viscous"].value < 0
+    assert any(text.startswith("viscous came out negative, and no friction drives") for text in found.remarks)
