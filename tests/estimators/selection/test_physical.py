@@ -54,6 +54,12 @@ def test_friction_that_surely_drives_is_said_whatever_else_outweighs_it(terms, t
     assert found[0].startswith(told) if told else found == []
 
 
+def test_driving_friction_of_an_arm_is_said_with_its_joint():
+    terms = [placed(own, joint) for joint in ("elbow", "wrist") for own in BASE[2:]]
+    (told,) = driving_friction(Model.build(terms, [0.1, 0.2, -0.2, 0.1], 0.01))
+    assert told.startswith("viscous@wrist came out negative")
+
+
 def swinging(load: KnownLoad = UNLOADED) -> Samples:
     """A heavy arm let go from level, whose motor hardly pushes."""
     time = np.linspace(0.0, 10.0, 1000)
