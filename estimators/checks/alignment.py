@@ -151,7 +151,7 @@ class Alignment:
         if not self.is_found:
             return None
         delay, lag = _estimate(abs(self.delay), self.delay_std), _estimate(abs(self.lag), self.lag_std)
-        either = f" (or {self.rival}: only steps of torque would tell)" if self.rival else ""
+        either = f" (or {self.rival}: more steps of torque would tell)" if self.rival else ""
         if self.is_late:
             found = [
                 *([f"logged {delay} late"] if self.delay else []),

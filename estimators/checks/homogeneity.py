@@ -3,8 +3,8 @@
 A joint fit takes one plant for granted. Where somebody changed the payload between two recordings, the joint estimate
 lies somewhere in between, and a search finds effects that nobody hid. So each recording's own estimate is compared with
 the pooled one of the others (Wald's test with sandwich covariances, corrected for the number of comparisons). A
-difference counts if it is of practical size, too: some per cent, and more torque than the fits leave unexplained.
-In the same way recordings are compared with a model that is given.
+difference counts if it is of practical size, too: some per cent, and more than what the fits leave unexplained may have
+moved the parameter by. In the same way recordings are compared with a model that is given.
 
 Source: Cochran, Biometrics 10(1), 1954, for pooled estimates and the statistic Q of what is left between groups.
 """
@@ -112,12 +112,12 @@ class Known(NamedTuple):
 
     Attributes:
         theta, covariance: (P,) and (P, P).
-        rms: torque that they leave [N m].
+        bias: how far the torque that they leave may have moved each: what the model lacks is in them as well (P,).
     """
 
     theta: Array
     covariance: Array
-    rms: float
+    bias: Array
 
 
 @dataclass(frozen=True)
@@ -128,10 +128,9 @@ class Own:
         number, name: of the recording.
         columns: whose parameters are compared.
         known: what the recording has them to be.
-        load: RMS of each regressor column (P,): what torque a unit of the parameter makes.
         is_turned: whether inertia, with what is known to hang there, is surely negative: torque or position is turned
             round.
-        floor: torque that noise alone would leave [N m].
+        rms, floor: torque that is left, and that noise alone would leave [N m].
         sure: standard errors from which a difference is no chance.
     """
 
@@ -139,15 +138,15 @@ class Own:
     name: str
     columns: tuple[Column, ...]
     known: Known
-    load: Array
     is_turned: bool
+    rms: float
     floor: float
     sure: float
 
     @property
     def times(self) -> float:
         """How many times the noise is left."""
-        return self.known.rms / max(self.floor, 1e-300)
+        return self.rms / max(self.floor, 1e-300)
 
     @property
     def is_explained(self) -> bool:
@@ -155,11 +154,9 @@ class Own:
         return self.times <= AGREEMENT.fits
 
     def differences(self, other: Known) -> tuple[Difference, ...]:
-        """How the recording differs by more than chance, and than is left of either, the surest first."""
+        """How the recording differs by more than chance, and than what is left of both explains, the surest first."""
         gap, std = self._gap(other)
-        large = (np.abs(gap) > AGREEMENT.practical * np.abs(other.theta)) & (
-            self.load * np.abs(gap) > max(self.known.rms, other.rms)
-        )
+        large = np.abs(gap) > np.maximum(AGREEMENT.practical * np.abs(other.theta), self.known.bias + other.bias)
         told = np.flatnonzero(large & (np.abs(gap) > self.sure * std))
         return tuple(
             Difference(column.name, column.unit, float(self.known.theta[j]), float(other.theta[j]), float(std[j]))
@@ -173,7 +170,7 @@ class Own:
         weight = np.linalg.pinv(self.known.covariance + other.covariance, hermitian=True)
         scale = float(other.theta @ weight @ other.theta)
         factor = float(other.theta @ weight @ self.known.theta) / max(scale, 1e-300)
-        scaled = Known(factor * other.theta, factor**2 * other.covariance, other.rms)
+        scaled = other._replace(theta=factor * other.theta, covariance=factor**2 * other.covariance)
         gap, std = self._gap(scaled)
         alike = np.abs(gap) <= np.maximum(AGREEMENT.practical * np.abs(scaled.theta), self.sure * std)
         if len(gap) < 2 or not alike.all() or abs(factor - 1) <= AGREEMENT.practical:
@@ -210,7 +207,7 @@ def disagreements_with(model: Model, fits: Sequence[Own]) -> tuple[Disagreement,
     """Recordings of another plant than a model's, in order; not those that the model's terms cannot explain."""
     estimates = [model.estimates[column.name] for column in (fits[0].columns if fits else ())]
     covariance = np.diag([estimate.std**2 for estimate in estimates])
-    known = Known(np.array([estimate.value for estimate in estimates]), covariance, 0.0)
+    known = Known(np.array([estimate.value for estimate in estimates]), covariance, np.zeros(len(estimates)))
     return _differing([fit for fit in fits if fit.is_explained or fit.is_turned], known, ())
 
 
@@ -230,7 +227,7 @@ def misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
     if len(others) < len(poor):
         return ()
     why = "so that something was changed, or an effect shows there only"
-    left = [f"{fit.known.rms:.2g} N m are left, {fit.times:.2g} times the noise" for fit in poor]
+    left = [f"{fit.rms:.2g} N m are left, {fit.times:.2g} times the noise" for fit in poor]
     return tuple(
         Disagreement(fit.number, fit.name, others, (), f"no parameters fit it ({text}), {why}")
         for fit, text in zip(poor, left, strict=True)
@@ -263,6 +260,8 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
             fit = solve(Equations(phi[rows], y[rows]), np.ones(len(clusters)), clusters)
             if fit.condition > AGREEMENT.condition:
                 continue
+            # what torque a unit of a parameter makes that the others cannot make up for [N m]
+            own = 1 / np.sqrt(np.diag(np.linalg.inv(phi[rows].T @ phi[rows] / len(clusters))))
             estimates = dict(zip(names, zip(fit.theta.tolist(), fit.std.tolist(), strict=True), strict=True))
             inertia, error = estimates.get("inertia", (0.0, np.inf))
             sure = float(stdtrit(freedom, level))
@@ -271,9 +270,9 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
                     number,
                     w.recording.name,
                     columns,
-                    Known(fit.theta[compared], fit.covariance[np.ix_(compared, compared)], fit.rms),
-                    np.sqrt(np.mean(phi[rows][:, compared] ** 2, axis=0)),
+                    Known(fit.theta[compared], fit.covariance[np.ix_(compared, compared)], (fit.rms / own)[compared]),
                     bool(inertia + np.max(w.samples.load.inertia) < -sure * error),
+                    fit.rms,
                     float(np.sqrt(np.mean(near.scale[rows] ** 2))) * w.noise(abs(inertia)),
                     sure,
                 )
@@ -282,11 +281,11 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
 
 
 def pool(fits: Sequence[Own]) -> Known:
-    """Common parameters of several fits, weighted by what each knows, and the most torque that one leaves."""
+    """Common parameters of several fits, weighted by what each knows, and the most that one may be biased by."""
     information = [np.linalg.inv(fit.known.covariance) for fit in fits]
     covariance = np.linalg.inv(sum(information))
     weighted = sum(part @ fit.known.theta for part, fit in zip(information, fits, strict=True))
-    return Known(covariance @ weighted, covariance, max(fit.known.rms for fit in fits))
+    return Known(covariance @ weighted, covariance, np.max([fit.known.bias for fit in fits], axis=0))
 
 
 def spread(fits: Sequence[Own]) -> float:

@@ -95,8 +95,8 @@ def untold(model: Model, measurements: Sequence[Measurements], doubts: Sequence[
         told = model.estimates.get(term.id)
         if term.id not in said and told is not None and not is_told(told, large[term.id]):
             text = (
-                f"{term.id} cannot be told, the best fit has {told}: these data hardly depend on it alone, it needs "
-                f"{term.reveal}, or a motion of more than one frequency"
+                f"{term.id} cannot be told, the best fit has {told}: these data hardly depend on it alone; what tells "
+                f"it: {term.reveal}, at more frequencies than here"
             )
             found.append(Doubt(text, (term.id,)))
     return tuple(found)

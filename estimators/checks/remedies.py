@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from estimators.checks.identifiability import TELLING
-from estimators.selection.physical import surely_negative
+from estimators.selection.physical import driving_friction, surely_negative
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.origin import Origin
@@ -16,7 +16,7 @@ from pendulum_env.words import listing
 
 
 def remedies(model: Model, recordings: Sequence[Recording], ambiguous: Sequence[Sequence[str]] = ()) -> list[str]:
-    """A word on columns that were read wrongly, by what a fit to them says, or their units.
+    """A word on columns that were read wrongly, by what a fit to them says, or their units; else on what no joint has.
 
     Args:
         model: that was fitted.
@@ -25,7 +25,8 @@ def remedies(model: Model, recordings: Sequence[Recording], ambiguous: Sequence[
     """
     notes = dict.fromkeys(note for recording in recordings for note in recording.notes)
     units = [note.removeprefix(WARNING) for note in notes if note.startswith(WARNING)]
-    return [*units, *([] if any("gravity_tilt" in group for group in ambiguous) else wrong_columns(model, recordings))]
+    columns = [] if any("gravity_tilt" in group for group in ambiguous) else wrong_columns(model, recordings)
+    return [*units, *(columns or driving_friction(model))]
 
 
 def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
@@ -50,6 +51,8 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
         told = f"your zero is {off} off, or the base is tilted by as much (gravity_tilt)"
         return [told + _remedy(recordings, lambda origin: origin.shifted(angle, digits))]
     if surely_negative(model, "gravity") and down < 0:
+        if "spring.stiffness" in model.estimates:
+            return ["gravity came out negative beside a spring: the two cancel, and neither is what it is called"]
         told = "gravity came out negative: position 0 seems to be the upright position, it should hang down"
         return [told + _remedy(recordings, lambda origin: origin.shifted(np.pi, 0))]
     return []

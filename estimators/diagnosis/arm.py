@@ -18,6 +18,7 @@ from estimators.selection.data import PreparedData
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.moves import explaining
+from estimators.selection.physical import driving_friction
 from estimators.selection.search import select
 from estimators.signals.motion import HALF_WIDTHS
 from estimators.weak_form.dataset import Dataset
@@ -60,7 +61,7 @@ def examine_arm(
         ambiguous=tuple(groups),
         unexplained=where_it_stands_out(models, found.terms, left),
         floors=models.left.floors,
-        advice=tuple(said_of_slow_motion(joint, times) for joint, times in heavier.items()),
+        advice=(*driving_friction(model), *(said_of_slow_motion(joint, times) for joint, times in heavier.items())),
         forbidden=what_is_open(groups, tables, bool(left), body),
         tables=tables,
         data=given.fresh(model.terms),

@@ -160,5 +160,5 @@ def _why_rejected(found: Selection, longer: Terms) -> str:
     if not models.left.explains(longer, others):
         share = max(0.0, models.left.explained(longer, others))
         return f"explains {share:.0%} of what is left {where}, too little to be it"
-    speaks_against = objection(models.step(longer[-1].id, longer), steps[-1], models.train.motions)
+    speaks_against = objection(models.report(longer[-1].id, longer), steps[-1], models.train.motions)
     return speaks_against or "others explain it better"

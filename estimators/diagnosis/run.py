@@ -17,7 +17,7 @@ from estimators.arguments import (
     within_limits,
 )
 from estimators.checks.closed_loop import feedback
-from estimators.checks.homogeneity import disagreements, own_fits
+from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import identifiability, untold
 from estimators.checks.remedies import remedies, turned_round
 from estimators.checks.residual import Region, everywhere, stand_out
@@ -192,17 +192,23 @@ def _with_channel(found: Diagnosis, given: Preprocessed) -> Diagnosis:
 
 
 def _of_one_plant(given: Preprocessed, setting: Setting) -> Diagnosis:
-    """Find the effects that the recordings of one plant call for, and which recordings are another plant's."""
+    """Find the effects that the recordings of one plant call for, and which recordings are another plant's.
+
+    What no effect explains in all recordings together may be another plant: an effect that each recording alone takes
+    for parameters of its own shows only in all of them.
+    """
     datasets = [part.data for part in (given.parts if given.holdout else given.parts[:1])]
-    odd = {one.recording: one for one in disagreements(own_fits(datasets, setting.base), only_if_all_fit=True)}
+    kept, found, odd = given, _examine(given, setting), dict[int, Disagreement]()
+    named = disagreements(own_fits(datasets, setting.base), only_if_all_fit=True) if found.unexplained else ()
     while True:
-        kept = given.without(odd)
-        found = _examine(kept, setting)
-        named = odd | {one.recording: one for one in disagreements(own_fits(datasets, found.model.terms))}
-        left = len(given.without(named).recordings)
-        odd = named if left else odd  # where every recording would be another plant's, what was said before stands
+        named = named or disagreements(own_fits(datasets, found.model.terms))
+        more = odd | {one.recording: one for one in named}
+        left = len(given.without(more).recordings)
+        odd = more if left else odd  # where every recording would be another plant's, what was said before stands
         if left in (0, len(kept.recordings)):
             break
+        kept, named = given.without(odd), ()
+        found = _examine(kept, setting)
     *others, last = (replace(step, model=told(step.model, kept.parts[0].data)) for step in found.steps)
     return replace(
         found,

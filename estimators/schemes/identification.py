@@ -186,7 +186,7 @@ def _of_pendulum(
     else:
         results = {id: own.per(given.unit) for id, own in results.items()}
     results, doubts = _withheld(results, measurements, doubts)
-    mistakes = wrong_columns(first, recordings) or driving_friction(first)
+    mistakes = wrong_columns(first, recordings) or [f"{text}, run diagnose" for text in driving_friction(first)]
     data = None
     with suppress(IdentificationError):  # windows need more motion than some schemes
         data = prepare(recordings)
@@ -230,6 +230,7 @@ def _of_arm(
         text = f"{listing(alone)} cannot be told: these data hardly depend on {'it' if len(alone) == 1 else 'them'}"
         doubts.append(Doubt(f"{text}, move all joints faster, wider and together", tuple(alone)))
     results = {id: replace(one, model=one.model.withholding(unknown[id] | alike)) for id, one in results.items()}
+    doubts += (Doubt(f"{text}, run diagnose") for text in driving_friction(next(iter(results.values())).model))
     with suppress(IdentificationError):
         prepared = PreparedData.of_arm(of_arms(recordings), terms)
         doubts += map(Doubt, _lacking(list(results.values()), prepared, terms))

@@ -11,6 +11,7 @@ from estimators.selection.errors import Step
 from estimators.weak_form.shapes import continuous
 from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, Samples, Shape, Term, effects
+from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import LOAD, loads
 from pendulum_env.words import listing
 
@@ -101,19 +102,27 @@ def at_their_most(terms: Sequence[Term]) -> list[tuple[Term, Shape]]:
 
 
 def driving_friction(model: Model) -> list[str]:
-    """A word on dry or viscous friction that surely came out negative, where no other friction outweighs it."""
-    if {term.id for term in model.terms if term.kind == "dissipative"} - {"viscous", "coulomb"}:
-        return []
-    wrong = [name for name in ("viscous", "coulomb") if surely_negative(model, name)]
-    return (
-        [f"{listing(wrong)} came out negative, and no friction drives: diagnose what the model lacks"] if wrong else []
-    )
+    """A word on dry or viscous friction that surely came out negative, whatever other effects outweigh it.
+
+    Beside a table of friction it is no friction of its own.
+    """
+    tables = any(isinstance(term, Table) and term.kind == "dissipative" for term in model.terms)
+    names = [name for name in model.estimates if name.split("@")[0] in ("viscous", "coulomb")]
+    wrong = [name for name in names if surely_negative(model, name) and not tables]
+    return [f"{listing(wrong)} came out negative, and no friction drives: it has another law"] if wrong else []
 
 
 def surely_negative(model: Model, name: str) -> bool:
-    """Whether an estimate is; a value that a user has fixed, without a standard error, is none."""
+    """Whether an estimate is."""
+    return sure_sign(model, name) < 0
+
+
+def sure_sign(model: Model, name: str) -> int:
+    """Sign of an estimate; 0 if it may be noise, is unknown, or was fixed by a user, without a standard error."""
     estimate = model.estimates.get(name)
-    return estimate is not None and estimate.std > 0 and estimate.value < -3 * estimate.std
+    if estimate is None or estimate.is_unknown or not abs(estimate.value) > 3 * estimate.std > 0:
+        return 0
+    return int(np.sign(estimate.value))
 
 
 def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str | None:
@@ -130,6 +139,9 @@ def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str 
     wrong = impossible(after.model, {at: motions[at] for at in motions if at in changed})
     if wrong:
         return f"would mean {listing(wrong)}, which no body has"
+    turns = sure_sign(after.model, "gravity") * sure_sign(before.model, "gravity") < 0
+    if turns and "gravity_tilt" not in after.model.estimates:  # beside a tilt, gravity alone has any sign
+        return "would turn gravity round: the two cancel, in place of a law that is neither"
     if new.in_loop >= old.in_loop:
         return f"does not lower the held-out error in the loop ({old.in_loop:.3g} -> {new.in_loop:.3g} rad)"
     if new.position_rms >= old.position_rms:

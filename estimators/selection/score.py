@@ -128,7 +128,7 @@ class Gain:
 
     Attributes:
         total: log density gained [nat].
-        error: its standard error, from the scatter between blocks [nat].
+        error: its standard error, from the scatter between blocks and between recordings, as `chance` is [nat].
         chance: its p-value, the probability of no gain.
     """
 
@@ -166,7 +166,7 @@ class Bootstrap:
         """
         difference = after - before
         draws = self.weights @ difference
-        error = float(np.sqrt(len(difference)) * difference.std(ddof=1)) if len(difference) > 1 else np.inf
+        error = float(draws.std()) if len(difference) > 1 else np.inf
         return Gain(float(difference.sum()), error, float(np.mean(draws <= penalty)))
 
     def probabilities(self, densities: Sequence[Array]) -> Array:

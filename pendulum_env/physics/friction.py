@@ -121,7 +121,9 @@ class QuadraticDrag(Term):
     )
     resembles = ("viscous", "torque_saturation")
 
-    columns = (Column("quadratic_drag", "N m s^2/rad^2", force=lambda x: x.velocity * np.abs(x.velocity)),)
+    columns = (  # fast enough, it outweighs any other friction
+        Column("quadratic_drag", "N m s^2/rad^2", force=lambda x: x.velocity * np.abs(x.velocity), least=0.0),
+    )
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ PLANT = Plant()
 HEAVIER = replace(PLANT, inertia=1.1 * PLANT.inertia, gravity=1.1 * PLANT.gravity)
 KINDS = ("two_tone", "multisine", "prbs")
 RUBBING = replace(PLANT, effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.6}})
+GEARED = replace(PLANT, effects={"load_dependent_friction": {"load_mu": 0.1}})
 
 
 def recorded(plants: list[Plant], seconds: float = 10.0) -> list[Recording]:
@@ -90,6 +91,27 @@ def test_a_recording_that_excites_little_has_no_say():
 def test_a_missing_effect_is_not_taken_for_another_plant():
     fits = own_fits([prepare(recorded([RUBBING] * 3))], BASE)
     assert disagreements(fits, only_if_all_fit=True) == misfits(fits) == ()
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_an_effect_that_each_recording_alone_takes_for_its_own_friction_is_no_other_plant(order):
+    """Torque of one size, up and down, makes friction under load dry friction, of another size under another torque."""
+    small = [Experiment(500.0, 10.0, "prbs", scale=scale, seed=seed) for scale, seed in ((1.0, 1), (0.4, 2))]
+    runs = [told(run) for run in simulate([(GEARED, experiment) for experiment in small])]
+    assert disagreements(own_fits([prepare(runs)], BASE), only_if_all_fit=True)
+    found = diagnosed([runs[k] for k in order], only=["load_dependent_friction", "stribeck", "quadratic_drag"])
+    assert (found.selected, found.disagreements) == (("load_dependent_friction",), ())
+    theta = {name: found.model.estimates[name].value for name in ("coulomb", "load_dependent_friction")}
+    assert theta == pytest.approx({"coulomb": PLANT.coulomb, "load_dependent_friction": 0.1}, rel=0.02)
+
+
+def test_what_is_left_of_either_recording_may_have_moved_its_parameters():
+    geared = replace(PLANT, effects={"load_dependent_friction": {"load_mu": 0.05}})
+    kinds = [Experiment(500.0, 10.0, "two_tone", seed=1), Experiment(500.0, 10.0, "prbs", 0.6, 2, torque_noise=0.1)]
+    runs = [told(run) for run in simulate([(geared, experiment) for experiment in kinds])]
+    fits = own_fits([prepare(runs)], BASE)
+    assert [fit.is_explained for fit in fits] == [False, True]
+    assert disagreements(fits) == ()
 
 
 def turned(recording: Recording) -> Recording:

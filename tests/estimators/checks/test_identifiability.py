@@ -69,7 +69,8 @@ def test_a_parameter_whose_error_alone_is_more_than_all_torque_is_not_told():
     found = identify([moved_along(swing, 2.0)])
     assert all(own.model.estimates["gravity"].std > 2.0 for own in found.schemes.values())
     assert all("gravity" in own.withheld and "viscous" not in own.withheld for own in found.schemes.values())
-    assert any("gravity cannot be told, the best fit has" in doubt.text for doubt in found.doubts)
+    (told,) = (doubt.text for doubt in found.doubts if "gravity cannot be told, the best fit has" in doubt.text)
+    assert told.endswith("what tells it: swings beyond 30 degrees, at more frequencies than here")
     assert any("gravity cannot be told" in line for line in diagnosed(moved_along(swing, 2.0), only=["spring"]).advice)
 
 

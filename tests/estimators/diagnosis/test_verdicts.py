@@ -1,14 +1,17 @@
 """Verdicts: what is hidden is named and measured, what is not there is not, and what nothing explains is said."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import diagnose
+from estimators import diagnose, identify
 from estimators.preprocessing import gather
 from estimators.selection.criterion import Criterion
 from estimators.selection.models import Models
 from estimators.selection.moves import settle
+from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, effect, effects, library, register
 from pendulum_env.recording import Recording
 from tests import slow
@@ -214,3 +217,36 @@ def test_what_predicts_most_of_it_is_named_though_the_residual_passes_for_noise(
     blind = Criterion(sure=1e9, misfit=1e9)
     assert diagnosed("stribeck", criterion=blind).selected == ("stribeck",)
     assert diagnosed("paper's encoder", criterion=blind).selected == ()
+
+
+def moved(resistance: Callable[[Array, Array], Array]) -> Recording:
+    """Torque that a motion of three tones takes of a body against a torque of its position and velocity."""
+    rng, time = np.random.default_rng(3), np.arange(0.0, 20.0, 0.002)
+    rates, phases = 2 * np.pi * np.array([0.15, 0.35, 0.6]), np.array([0.3, 1.0, 2.0])
+    waves = rates * time[:, None] + phases
+    q, v, a = (wave @ [0.6, 0.4, 0.25] for wave in (np.sin(waves), rates * np.cos(waves), -(rates**2) * np.sin(waves)))
+    torque = 0.09 * a + 2.0 * np.sin(q) + 0.3 * np.sign(v) + resistance(q, v) + 0.01 * rng.standard_normal(len(q))
+    return Recording("moved", time, q, torque)
+
+
+def test_a_spring_that_would_turn_gravity_round_is_not_named_nor_is_the_zero_called_wrong():
+    """A cable gets stiffer as it winds: a spring that is too strong, less a gravity that pulls up, imitates it."""
+    cable = moved(lambda q, v: 0.5 * q**3 + 0.1 * v)
+    found = diagnosed(cable, only=["spring", "stribeck"])
+    assert found.selected == () and found.unexplained
+    assert found.model.estimates["gravity"].value > 0
+    assert "would turn gravity round" in next(one.reason for one in found.candidates if one.effect == "spring")
+    assert not any("upright" in text for text in found.advice)
+    (doubt,) = (one.text for one in identify([cable], [*BASE, "spring"], "energy").doubts if "negative" in one.text)
+    assert doubt.startswith("gravity came out negative beside a spring") and "upright" not in doubt
+
+
+def test_friction_that_bends_down_over_speed_is_no_drag():
+    found = diagnosed(moved(lambda q, v: 0.2 * np.arcsinh(v / 0.4)), only=["quadratic_drag"])
+    assert found.selected == () and found.unexplained
+
+
+def test_friction_that_drives_is_said_of_what_is_found():
+    found = diagnosed(moved(lambda q, v: 0.3 * np.sign(v) * np.exp(-np.abs(v / 1.5))), only=["gravity_tilt"])
+    assert found.model.estimates["viscous"].value < 0
+    assert any(text.startswith("viscous came out negative, and no friction drives") for text in found.remarks)

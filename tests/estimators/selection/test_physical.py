@@ -8,6 +8,7 @@ from pendulum_env.arms.joints import coupled, placed
 from pendulum_env.physics import BASE, Model, Samples, Term, effect
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.limits import limited_term
+from pendulum_env.physics.table import FrictionBySpeed
 from pendulum_env.physics.term import UNLOADED, KnownLoad
 
 X = Samples(*np.ones((4, 3)))
@@ -44,12 +45,19 @@ def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
         (BASE, (2.0, 0.1, -0.031), 0.01, "coulomb"),
         (BASE, (2.0, 0.1, -0.029), 0.01, None),  # or it may be noise
         (BASE, (2.0, 0.1, -0.2), 0.0, None),  # or what was told
-        ([*BASE, effect("stribeck")()], (2.0, 0.1, -0.2, 0.5), 0.01, None),
+        ([*BASE, effect("stribeck")()], (2.0, 0.1, -0.2, 0.5), 0.01, "coulomb came out negative"),
+        ([*BASE, FrictionBySpeed()], (2.0, 0.1, -0.2, 0.5, 0.5, 0.5), 0.01, None),  # the table holds all of it
     ],
 )
-def test_friction_that_surely_drives_is_said_where_no_other_outweighs_it(terms, theta, std, told):
+def test_friction_that_surely_drives_is_said_whatever_else_outweighs_it(terms, theta, std, told):
     found = driving_friction(Model.build(terms, [0.1, *theta], [0.01, 0.01, 0.01, std, *theta[3:]]))
     assert found[0].startswith(told) if told else found == []
+
+
+def test_driving_friction_of_an_arm_is_said_with_its_joint():
+    terms = [placed(own, joint) for joint in ("elbow", "wrist") for own in BASE[2:]]
+    (told,) = driving_friction(Model.build(terms, [0.1, 0.2, -0.2, 0.1], 0.01))
+    assert told.startswith("viscous@wrist came out negative")
 
 
 def swinging(load: KnownLoad = UNLOADED) -> Samples:
