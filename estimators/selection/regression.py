@@ -162,8 +162,8 @@ class Regression:
     def shape_jacobian(self, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
         """Derivatives (R, S) of the modelled torque with respect to continuous shape parameters, and their names.
 
-        Those of a link that is watched are left out: its motion, which is given, tells them. Along one motion its torque
-        J (q'' - w^2 s - c s' + g sin q) would be the same for any J, were w, c, g and the joint's own parameters free.
+        Those of a link that is watched are left out: its motion, which is given, tells them. Along one motion its
+        torque J (q'' - w^2 s - c s' + g sin q) is the same for any J, if w, c, g and the joint's own parameters follow.
         """
         slopes: dict[str, Array] = {}
         first = 0

@@ -29,6 +29,7 @@ from pendulum_env.physics.term import Memory
 PERTURBATION = np.array(
     [3e-4, 3e-3, 1e-3, 1e-2]
 )  # of position and velocity of motor and link, for derivatives [rad], [rad/s]
+SMOOTH = 0.03  # times as much where no contact is met: what a secant misses passes for what the parameters do
 DAMPING = np.array([0.01, 1.0, 100.0])  # factors tried on the damping of a state
 
 
@@ -124,10 +125,11 @@ def consecutive(windows: Windows) -> Index:
 def slopes_by_state(shooting: Shooting, points: Sequence[Point], states: Array) -> tuple[Array, Array]:
     """Errors (V, B, N) of V points from V sets of states (V, S, B), and derivatives by the states (V, B, N, S)."""
     count, size, segments = states.shape
-    perturbed = states[:, None] + np.vstack([np.zeros(size), np.diag(PERTURBATION)])[None, :, :, None]
+    moves = PERTURBATION * (1.0 if link_of(points[0].terms).multimodal else SMOOTH)
+    perturbed = states[:, None] + np.vstack([np.zeros(size), np.diag(moves)])[None, :, :, None]
     errors = shooting.errors(each(points, size + 1), perturbed.reshape(-1, size, segments))
     errors = errors.reshape(count, size + 1, segments, -1)
-    return errors[:, 0], np.moveaxis((errors[:, 1:] - errors[:, :1]) / PERTURBATION[:, None, None], 1, 3)
+    return errors[:, 0], np.moveaxis((errors[:, 1:] - errors[:, :1]) / moves[:, None, None], 1, 3)
 
 
 def state_steps(error: Array, slopes: Array, damping: Array) -> Array:

@@ -9,7 +9,8 @@ from estimators.selection.data import PreparedData
 from estimators.selection.models import Models
 from estimators.selection.motion import refit
 from estimators.selection.search import Selection
-from estimators.simulation.multiple_shooting import estimate
+from estimators.simulation.multiple_shooting import estimate, initialised, slopes_by_state
+from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.recording import Recording
 from tests.cases import recorded
@@ -91,3 +92,14 @@ def test_what_tells_of_a_link_tells_its_standard_errors(elastic: Selection):
         estimate = found.estimates[name]
         assert 0 < estimate.std < 0.1 * value, name
         assert abs(estimate.value - value) < 4 * estimate.std, name
+
+
+def test_where_the_link_meets_no_contact_slopes_by_states_are_tangents(elastic: Selection):
+    """Parameters tell little that other states would not: a secant's error of a percent passes for news of them."""
+    point = Point.of(elastic.steps[-1].model)
+    (shooting,) = initialised(elastic.models.train.data.windows, point)
+    _, (slopes,) = slopes_by_state(shooting, [point], shooting.states[None])
+    step = 1e-8 * np.eye(4)[:, :, None]
+    more, less = (shooting.errors([point] * 4, shooting.states + sign * step) for sign in (1, -1))
+    tangents = np.moveaxis(more - less, 0, 2) / 2e-8
+    assert np.linalg.norm(slopes - tangents) < 1e-3 * np.linalg.norm(tangents)
