@@ -69,11 +69,13 @@ def refit(selection: Selection, start: Model | None = None) -> Selection:
     """
     models, (*others, last) = selection.models, selection.steps
     if has_link(last.model.terms):
-        linked, windows = models.linked, models.train.data.windows
-        known = linked is not None and linked.model.terms == last.model.terms
-        found = better(last, linked) if known else _with_link(models, last, start or last.model)
+        known = models.linked
+        if known is not None and known.model.terms == last.model.terms:
+            found = better(last, known)
+        else:
+            found = _with_link(models, last, start or last.model)
         # windows take the motion of the link for granted, which its parameters have made
-        found = replace(found, model=multiple_shooting.with_errors(windows, found.model))
+        found = replace(found, model=multiple_shooting.with_errors(models.train.data.windows, found.model))
     elif models.left.fits(last.model.terms):
         found = _by_likelihood(models, last)
     else:
