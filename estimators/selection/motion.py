@@ -68,10 +68,14 @@ def refit(selection: Selection, start: Model | None = None) -> Selection:
         start: initial guess of a model with a link, by default the fit to windows.
     """
     models, (*others, last) = selection.models, selection.steps
-    if models.linked is not None and models.linked.model.terms == last.model.terms:
-        found = better(last, models.linked)
-    elif has_link(last.model.terms):
-        found = _with_link(models, last, start or last.model)
+    if has_link(last.model.terms):
+        known = models.linked
+        if known is not None and known.model.terms == last.model.terms:
+            found = better(last, known)
+        else:
+            found = _with_link(models, last, start or last.model)
+        # windows take the motion of the link for granted, which its parameters have made
+        found = replace(found, model=multiple_shooting.with_errors(models.train.data.windows, found.model))
     elif models.left.fits(last.model.terms):
         found = _by_likelihood(models, last)
     else:

@@ -160,11 +160,17 @@ class Regression:
         return self.data.part(term.at).absorbed(term)
 
     def shape_jacobian(self, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
-        """Derivatives (R, S) of the modelled torque with respect to continuous shape parameters, and their names."""
+        """Derivatives (R, S) of the modelled torque with respect to continuous shape parameters, and their names.
+
+        Those of a link that is watched are left out: its motion, which is given, tells them. Along one motion its
+        torque J (q'' - w^2 s - c s' + g sin q) is the same for any J, if w, c, g and the joint's own parameters follow.
+        """
         slopes: dict[str, Array] = {}
         first = 0
         for term in terms:
             own = theta[first : (first := first + len(term.columns))]
+            if term.id in self.data.watched:
+                continue
 
             def torques(variants: Sequence[Term], own: Array = own) -> list[Array]:
                 return [linear @ own + fixed for linear, fixed in self.data.columns(variants)]

@@ -148,17 +148,20 @@ def refines(models: Models, longer: Terms, terms: Terms) -> bool:
 
 
 def linked(models: Models, longer: Terms, terms: Terms) -> tuple[Models, Terms] | None:
-    """A model with a link, or with one of another kind where the most promising leaves structure and costs more.
+    """A model with a link; where it leaves structure, the best of both kinds of link, alone or beside another effect.
 
     Behind a wide play, the link's state propagated along the measured motion is soon lost, so that an elastic
-    transmission may promise less torque. With estimated states, the loose one fits better.
+    transmission may promise less torque. With estimated states, the loose one fits better. On which side of the play
+    the link lies is up to all that acts: fitted without an offset of the torque, play is found where there is none.
     """
     found = watch(models, longer, terms)
     if found is None or found[0].left.fits(found[1]):
         return found
     kinds = [kind for kind in models.library.values() if kind.link and kind.id != longer[-1].id]
-    trials = [trial for trial in (best(models, terms, kind) for kind in kinds) if trial is not None]
-    others = [watch(models, trial.terms, terms) for trial in trials]
+    trials = [trial.terms for trial in (best(models, terms, kind) for kind in kinds) if trial is not None]
+    for alone in (longer, *trials):
+        trials += [more for more in candidates(models, alone)[:1] if models.is_significant(more, alone)]
+    others = [watch(models, trial, terms) for trial in trials]
     return min([found, *(one for one in others if one is not None)], key=lambda one: one[0].cost_with_link)
 
 

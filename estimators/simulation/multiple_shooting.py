@@ -29,6 +29,7 @@ from pendulum_env.physics.term import Memory
 PERTURBATION = np.array(
     [3e-4, 3e-3, 1e-3, 1e-2]
 )  # of position and velocity of motor and link, for derivatives [rad], [rad/s]
+SMOOTH = 0.03  # times as much where no contact is met: what a secant misses passes for what the parameters do
 DAMPING = np.array([0.01, 1.0, 100.0])  # factors tried on the damping of a state
 
 
@@ -124,10 +125,11 @@ def consecutive(windows: Windows) -> Index:
 def slopes_by_state(shooting: Shooting, points: Sequence[Point], states: Array) -> tuple[Array, Array]:
     """Errors (V, B, N) of V points from V sets of states (V, S, B), and derivatives by the states (V, B, N, S)."""
     count, size, segments = states.shape
-    perturbed = states[:, None] + np.vstack([np.zeros(size), np.diag(PERTURBATION)])[None, :, :, None]
+    moves = PERTURBATION * (1.0 if link_of(points[0].terms).multimodal else SMOOTH)
+    perturbed = states[:, None] + np.vstack([np.zeros(size), np.diag(moves)])[None, :, :, None]
     errors = shooting.errors(each(points, size + 1), perturbed.reshape(-1, size, segments))
     errors = errors.reshape(count, size + 1, segments, -1)
-    return errors[:, 0], np.moveaxis((errors[:, 1:] - errors[:, :1]) / PERTURBATION[:, None, None], 1, 3)
+    return errors[:, 0], np.moveaxis((errors[:, 1:] - errors[:, :1]) / moves[:, None, None], 1, 3)
 
 
 def state_steps(error: Array, slopes: Array, damping: Array) -> Array:
@@ -340,24 +342,14 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
         every: recording's windows.
         model: initial guess; one of its terms has a link. It is returned unchanged if segments are too few.
     """
-    point = Point.of(model)
-    first = [consecutive(windows) for windows in every]
-    if sum(len(one) for one in first) < SHOOTING.fewest * len(point.values):
+    point, multimodal = Point.of(model), link_of(model.terms).multimodal
+    if _are_few(every, point):
         return model
-    thinned = -(-sum(len(one) for one in first) // SHOOTING.most)
-
-    def fitted(point: Point, step: int, turns: int = SHOOTING.turns) -> Fitted:
-        return fit(
-            [initialise(cut(w, point, one[::step]), point)[0] for w, one in zip(every, first, strict=True)],
-            point,
-            turns,
-        )
-
-    multimodal = link_of(model.terms).multimodal
     if multimodal:  # a loose contact has local minima at several stiffnesses, and windows favour a soft one
 
         def tried(starts: Sequence[Point]) -> Fitted:
-            return min((fitted(start, 3 * thinned, SHOOTING.trial_turns) for start in starts), key=lambda one: one.cost)
+            fits = (fit(initialised(every, start, 3), start, SHOOTING.trial_turns) for start in starts)
+            return min(fits, key=lambda one: one.cost)
 
         found = tried([changed(start, {multimodal: f}) for start in (point, hung(point)) for f in SHOOTING.stiffer])
         for _ in range(SHOOTING.climbs):
@@ -366,11 +358,32 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
                 break
             found = other
         point = found.point
-    found = fitted(point, thinned)
+    found = fit(initialised(every, point), point)
     if multimodal:
         found = fit([replace(one, step=SHOOTING.fine) for one in found.every], found.point, SHOOTING.fine_turns)
-    slopes = _linearise(found.every, found.point)
-    return named(found.point, robust_covariance(slopes.by_parameter, slopes.error, slopes.segment))
+    return _told(found)
+
+
+def with_errors(every: Sequence[Windows], model: Model) -> Model:
+    """The model as it is, with standard errors from the spread of the segments; none if these are too few."""
+    point = Point.of(model)
+    return model if _are_few(every, point) else _told(Fitted(point, initialised(every, point)))
+
+
+def initialised(every: Sequence[Windows], point: Point, share: int = 1) -> tuple[Shooting, ...]:
+    """Segments of recordings with the best initial states for a point, one in `share` of those that a fit has."""
+    first = [consecutive(windows) for windows in every]
+    step = share * -(-sum(len(one) for one in first) // SHOOTING.most)
+    return tuple(initialise(cut(w, point, one[::step]), point)[0] for w, one in zip(every, first, strict=True))
+
+
+def _are_few(every: Sequence[Windows], point: Point) -> bool:
+    return sum(len(consecutive(windows)) for windows in every) < SHOOTING.fewest * len(point.values)
+
+
+def _told(place: Fitted) -> Model:
+    slopes = _linearise(place.every, place.point)
+    return named(place.point, robust_covariance(slopes.by_parameter, slopes.error, slopes.segment))
 
 
 def changed(point: Point, factors: Mapping[str, float]) -> Point:

@@ -36,6 +36,17 @@ def test_an_effect_is_found_that_held_out_data_only_bear_out_beside_another():
 
 
 @pytest.mark.slow
+def test_play_is_found_beside_what_decides_on_which_side_of_it_the_link_lies():
+    play = {"Jm": 0.045, "bl_gap": 0.012, "bl_k": 300.0, "bl_d": 0.8}
+    train, test = (Experiment(rate=500.0, seconds=9.0, seed=seed, excitation="multisine") for seed in (2, 3))
+    selection, found, left = searched(Plant(effects={"backlash": play, "torque_offset": {"offset": 0.25}}), train, test)
+    assert found == ["backlash", "torque_offset"] and left < 0.1
+    told = selection.steps[-1].model.estimates
+    assert told["backlash.gap"].value == pytest.approx(0.012, rel=0.05)
+    assert told["torque_offset"].value == pytest.approx(-0.25, rel=0.02)
+
+
+@pytest.mark.slow
 def test_a_torque_that_wanders_is_given_no_name():
     walk = {"random_walk_torque": {"walk_rms": 0.5}}
     train, test = (Experiment(rate=200.0, seconds=10.0, seed=seed, excitation="chirp") for seed in (2, 3))

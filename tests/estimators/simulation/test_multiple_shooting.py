@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
+from estimators.preprocessing import gather
 from estimators.selection.data import PreparedData
-from estimators.simulation.multiple_shooting import estimate
+from estimators.selection.models import Models
+from estimators.selection.motion import refit
+from estimators.selection.search import Selection
+from estimators.simulation.multiple_shooting import estimate, initialised, slopes_by_state
+from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.recording import Recording
 from tests.cases import recorded
@@ -52,3 +57,49 @@ def test_a_link_is_watched_behind_a_command_that_is_late_and_in_a_short_part(loo
     short = Recording("short", *(series[:900] for series in (recording.time, recording.position, recording.torque)))
     part = PreparedData.of([short], part=(0.7, 1.0)).watching(true)
     assert np.isfinite(part.errors(true).torque_rms)
+
+
+ELASTIC = {"Jm": 0.03, "bl_k": 22.0, "bl_d": 0.05}
+SWINGING = {**BASIC, "inertia": 0.09, "joint_flexibility": 0.06}
+SWINGING |= {"joint_flexibility.resonance": np.sqrt(22.0 / 0.06), "joint_flexibility.damping": 0.05 / 0.06}
+SWINGING |= {"joint_flexibility.gravity": 2.0 / 0.06}
+
+
+@pytest.fixture(scope="module")
+def elastic() -> Selection:
+    """A model with a link that is watched, fitted to windows along its motion."""
+    runs = (Experiment(rate=500.0, seconds=9.0, seed=seed, excitation="multisine") for seed in (5, 6))
+    train, unseen = recorded(Plant(**BASIC | {"inertia": 0.09}, effects={"joint_flexibility": ELASTIC}), *runs)
+    models = Models(*gather([train], [unseen]))
+    shape = {name.split(".")[1]: value for name, value in SWINGING.items() if "." in name}
+    terms = (*BASE, effect("joint_flexibility")(**shape))
+    linear = [value for name, value in SWINGING.items() if "." not in name]
+    models = models.watching(models.with_errors("joint_flexibility", Model.build(terms, np.array(linear))))
+    return Selection(models, [models.report(None, BASE), models.report("joint_flexibility", terms)])
+
+
+def test_along_the_motion_of_a_link_windows_tell_the_joint_by_itself(elastic: Selection):
+    found, models = elastic.steps[-1].model, elastic.models
+    for name in BASIC:
+        assert 0 < found.estimates[name].std < 0.05 * SWINGING[name], name
+    left = models.left.unseen(elastic.terms)  # which corrects parameters within their uncertainty
+    assert np.sqrt(np.mean(left**2)) < 1.01 * elastic.steps[-1].errors["holdout"].torque_rms
+
+
+def test_what_tells_of_a_link_tells_its_standard_errors(elastic: Selection):
+    found = refit(elastic).steps[-1].model
+    for name, value in SWINGING.items():
+        estimate = found.estimates[name]
+        assert 0 < estimate.std < 0.1 * value, name
+        assert abs(estimate.value - value) < 4 * estimate.std, name
+
+
+def test_where_the_link_meets_no_contact_slopes_by_states_are_tangents(elastic: Selection):
+    """Parameters tell little that other states would not: a secant's error of a percent passes for news of them."""
+    point = Point.of(elastic.steps[-1].model)
+    (shooting,) = initialised(elastic.models.train.data.windows, point)
+    _, (slopes,) = slopes_by_state(shooting, [point], shooting.states[None])
+    step = 1e-8 * np.eye(4)[:, :, None]
+    more, less = (shooting.errors([point] * 4, shooting.states + sign * step) for sign in (1, -1))
+    tangents = np.moveaxis(more - less, 0, 2) / 2e-8
+    assert np.linalg.norm(slopes - tangents) < 1e-3 * np.linalg.norm(tangents)
