@@ -134,7 +134,8 @@ def design_excitation(
     for share in SHARES:
         found = _greedy(body, limits._replace(acceleration=share * limits.acceleration), seconds, rng)
         q, v, a = found(np.arange(0.0, found.seconds, TICK))
-        if (np.abs(body.torque(q, v, a) @ body.values) <= limits.torque).all():
+        affordable = (np.abs(body.torque(q, v, a) @ body.values) <= limits.torque).all()
+        if affordable and found.speeds.any(axis=0).all():
             return found
     raise IdentificationError(
         f"{body.name}: moving needs more torque than the joints have: allow less speed or angle, or more torque"

@@ -291,7 +291,7 @@ def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(caps
         ("record -o x.csv --effect stribeck", "'stribeck' should say at which joint"),
         ("record -o x.csv --theta inertia=1", "--theta is for pendulums"),
         ("record -o x.csv --backend simulated", "arms know pymunk and mujoco alone"),
-        ("record -o x.csv --excitation prbs", "arms know multisine alone"),
+        ("record -o x.csv --excitation prbs", "arms know rl alone"),
         ("record -o x.csv --amplitude 0", "needs more torque than the joints have"),
         ("record -o arm.urdf", "is one of the inputs"),
         ("identify plain.csv --align", "--align is for pendulums"),

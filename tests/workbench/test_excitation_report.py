@@ -98,7 +98,7 @@ def test_several_trainings_are_told_with_their_median_and_worst(capsys):
 
     outcomes = {"two-tone": outcome(0, 2e-3), "a": outcome(4, 1e-3), "b": outcome(3, 4e-3), "c": outcome(2, 2e-2)}
     figures = evaluation_json(
-        outcomes, "two-tone", ["a", "b", "c"], plants=4, constraint="peak", scheme="energy", effects=()
+        outcomes, "two-tone", ["a", "b", "c"], plants=4, constraint="peak", scheme="energy", effects=(), spread=0.3
     )
     gain = figures["trainings"]["gain"]
     assert gain["information"] == pytest.approx({"median": np.exp(3 / 4), "worst": np.exp(2 / 4)})
