@@ -17,14 +17,16 @@ from numpy.typing import NDArray
 
 from agents.knowledge import DECADES
 from agents.observer import BOUND, Batch
-from estimators.arms.excitation import PRIOR, Moving, to_rest
+from estimators.arms.excitation import PRIOR, TOO_WEAK, Moving, is_possible, to_rest
 from estimators.arms.limits import Limits, limits_of
 from estimators.arms.reference import HOLD, Reference
+from estimators.regression.equations import IdentificationError
 from estimators.wrappers.arms import body_of
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.excitation import USUAL_SPEED
+from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.policy import Policy, State
 
@@ -96,7 +98,7 @@ class ArmExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         self.num_envs, self.render_mode, self._seconds, self._draw = num_envs, None, seconds, draw
         self.autoreset = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset}
-        self._moving = Moving(self.body, self.limits, num_envs)
+        self._moving, self._left = Moving(self.body, self.limits, num_envs), 0
         inputs = observe(self._moving, 1.0).shape[1]
         self.single_observation_space = gym.spaces.Box(-BOUND, BOUND, (inputs,), dtype=np.float32)
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (len(self.body.joints),), dtype=np.float32)
@@ -108,13 +110,16 @@ class ArmExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
     ) -> tuple[Batch, dict[str, Any]]:
         """Begin motions at rest; the seed draws limits and length."""
         super().reset(seed=seed[0] if isinstance(seed, list) else seed)
+        for name in options or {}:
+            find("option of reset", name, {})
         return self._begin()
 
     def _begin(self) -> tuple[Batch, dict[str, Any]]:
         limits, rng = self.limits, self.np_random
         if self._draw:
             angle, speed, torque = (rng.uniform(*share, (self.num_envs, 1)) for share in SHARES.values())
-            low, high = limits.low * angle, limits.high * angle
+            home = np.clip(0.0, limits.low, limits.high)  # zero may be none of their positions
+            low, high = home + (limits.low - home) * angle, home + (limits.high - home) * angle
             limits = Limits(low, high, limits.speed * speed, limits.torque * torque, limits.acceleration * speed)
         seconds = rng.uniform(*SECONDS) if self._seconds is None else self._seconds
         self._moving, self._left = Moving(self.body, limits, self.num_envs), round(seconds / HOLD)
@@ -137,16 +142,16 @@ class ArmExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         if shares.shape != self.action_space.shape or not np.isfinite(shares).all():
             raise ValueError(f"actions are {self.action_space.shape} numbers, not {actions}")
         nobody = np.zeros(self.num_envs, dtype=bool)
-        if self._left == 0 and self.autoreset is AutoresetMode.NEXT_STEP:
+        if self._left <= 0 and self.autoreset is AutoresetMode.NEXT_STEP:
             observation, info = self._begin()
             return observation, np.zeros(self.num_envs), nobody, nobody.copy(), info
         before = self._moving.worth
         self._moving.go(np.clip(shares, -1.0, 1.0))
         self._left -= 1
         reward = self._moving.worth - before
-        truncated = np.full(self.num_envs, self._left == 0)
+        truncated = np.full(self.num_envs, self._left <= 0)
         observation, info = self._look()
-        if self._left == 0 and self.autoreset is AutoresetMode.SAME_STEP:
+        if self._left <= 0 and self.autoreset is AutoresetMode.SAME_STEP:
             final = {"final_obs": observation, "_final_obs": truncated, "final_info": info, "_final_info": truncated}
             observation, info = self._begin()
             info |= final
@@ -184,8 +189,12 @@ def _single(info: dict[str, Any]) -> dict[str, Any]:
 def plan(policy: Policy, body: Body, limits: Limits, seconds: float) -> Reference:
     """The motion that a policy chooses for an arm within limits; after `seconds` the arm is brought to rest.
 
+    A policy knows nothing of the arm but what it observes: one of as many joints and parameters is not told from that
+    which it was trained for.
+
     Raises:
-        ValueError: if the policy was trained for an arm of other joints or parameters.
+        ValueError: if the policy was trained for an arm of other numbers of joints or parameters.
+        IdentificationError: if its motion needs more torque than there is.
     """
     moving = Moving(body, limits, 1)
     state: State = None
@@ -194,4 +203,7 @@ def plan(policy: Policy, body: Body, limits: Limits, seconds: float) -> Referenc
         action, state = policy.predict(observe(moving, left * HOLD), state, np.array([len(speeds) == 1]), True)
         moving.go(np.clip(np.asarray(action, dtype=float), -1.0, 1.0))
         speeds.append(moving.speed)
-    return to_rest(body, moving, start, speeds)
+    motion = to_rest(body, moving, start, speeds)
+    if not is_possible(motion, limits):
+        raise IdentificationError(f"{body.name}: under the policy {TOO_WEAK}")
+    return motion

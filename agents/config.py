@@ -68,6 +68,8 @@ class Config:
         """
         usual = find("constraint", str(settings.get("constraint", cls.constraint)), USUAL)
         config = Value("", "", {**usual, **settings}).record(cls)
+        if config.robot and config.constraint != "arm":
+            raise ValueError(f"robot is of the constraint arm, not of {config.constraint}")
         if len(config.levels) < 2:
             raise ValueError("levels should be 2 shares of the peak at least")
         decisions = config.pendulums * config.rollout

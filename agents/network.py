@@ -51,7 +51,8 @@ class Network:
         if np.shape(observation)[-1] != self.weights[0].shape[1]:
             seen, known = np.shape(observation)[-1], self.weights[0].shape[1]
             if self.constraint == ARM or (seen, known) != (INPUTS + 1, INPUTS):
-                raise Mistake(f"the policy was trained on observations of {known} numbers, this one has {seen}")
+                trained = f"the policy ({self.constraint}) was trained on observations of {known} numbers"
+                raise Mistake(f"{trained}, this one has {seen}")
             observation = np.asarray(observation)[..., :INPUTS]  # one that knows no limit of turns does not see it
         x, sign = (observation, np.ones(())) if self.constraint == ARM else mirrored(observation)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):

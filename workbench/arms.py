@@ -54,7 +54,7 @@ def record(
         raise InputError(f"the joints turn by more than {LARGE:g} rad: hide less, or allow less torque")
     write_recording(recording, arguments.output)
     terminal.say(recording.summary)
-    terminal.say(f"the joints follow {motion}, condition of the base regressor {motion.condition:.3g}")
+    terminal.say(f"the joints follow {motion}, condition of the regressor {motion.condition:.3g}")
     off = np.sqrt(np.mean((motion(recording.time)[0] - recording.position) ** 2, axis=0))
     rows = [
         (

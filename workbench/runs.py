@@ -8,7 +8,7 @@ import numpy as np
 
 from agents import multisine
 from agents.network import load
-from agents.observer import EPISODE
+from agents.observer import CONSTRAINTS, EPISODE
 from agents.pilot import Pilot
 from estimators.wrappers.options import smoothing_of
 from pendulum_env.backends.hardware import config
@@ -52,6 +52,8 @@ def experiment(
             raise InputError(f"--excitation {LEARNT} needs a backend that answers step by step: use --backend pymunk")
         seconds = arguments.seconds or (EPISODE if arguments.until is None else LONGEST)
         network = load(arguments.policy or "peak")
+        if network.constraint not in CONSTRAINTS:
+            raise InputError(f"policy {arguments.policy} chooses the motion of an arm: give its --robot FILE")
         return Pilot(network, network.constraint, seconds, rate), seconds
     if kind == SUGGESTED:
         if arguments.diagnosis is None:

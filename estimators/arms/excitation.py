@@ -17,13 +17,14 @@ from estimators.regression.equations import IdentificationError
 from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.plane import friction_of
+from pendulum_env.plant import PAPER
 
 SLOW = 0.05  # [rad/s or m/s]; slower than this nothing is learnt: estimators keep clear of stick,
 GUARD = 0.03  # [s] before and after a reversal, their filters' reach included
 PRIOR = 0.1  # of the information: (noise / spread)^2 with 0.1 N m of noise on a tick and arms within some 30 %
 LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)  # of speed that are tried
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the acceleration that are tried until the torque suffices
-STOPPING = 20  # knots at most until an arm has come to rest
+TOO_WEAK = "moving needs more torque than the joints have: allow less speed or angle, or more torque"
 
 
 def clear(v: Array, a: Array) -> Mask:
@@ -45,7 +46,10 @@ def sizes(body: Body) -> Array:
     known = sorted((norm, kind) for (kind, _), norm in norms.items() if norm > 0)
     least = {kind: next((norm for norm, other in known if other == kind), 1.0) for kind, _ in groups}
     links = [norms[own] or least[own[0]] for own in groups]
-    return np.concatenate([links, *np.array(friction_of(body)).T])
+    friction = np.array(friction_of(body)).T
+    for own, usual in zip(friction, (PAPER["viscous"], PAPER["coulomb"]), strict=True):
+        own[own == 0] = min(own[own > 0], default=usual)
+    return np.concatenate([links, *friction])
 
 
 class Moving:
@@ -128,18 +132,23 @@ def design_excitation(
         rng: that draws the orders.
 
     Raises:
-        IdentificationError: if a joint's limits leave no room, or no motion keeps within those of torque.
+        IdentificationError: if limits leave a joint no room, a bound makes no sense, or every motion needs more torque.
     """
+    if not HOLD <= seconds < np.inf:
+        raise IdentificationError(f"a motion cannot last {seconds:g} s: give {HOLD:g} s or more")
     rng, limits = rng or np.random.default_rng(0), limits_of(body, max_angle, max_speed, max_torque, max_acceleration)
     for share in SHARES:
         found = _greedy(body, limits._replace(acceleration=share * limits.acceleration), seconds, rng)
-        q, v, a = found(np.arange(0.0, found.seconds, TICK))
-        affordable = (np.abs(body.torque(q, v, a) @ body.values) <= limits.torque).all()
-        if affordable and found.speeds.any(axis=0).all():
+        if is_possible(found, limits):
             return found
-    raise IdentificationError(
-        f"{body.name}: moving needs more torque than the joints have: allow less speed or angle, or more torque"
-    )
+    raise IdentificationError(f"{body.name}: {TOO_WEAK}")
+
+
+def is_possible(motion: Reference, limits: Limits) -> bool:
+    """Whether a motion moves every joint, ends at rest, and needs no more torque than there is, without friction."""
+    q, v, a = motion(np.arange(0.0, motion.seconds, TICK))
+    affordable = np.abs(motion.body.torque(q, v, a) @ motion.body.values) <= limits.torque
+    return bool(affordable.all() and motion.speeds.any(axis=0).all() and not motion.speeds[-1].any())
 
 
 def _greedy(body: Body, limits: Limits, seconds: float, rng: np.random.Generator) -> Reference:
@@ -157,10 +166,11 @@ def _greedy(body: Body, limits: Limits, seconds: float, rng: np.random.Generator
 
 
 def to_rest(body: Body, moving: Moving, start: Array, speeds: list[Array]) -> Reference:
-    """The motion that had these speeds, each (1, n), brought to rest."""
-    for _ in range(STOPPING):
-        if not np.any(moving.speed):
-            break
+    """The motion that had these speeds, each (1, n), brought to rest where the torque allows that."""
+    count = len(speeds)
+    limits = moving.limits
+    longest = 10 + 4 * np.ceil(limits.speed / (HOLD * limits.acceleration)).max()  # twice what half of it takes
+    while np.any(moving.speed) and len(speeds) < count + longest:
         moving.go(np.zeros_like(moving.speed))
         speeds.append(moving.speed)
     return Reference(body, start, np.concatenate(speeds))

@@ -47,8 +47,12 @@ def limits_of(
     """Limits of the file, of arguments as in `design_excitation`, and usual ones where neither has any.
 
     Raises:
-        IdentificationError: if they leave a joint no room.
+        IdentificationError: if a bound is not positive, or they leave a joint no room.
     """
+    bounds = {"angle": max_angle, "speed": max_speed, "torque": max_torque, "acceleration": max_acceleration}
+    for name, bound in bounds.items():
+        if bound is not None and not bound > 0:
+            raise IdentificationError(f"{body.name}: the largest {name} cannot be {bound:g}: give a number above zero")
     slides, joints = np.array(body.slides), np.array(body.joints)
     (low, high), usual = body.position_limits, np.where(slides, USUAL.stroke, USUAL.angle)
     low, high = np.where(np.isfinite(low), low, -usual), np.where(np.isfinite(high), high, usual)

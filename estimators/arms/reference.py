@@ -6,6 +6,7 @@ averages keep the limits of angle and speed, and acceleration has no jumps, whic
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -43,7 +44,7 @@ def reachable(body: Body, limits: Limits, q: Array, v: Array, share: Array) -> A
     """Speeds (N, n) at the next knot, of those that are asked for as shares of the largest (N, n).
 
     Acceleration stays within its limit. The speed is so low that the joint can stop before the end of its angle with
-    half of it; what that takes goes before the torque, which is kept otherwise, by the file and without friction.
+    half of it; what that takes goes before the torque, by the file and without friction, which is kept where it can be.
 
     Args:
         body: the arm.
@@ -65,15 +66,15 @@ def reachable(body: Body, limits: Limits, q: Array, v: Array, share: Array) -> A
     )
     high, low = np.minimum(up, limits.speed), -np.minimum(down, limits.speed)
     change = np.clip(np.clip(share * limits.speed, low, high) - v, -most, most)
-    taken, decided = np.zeros_like(change), np.zeros(len(q), dtype=bool)
-    for part in PARTS:
-        a = part * change / h
+    taken, excess = np.zeros_like(change), np.full(len(q), np.inf)
+    for wanted, part in itertools.product((change, np.clip(-v, -most, most)), PARTS):  # or else it slows down
+        a = part * wanted / h
         ends = (q, v), (q + h * v + 0.5 * h**2 * a, v + h * a)
         needed = np.max([np.abs(body.torque(*end, a) @ body.values) for end in ends], axis=0)
-        fits = ~decided & (needed <= MARGIN * limits.torque).all(axis=1)
-        taken[fits] = part * change[fits]
-        decided |= fits
-        if decided.all():
+        own = (needed / np.maximum(MARGIN * limits.torque, 1e-300)).max(axis=1)
+        better = (excess > 1) & (own < excess)
+        taken[better], excess[better] = part * wanted[better], own[better]
+        if (excess <= 1).all():
             break
     return np.clip(v + taken, np.maximum(low, v - most), np.minimum(high, v + most))
 
@@ -106,7 +107,8 @@ class Reference:
         """Condition number of the torque regressor in base parameters and friction, columns scaled to equal length."""
         rows = torque_rows(self.body, *self(np.arange(TICK / 2, self.seconds, TICK)))
         phi = rows.reshape(-1, rows.shape[-1])
-        return float(np.linalg.cond(phi / np.linalg.norm(phi, axis=0)))
+        length = np.linalg.norm(phi, axis=0)
+        return float(np.linalg.cond(phi / length)) if length.all() else np.inf
 
     @property
     def seconds(self) -> float:

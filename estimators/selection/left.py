@@ -150,7 +150,7 @@ class Left:
             old, new, structure, floor = lefts[at], less[at], structures[at], self.noise_of(part, at)
             gone = old.all - new.all
             if not self.criterion.shows(structure, floor):
-                white.append(gone / max(old.all, least))
+                white.append(gone / old.all if gone > least else 0.0)
             elif gone <= least:
                 shares.append(0.0)
             elif structure.sure >= self.criterion.sure:

@@ -34,17 +34,17 @@ def white_noise(series: Array) -> float:
 def rounding(series: Array) -> float:
     """Step to multiples of which a signal was rounded; 0 where its least change is none.
 
-    A command that is held at some values has a least change, too, and was not rounded to that: its other changes are no
-    multiples, or it only switches between two or three values.
+    A command that is held has a least change, too, and was not rounded to that: at rest most of the time, it changes by
+    more than that at once, or only switches between two or three values.
     """
     changes = np.abs(np.diff(series))
     changes = changes[changes > 1e-12]
     if not len(changes):
         return 0.0
     step = float(changes.min())
-    off = np.abs(changes / step - np.rint(changes / step))
     values = np.unique(np.rint((series - series[0]) / step))
-    return step if len(values) > 3 and np.quantile(off, 0.9) < 0.1 else 0.0
+    is_held = 2 * len(changes) < len(series) and np.quantile(changes, 0.95) > 1.5 * step
+    return 0.0 if is_held or len(values) <= 3 else step
 
 
 def encoder_noise(position: Array) -> float:

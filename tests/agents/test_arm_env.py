@@ -88,7 +88,7 @@ def test_the_policy_that_ships_teaches_more_than_series():
 
 
 def test_a_policy_of_another_arm_is_refused():
-    with pytest.raises(ValueError, match="the policy was trained on observations of"):
+    with pytest.raises(ValueError, match=r"the policy \(arm\) was trained on observations of"):
         plan(load("arm"), six := six_joint.body(), limits_of(six), 1.0)
 
 
@@ -100,4 +100,26 @@ def test_record_lets_an_arm_follow_such_a_motion(tmp_path, capsys, asked):
     assert main([*arm, "-o", str(tmp_path / "a.csv")]) == 0
     assert "from rest to rest" in capsys.readouterr().out
     assert main([*arm, "--policy", "peak", "-o", str(tmp_path / "b.csv")]) != 0
-    assert capsys.readouterr().err
+    assert "policy" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        (
+            "record --robot arm.urdf --excitation rl --amplitude 0.01 -o x.csv",
+            "under the policy moving needs more torque",
+        ),
+        (
+            "record --excitation rl --policy arm -o x.csv",
+            "policy arm chooses the motion of an arm: give its --robot FILE",
+        ),
+        ("train --robot arm.urdf -o x.npz", "robot is of the constraint arm, not of peak"),
+    ],
+)
+def test_what_does_not_go_together_is_one_line(tmp_path, monkeypatch, capsys, command, told):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.urdf").write_text(PlanarArm().urdf)
+    assert main(command.split()) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert told in line

@@ -9,7 +9,7 @@ from typing import Any
 
 from dash.development.base_component import Component
 
-from agents.network import NAMES
+from agents.observer import CONSTRAINTS
 from estimators.progress import Progress
 from pendulum_env.excitation import EXCITATIONS
 from pendulum_env.files import write_whole
@@ -25,7 +25,7 @@ from workbench.terminal import Terminal
 
 DIAGNOSIS = "diagnosis.json"
 LONGEST = 120.0  # [s]
-LEARNT = {f"rl-{policy}": policy for policy in NAMES}  # the only policies that a page can name
+LEARNT = {f"rl-{policy}": policy for policy in CONSTRAINTS}  # the only policies that a page can name
 DEMO, DEMO_HOLDOUT = "demo.csv", "demo-holdout.csv"
 Options = tuple[str, ...]  # of `record`
 

@@ -62,7 +62,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--policy",
         metavar="NAME",
-        help=f"{', '.join(SHIPPED)}, or a file that `train` wrote, for --excitation {LEARNT}",
+        help=f"{', '.join(SHIPPED)}, or a file that `train` wrote, for --excitation {LEARNT} (default peak, or "
+        "arm with --robot)",
     )
     parser.add_argument(
         "--until",

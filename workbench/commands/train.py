@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--robot", metavar="FILE", help="arm that is learnt on, URDF or MJCF, for --constraint arm")
     parser.add_argument("--seed", type=whole(0), help="of all random numbers (default 0)")
-    parser.add_argument("--steps", type=whole(1), help="decisions of 20 ms in all")
+    parser.add_argument("--steps", type=whole(1), help="decisions in all, each of 20 ms, of an arm 0.1 s")
     parser.add_argument(
         "--checkpoints", metavar="FOLDER", help="keep the training, policies on the way and a log for TensorBoard there"
     )

@@ -6,15 +6,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.arm_excitation import deviation, random_fourier
+from benchmarks.two_link import TwoLink
 from estimators import identify
 from estimators.arms.excitation import PRIOR, Moving, clear, design_excitation, sizes, to_rest
 from estimators.arms.following import follow
 from estimators.arms.limits import Limits, limits_of
 from estimators.arms.reference import HOLD, TICK, torque_rows
 from estimators.regression.equations import IdentificationError
+from pendulum_env.arms.body import read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.plane import planar_links
+from pendulum_env.plant import PAPER
 
 
 @settings(max_examples=40, deadline=None)
@@ -30,7 +33,7 @@ def test_angle_speed_and_acceleration_are_kept_whatever_is_asked_for(body, seed,
     moving, rng = Moving(body, limits, 1), np.random.default_rng(seed)
     start, speeds = moving.position[0], [moving.speed]
     for _ in range(60):
-        moving.go(rng.choice([-1.0, -0.3, 0.0, 1.0], (1, 2)))
+        moving.go(rng.choice([-1.0, -0.3, 0.0, 1.0], (1, 2)) if seed % 2 else np.ones((1, 2)))
         speeds.append(moving.speed)
     motion = to_rest(body, moving, start, speeds)
     time = np.linspace(0, motion.seconds, 5001)
@@ -92,6 +95,22 @@ def test_a_simulated_arm_that_follows_has_smaller_standard_errors_and_is_right(b
     assert planned < 0.8 * series
 
 
-def test_an_arm_that_cannot_hold_itself_is_refused(six):
-    with pytest.raises(IdentificationError, match="moving needs more torque than the joints have"):
-        design_excitation(six, 1.0, max_torque=1e-3)
+@pytest.mark.parametrize(
+    ("bounds", "told"),
+    [
+        ({"max_torque": 1e-3}, "moving needs more torque than the joints have"),
+        ({"max_speed": -1.0}, "the largest speed cannot be -1"),
+        ({"max_angle": np.nan}, "the largest angle cannot be nan"),
+        ({"seconds": 0.0}, "a motion cannot last 0 s"),
+    ],
+)
+def test_what_no_arm_can_do_is_refused(six, bounds, told):
+    with pytest.raises(IdentificationError, match=told):
+        design_excitation(six, **{"seconds": 1.0, **bounds})
+
+
+def test_friction_that_a_file_sets_to_zero_has_a_size_all_the_same(body, tmp_path):
+    text = TwoLink().urdf().replace("</joint>", '<dynamics damping="0.1" friction="0"/></joint>')
+    (tmp_path / "arm.urdf").write_text(text)
+    own = sizes(read_body(tmp_path / "arm.urdf"))
+    assert (own > 0).all() and own[-4:-2] == pytest.approx(0.1) and own[-2:] == pytest.approx(PAPER["coulomb"])

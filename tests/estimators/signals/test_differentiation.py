@@ -28,9 +28,7 @@ def test_the_step_that_a_smooth_signal_was_rounded_to_is_found(seed, step, pace)
 @given(seed=st.integers(0, 2**32 - 1), least=st.floats(0.02, 1.0))
 def test_a_command_that_is_held_at_some_values_was_not_rounded_to_their_least_difference(seed, least):
     rng, held = np.random.default_rng(seed), np.repeat(np.arange(25), 200)
-    for values in (
-        rng.uniform(-5, 5, 25),
-        least * rng.choice([-1.0, 1.0], 25),
-        least * rng.choice([-1.0, 0.0, 1.0], 25),
-    ):
+    seven = least * rng.permutation(np.arange(25) % 7)
+    two, three = (least * rng.choice(levels, 25) for levels in ((-1.0, 1.0), (-1.0, 0.0, 1.0)))
+    for values in (rng.uniform(-5, 5, 25), two, three, seven):
         assert rounding(values[held]) == white_noise(values[held]) == 0.0
