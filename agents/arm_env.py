@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from agents.knowledge import DECADES
 from agents.observer import BOUND, Batch
-from estimators.arms.excitation import PRIOR, TOO_WEAK, Moving, is_possible, to_rest
+from estimators.arms.excitation import PRIOR, Moving, objection, to_rest
 from estimators.arms.limits import Limits, limits_of
 from estimators.arms.reference import HOLD, Reference
 from estimators.regression.equations import IdentificationError
@@ -190,12 +190,14 @@ def plan(policy: Policy, body: Body, limits: Limits, seconds: float) -> Referenc
     """The motion that a policy chooses for an arm within limits; after `seconds` the arm is brought to rest.
 
     A policy knows nothing of the arm but what it observes: one of as many joints and parameters is not told from that
-    which it was trained for.
+    which it was trained for. It has learnt `SHARES` of the usual limits, and motions of `SECONDS`; beyond, it may do
+    worse than chance. Torque is bounded as in its training, by 12 N m where nobody says less.
 
     Raises:
         ValueError: if the policy was trained for an arm of other numbers of joints or parameters.
-        IdentificationError: if its motion needs more torque than there is.
+        IdentificationError: if its motion needs more torque than there is, or a joint never moves.
     """
+    limits = limits._replace(torque=np.minimum(limits.torque, TORQUE))
     moving = Moving(body, limits, 1)
     state: State = None
     start, speeds = moving.position[0], [moving.speed]
@@ -204,6 +206,6 @@ def plan(policy: Policy, body: Body, limits: Limits, seconds: float) -> Referenc
         moving.go(np.clip(np.asarray(action, dtype=float), -1.0, 1.0))
         speeds.append(moving.speed)
     motion = to_rest(body, moving, start, speeds)
-    if not is_possible(motion, limits):
-        raise IdentificationError(f"{body.name}: under the policy {TOO_WEAK}")
+    if told := objection(motion, limits):
+        raise IdentificationError(f"{body.name}: under the policy {told}")
     return motion

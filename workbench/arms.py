@@ -76,6 +76,7 @@ def _motion(arguments: argparse.Namespace, body: Body, seconds: float, rng: np.r
     if arguments.policy is not None and arguments.excitation != LEARNT:
         raise InputError(f"--policy goes with --excitation {LEARNT} only")
     limits = {"max_angle": arguments.max_angle, "max_speed": arguments.max_speed, "max_torque": arguments.amplitude}
+    limits["max_acceleration"] = arguments.max_acceleration
     if arguments.excitation == LEARNT:
         return plan(load(arguments.policy or ARM), body, limits_of(body, **limits), seconds)
     return design_excitation(body, seconds, **limits, rng=rng)

@@ -139,16 +139,19 @@ def design_excitation(
     rng, limits = rng or np.random.default_rng(0), limits_of(body, max_angle, max_speed, max_torque, max_acceleration)
     for share in SHARES:
         found = _greedy(body, limits._replace(acceleration=share * limits.acceleration), seconds, rng)
-        if is_possible(found, limits):
+        if not objection(found, limits):
             return found
     raise IdentificationError(f"{body.name}: {TOO_WEAK}")
 
 
-def is_possible(motion: Reference, limits: Limits) -> bool:
-    """Whether a motion moves every joint, ends at rest, and needs no more torque than there is, without friction."""
+def objection(motion: Reference, limits: Limits) -> str:
+    """What speaks against a motion: torque beyond the limits, friction left out, or a joint that does not move."""
     q, v, a = motion(np.arange(0.0, motion.seconds, TICK))
     affordable = np.abs(motion.body.torque(q, v, a) @ motion.body.values) <= limits.torque
-    return bool(affordable.all() and motion.speeds.any(axis=0).all() and not motion.speeds[-1].any())
+    if not affordable.all() or motion.speeds[-1].any():
+        return TOO_WEAK
+    still = np.array(motion.body.joints)[~motion.speeds.any(axis=0)]
+    return f"joint '{still[0]}' never moves" if len(still) else ""
 
 
 def _greedy(body: Body, limits: Limits, seconds: float, rng: np.random.Generator) -> Reference:

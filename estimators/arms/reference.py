@@ -116,8 +116,8 @@ class Reference:
         return HOLD * len(self.speeds)
 
     def __call__(self, time: Array) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration of the joints (N, n) at N instants [s]."""
-        q, v = self._knots
+        """Position, velocity and acceleration of the joints (N, n) at N instants [s]; before and after, it rests."""
+        (q, v), time = self._knots, np.clip(time, 0.0, self.seconds)
         k = np.clip(np.floor(time / HOLD + 1e-9).astype(int), 0, len(v) - 3)
         s = np.minimum(time - HOLD * k, HOLD)[:, None]
         return averaged(q[k], v[k], v[k + 1], v[k + 2], s)

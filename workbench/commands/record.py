@@ -92,6 +92,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help=f"with --robot: bound of each joint's designed speed [rad/s] (default the file's, or {USUAL_SPEED:g})",
     )
     parser.add_argument(
+        "--max-acceleration",
+        metavar="RAD/S^2",
+        type=number(0.01),
+        help="with --robot: bound of each joint's designed acceleration (default its largest speed in 0.2 s)",
+    )
+    parser.add_argument(
         "--backend",
         type=one_of("backend", BACKENDS),
         metavar="NAME",
@@ -131,7 +137,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         seconds = arguments.seconds or SECONDS
         arms.record(arguments, seconds, _samples(seconds, arguments.rate), rng, terminal)
         return
-    for name in ("max_angle", "max_speed", "joints", "base", "no_gravity", "rotors"):
+    for name in ("max_angle", "max_speed", "max_acceleration", "joints", "base", "no_gravity", "rotors"):
         if getattr(arguments, name) not in (None, False):
             raise InputError(f"--{name.replace('_', '-')} goes with --robot only: it is of an arm")
     rig = configured(arguments)
