@@ -37,7 +37,7 @@ def test_the_next_log_of_an_arm_is_read_alike(tmp_path, capsys):
     pytest.importorskip("pinocchio", reason="arms need the extra arms")
     robot = ("--robot", str(tmp_path / "arm.urdf"))
     (tmp_path / "arm.urdf").write_text(TwoLink().urdf())
-    assert main(["record", *robot, "--seconds", "4", "--rate", "500", "-o", str(tmp_path / "plain.csv")]) == 0
+    assert main(["record", *robot, "--seconds", "10", "--rate", "500", "-o", str(tmp_path / "plain.csv")]) == 0
     rows = np.loadtxt(tmp_path / "plain.csv", delimiter=",", skiprows=1)
     rows[:, 2] = np.degrees(rows[:, 2])
     odd, model, added = (str(tmp_path / name) for name in ("odd.csv", "arm.json", "added.json"))

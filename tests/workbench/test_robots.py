@@ -30,7 +30,7 @@ def test_a_robot_goes_through_all_commands(robot, tmp_path, capsys, monkeypatch)
         assert main(list(words)) == 0, capsys.readouterr().err
         return capsys.readouterr().out
 
-    usual = ("--seconds", "6", "--rate", "250", "--backend", "mujoco")
+    usual = ("--seconds", "10", "--rate", "250", "--backend", "mujoco")
     run("record", *moving, *usual, "-o", "plain.csv")
     out = run("record", *moving, *usual, "--seed", "1", "--effect", f"torque_offset@{at}=1.5", "-o", "hidden.csv")
     assert f"hidden: torque_offset@{at}" in out and ("held: left at zero" in out) == (robot != "driven")
