@@ -133,31 +133,36 @@ class Left:
     def explained(self, after: Terms, before: Terms) -> float:
         """Share of one model's explainable residual power that another explains, the largest over the joints.
 
-        It is the smaller share of training and held-out data, without data in which the smaller model leaves white
-        noise; where that is all it leaves in both, all power is to be explained. Explainable power is the power that
-        the larger model removes, impacts included, plus the power of the rest that neighbouring windows share, with a
-        floor set by the number of windows. Where that correlation is insignificant, it is all power above the noise
-        floor. The largest, as parameters of the links may imitate an effect at its own joint, at the cost of other
-        joints.
+        It is the smaller share of training and held-out data. Where the smaller model leaves white noise in training
+        data, all of its power is to be explained; held-out data with white noise count only then. Explainable power
+        otherwise is the power that the larger model removes, impacts included, plus the power of the rest that
+        neighbouring windows share, with a floor set by the number of windows; where that correlation is insignificant,
+        all power above the noise floor. The largest, as parameters of the links may imitate an effect at its own joint,
+        at the cost of other joints.
         """
         return max(self._explained_at(at, after, before) for at in self.joints)
 
     def _explained_at(self, at: str, after: Terms, before: Terms) -> float:
-        least = self.train.data.part(at).precision() ** 2
-        shares, white = [], []
-        both = zip(self.parts, self.power(before), self.power(after), self.structures(before), strict=True)
-        for part, lefts, less, structures in both:
-            old, new, structure, floor = lefts[at], less[at], structures[at], self.noise_of(part, at)
+        least, shares, structures = self.train.data.part(at).precision() ** 2, [], self.structures(before)
+        shown = [
+            self.criterion.shows(own[at], self.noise_of(part, at))
+            for part, own in zip(self.parts, structures, strict=True)
+        ]
+        both = zip(self.parts, self.power(before), self.power(after), structures, shown, strict=True)
+        for part, lefts, less, own, shows in both:
+            old, new = lefts[at], less[at]
             gone = old.all - new.all
-            if not self.criterion.shows(structure, floor):
-                white.append(gone / old.all if gone > least else 0.0)
-            elif gone <= least:
+            if not shows and part is self.holdout and shown[0]:
+                continue
+            if gone <= least:
                 shares.append(0.0)
-            elif structure.sure >= self.criterion.sure:
+            elif not shows:
+                shares.append(gone / old.all)
+            elif own[at].sure >= self.criterion.sure:
                 shares.append(gone / (gone + new.shared + new.all / len(part.data.part(at).weights) ** 0.5))
             else:
-                shares.append(gone / max(old.all - floor**2, gone))
-        return min(shares or white)
+                shares.append(gone / max(old.all - self.noise_of(part, at) ** 2, gone))
+        return min(shares)
 
     def explains(self, after: Terms, before: Terms) -> bool:
         """Whether that share is large enough to add an effect."""
