@@ -15,6 +15,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from agents.design_env import single
 from agents.knowledge import DECADES
 from agents.observer import BOUND, Batch
 from estimators.arms.excitation import PRIOR, Moving, objection, to_rest
@@ -173,17 +174,12 @@ class ArmExcitationDesign(gym.Env[Batch, Batch]):
         """Begin a motion at rest."""
         super().reset(seed=seed)
         observation, info = self._batch.reset(seed=seed, options=options)
-        return observation[0], _single(info)
+        return observation[0], single(info)
 
     def step(self, action: Batch) -> tuple[Batch, float, bool, bool, dict[str, Any]]:
         """Go on to the next knot with shares of the largest speeds (n,)."""
         observation, reward, _, truncated, info = self._batch.step(np.asarray(action)[None])
-        return observation[0], float(reward[0]), False, bool(truncated[0]), _single(info)
-
-
-def _single(info: dict[str, Any]) -> dict[str, Any]:
-    """Info of the only one of a batch."""
-    return {name: value[0] for name, value in info.items() if not name.startswith("_")}
+        return observation[0], float(reward[0]), False, bool(truncated[0]), single(info)
 
 
 def plan(policy: Policy, body: Body, limits: Limits, seconds: float) -> Reference:

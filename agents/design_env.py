@@ -207,7 +207,7 @@ class ExcitationDesign(gym.Env[Batch, Batch]):
 
     def _show(self, info: dict[str, Any]) -> dict[str, Any]:
         """Info of the only pendulum of a batch."""
-        self._last = {name: value[0] for name, value in info.items() if not name.startswith("_")}
+        self._last = single(info)
         if self.render_mode == "human":
             self.render()
         return self._last
@@ -221,3 +221,8 @@ class ExcitationDesign(gym.Env[Batch, Batch]):
     def close(self) -> None:
         """Let go of the window."""
         self._renderer.close()
+
+
+def single(info: dict[str, Any]) -> dict[str, Any]:
+    """Info of the only one of a batch."""
+    return {name: value[0] for name, value in info.items() if not name.startswith("_")}

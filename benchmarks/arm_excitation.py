@@ -20,11 +20,11 @@ import numpy as np
 from agents import load
 from agents.arm_env import TORQUE, plan
 from agents.evaluation import improvement, interval
-from estimators.arms.excitation import PRIOR, clear, design_excitation, sizes
+from estimators.arms.excitation import PRIOR, design_excitation, sizes, telling
 from estimators.arms.following import follow
 from estimators.arms.limits import limits_of
 from estimators.arms.online import ArmEstimator
-from estimators.arms.reference import TICK, torque_rows
+from estimators.arms.reference import TICK, condition_of, torque_rows
 from estimators.wrappers.arms import body_of
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, read_body
@@ -127,7 +127,7 @@ def information(body: Body, motion: Motion, seconds: float) -> Array:
     """Of parameters as shares of their sizes (P, P), in units of a tick's noise."""
     q, v, a = motion(np.arange(TICK / 2, seconds, TICK))
     own = sizes(body)
-    rows = (torque_rows(body, q, v, a) * own * clear(v, a)[..., None]).reshape(-1, len(own))
+    rows = telling(body, own, q, v, a).reshape(-1, len(own))
     return PRIOR * np.eye(len(own)) + rows.T @ rows
 
 
@@ -233,10 +233,10 @@ def robots(folder: Path, seconds: float = 10.0) -> None:
             shares = deviation(motion, seconds) / deviation(first, seconds)
             both = (log_det(one, seconds) for one in (first, motion))
             mean = np.exp(0.5 * -np.diff([*both])[0] / len(sizes(body)))
-            q, v, a = motion(np.arange(0.0, seconds, TICK))
-            rows = torque_rows(body, q, v, a).reshape(-1, len(sizes(body)))
-            condition = np.linalg.cond(rows / np.linalg.norm(rows, axis=0))
-            torque = (np.abs(body.torque(q, v, a) @ body.values).max(axis=0) / body.torque_limits).max()
+            time = np.arange(0.0, seconds, TICK)
+            q, v, a = motion(time)
+            condition = condition_of(torque_rows(body, q, v, a))
+            torque = (np.abs(torque_of(motion, time)).max(axis=0) / body.torque_limits).max()
             print(
                 f"{name:12} {own:18} {shares:.2f} {mean:.2f} {condition:5.0f}  torque {torque:.2f}, "
                 f"acceleration {np.abs(a).max():.1f}",

@@ -6,9 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.arm_env import plan
-from agents.network import load
-from agents.observer import ARM
 from estimators.arms.excitation import design_excitation
 from estimators.arms.following import follow
 from estimators.arms.limits import limits_of
@@ -29,7 +26,6 @@ from pendulum_env.words import Table, listing
 from workbench.inputs import read_all, sources_of, wrote
 from workbench.mistakes import InputError
 from workbench.opened import Opened, refuse, robot_of, tell_held
-from workbench.runs import LEARNT
 from workbench.terminal import Terminal
 
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
@@ -39,15 +35,19 @@ def record(
     arguments: argparse.Namespace, seconds: float, samples: int, rng: np.random.Generator, terminal: Terminal
 ) -> None:
     """Design a motion, let the simulated arm follow it, and write what it did."""
+    from workbench.runs import LEARNT  # brings agents and rigs, which who compares does not wait for
+
     refuse(arguments)
     for name, own in (("excitation", (LEARNT,)), ("backend", ("pymunk", "mujoco"))):
         if (asked := getattr(arguments, name)) not in (None, *own):
             raise InputError(f"--{name} {asked} is for pendulums: arms know {' and '.join(own)} alone")
+    if arguments.policy is not None and arguments.excitation != LEARNT:
+        raise InputError(f"--policy goes with --excitation {LEARNT} only")
     body = robot_of(arguments).body()
     tell_held(body, [], terminal)
     arm = _simulated(arguments, body)
     with terminal.progress("choosing the motion"):
-        motion = _motion(arguments, body, seconds, rng)
+        motion = _motion(arguments, arguments.excitation == LEARNT, body, seconds, rng)
     with terminal.progress("simulating") as tell:
         recording = follow(arm, motion, samples, arguments.amplitude, rng=rng, name=arguments.output, progress=tell)
     if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
@@ -71,13 +71,17 @@ def record(
     wrote([arguments.output], terminal)
 
 
-def _motion(arguments: argparse.Namespace, body: Body, seconds: float, rng: np.random.Generator) -> Reference:
+def _motion(
+    arguments: argparse.Namespace, learnt: bool, body: Body, seconds: float, rng: np.random.Generator
+) -> Reference:
     """The reference that is asked for, within the limits; raises InputError if a policy is none for this arm."""
-    if arguments.policy is not None and arguments.excitation != LEARNT:
-        raise InputError(f"--policy goes with --excitation {LEARNT} only")
     limits = {"max_angle": arguments.max_angle, "max_speed": arguments.max_speed, "max_torque": arguments.amplitude}
     limits["max_acceleration"] = arguments.max_acceleration
-    if arguments.excitation == LEARNT:
+    if learnt:
+        from agents.arm_env import plan
+        from agents.network import load
+        from agents.observer import ARM
+
         return plan(load(arguments.policy or ARM), body, limits_of(body, **limits), seconds)
     return design_excitation(body, seconds, **limits, rng=rng)
 

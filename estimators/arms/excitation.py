@@ -52,6 +52,11 @@ def sizes(body: Body) -> Array:
     return np.concatenate([links, *friction])
 
 
+def telling(body: Body, own: Array, q: Array, v: Array, a: Array) -> Array:
+    """Rows (N, n, P) of a motion in parameters as shares of their sizes `own` (P,), zero where it is not clear."""
+    return torque_rows(body, q, v, a) * own * clear(v, a)[..., None]
+
+
 class Moving:
     """B motions of an arm at a knot, and what they have taught.
 
@@ -59,6 +64,7 @@ class Moving:
         limits: of the joints, (B, n) each.
         speed: at the last knot (B, n) [rad/s or m/s].
         information: of parameters as shares of their sizes, in units of the noise of a tick's mean torque (B, P, P).
+        variances: squared standard errors of the parameters, in the same units (B, P).
     """
 
     def __init__(self, body: Body, limits: Limits, batch: int) -> None:
@@ -68,13 +74,14 @@ class Moving:
         self._place = np.clip(0.0, self.limits.low, self.limits.high)  # at the knot before the last
         self._before, self.speed = np.zeros((2, *self._place.shape))
         self.information = np.tile(PRIOR * np.eye(len(self._sizes)), (batch, 1, 1))
+        self.variances = np.full((batch, len(self._sizes)), 1 / PRIOR)
 
     def copies(self, count: int) -> Self:
         """The only motion of a batch, several times."""
         other = object.__new__(type(self))
         other._body, other._sizes = self._body, self._sizes
         other.limits = Limits(*(np.repeat(values, count, axis=0) for values in self.limits))
-        for name in ("_place", "_before", "speed", "information"):
+        for name in ("_place", "_before", "speed", "information", "variances"):
             setattr(other, name, np.repeat(getattr(self, name), count, axis=0))
         return other
 
@@ -91,15 +98,10 @@ class Moving:
         knots = (x[:, None] for x in (self._place, self._before, self.speed, after))
         way = averaged(*knots, s)  # type: ignore[call-arg]  # (B, ticks, n) each
         q, v, a = (x.reshape(-1, x.shape[-1]) for x in way)
-        rows = torque_rows(self._body, q, v, a) * self._sizes * clear(v, a)[..., None]
-        rows = rows.reshape(len(position), -1, len(self._sizes))
+        rows = telling(self._body, self._sizes, q, v, a).reshape(len(position), -1, len(self._sizes))
         self.information = self.information + np.swapaxes(rows, 1, 2) @ rows
+        self.variances = np.asarray(np.linalg.inv(self.information).diagonal(axis1=1, axis2=2))
         self._place, self._before, self.speed = position, self.speed, after
-
-    @property
-    def variances(self) -> Array:
-        """Squared standard errors of the parameters, in units of `information` (B, P)."""
-        return np.asarray(np.linalg.inv(self.information).diagonal(axis1=1, axis2=2))
 
     @property
     def worth(self) -> Array:

@@ -85,6 +85,13 @@ def torque_rows(body: Body, q: Array, v: Array, a: Array) -> Array:
     return np.concatenate([body.torque(q, v, a), v[:, :, None] * own, np.sign(v)[:, :, None] * own], axis=2)
 
 
+def condition_of(rows: Array) -> float:
+    """Condition number of a regressor (N, n, P), its columns scaled to equal length; infinite if one is zero."""
+    phi = rows.reshape(-1, rows.shape[-1])
+    length = np.linalg.norm(phi, axis=0)
+    return float(np.linalg.cond(phi / length)) if length.all() else np.inf
+
+
 @dataclass(frozen=True, eq=False)
 class Reference:
     """A reference motion of n joints, from rest to rest.
@@ -105,10 +112,7 @@ class Reference:
     @property
     def condition(self) -> float:
         """Condition number of the torque regressor in base parameters and friction, columns scaled to equal length."""
-        rows = torque_rows(self.body, *self(np.arange(TICK / 2, self.seconds, TICK)))
-        phi = rows.reshape(-1, rows.shape[-1])
-        length = np.linalg.norm(phi, axis=0)
-        return float(np.linalg.cond(phi / length)) if length.all() else np.inf
+        return condition_of(torque_rows(self.body, *self(np.arange(TICK / 2, self.seconds, TICK))))
 
     @property
     def seconds(self) -> float:
