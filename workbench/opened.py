@@ -98,16 +98,17 @@ def _opened_arm(arguments: argparse.Namespace, outputs: Sequence[str | None], te
     recordings = read_all(sources, terminal, robot.read)
     body = robot.body(made.held) if made.held else robot.holding(recordings)
     tell_held(body, recordings, terminal)
-    torques = in_torque(recordings, body)
+    model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
+    torques = in_torque(recordings, body, model.torque_unit if path else None)
     for text in torques.texts(body):
         terminal.say(text)
+    terminal.torque_unit = torques.unit
     for text in meaning(torques.recordings, body):
         terminal.say(f"warning: {text}", style="yellow")
     count = len(asked.fitted)
     fitted, held_out = without_loads(torques.recordings[:count], torques.recordings[count:])
     if text := loaded_text(torques.recordings, [*fitted, *held_out]):
         terminal.say(text)
-    model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
     sources = tuple(_with_gains(source, torques.gains) for source in asked.fitted)
     return Opened(model, sources, list(fitted), list(held_out), robot.read)
 

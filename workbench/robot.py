@@ -14,6 +14,7 @@ from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.recording import ArmRecording, read_arm_source
 from pendulum_env.arms.robot import pinocchio
 from pendulum_env.recording import Source
+from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import read_sources
 from pendulum_env.words import listing
 
@@ -74,7 +75,8 @@ def meaning(recordings: Sequence[ArmRecording], body: Body, off: str = "say --no
 
     Nothing is asked of currents; `off` is what to do where gravity is taken off.
     """
-    found = [] if any(one.currents for one in recordings) else shares(recordings, body)
+    known = all(one.torque_unit == NEWTON_METRE and not one.currents for one in recordings)
+    found = shares(recordings, body) if known else []
     weightless = [one.joint for one in found if one.kind == "weightless"]
     texts = []
     if weightless:

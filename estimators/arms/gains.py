@@ -6,7 +6,8 @@ torque of known size, whose coefficient is one over the gain:
     i = Y (theta / K) + f / K + (Y of the weight) / K
 
 Joints in N m tell base parameters theta of the links beyond them, and so a part of the torque of joints in currents,
-whose coefficient is one over the gain, too.
+whose coefficient is one over the gain, too. Where every joint is in a current, and no weight is known, all is per unit
+of the current of one of them: `A@shoulder`.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ from pendulum_env.arms.body import STANDARD, Body
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.arms.robot import pinocchio
-from pendulum_env.recording.record import RecordingError, TorqueConstant
+from pendulum_env.recording.record import NEWTON_METRE, RecordingError, TorqueConstant
 from pendulum_env.recording.study import Carried
-from pendulum_env.words import listing, plus_minus
+from pendulum_env.words import listing, per, plus_minus
 
 SCHEME = next(scheme for scheme in ARM_SCHEMES if scheme.id == "filtered_dynamic")
 NOTABLE = 0.01  # standard error of a gain, as a share, that is told again
@@ -54,10 +55,20 @@ class Torques:
     recordings: tuple[ArmRecording, ...]
     gains: dict[str, TorqueConstant]
 
+    @property
+    def unit(self) -> str:
+        """Of the torques: `N m`, or `A@shoulder`, the current of that joint."""
+        return self.recordings[0].torque_unit if self.recordings else NEWTON_METRE
+
     def texts(self, body: Body) -> list[str]:
         """Each gain in a sentence, with what tells it, and what its error means."""
+        current, _, reference = self.unit.partition("@")
         said = [
-            f"torque gain of {joint}: {plus_minus(gain.value, gain.std)} {body.worded(joint, gain.unit)}, as "
+            f"nothing tells torques in N m: all are in {self.unit}, the torque of one {current} at {reference}; give "
+            "its gain, or record with a known load, too"
+        ] * bool(reference) + [
+            f"torque gain of {joint}: {plus_minus(gain.value, gain.std)} "
+            f"{per(body.worded(joint, gain.unit), self.unit)}, as "
             + ("known loads tell it" if gain.loads else "the other joints tell it, which feel the same links")
             for joint, gain in self.gains.items()
         ]
@@ -70,12 +81,15 @@ class Torques:
         return said
 
 
-def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
+def in_torque(recordings: Sequence[ArmRecording], body: Body, unit: str | None = None) -> Torques:
     """Turn currents into torques, as far as known weights, and then joints in N m, tell the gains.
+
+    Where no torque is in N m, all become multiples of the current of one joint.
 
     Args:
         recordings: some perhaps with a known weight (`carried`).
         body: the links.
+        unit: of the torques, `N m` or `A@shoulder`, where a model has it; None: `N m` where anything tells it.
 
     Raises:
         RecordingError: if the currents of a joint are in two units, or count against the weight, or against what joints
@@ -89,6 +103,9 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
         gains = _by_weight(recordings, body, asked)
     least = min(map(_share, gains.values()), default=0.0)
     anchors = {joint: gain for joint, gain in gains.items() if _share(gain) <= VAGUE * least}  # others may know better
+    if not anchors and unit != NEWTON_METRE:
+        recordings = _per_current(recordings, body, asked, unit)
+        asked = _units(recordings)
     converted = [_converted(recording, anchors) for recording in recordings]
     left = {joint: unit for joint, unit in asked.items() if joint not in anchors}
     if not left:
@@ -115,6 +132,30 @@ def _bare(recordings: Sequence[ArmRecording]) -> list[ArmRecording]:
     """Recordings of the arm with what it carries least."""
     masses = [one.carried.mass if one.carried else 0.0 for one in recordings]
     return [one for one, mass in zip(recordings, masses, strict=True) if mass <= min(masses)]
+
+
+def _per_current(
+    recordings: Sequence[ArmRecording], body: Body, asked: dict[str, str], unit: str | None
+) -> list[ArmRecording]:
+    """Recordings whose torques are to be per unit of the current of one joint, if no joint is in N m.
+
+    That of a model, or else the joint that feels most of its links by their file, which tells most of other gains.
+    """
+    if unit is not None:
+        current, _, reference = unit.partition("@")
+        if asked.get(reference) != current:
+            return list(recordings)
+    elif body.sliding or any(one.currents.keys() != {*body.joints} for one in recordings):
+        return list(recordings)
+    else:
+        rows = _rows(recordings, body)
+        felt = np.square(rows.equations.phi[:, : len(body.base)] @ body.values)
+        reference = body.joints[int(np.argmax(np.bincount(rows.joint, felt)))]
+        unit = f"{asked[reference]}@{reference}"
+    return [
+        replace(one, torque_unit=unit, currents={at: of for at, of in one.currents.items() if at != reference})
+        for one in recordings
+    ]
 
 
 def _rows(recordings: Sequence[ArmRecording], body: Body) -> Stack:

@@ -64,6 +64,7 @@ def examine_arm(
         advice=(*driving_friction(model), *(said_of_slow_motion(joint, times) for joint, times in heavier.items())),
         forbidden=what_is_open(groups, tables, bool(left), body),
         tables=tables,
+        torque_unit=given.unit,
         data=given.fresh(model.terms),
         left=left,
         heavier=heavier,

@@ -162,7 +162,8 @@ class Models:
         parts = {"train": self.train, "holdout": self.holdout}
         if self.linked is None and has_link(model.terms):
             parts = {name: part.watching(model) for name, part in parts.items()}
-        return Step(added, model_of(model), {name: part.errors(model) for name, part in parts.items()})
+        model = model_of(model).per(self.train.recordings[0].torque_unit)
+        return Step(added, model, {name: part.errors(model) for name, part in parts.items()})
 
     def in_motion(self, step: Step) -> Step:
         """A step with the parameters that follow the motion best.

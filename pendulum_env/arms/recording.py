@@ -79,7 +79,8 @@ class ArmRecording(Recording):
         of_each: list[dict[str, Any]] = [
             {name: np.ascontiguousarray(own[:, k]) for name, own in series.items()} for k in range(len(self.names))
         ]
-        return tuple(Recording(self.name, self.time, starts=self.starts, **own) for own in of_each)
+        unit = self.torque_unit
+        return tuple(Recording(self.name, self.time, starts=self.starts, torque_unit=unit, **own) for own in of_each)
 
     @property
     def columns(self) -> dict[str, Array]:

@@ -215,7 +215,7 @@ class Model:
         new = {name: Estimate(float(value), 0.0, self.estimates[name].unit) for name, value in theta.items()}
         return replace(self, estimates={**self.estimates, **new}, correlation=())
 
-    def per(self, torque_unit: str) -> Model:
+    def per(self, torque_unit: str) -> Self:
         """The same numbers with the units that they have if torque is in another unit, such as `A`."""
         named = {name: replace(e, unit=per(e.unit, torque_unit)) for name, e in self.estimates.items()}
         return replace(self, estimates=named, torque_unit=torque_unit)

@@ -298,10 +298,6 @@ def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(caps
         ("diagnose plain.csv --only backlash", "unknown effect of joints 'backlash'"),
         ("diagnose plain.csv --experiment x.csv", "--experiment is for pendulums"),
         (
-            "identify plain.csv --columns torque_shoulder=torque_shoulder:A*?,torque_elbow=torque_elbow:A*?",
-            "nothing tells its gain",
-        ),
-        (
             "identify plain.csv --columns torque_shoulder=torque_elbow,torque_elbow=torque_elbow:mNm",
             "column 'torque_elbow' is given for torque_shoulder and for torque_elbow: which is it?",
         ),
@@ -339,6 +335,31 @@ def test_a_pendulums_command_knows_no_joints(capsys, folder, monkeypatch):
     ):
         assert main(words.split()) == 2
         assert told in capsys.readouterr().err
+
+
+def test_currents_at_every_joint_are_per_ampere_of_one_in_every_command(capsys, folder):
+    columns = "--columns", "torque_shoulder=torque_shoulder:A*?,torque_elbow=torque_elbow:A*?"
+    code, out, _ = run(capsys, folder, "identify", "plain.csv", *columns, "-o", "amperes.json")
+    assert code == 0 and "all are in A@shoulder" in out
+    assert re.search(r"gain of elbow: (1\.0|0\.99)\d* .* A@shoulder/A", out)
+    _, out, _ = run(capsys, folder, "compare", "amperes.json", "hidden.csv", "--json", "left.json")
+    assert re.search(r"elbow .* A@shoulder +\d", out) and "needs 0.3" in out and "N m" not in out.partition("Torque")[2]
+    _, out, _ = run(
+        capsys, folder, "diagnose", "hidden.csv", "--model", "amperes.json", "--only", "torque_offset", "-o", "more.json"
+    )
+    assert re.search(r"torque_offset@elbow -?0\.(30|29)\d* . 0\.\d+ A@shoulder", out)
+    assert json.loads((folder / "more.json").read_text())["torque_unit"] == "A@shoulder"
+    run(capsys, folder, "identify", "plain.csv", "-o", "torques.json")
+    known = "--columns", columns[1].replace(":A*?", "")
+    for words, told in (
+        (("compare", "torques.json", "plain.csv", *columns), "torque is in A, and nothing tells its gain"),
+        (("compare", "more.json", "plain.csv", *known),
+         "the model is per A@shoulder, and the recordings are in N m"),
+        (("compare", "more.json", "plain.csv", "--payload"), "in which no load has its mass"),
+        (("export", "more.json", "--to", "mjcf", "-o", "x.xml"), "masses and inertias are those per A@shoulder"),
+    ):  # fmt: skip
+        code, _, err = run(capsys, folder, *words)
+        assert code == 2 and told in err and err.count("\n") == 1
 
 
 def test_a_model_of_currents_keeps_the_gains_that_known_weights_told(capsys, tmp_path):

@@ -95,11 +95,29 @@ def test_a_joint_that_shares_nothing_with_others_keeps_its_currents(tmp_path):
     assert [*found.recordings[0].currents] == ["quill"]
 
 
-def test_where_every_torque_is_a_current_nothing_tells_gains(logged, six):
-    empty = logged[0]
-    (alone,) = in_torque([replace(empty, currents=dict.fromkeys(six_joint.JOINTS, "A"))], six).recordings
-    with pytest.raises(RecordingError, match="joint 'base': torque is in A, and nothing tells its gain: give it"):
-        identify(alone, arm_base(six))
+def test_where_every_torque_is_a_current_all_is_per_ampere_of_one_joint(logged, six):
+    gains = GAINS * [2.0, 1.0, 1.0, 1.0, 1.0, 1.0]
+    currents = dict.fromkeys(six_joint.JOINTS, "A")
+    alone = replace(logged[0], torque=logged[0].torque * GAINS / gains, currents=currents)
+    found = in_torque([alone], six)
+    assert found.unit == "A@shoulder" and found.gains.keys() == {*six_joint.JOINTS} - {
+        "shoulder"
+    }  # its links weigh most
+    for joint, gain in found.gains.items():
+        true = gains[six_joint.JOINTS.index(joint)] / GAINS[1]
+        assert abs(gain.value - true) < min(4 * gain.std, 0.06 * true)
+    assert "all are in A@shoulder" in found.texts(six)[0] and "A@shoulder/A" in found.texts(six)[1]
+    model = identify(found.recordings[0], arm_base(six), "filtered_dynamic")["filtered_dynamic"].model
+    torques = replace(logged[0], torque=logged[0].torque * GAINS, currents={})
+    known = identify(torques, arm_base(six), "filtered_dynamic")["filtered_dynamic"].model
+    assert model.torque_unit == "A@shoulder" and model.estimates["mx@elbow"].unit == "A@shoulder s^2/m"
+    for name in ("mx@elbow", "Izz@base", "viscous@shoulder", "coulomb@elbow"):
+        assert model.estimates[name].value * GAINS[1] == pytest.approx(known.estimates[name].value, rel=0.01)
+    for unit in ("N m", "A@elbow_of_another"):  # a model in another unit
+        (left,) = in_torque([alone], six, unit).recordings
+        with pytest.raises(RecordingError, match="joint 'base': torque is in A, and nothing tells its gain: give it"):
+            identify(left, arm_base(six))
+    assert in_torque([alone], six, "A@elbow").unit == "A@elbow"
 
 
 def test_the_bare_arm_is_that_of_fitted_and_held_out_recordings_together(logged):
