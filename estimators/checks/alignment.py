@@ -133,7 +133,7 @@ class Alignment:
         if not kept:
             return recording
         own: dict[str, Any] = {name: values[np.concatenate(kept)] for name, values in recording.columns.items()}
-        own["torque"] = np.concatenate(torque)
+        own |= {"torque": np.concatenate(torque), "is_moved": True}
         starts = tuple(np.cumsum([0, *map(len, kept[:-1])]).tolist())
         return replace(recording, **own, starts=starts, notes=(*recording.notes, f"aligned: {self.text}"))
 

@@ -100,6 +100,8 @@ def _density(balance: Balance, theta: Array, where: Blocks, hidden: Hidden) -> A
 def _scales(errors: Array, recording: Index, test: Mask) -> Array:
     """Squared maximum-likelihood scale of Student's t of each recording's errors, without those that are predicted.
 
+    By the parameter-expanded EM algorithm (Liu, Rubin and Wu, Biometrika 85(4), 1998): fewer turns than EM.
+
     Args:
         errors: (R,).
         recording: of each.
@@ -116,7 +118,8 @@ def _scales(errors: Array, recording: Index, test: Mask) -> Array:
 
     square = mean(squares)
     for _ in range(TURNS):
-        before, square = square, mean((NU + 1) * squares / (NU + squares / square[owner]))
+        excess = mean((NU + 1) * squares / (NU * square[owner] + squares))  # one at the maximum
+        before, square = square, square * excess * NU / (NU + 1 - excess)
         if (np.abs(square - before) <= SETTLED * before).all():
             break
     return square

@@ -18,7 +18,7 @@ import numpy as np
 
 from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
 from estimators.regression.least_squares import robust_covariance
-from estimators.simulation.free_running import Segments, simulate_all
+from estimators.simulation.free_running import Segments, simulate_all, torque_again
 from estimators.simulation.innovations import Innovations
 from estimators.weak_form.shapes import continuous, moved
 from pendulum_env._typing import Array, Index
@@ -197,7 +197,7 @@ def noise(segments: Sequence[Segments], point: Point) -> float:
     perturbed = [
         replace(
             segment,
-            torque=segment.torque + segment.windows.raw_torque_noise * rng.standard_normal(segment.torque.shape),
+            torque=torque_again(segment, rng),
             position=path[:, 0],
         )
         for segment, path in zip(segments, paths, strict=True)

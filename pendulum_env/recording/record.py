@@ -113,6 +113,7 @@ class Recording:
     torque_unit: str = NEWTON_METRE  # or that of a current, `A`, whose gain is to be found
     torque_constant: TorqueConstant | None = None  # by which a current became the torque, if one did
     drive: Drive | None = None  # the controller that followed the reference, if it is known
+    is_moved: bool = False  # whether its torque was moved in time, so that when it changed is known to a sample only
     origin: "Origin | None" = None  # the columns of its file, if it was read from one
 
     def __post_init__(self) -> None:
