@@ -237,13 +237,14 @@ def misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
 def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
     """Fits of parameters to each recording of some windowed equations alone, where it excites enough to allow one.
 
-    Not compared is what changes with time, of which each recording has a course of its own; nor are factors of the
-    torque itself, which one recording alone hardly tells from the size of all the others.
+    Not compared is what changes with time, of which each recording has a course of its own, nor what hangs behind a
+    transmission, whose state nobody measured; nor are factors of the torque itself, which one recording alone hardly
+    tells from the size of all the others.
     """
     moved = [(term, column) for term in terms for column in term.columns if not column.of_torque]
     fitted = np.array([not column.of_torque for term in terms for column in term.columns], dtype=bool)
-    compared = np.array([term.kind != "time-varying" for term, _ in moved], dtype=bool)
-    columns = tuple(column for term, column in moved if term.kind != "time-varying")
+    compared = np.array([term.kind not in ("time-varying", "transmission") for term, _ in moved], dtype=bool)
+    columns = tuple(column for (_, column), alike in zip(moved, compared, strict=True) if alike)
     names, fits, number = [column.name for _, column in moved], [], 0
     level = 1 - AGREEMENT.chance / (2 * max(1, sum(len(data.windows) for data in datasets) * len(columns)))
     for data in datasets:

@@ -155,8 +155,8 @@ def _by_torque(
     usual = _usual_torque(given)
     setting = replace(setting, usual=usual, limits=replace(setting.limits, torque=max_torque or usual))
     found = _of_one_plant(given, setting)
-    if given.has_moved:  # what an effect does may look like torque that is logged late
-        beside = [term for term in found.model.terms if term.id not in ids(BASE)]
+    beside = [term for term in found.model.terms if term.id not in ids(BASE)]
+    if given.has_moved or (beside and found.unexplained):  # an effect may look like a delay, or hide one
         again = calibrated.timed(beside)
         if not again.agrees(given):
             given, found = again, _of_one_plant(again, setting)

@@ -113,11 +113,13 @@ def grow(models: Models, terms: Terms, base: Terms) -> tuple[Models, Terms]:
 
 
 def add(models: Models, terms: Terms) -> tuple[Models, Terms] | None:
-    """The terms with one more effect: the simplest of those that are confirmed and predict alike."""
+    """The terms with one more effect: the simplest of those that are confirmed and predict alike.
+
+    Where none is, the best two effects that show only together, see `paired`.
+    """
     confirmed: list[Terms] = []
-    for longer in sorted(candidates(models, terms) + freer(models, terms), key=models.promise)[
-        : models.criterion.tried
-    ]:
+    firsts = candidates(models, terms)
+    for longer in sorted(firsts + freer(models, terms), key=models.promise)[: models.criterion.tried]:
         if confirmed and not models.is_level(longer, confirmed[0]):
             break
         if not (models.is_significant(longer, terms) and models.left.explains(longer, terms)):
@@ -130,7 +132,32 @@ def add(models: Models, terms: Terms) -> tuple[Models, Terms] | None:
                 return watched
         elif models.lowers_errors(longer, terms) or refines(models, longer, terms):
             confirmed.append(longer)
-    return (models, min(confirmed, key=parameters)) if confirmed else None  # the simplest of several
+    if confirmed:
+        return models, min(confirmed, key=parameters)  # the simplest of several
+    pair = paired(models, terms, firsts[: models.criterion.beam])
+    return None if pair is None else (models, pair)
+
+
+def paired(models: Models, terms: Terms, firsts: Sequence[Terms]) -> Terms | None:
+    """The terms with two effects of a joint that explain it only together; None if no two do.
+
+    What one effect leaves of another may vary so much from block to block that neither shows alone, as Stribeck
+    friction beside friction that grows with the load.
+    """
+    if models.left.fits(terms) or models.train.in_loop:  # in the loop each takes seconds
+        return None
+    found = []
+    for first in firsts:
+        elsewhere = [id for id, effect in models.library.items() if effect.at != first[-1].at]
+        for pair in candidates(models, first, elsewhere)[:1]:
+            others = first, (*terms, pair[-1])
+            if (
+                all(models.is_significant(pair, other) for other in (terms, *others))
+                and models.left.explains(pair, terms)
+                and models.lowers_errors(pair, terms)
+            ):
+                found.append(settle(models, pair))
+    return min(found, key=models.promise, default=None)
 
 
 def refines(models: Models, longer: Terms, terms: Terms) -> bool:

@@ -13,6 +13,8 @@ from pendulum_env._typing import Array
 from pendulum_env.physics.term import Column, Samples, Shape, Term, one
 
 SEEN = 3  # periods of the longest of several waves over the angle
+COARSE = 60  # orders of cogging up to which all are tried,
+FINEST, STARTS = 400, 3  # and beyond, up to twice the ratio of usual gears, those of which so many are tried
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,8 @@ class Cogging(Term):
     )
     resembles = ("torque_ripple", "periodic_disturbance")
     shapes = (
-        Shape("order", "1", 2, 200, integer=True),
-        *(Shape(f"order_{k}", "1", 0, 60, integer=True, usual=0.0, unusual=2.0) for k in range(2, 6)),
+        Shape("order", "1", 2, FINEST, integer=True),
+        *(Shape(f"order_{k}", "1", 0, 2 * COARSE, integer=True, usual=0.0, unusual=2.0) for k in range(2, 6)),
     )
 
     @property
@@ -87,11 +89,23 @@ class Cogging(Term):
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls(float(order)) for order in range(2, 61)]
+        return [cls(float(order)) for order in (*range(2, COARSE + 1), *_strongest(x.position, residual))]
+
+    @classmethod
+    def looked_at(cls, x: Samples, residual: Array) -> int:
+        return FINEST - 1
 
     @classmethod
     def smooth(cls, fast: float) -> Sequence[Self]:
         return [cls(order) for order in (2.0, 3.0)]
+
+
+def _strongest(position: Array, residual: Array) -> list[int]:
+    """Orders beyond those of slots that a residual has most of, as the gears of strain waves make them."""
+    bins = 8 * FINEST  # of a turn, so fine that each wave lies within several
+    turn = np.floor(np.asarray(position) / (2 * np.pi) * bins).astype(int) % bins
+    power = np.abs(np.fft.rfft(np.bincount(turn, residual, bins)))[COARSE + 1 : FINEST + 1]
+    return (COARSE + 1 + np.argsort(power)[::-1][:STARTS]).tolist()
 
 
 def _wave(end: str, n: float) -> tuple[Column, Column]:

@@ -343,10 +343,10 @@ def test_currents_at_every_joint_are_per_ampere_of_one_in_every_command(capsys, 
     assert code == 0 and "all are in A@shoulder" in out
     assert re.search(r"gain of elbow: (1\.0|0\.99)\d* .* A@shoulder/A", out)
     _, out, _ = run(capsys, folder, "compare", "amperes.json", "hidden.csv", "--json", "left.json")
-    assert re.search(r"elbow .* A@shoulder +\d", out) and "needs 0.3" in out and "N m" not in out.partition("Torque")[2]
-    _, out, _ = run(
-        capsys, folder, "diagnose", "hidden.csv", "--model", "amperes.json", "--only", "torque_offset", "-o", "more.json"
-    )
+    assert re.search(r"elbow .* A@shoulder +\d", out) and "needs 0.3" in out
+    assert "N m" not in out.partition("Torque")[2]
+    asked = "--model", "amperes.json", "--only", "torque_offset"
+    _, out, _ = run(capsys, folder, "diagnose", "hidden.csv", *asked, "-o", "more.json")
     assert re.search(r"torque_offset@elbow -?0\.(30|29)\d* . 0\.\d+ A@shoulder", out)
     assert json.loads((folder / "more.json").read_text())["torque_unit"] == "A@shoulder"
     run(capsys, folder, "identify", "plain.csv", "-o", "torques.json")
