@@ -218,23 +218,27 @@ class Screen:
 def ranked(
     trials: Callable[[Sequence[Term], Sequence[Term]], list[Trial]], terms: Sequence[Term], variants: Sequence[Term]
 ) -> list[Trial]:
-    """The terms with each variant of an effect, the smallest error first; some tables of one effect differ in class."""
-    kinds: dict[type[Term], list[Term]] = {}
+    """The terms with each variant of an effect, the smallest error first.
+
+    Some tables of one effect differ in class, some variants in the number of columns.
+    """
+    kinds: dict[tuple[type[Term], int], list[Term]] = {}
     for variant in variants:
-        kinds.setdefault(type(variant), []).append(variant)
+        kinds.setdefault((type(variant), len(variant.columns)), []).append(variant)
     return sorted((one for same in kinds.values() for one in trials(terms, same)), key=lambda trial: trial.fitted_rms)
 
 
 def best_of_forms(ranked: Sequence[Trial], effect: type[Term], refine: Callable[[Trial, str], Trial]) -> list[Trial]:
     """The best refined trial of each form that an effect has in ranked ones, the simplest form first."""
-    if len(ranked) < 2 or (effect.shapes and all(shape.integer for shape in effect.shapes)):
-        return list(ranked[:1])
+    if len(ranked) < 2:
+        return list(ranked)
     forms: dict[object, list[Trial]] = {}
     for trial in ranked:
         last = trial.terms[-1]
         forms.setdefault((last.free, len(last.columns)), []).append(trial)
+    whole = bool(effect.shapes) and all(shape.integer for shape in effect.shapes)  # there is nothing to refine
     ends = [
-        min((refine(t, effect.id) for t in few[: SCREEN.starts]), key=lambda trial: trial.fitted_rms)
+        few[0] if whole else min((refine(t, effect.id) for t in few[: SCREEN.starts]), key=lambda one: one.fitted_rms)
         for few in forms.values()
     ]
     return sorted(ends, key=lambda trial: (complexity(trial.terms[-1]), trial.fitted_rms))

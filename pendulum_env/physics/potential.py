@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.physics.term import Column, Samples, Shape, Term, one
+from pendulum_env.physics.term import Column, Samples, Shape, Term
 
 SEEN = 3  # periods of the longest of several waves over the angle
 COARSE = 60  # orders of cogging up to which all are tried,
@@ -128,11 +128,16 @@ def _wave(end: str, n: float) -> tuple[Column, Column]:
 
 @dataclass(frozen=True)
 class Spring(Term):
-    """Elastic pull towards a rest angle, k (q - q0): a cable or hose; linear in k and in k q0."""
+    """Elastic pull towards a rest angle, k (q - q0): a cable or hose; linear in k and in k q0.
+
+    One that hardens or softens is of degree 3, k q - k q0 + k2 q^2 + k3 q^3, if data call for that.
+    """
+
+    degree: float = 1.0
 
     id = "spring"
     title = "a spring"
-    law = "k q - k q0"
+    law = "k q - k q0 (hardening: and k2 q^2 + k3 q^3)"
     kind = "potential"
     typical = "preload=0.1"
     reveal = "swings beyond 60 degrees or several turns, to tell it from gravity"
@@ -142,11 +147,22 @@ class Spring(Term):
     )
     resembles = ("gravity", "gravity_tilt", "hard_stop")
     by_angle = ("one", "line")
+    shapes = (Shape("degree", "1", 1, 3, integer=True, usual=1.0, unusual=3.0),)
 
-    columns = (
-        Column("spring.stiffness", "N m/rad", force=lambda x: x.position, potential=lambda x: 0.5 * x.position**2),
-        Column("spring.preload", "N m", force=one, potential=lambda x: x.position),
-    )
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        more = (_power("spring.quadratic", "N m/rad^2", 2), _power("spring.cubic", "N m/rad^3", 3))
+        straight = (_power("spring.stiffness", "N m/rad", 1), _power("spring.preload", "N m", 0))
+        return (*straight, *more) if np.any(np.asarray(self.degree) > 1) else straight
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        return [cls(), cls(3.0)]
+
+
+def _power(name: str, unit: str, n: int) -> Column:
+    """Column of the n-th power of the angle, and its potential."""
+    return Column(name, unit, force=lambda x: x.position**n, potential=lambda x: x.position ** (n + 1) / (n + 1))
 
 
 @dataclass(frozen=True)

@@ -71,6 +71,11 @@ def value(model: Model, parameter: str) -> float:
     return model.estimates[parameter].value if parameter in model.estimates else 0.0
 
 
+def holds_spring(model: Model) -> bool:
+    """Whether a simulator's own spring is that of a model: it is straight and pulls back."""
+    return value(model, "spring.stiffness") >= 0 and "spring.cubic" not in model.estimates
+
+
 def arm(model: Model, request: Request) -> Body:
     """The arm of a model, without the armature that is asked for; raises ExportError as `Body.of`."""
     inertia = value(model, "inertia") - request.armature

@@ -22,7 +22,7 @@ from pendulum_env.physics import Model
 from pendulum_env.physics.library import term
 from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import loads
-from workbench.export.arm import Friction, value
+from workbench.export.arm import Friction, holds_spring, value
 from workbench.export.request import Exported, Request, commented, keep, plain
 from workbench.export.robot import UNBOUNDED, add_link, numbers, xml
 
@@ -51,7 +51,7 @@ def mjcf(model: ArmModel, request: Request) -> Exported:
     for joint in spec.joints:
         joint.solref_friction = STEPS * request.step, 1.0
         stiffness = value(model, f"spring.stiffness@{joint.name}")
-        if stiffness > 0:
+        if stiffness > 0 and holds_spring(at(model, joint.name)[0]):
             joint.stiffness, joint.springref = (
                 [stiffness, 0.0, 0.0],
                 -value(model, f"spring.preload@{joint.name}") / stiffness,
@@ -124,7 +124,7 @@ def _friction(
     joints, missing = {}, list(off)
     for joint in model.body.joints:
         own, tables = at(model, joint)
-        kept = [id for id in held if id != "spring" or value(own, "spring.stiffness") >= 0]
+        kept = [id for id in held if id != "spring" or holds_spring(own)]
         joints[joint] = Friction.of(own, kept)
         missing += [f"{text} (at {joint})" for text in (*joints[joint].missing, *tables)]
     if Coupling.id not in held:

@@ -17,7 +17,7 @@ from pendulum_env.physics import Model, Samples, Term
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.transmission import JointFlexibility
 from pendulum_env.servo.drive import Drive
-from workbench.export.arm import EVERY, Body, Friction, Stop, arm, value
+from workbench.export.arm import EVERY, Body, Friction, Stop, arm, holds_spring, value
 from workbench.export.dynamics import beside
 from workbench.export.program import ACTUATOR, JOINT, program
 from workbench.export.request import Exported, ExportError, Language, Request, comment, keep, load_mujoco, title
@@ -40,9 +40,10 @@ def export(model: Model, request: Request) -> Exported:
     mujoco = load_mujoco()
     link = next((term for term in model.terms if isinstance(term, JointFlexibility) and _holds(model, term)), None)
     held = {*BODILY, *([] if link is None else [link.id])}
-    for effect, parameter in (("quadratic_drag", "quadratic_drag"), ("spring", "spring.stiffness")):
-        if value(model, parameter) < 0:  # MuJoCo's springs pull and its dampers brake
-            held.remove(effect)
+    if value(model, "quadratic_drag") < 0:  # MuJoCo's dampers brake
+        held.remove("quadratic_drag")
+    if not holds_spring(model):
+        held.remove("spring")
     if request.callback is not None:
         return _with_callback(model, held, request, request.callback)
     held |= set(ASKED if request.drive is None else ASKED[:2])

@@ -8,7 +8,7 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
-from workbench.export.arm import Body, Friction, Stop, arm, value
+from workbench.export.arm import Body, Friction, Stop, arm, holds_spring, value
 from workbench.export.request import Exported, Request, commented, keep, title
 
 JOINT = "joint"
@@ -41,7 +41,8 @@ def urdf(model: Model, request: Request) -> Exported:
 def sdf(model: Model, request: Request) -> Exported:
     """For Gazebo; raises ExportError if the model has what the format does not, and may not be exported without it."""
     stiffness = value(model, "spring.stiffness")
-    friction, stop = Friction.of(model, ("hard_stop", *(("spring",) if stiffness >= 0 else ()))), Stop.of(model)
+    held = ("hard_stop", *(("spring",) if holds_spring(model) else ()))
+    friction, stop = Friction.of(model, held), Stop.of(model)
     body, notes = _body("sdf", model, (*friction.missing, *stop.missing), request)
     root = Element("sdf", version=SDF)
     drawn = SubElement(root, "model", name="pendulum")
@@ -54,7 +55,7 @@ def sdf(model: Model, request: Request) -> Exported:
     _write(axis, xyz=(1.0, 0.0, 0.0))
     dynamics = SubElement(axis, "dynamics")
     _write(dynamics, damping=friction.viscous, friction=friction.dry)
-    if stiffness > 0:
+    if "spring" in held and stiffness > 0:
         _write(dynamics, spring_reference=-value(model, "spring.preload") / stiffness, spring_stiffness=stiffness)
     limit = SubElement(axis, "limit")
     _write(limit, lower=stop.lower, upper=stop.upper)
