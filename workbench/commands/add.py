@@ -11,9 +11,8 @@ from workbench.inputs import (
     ROBOT,
     argument,
     known_effect,
-    of_pendulums,
-    refuse_joint,
     take,
+    take_robot,
     write_model,
     wrote,
 )
@@ -33,12 +32,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     take(parser, "recordings", "--holdout", *READING, "--drive", *ROBOT, "--align", *LIMITS)
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model with the effect")
-    of_pendulums(parser, "align", "fixed", "bounds", "drive")
+    take_robot(parser, pendulums=("align", "fixed", "bounds", "drive"))
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect; print both."""
-    refuse_joint(arguments.effect, arguments.robot)
     asked = opened(arguments, [arguments.output], terminal)
     given = asked.preprocessed(terminal, arguments.align)
     with terminal.progress(f"adding {arguments.effect}") as progress:

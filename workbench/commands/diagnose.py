@@ -14,9 +14,8 @@ from workbench.inputs import (
     READING,
     ROBOT,
     number,
-    of_pendulums,
-    refuse_joint,
     take,
+    take_robot,
     write_json,
     write_model,
     wrote,
@@ -65,15 +64,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
     take(parser, "--report")
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the final model")
-    of_pendulums(
-        parser, "max_torque", "max_angle", "max_speed", "experiment", "fixed", "bounds", "instruments", "drive"
-    )
+    of_pendulums = ("max_torque", "max_angle", "max_speed", "experiment", "fixed", "bounds", "instruments", "drive")
+    take_robot(parser, pendulums=of_pendulums)
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the story, write what is asked for."""
-    for effect in (*(arguments.only or ()), *arguments.without):
-        refuse_joint(effect, arguments.robot)
     from workbench.report import write_report  # plotly takes a while to import
 
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]

@@ -19,11 +19,11 @@ from workbench.inputs import (
     ROBOT,
     check_outputs,
     number,
-    of_pendulums,
     read_all,
     read_model,
     sources_of,
     take,
+    take_robot,
     wrote,
 )
 from workbench.mistakes import InputError
@@ -79,7 +79,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     links = "the model is of an arm with these links, URDF or MJCF (needs the extra arms): mjcf and urdf"
     take(parser, "--robot", help=links)
     take(parser, *ROBOT[1:])
-    of_pendulums(parser, "mass", "armature", "drive", "callback", "check")
+    take_robot(parser, pendulums=("mass", "armature", "drive", "callback", "check"))
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -17,7 +17,7 @@ from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.checks import BOUNDS
 from pendulum_env.recording.storage import WRITERS
-from workbench.inputs import OPTIONS, ROBOT, check_outputs, number, of_pendulums, one_of, plant_of, take, whole, wrote
+from workbench.inputs import OPTIONS, ROBOT, check_outputs, number, one_of, plant_of, take, take_robot, whole, wrote
 from workbench.mistakes import InputError
 from workbench.runs import (
     LEARNT,
@@ -121,7 +121,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of all random numbers (default 0)")
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help=", ".join(WRITERS))
-    of_pendulums(parser, "until", "diagnosis", "replay", "config", "theta")
+    take_robot(
+        parser,
+        arms=("max_angle", "max_speed", "max_acceleration"),
+        pendulums=("until", "diagnosis", "replay", "config", "theta"),
+    )
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -137,9 +141,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         seconds = arguments.seconds or SECONDS
         arms.record(arguments, seconds, _samples(seconds, arguments.rate), rng, terminal)
         return
-    for name in ("max_angle", "max_speed", "max_acceleration", "joints", "base", "no_gravity", "rotors"):
-        if getattr(arguments, name) not in (None, False):
-            raise InputError(f"--{name.replace('_', '-')} goes with --robot only: it is of an arm")
     rig = configured(arguments)
     rate = arguments.rate if rig is None else rig.rate
     command, seconds = experiment(arguments, rng, rate)
