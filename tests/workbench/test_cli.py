@@ -46,54 +46,39 @@ def test_version_and_commands_are_said(done):
 
 def test_what_is_chosen_and_fixed_on_the_command_line_is_what_is_fitted(runs, tmp_path, done):
     train, holdout, model = runs / "train.csv", runs / "holdout.csv", tmp_path / "model.json"
-    chosen = [
-        "--only",
-        "stribeck,quadratic_drag,temperature_dependent_friction",
-        "--fix",
-        "gravity=2.01",
-        "--bound",
-        "viscous=0:0.5,stribeck=:0.6",
-    ]
+    chosen = ["--only", "stribeck,quadratic_drag,temperature_dependent_friction", "--fix", "gravity=2.01"]
+    chosen += ["--bound", "viscous=0:0.5,stribeck=:0.6"]
     out = done("diagnose", train, "--holdout", holdout, *chosen, "--all", "-o", model)
     assert "fit of what was held out: torque 9" in out and re.search(r"^quadratic_drag +rejected", out, re.M)
     saved = Model.load(model)
     assert saved.estimates["gravity"].value == 2.01 and saved.covariance is not None
-    assert re.search(
-        r"^energy +0\.09 +2\.01 ",
-        done("identify", train, "--scheme", "energy", "--fix", "gravity=2.01", "--fix", "inertia=0.09"),
-        re.M,
-    )
+    out = done("identify", train, "--scheme", "energy", "--fix", "gravity=2.01", "--fix", "inertia=0.09")
+    assert re.search(r"^energy +0\.09 +2\.01 ", out, re.M)
 
 
-def test_record_writes_what_can_be_read_and_says_what_is_hidden(tmp_path, capsys):
-    path = tmp_path / "run.csv"
-    options = ["--seconds", "2", "--rate", "500", "--excitation", "prbs", "--theta", "inertia=0.1", "--noise", "0.1"]
-    assert main(["record", *options, "--effect", "cogging:order=9", "--effect", "spring", "-o", str(path)]) == 0
-    recording = read_recording(path)
+def test_record_writes_what_can_be_read_says_what_is_hidden_and_repeats_itself_with_the_same_seed(tmp_path, done):
+    one, again, other = (tmp_path / f"{name}.csv" for name in ("one", "again", "other"))
+    asked = "record --seconds 2 --rate 500 --excitation prbs --theta inertia=0.1 --noise 0.1".split()
+    for path, seed in ((one, 0), (again, 0), (other, 1)):
+        hidden = ("--effect", "cogging:order=9", "--effect", "spring")
+        assert "hidden: cogging, spring" in done(*asked, *hidden, "--seed", seed, "-o", path)
+    recording = read_recording(one)
     assert len(recording) == 1000 and recording.rate == pytest.approx(500)
-    assert "hidden: cogging, spring" in capsys.readouterr().out
+    assert one.read_bytes() == again.read_bytes() != other.read_bytes()
 
 
-def test_backends_record_the_same_pendulum_and_a_replay_what_it_plays(tmp_path, capsys):
+def test_backends_record_the_same_pendulum_and_a_replay_what_it_plays(tmp_path, done):
     """pymunk's body against the batched simulator, to a few encoder counts; a replay loses only the last sample."""
     paths = {name: tmp_path / f"{name}.csv" for name in ("simulated", "pymunk", "replay")}
     common = ["record", "--seconds", "3", "--noise", "0", "--effect", "stribeck"]
     for name in ("simulated", "pymunk"):
-        assert main([*common, "--backend", name, "-o", str(paths[name])]) == 0
-    assert main(["record", "--backend", "replay", "--replay", str(paths["pymunk"]), "-o", str(paths["replay"])]) == 0
+        done(*common, "--backend", name, "-o", paths[name])
+    said = done("record", "--backend", "replay", "--replay", paths["pymunk"], "-o", paths["replay"])
     body, batch, again = (read_recording(paths[name]) for name in ("pymunk", "simulated", "replay"))
     assert np.sqrt(np.mean((body.position - batch.position) ** 2)) < 2e-5
     np.testing.assert_allclose(body.torque, batch.torque, atol=1e-6)
     np.testing.assert_array_equal(again.position, body.position[:-1])
-    assert "2.999 s at 1000 Hz, 2999 samples" in capsys.readouterr().out
-
-
-def test_record_repeats_itself_with_the_same_seed(tmp_path):
-    paths = [tmp_path / name for name in ("a.csv", "b.csv", "c.csv")]
-    for path, seed in zip(paths, ("1", "1", "2"), strict=True):
-        assert main(["record", "--seconds", "1.5", "--seed", seed, "-o", str(path)]) == 0
-    first, second, other = (path.read_bytes() for path in paths)
-    assert first == second != other
+    assert "2.999 s at 1000 Hz, 2999 samples" in said
 
 
 @pytest.mark.slow

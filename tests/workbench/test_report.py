@@ -1,7 +1,6 @@
 import html
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from pendulum_env.recording import Recording
 from pendulum_env.words import number
 from tests.cases import diagnosed
 from tests.workbench.pages import Page, values, whole
-from workbench.report import render, write_report
+from workbench.report import render
 from workbench.report.case import Case
 from workbench.report.failures import profile_figure
 from workbench.report.figure import broken, numbers, thin
@@ -148,22 +147,6 @@ def test_ends_of_several_recordings_are_held_out_and_drawn():
     assert "the last 30 % of each recording" in found.text
     assert "1 more recording" in found.text
     assert "--holdout" not in found.text
-
-
-def test_report_is_written_whole_or_not_at_all(tmp_path, monkeypatch, diagnosis: Diagnosis):
-    path = tmp_path / "report.html"
-    write_report(path, diagnosis)
-    first = path.read_text(encoding="utf-8")
-    assert first.rstrip().endswith("</html>")
-
-    def fail(*_: object):
-        raise OSError(28, "disk full")
-
-    monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(OSError, match="disk full"):
-        write_report(path, diagnosis)
-    assert path.read_text(encoding="utf-8") == first
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_command_line_quotes_names(page):
