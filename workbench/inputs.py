@@ -223,6 +223,7 @@ def _columns(text: str) -> dict[str, str]:
 
 # Options that several commands have, as `add_argument` takes them.
 OPTIONS: dict[str, dict[str, Any]] = {
+    "model": {"metavar": "MODEL.json", "help": "what identify, diagnose or add wrote with -o"},
     "recordings": {"metavar": "RECORDING", "nargs": "+", "help": f"{KINDS}; fitted jointly"},
     "--effect": {
         "dest": "effects",

@@ -73,16 +73,14 @@ class Loaded:
         Raises InputError if it is known already, and RecordingError if it cannot be read, in the words of the command
         line.
         """
-        name, ids, number = source.file.name, {one.id for one in known}, 1
+        name, ids = source.file.name, {one.id for one in known}
         alike = [one.source for one in known if one.source.file.name == name]
         if any(one.file != source.file or named_twice((one, source)) for one in alike):
             raise InputError(f"{name}: is loaded already: remove it, or give this one another name")
         recording = read(source)
-        if name not in ids:
-            return cls(name, source, recording, origin)
-        while f"{name} ({number})" in ids or number < 2:
-            number += 1
-        return cls(f"{name} ({number})", source, replace(recording, name=f"{recording.name} ({number})"), origin)
+        endings = ("", *(f" ({k})" for k in range(2, len(ids) + 2)))
+        more = next(ending for ending in endings if name + ending not in ids)
+        return cls(f"{name}{more}", source, replace(recording, name=f"{recording.name}{more}"), origin)
 
     @property
     def held_out(self) -> bool:

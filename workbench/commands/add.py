@@ -23,7 +23,7 @@ from workbench.terminal import Terminal
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, effect, recordings and output."""
-    parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
+    take(parser, "model")
     parser.add_argument(
         "effect",
         metavar="EFFECT",

@@ -19,7 +19,7 @@ LAST = ""  # joint of a payload, if none is named
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, recordings and output."""
-    parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
+    take(parser, "model")
     take(parser, "recordings", help=f"{KINDS}; each compared with the model")
     take(parser, *READING, "--drive", "--align", "--report")
     parser.add_argument(

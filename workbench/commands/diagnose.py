@@ -41,25 +41,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--all", action="store_true", help="as --verbose, with every effect, also those that could not be judged"
     )
-    parser.add_argument(
-        "--max-torque",
-        metavar="NM",
-        type=number(0.1, MOST_TORQUE),
-        help=f"largest torque of a suggested experiment [N m] (default {USUAL:g}, at most ten times the largest "
-        "recorded)",
+    torque = (
+        f"largest torque of a suggested experiment [N m] (default {USUAL:g}, at most ten times the largest recorded)"
     )
-    parser.add_argument(
-        "--max-angle",
-        metavar="RAD",
-        type=number(0.01, math.inf),
-        help="its largest angle to either side [rad], inf for any (default: as recorded)",
-    )
-    parser.add_argument(
-        "--max-speed",
-        metavar="RAD/S",
-        type=number(0.01, math.inf),
-        help="its highest speed [rad/s], inf for any (default: as recorded)",
-    )
+    parser.add_argument("--max-torque", metavar="NM", type=number(0.1, MOST_TORQUE), help=torque)
+    for name, unit, what in (
+        ("--max-angle", "RAD", "largest angle to either side [rad]"),
+        ("--max-speed", "RAD/S", "highest speed [rad/s]"),
+    ):
+        bound = f"its {what}, inf for any (default: as recorded)"
+        parser.add_argument(name, metavar=unit, type=number(0.01, math.inf), help=bound)
     parser.add_argument("--experiment", metavar="FILE.csv", help="write the torque of the suggested experiment")
     parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
     take(parser, "--report")

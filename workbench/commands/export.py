@@ -33,7 +33,7 @@ from workbench.terminal import Terminal
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, format, output and how."""
-    parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
+    take(parser, "model")
     forms = "; ".join(f"{name}, {form.what}" for name, form in FORMATS.items())
     parser.add_argument("--to", required=True, choices=tuple(FORMATS), help=forms)
     parser.add_argument("-o", "--output", metavar="FILE", help="write it there (default: print it, unless --check)")

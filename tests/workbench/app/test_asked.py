@@ -9,9 +9,6 @@ import pytest
 from tests import slow
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import comes_to_the_same, recorded, written
-
-pytest.importorskip("dash")
-
 from workbench.app.session import Session
 from workbench.app.stages import add, diagnose
 from workbench.app.state import NOTHING, Asked

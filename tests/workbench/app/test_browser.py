@@ -22,8 +22,6 @@ from tests.pendulum_env.rigs import Disturbed
 from tests.workbench.app.fleets import surveyed
 from tests.workbench.app.plants import filled, press, recorded
 
-pytest.importorskip("dash")
-
 PICTURES = Path(".artefacts")
 WIDTHS = (420, 800, 1024, 1280, 1920)  # [px], from a telephone to a large screen
 MS = 1000 * PATIENCE  # as Playwright counts

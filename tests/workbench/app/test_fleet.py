@@ -6,12 +6,9 @@ from pendulum_env.recording import write_recording
 from tests.workbench.app.fleets import repeat, surveyed
 from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values
+from workbench.app.page.server import make_app
 from workbench.survey import Dataset, Fleet
 from workbench.survey.page import render
-
-pytest.importorskip("dash")
-
-from workbench.app.page.server import make_app
 
 OTHERS = ({"Host": "rebound.example"}, {"Origin": "https://other.example"}, {"Origin": "null"})
 

@@ -10,6 +10,8 @@ from threading import Event, Thread
 
 import numpy as np
 import pytest
+from dash import html
+from plotly.utils import PlotlyJSONEncoder
 
 from estimators import add
 from estimators.checks.residual import AXES
@@ -35,12 +37,6 @@ from tests.workbench.app.plants import (
     url,
     written,
 )
-
-pytest.importorskip("dash")
-
-from dash import html
-from plotly.utils import PlotlyJSONEncoder
-
 from workbench.app.card import Card, Choice, understood
 from workbench.app.page.server import make_app
 from workbench.app.parts import UNWRAP
@@ -71,11 +67,6 @@ HOSTILE = [
 @pytest.fixture(scope="module")
 def swing() -> Recording:
     return recorded("swing", 1, 10.0)
-
-
-@pytest.fixture
-def session(tmp_path: Path) -> Session:
-    return Session(tmp_path / "session")
 
 
 @pytest.fixture(scope="module")
