@@ -312,7 +312,7 @@ def test_a_pendulums_command_knows_no_joints(capsys, folder, monkeypatch):
         ("record --effect stribeck@elbow -o x.csv", "is an effect at a joint of an arm, which takes --robot"),
         ("add m.json stribeck@elbow plain.csv", "is an effect at a joint of an arm"),
         ("diagnose plain.csv --only stribeck@elbow", "is an effect at a joint of an arm"),
-        ("record --max-speed 2 -o x.csv", "--max-speed goes with --robot only"),
+        ("record --max-speed 2 -o x.csv", "--max-speed is of an arm: give its links with --robot"),
         ("identify plain.csv --joints elbow", "--joints is of an arm: give its links with --robot"),
         ("identify plain.csv --base fixed", "--base is of an arm: give its links with --robot"),
         ("identify plain.csv --no-gravity", "--no-gravity is of an arm"),

@@ -5,17 +5,7 @@ import argparse
 from estimators.diagnosis.addition import add
 from estimators.show.story import of_addition
 from pendulum_env.physics.library import addition
-from workbench.inputs import (
-    LIMITS,
-    READING,
-    ROBOT,
-    argument,
-    known_effect,
-    take,
-    take_robot,
-    write_model,
-    wrote,
-)
+from workbench.inputs import LIMITS, READING, ROBOT, argument, known_effect, take, take_robot, write_model, wrote
 from workbench.opened import opened
 from workbench.story import tell
 from workbench.terminal import Terminal

@@ -9,17 +9,7 @@ from estimators.diagnosis.run import diagnose
 from pendulum_env.arms.recording import of_arms
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
-from workbench.inputs import (
-    LIMITS,
-    READING,
-    ROBOT,
-    number,
-    take,
-    take_robot,
-    write_json,
-    write_model,
-    wrote,
-)
+from workbench.inputs import LIMITS, READING, ROBOT, number, take, take_robot, write_json, write_model, wrote
 from workbench.opened import opened
 from workbench.story import MORE, tell_diagnosis
 from workbench.terminal import Terminal
