@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -29,9 +28,8 @@ from workbench.app.state import State as Work
 from workbench.report.arm import strips
 from workbench.report.case import Case, ends
 from workbench.report.comparison import before_and_after, position_figure
-from workbench.report.failures import planes
+from workbench.report.failures import planes, profile_figure
 from workbench.report.figure import Figure, axis, band, broken, line, numbers, span, thin
-from workbench.report.gallery import picture
 
 GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
 HINT = "Drag a box in any of the plots, or choose a region: the same moments light up in all."
@@ -229,22 +227,25 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
     names = effects_to_choose()
     found = [one.effect for one in state.diagnosis.candidates] if state.diagnosis is not None else []
     ranked = sorted(names, key=lambda id: found.index(id) if id in found else len(found))
-    axes = profiles(points.samples, points.residuals[shown], points.noise, tuple(AXES))
-    own = b64encode(picture("What is left here", axes).encode()).decode()
+    drawn, curve = (
+        profiles(points.samples, points.residuals[shown], points.noise, tuple(AXES)),
+        points.case.models[shown],
+    )
+    reach = 1.08 * max(float(np.abs(item.mean).max()) for item in drawn)
+    here = [profile_figure([curve[:2]], [item], points.regions(shown), (), reach, "here") for item in drawn]
     rows = []
     for id in ranked:
         if (GALLERY / f"{id}.svg").is_file():
-            drawn = html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves")
-            rows.append(html.Li([names[id], html.Div([drawn, html.P(effect(id).signature, className="note")])]))
-    here = html.Img(src=f"data:image/svg+xml;base64,{own}", alt="What is left")
+            leaves = html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves")
+            rows.append(html.Li([names[id], html.Div([leaves, html.P(effect(id).signature, className="note")])]))
     return panel(
         "What it looks like",
         html.P(
-            "The mean of what is left over angle, velocity, torque and time; in grey, what noise alone would give. "
+            "The mean of what is left here over angle, velocity, torque and time, and what noise alone would give. "
             "Below, the same where one effect is hidden in the paper's pendulum. Signs and sizes may differ.",
             className="note",
         ),
-        html.Ul([html.Li([html.Strong("Here"), here])]),
+        html.Div([graph(figure, bar=False) for figure in here], className="grid strip"),
         html.Details([html.Summary("Effects to compare it with"), html.Ul(rows)]),
         className="gallery",
     )
