@@ -27,9 +27,9 @@ from workbench.app.stage import Stage
 from workbench.app.state import State as Work
 from workbench.report.arm import strips
 from workbench.report.case import Case, ends
-from workbench.report.comparison import before_and_after, position_figure
+from workbench.report.comparison import position_figure, torque_figure
 from workbench.report.failures import planes, profile_figure
-from workbench.report.figure import Figure, axis, band, broken, line, numbers, span, thin
+from workbench.report.figure import Figure, axis, broken, line, numbers, span, thin
 
 GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
 HINT = "Drag a box in any of the plots, or choose a region: the same moments light up in all."
@@ -94,17 +94,13 @@ def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
 def _over_time(points: Points, name: str) -> Figure:
     """Measured and modelled torque above what the models leave of it."""
     time, torque = points.samples.time, points.samples.torque
-    x, (measured, *left) = broken(time, thin(points.residuals[0]), torque, *points.residuals)
-    label = f"Measured and modelled torque over time, and their difference, {name}"
-    modelled = [measured - own for own in left]
-    drawn = before_and_after(points.case, TIME, label, x, measured, modelled, left, ("torque", "residual", "N m"))
-    noise = band(time[[0, -1]], np.full(2, 2 * points.noise), "noise (±2σ)", yaxis="y2")
+    drawn = torque_figure(points.case, TIME, name, time, torque, points.residuals, points.noise)
     layout = drawn.layout | {"dragmode": "select", "selectdirection": "h", "hovermode": "closest"}
     # ranges of all of it, so that nothing moves when a selection lights up
     layout["xaxis"]["range"] = span([time], 0.01)
     layout["yaxis"]["range"] = span([torque])
     layout["yaxis2"]["range"] = span(points.residuals)
-    return Figure(TIME, label, [noise, *drawn.data], layout, 420)
+    return Figure(TIME, drawn.label, drawn.data, layout, 420)
 
 
 def _dots(x: Array, y: Array, color: str, size: float, **more: object) -> JSON:
