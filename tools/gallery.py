@@ -1,9 +1,12 @@
 """What a model leaves that lacks an effect, in pictures: of every effect of the library, and of two real machines."""
 
+import html
 from collections.abc import Sequence
 from pathlib import Path
 
-from estimators.checks.residual import AXES, Profile, profiles
+import numpy as np
+
+from estimators.checks.residual import AXES, SYMBOLS, Profile, profiles
 from estimators.preprocessing import gather
 from estimators.selection.data import fit_terms
 from pendulum_env.backends import record
@@ -12,9 +15,10 @@ from pendulum_env.physics import BASE, Coulomb, Inertia, Term, Viscous, effects
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import Recording, read_recording
 from pendulum_env.words import along
-from workbench.report.gallery import picture
 
 SECONDS = 20.0  # of motion, under the paper's excitation
+WIDTH, HEIGHT, MARGIN = 190.0, 110.0, 8.0  # of a panel [px]
+CURVE, GRID, TEXT = "#c2611f", "#8a93a5", "#7c8699"  # seen on white and on black
 
 
 def gallery(folder: Path) -> None:
@@ -43,6 +47,36 @@ def left(recording: Recording, terms: Sequence[Term] = BASE) -> list[Profile]:
     model, fit = fit_terms(prepared, terms)
     noise = prepared.data.noise(model.estimates["inertia"].value)
     return profiles(prepared.samples, fit.residual, noise, tuple(AXES))
+
+
+def picture(title: str, profiles: Sequence[Profile]) -> str:
+    """Panels beside each other as SVG, in one scale [N m]."""
+    largest = max(float(np.abs(item.mean).max()) for item in profiles) or 1.0
+    panels = "".join(panel(item, k * WIDTH, largest) for k, item in enumerate(profiles))
+    size = f'width="{len(profiles) * WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {len(profiles) * WIDTH:g} {HEIGHT:g}"'
+    label = f"<title>{html.escape(title)}, up to {largest:.2g} N m</title>"
+    style = f'font-family="system-ui, sans-serif" font-size="11" fill="{TEXT}"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {style}>{label}{panels}</svg>\n'
+
+
+def panel(item: Profile, left: float, largest: float) -> str:
+    """Mean residual over one quantity: zero as a line, what noise alone would give as a band, the limits below."""
+    middle, reach = 0.5 * (HEIGHT - 14), 0.5 * (HEIGHT - 14) - MARGIN
+    inner = WIDTH - 2 * MARGIN
+    low, high = float(item.edges[0]), float(item.edges[-1])
+    x = left + MARGIN + inner * (0.5 * (item.edges[1:] + item.edges[:-1]) - low) / ((high - low) or 1.0)
+    y = middle - reach * item.mean / largest
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+    band = 2 * reach * min(1.0, 2 * float(np.median(item.error)) / largest)
+    below, ends = HEIGHT - 3, (left + MARGIN, left + WIDTH - MARGIN)
+    return (
+        f'<rect x="{ends[0]:g}" y="{middle - band / 2:.1f}" width="{inner:g}" height="{band:.1f}" fill="{GRID}" '
+        f'fill-opacity="0.25"/><path d="M{ends[0]:g} {middle:g}H{ends[1]:g}" stroke="{GRID}" stroke-width="0.7"/>'
+        f'<polyline points="{points}" fill="none" stroke="{CURVE}" stroke-width="1.8"/>'
+        f'<text x="{ends[0]:g}" y="{below:g}">{low:.2g}</text>'
+        f'<text x="{0.5 * sum(ends):g}" y="{below:g}" text-anchor="middle">{html.escape(SYMBOLS[item.axis])} '
+        f'[{item.unit}]</text><text x="{ends[1]:g}" y="{below:g}" text-anchor="end">{high:.2g}</text>'
+    )
 
 
 def _write(path: Path, text: str) -> None:

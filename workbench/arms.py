@@ -25,7 +25,7 @@ from pendulum_env.recording.study import read_as
 from pendulum_env.words import Table, listing
 from workbench.inputs import read_all, sources_of, wrote
 from workbench.mistakes import InputError
-from workbench.opened import Opened, refuse, robot_of, tell_held
+from workbench.opened import Opened, robot_of, tell_held
 from workbench.terminal import Terminal
 
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
@@ -37,7 +37,6 @@ def record(
     """Design a motion, let the simulated arm follow it, and write what it did."""
     from workbench.runs import LEARNT  # brings agents and rigs, which who compares does not wait for
 
-    refuse(arguments)
     for name, own in (("excitation", (LEARNT,)), ("backend", ("pymunk", "mujoco"))):
         if (asked := getattr(arguments, name)) not in (None, *own):
             raise InputError(f"--{name} {asked} is for pendulums: arms know {' and '.join(own)} alone")

@@ -72,7 +72,30 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         wrong = next((word for word in unknown if word.startswith("-")), "").partition("=")[0]
         near = difflib.get_close_matches(wrong, used._option_string_actions, n=1)
         used.error(f"unrecognized arguments: {' '.join(unknown)}{f': did you mean {near[0]}?' if near else ''}")
+    _refuse_other_kind(arguments)
     return arguments
+
+
+def _refuse_other_kind(arguments: argparse.Namespace) -> None:
+    """Refuse what is of an arm where no robot is named, and what says nothing of an arm where one is."""
+    given = vars(arguments)
+    of_arm = given.get("robot") is not None
+    for action in given.get("of_pendulums" if of_arm else "of_arms", ()):
+        if given[action.dest] != action.default:
+            name = action.option_strings[-1]
+            why = "is for pendulums: leave it out with --robot"
+            raise InputError(f"{name} {why if of_arm else 'is of an arm: give its links with --robot ARM.urdf'}")
+    looked_for = (
+        *given.get("effects", ()),
+        given.get("effect", ""),
+        *(given.get("only") or ()),
+        *given.get("without", ()),
+    )
+    for effect in () if of_arm else looked_for:
+        if "@" in effect:
+            raise InputError(
+                f"{effect}: is an effect at a joint of an arm, which takes --robot; a pendulum has one joint"
+            )
 
 
 def plugins(argv: Sequence[str]) -> None:

@@ -94,15 +94,8 @@ def plant_of(arguments: argparse.Namespace) -> Model:
     """The plant that was asked for, with what is hidden in it; raises ModelError if an effect is hidden twice."""
     plant: Model = arguments.theta or paper_plant()
     for text in arguments.effects:
-        refuse_joint(text)
         plant = hide(plant, text)
     return plant
-
-
-def refuse_joint(effect: str, robot: str | None = None) -> None:
-    """Refuse an effect at a joint where there is no arm; raises InputError if it is one."""
-    if "@" in effect and robot is None:
-        raise InputError(f"{effect}: is an effect at a joint of an arm, which takes --robot; a pendulum has one joint")
 
 
 def _effect(text: str) -> str:
@@ -119,12 +112,16 @@ def _page(text: str) -> str:
     return text
 
 
-def of_pendulums(parser: argparse.ArgumentParser, *options: str) -> None:
-    """Declare, once all options are, which of them say nothing of an arm: see `arms.refuse`."""
-    for action in parser._actions:
-        if action.dest in options:
-            action.help = f"{action.help} [not with --robot]"
-    parser.set_defaults(of_pendulums=options)
+def take_robot(parser: argparse.ArgumentParser, arms: Sequence[str] = (), pendulums: Sequence[str] = ()) -> None:
+    """Declare, once all options are, which of them are of an arm, beside those of `ROBOT`, or say nothing of one.
+
+    `cli.parse` refuses these where they do not belong.
+    """
+    of_arms = [one for one in parser._actions if one.dest in arms or {*one.option_strings} & {*ROBOT[1:]}]
+    of_pendulums = [one for one in parser._actions if one.dest in pendulums]
+    for action in of_pendulums:
+        action.help = f"{action.help} [not with --robot]"
+    parser.set_defaults(of_arms=of_arms, of_pendulums=of_pendulums)
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -226,6 +223,7 @@ def _columns(text: str) -> dict[str, str]:
 
 # Options that several commands have, as `add_argument` takes them.
 OPTIONS: dict[str, dict[str, Any]] = {
+    "model": {"metavar": "MODEL.json", "help": "what identify, diagnose or add wrote with -o"},
     "recordings": {"metavar": "RECORDING", "nargs": "+", "help": f"{KINDS}; fitted jointly"},
     "--effect": {
         "dest": "effects",
@@ -352,9 +350,6 @@ def given(arguments: argparse.Namespace) -> Given:
 
     Raises InputError if one is named twice, or none is to be fitted, and StudyError if a study makes no sense.
     """
-    for name in ("joints", "base", "no_gravity", "rotors"):
-        if getattr(arguments, name, None) not in (None, False) and arguments.robot is None:
-            raise InputError(f"--{name.replace('_', '-')} is of an arm: give its links with --robot ARM.urdf")
     names, held = list(arguments.recordings), list(getattr(arguments, "holdout", []))
     sources = [source for name in names for source in sources_of(name, arguments)]
     sources += [replace(source, role="holdout") for name in held for source in sources_of(name, arguments)]

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from estimators.arms.gains import in_torque, without_loads
 from estimators.preprocessing import Preprocessed
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import arm_base, body_of
@@ -18,7 +17,7 @@ from pendulum_env.recording.record import TorqueConstant
 from pendulum_env.recording.study import Source
 from workbench.inputs import check_outputs, given, read_all, read_model
 from workbench.mistakes import InputError
-from workbench.robot import RobotFile, held_text, loaded_text, meaning, straying
+from workbench.robot import Logs, RobotFile, held_text, meaning, straying
 from workbench.terminal import Terminal
 
 NOTHING = Asked()  # of a robot, where no model says what it was made of
@@ -87,7 +86,6 @@ def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Termina
 
 def _opened_arm(arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal) -> Opened:
     """What a command was given of an arm, read: in N m, and without known loads, which tell gains of currents."""
-    refuse(arguments)
     asked, path = given(arguments), getattr(arguments, "model", None) or ""
     check_outputs(outputs, [*asked.files, arguments.robot])
     made = Asked.of_model(path) if path else Asked()
@@ -99,23 +97,20 @@ def _opened_arm(arguments: argparse.Namespace, outputs: Sequence[str | None], te
     body = robot.body(made.held) if made.held else robot.holding(recordings)
     tell_held(body, recordings, terminal)
     model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
-    torques = in_torque(recordings, body, model.torque_unit if path else None)
-    for text in torques.texts(body):
+    held_out = [source.role == "holdout" for source in sources]
+    logs = Logs.of(recordings, held_out, body, model.torque_unit if path else None)
+    for text in logs.texts:
         terminal.say(text)
-    terminal.torque_unit = torques.unit
-    for text in meaning(torques.recordings, body):
+    terminal.torque_unit = logs.torques.unit
+    for text in meaning(logs.torques.recordings, body):
         terminal.say(f"warning: {text}", style="yellow")
-    count = len(asked.fitted)
-    fitted, held_out = without_loads(torques.recordings[:count], torques.recordings[count:])
-    if text := loaded_text(torques.recordings, [*fitted, *held_out]):
-        terminal.say(text)
-    sources = tuple(_with_gains(source, torques.gains) for source in asked.fitted)
-    return Opened(model, sources, list(fitted), list(held_out), robot.read)
+    fitted = tuple(_with_gains(source, logs.torques.gains) for source in asked.fitted)
+    train, unseen = logs.bare
+    return Opened(model, fitted, [*train], [*unseen], robot.read)
 
 
 def read_arm_model(arguments: argparse.Namespace) -> ArmModel:
     """The model of a robot that the arguments name; raises ModelError, BodyError as `RobotFile.body`."""
-    refuse(arguments)
     made = Asked.of_model(arguments.model)
     return ArmModel.load(arguments.model, robot_of(arguments, made=made).body(made.held))
 
@@ -143,11 +138,3 @@ def tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal
         terminal.say(text)
     for text in straying(body, recordings):
         terminal.say(f"warning: {text}", style="yellow")
-
-
-def refuse(arguments: argparse.Namespace) -> None:
-    """Refuse options that say nothing of an arm."""
-    for option in arguments.of_pendulums:
-        if getattr(arguments, option) not in (None, False, {}):
-            name = {"fixed": "fix", "bounds": "bound"}.get(option, option.replace("_", "-"))
-            raise InputError(f"--{name} is for pendulums: leave it out with --robot")

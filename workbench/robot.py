@@ -2,13 +2,14 @@
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import product
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
-from estimators.arms.gains import in_torque, without_loads
+from estimators.arms.gains import Torques, in_torque, without_loads
 from estimators.arms.meaning import shares
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.recording import ArmRecording, read_arm_source
@@ -53,14 +54,43 @@ class RobotFile:
         sources = read_sources(path)
         recordings = [self.read(source) for source in sources]
         body = self.holding(recordings)
-        both = list(zip(sources, in_torque(recordings, body).recordings, strict=True))
-        return body, *without_loads(*([own for one, own in both if one.role == role] for role in ("fit", "holdout")))
+        logs = Logs.of(recordings, [source.role == "holdout" for source in sources], body)
+        return body, *logs.bare
 
     def holding(self, recordings: Sequence[ArmRecording]) -> Body:
         """Its links, other joints held where recordings have them on average."""
         body = self.body()
         seen = {joint: [np.mean(one.still[joint]) for one in recordings if joint in one.still] for joint in body.held}
         return self.body({joint: float(np.mean(places)) for joint, places in seen.items() if places})
+
+
+@dataclass(frozen=True, eq=False)
+class Logs:
+    """Recordings of a robot in N m, as far as anything tells the gains of currents."""
+
+    body: Body
+    torques: Torques  # all recordings in the order given, and the gains
+    held_out: tuple[bool, ...]  # whether each is kept for checking
+
+    @classmethod
+    def of(
+        cls, recordings: Sequence[ArmRecording], held_out: Sequence[bool], body: Body, unit: str | None = None
+    ) -> Self:
+        """Turn currents into torques, in the unit of a model if there is one; raises RecordingError as `in_torque`."""
+        return cls(body, in_torque(recordings, body, unit), tuple(held_out))
+
+    @cached_property
+    def bare(self) -> tuple[list[ArmRecording], list[ArmRecording]]:
+        """Those to fit and to hold out, without known loads; raises IdentificationError as `without_loads`."""
+        both = list(zip(self.torques.recordings, self.held_out, strict=True))
+        return without_loads(*([own for own, is_out in both if is_out == held] for held in (False, True)))
+
+    @property
+    def texts(self) -> list[str]:
+        """The gains, and which recordings are left out, a sentence each."""
+        left = [one.name for one in self.torques.recordings if not any(one in part for part in self.bare)]
+        loaded = [f"left out, as a known load is no part of the arm: {listing(left)}"] if left else []
+        return [*self.torques.texts(self.body), *loaded]
 
 
 @lru_cache(maxsize=8)
@@ -111,9 +141,3 @@ def straying(body: Body, recordings: Sequence[ArmRecording]) -> list[str]:
             away = f"{joint} gets {off:.2g} {body.worded(joint, 'rad')} away from there in {recording.name}"
             found.append(f"{away}: name it in --joints if it moves")
     return found
-
-
-def loaded_text(recordings: Sequence[ArmRecording], left: Sequence[ArmRecording]) -> str:
-    """Which recordings are left out for their loads; empty if none is."""
-    names = [one.name for one in recordings if one not in left]
-    return f"left out, as a known load is no part of the arm: {listing(names)}" if names else ""

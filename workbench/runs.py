@@ -1,7 +1,8 @@
 """Runs of a pendulum: the torque that drives it, what answers step by step, and recording the rig row by row."""
 
 import argparse
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import gymnasium as gym
 import numpy as np
@@ -21,7 +22,7 @@ from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.registration import PENDULUM
 from pendulum_env.wrappers import RecordMeasurements
-from workbench.inputs import read_suggestion, wrote
+from workbench.inputs import plant_of, read_suggestion, wrote
 from workbench.mistakes import InputError, Interrupted
 from workbench.terminal import Terminal
 from workbench.until import LONGEST, Apart, verdict_text
@@ -33,13 +34,70 @@ SUGGESTED = "suggested"  # excitation that a diagnosis holds
 LEARNT = "rl"  # excitation that a policy chooses while the arm moves
 
 
-def experiment(
+@dataclass(frozen=True)
+class Plan:
+    """What is to be run: a torque for some time, on a plant or on the rig."""
+
+    arguments: argparse.Namespace  # of `record`
+    rig: RigConfig | None  # None: a plant is simulated, or a recording replayed
+    plant: Model  # that is simulated
+    rate: float  # samples per second [Hz]
+    command: Excitation | Pilot  # what chooses the torque
+    seconds: float  # length
+
+    @classmethod
+    def of(cls, arguments: argparse.Namespace, rng: np.random.Generator) -> Self:
+        """What was asked for.
+
+        Raises InputError if the arguments do not go together, a configuration or a policy cannot be used, or a
+        diagnosis suggests nothing, and ModelError if an effect is hidden twice.
+        """
+        rig = _configured(arguments)
+        rate = arguments.rate if rig is None else rig.rate
+        command, seconds = _experiment(arguments, rng, rate)
+        return cls(arguments, rig, plant_of(arguments), rate, command, seconds)
+
+    def environment(self) -> gym.Env[Any, Any]:
+        """What answers step by step: a simulated plant, a recording that is replayed, or a rig, still without power.
+
+        The rig is owned and connected from now on; raises InputError if it is out of reach, or in use.
+        """
+        asked = self.arguments
+        if self.rig is not None:
+            try:
+                return gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(self.rig.path))
+            except DriveError as error:
+                raise InputError(str(error)) from None
+        return gym.make(
+            PENDULUM,
+            max_episode_steps=-1,
+            backend=asked.backend or "pymunk",
+            model=None if asked.replay is not None else self.plant,
+            rate=asked.rate,
+            counts=asked.counts,
+            torque_noise=asked.noise,
+            max_torque=max(MAX_TORQUE, self.command.amplitude),
+            recording=asked.replay,
+        )
+
+    def controller(self, rate: float) -> OpenLoop | Pilot:
+        """What chooses the torque of every period, at a rate [Hz]: a replay has its own."""
+        return self.command if isinstance(self.command, Pilot) else OpenLoop(self.command, rate)
+
+    @property
+    def remark(self) -> str:
+        """What the rig's limits leave of the torque, in words; empty if all of it."""
+        rig, most = self.rig, self.command.amplitude
+        if rig is None or most <= rig.max_torque:
+            return ""
+        until = "limits.torque" if rig.checked else "until `hardware check` has passed"
+        return f"torque is cut at {rig.max_torque:g} N m ({until}), {most:g} were asked for"
+
+
+def _experiment(
     arguments: argparse.Namespace, rng: np.random.Generator, rate: float
 ) -> tuple[Excitation | Pilot, float]:
-    """Torque command and length [s]: drawn, as a diagnosis suggests, or by a policy.
-
-    Raises InputError if the arguments do not go together, the diagnosis suggests nothing, or there is no such policy.
-    """
+    """Torque command and length [s]: drawn, as a diagnosis suggests, or by a policy; raises as `Plan.of`."""
     kind = arguments.excitation
     for name, only in (("policy", LEARNT), ("diagnosis", SUGGESTED)):
         if getattr(arguments, name) is not None and kind != only:
@@ -66,36 +124,8 @@ def experiment(
     return excitation(kind or USUAL, rng, seconds, arguments.amplitude), seconds
 
 
-def environment(
-    arguments: argparse.Namespace, plant: Model, command: Excitation | Pilot, rig: RigConfig | None = None
-) -> gym.Env[Any, Any]:
-    """What answers step by step: a simulated plant, a recording that is replayed, or a rig, still without power.
-
-    The rig is owned and connected from now on; raises InputError if it is out of reach, or in use.
-    """
-    if rig is not None:
-        try:
-            return gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(rig.path))
-        except DriveError as error:
-            raise InputError(str(error)) from None
-    return gym.make(
-        PENDULUM,
-        max_episode_steps=-1,
-        backend=arguments.backend or "pymunk",
-        model=None if arguments.replay is not None else plant,
-        rate=arguments.rate,
-        counts=arguments.counts,
-        torque_noise=arguments.noise,
-        max_torque=max(MAX_TORQUE, command.amplitude),
-        recording=arguments.replay,
-    )
-
-
-def configured(arguments: argparse.Namespace) -> RigConfig | None:
-    """Configuration of the rig, if one is to be recorded.
-
-    Raises InputError if the arguments do not go together, or the configuration cannot be used.
-    """
+def _configured(arguments: argparse.Namespace) -> RigConfig | None:
+    """Configuration of the rig, if one is to be recorded; raises as `Plan.of`."""
     if (arguments.backend == "dm1015b") != (arguments.config is not None):
         raise InputError("--backend dm1015b and --config FILE belong together: give both or neither")
     if arguments.config is None:
@@ -107,32 +137,30 @@ def configured(arguments: argparse.Namespace) -> RigConfig | None:
     return config.load(arguments.config)
 
 
-def record_rig(
-    arguments: argparse.Namespace, rig: RigConfig, command: Excitation | Pilot, steps: int, terminal: Terminal
-) -> None:
+def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
     """Record the rig, row by row: what was measured up to a fault or an interrupt is kept.
 
     Raises InputError if there is a fault, Interrupted if somebody interrupts it, and OSError if the disk does not take
     it all; it says what is kept.
     """
-    output, last = arguments.output, dict[str, Any]()
+    output, rate, last = plan.arguments.output, plan.rate, dict[str, Any]()
     late: list[float] = []
 
     def watch(info: dict[str, Any]) -> None:
         last.update(info)
         late.append(info["jitter"])
-        if len(late) % rig.rate < 1:
+        if len(late) % rate < 1:
             show(f"{info['time']:.0f} s", len(late) / steps)
 
     judge: Apart | None = None
-    env = RecordMeasurements(environment(arguments, Model(), command, rig), output, overwrite=True)
+    env = RecordMeasurements(plan.environment(), output, overwrite=True)
     try:
-        judge = Apart(rig.rate, smoothing_of(env, rig.rate)) if arguments.until is not None else None
-        if cut := cut_at(rig, command):
-            terminal.say(cut)
+        judge = Apart(rate, smoothing_of(env, rate)) if plan.arguments.until is not None else None
+        if plan.remark:
+            terminal.say(plan.remark)
         with terminal.progress("running") as show:
             until = None if judge is None else judge.stands
-            recording = rollout(env, controller(command, rig.rate), steps, watch=watch, until=until)
+            recording = rollout(env, plan.controller(rate), steps, watch=watch, until=until)
     except (DriveError, RecordingError) as error:
         raise InputError(last.get("fault") or str(error)) from None
     except KeyboardInterrupt:
@@ -154,19 +182,6 @@ def record_rig(
     if "fault" in last:
         raise InputError(f"{last['fault']}; what was measured until then is in {output}")
     wrote([output], terminal)
-
-
-def cut_at(rig: RigConfig, command: Excitation | Pilot) -> str:
-    """What the rig's limits leave of a command, in words; empty if all of it."""
-    if command.amplitude <= rig.max_torque:
-        return ""
-    until = "limits.torque" if rig.checked else "until `hardware check` has passed"
-    return f"torque is cut at {rig.max_torque:g} N m ({until}), {command.amplitude:g} were asked for"
-
-
-def controller(command: Excitation | Pilot, rate: float) -> OpenLoop | Pilot:
-    """What chooses the torque of every period."""
-    return command if isinstance(command, Pilot) else OpenLoop(command, rate)
 
 
 def describe(recording: Recording, terminal: Terminal) -> None:

@@ -1,11 +1,38 @@
 """What tests of the command line share."""
 
+import shutil
 import warnings
 
 import pytest
 
 from workbench.cli import main
 from workbench.mistakes import LONGEST
+
+FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync"]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium, if it is installed."""
+    sync_api, chromium = pytest.importorskip("playwright.sync_api"), shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("chromium is not installed")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def done(capsys):
+    """Run a command that must succeed: returns what it printed."""
+
+    def run(*argv):
+        capsys.readouterr()
+        assert main([str(part) for part in argv]) == 0
+        return capsys.readouterr().out
+
+    return run
 
 
 @pytest.fixture

@@ -8,20 +8,18 @@ from estimators.selection.errors import Step
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.recording import read_arm_recording
 from pendulum_env.physics import Model
-from workbench.cli import main
 from workbench.commands import demo
 from workbench.commands.demo import verdict
 
 ALIKE = ("stribeck@elbow", "spring@elbow")
 
 
-def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, capsys, monkeypatch):
+def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, monkeypatch, done):
     few = ("load_dependent_friction", "stribeck", "spring")  # else it takes long
     monkeypatch.setattr(demo, "diagnose", partial(diagnose, only=few))
     monkeypatch.setattr(demo, "SECONDS", 5.0)
     report, files = tmp_path / "r.html", [tmp_path / f"r.{part}.csv" for part in ("train", "holdout")]
-    assert main(["demo", "--robot", "two-link", "--seed", "2", "-o", str(report)]) == 0
-    told = capsys.readouterr().out
+    told = done("demo", "--robot", "two-link", "--seed", "2", "-o", report)
     hidden = "load_dependent_friction@elbow"  # of which the elbow shows nothing: its links' parameters imitate it there
     assert f"Missing: {hidden}" in told and f"hidden was {hidden}: (mu |tau| + mu_o |w sin q|) sgn q'" in told
     assert "\nfound\n" in told

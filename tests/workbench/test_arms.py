@@ -45,11 +45,10 @@ def folder(tmp_path_factory):
     return folder
 
 
-def run(capsys, folder, command, *arguments):
-    files = [str(folder / a) if "." in a and not a.startswith("-") else a for a in arguments]
-    code = main([command, *files, "--robot", str(folder / "arm.urdf")])
-    told = capsys.readouterr()
-    return code, told.out, told.err
+def of_arm(folder, command, *arguments):
+    """Words of a command on an arm, whose files lie in a folder."""
+    files = [folder / a if "." in a and not a.startswith("-") else a for a in arguments]
+    return command, *files, "--robot", folder / "arm.urdf"
 
 
 def curves(page, figure):
@@ -59,17 +58,15 @@ def curves(page, figure):
     return found.figures[plots.index(figure)]["data"]
 
 
-def test_identify_compare_and_diagnose_an_arm(capsys, folder):
-    code, out, _ = run(capsys, folder, "identify", "plain.csv", "-o", "arm.json", "--json", "found.json")
-    assert code == 0
+def test_identify_compare_and_diagnose_an_arm(done, folder):
+    out = done(*of_arm(folder, "identify", "plain.csv", "-o", "arm.json", "--json", "found.json"))
     assert "Iyy@shoulder stands for Iyy@shoulder + 0.2025 m@elbow" in out and "filtered_hamiltonian" in out
     found = json.loads((folder / "found.json").read_text())
     assert found["schema"] == "pendulum-ident/arm-identification@1"
     assert found["schemes"]["energy"]["theta"]["coulomb@elbow"]["value"] == pytest.approx(ARM.coulomb[1], rel=0.01)
 
     written = ("--json", "errors.json", "--report", "compared.html")
-    code, out, _ = run(capsys, folder, "compare", "arm.json", "hidden.csv", *written)
-    assert code == 0 and "Torque errors" in out
+    assert "Torque errors" in done(*of_arm(folder, "compare", "arm.json", "hidden.csv", *written))
     for axis in ("position", "velocity", "time"):
         ((_, shoulder), (_, elbow)) = (curves(folder / "compared.html", f"joint-{k}-{axis}") for k in range(2))
         assert np.abs(shoulder["y"]).max() < 0.02  # [N m]
@@ -79,8 +76,7 @@ def test_identify_compare_and_diagnose_an_arm(capsys, folder):
 
     written = ("--only", "torque_offset,spring", "--json", "diagnosis.json", "-o", "better.json")
     written += ("--report", "found.html")
-    code, out, _ = run(capsys, folder, "diagnose", "hidden.csv", *written)
-    assert code == 0
+    out = done(*of_arm(folder, "diagnose", "hidden.csv", *written))
     brief = out.partition("\n\n")[2].splitlines()
     assert brief[:2] == ["Missing: torque_offset@elbow", "torque_offset@elbow: c"] and len(brief) <= 8
     assert re.match(
@@ -95,69 +91,63 @@ def test_identify_compare_and_diagnose_an_arm(capsys, folder):
     _, before, after = curves(folder / "found.html", "joint-1-velocity")
     assert np.abs(before["y"]).max() > 10 * np.abs(after["y"]).max()
     assert json.loads((folder / "diagnosis.json").read_text())["selected"] == ["torque_offset@elbow"]
-    code, out, _ = run(capsys, folder, "compare", "better.json", "hidden.csv")
-    assert code == 0
+    out = done(*of_arm(folder, "compare", "better.json", "hidden.csv"))
 
 
-def test_compare_tells_what_an_arm_carries(capsys, folder):
+def test_compare_tells_what_an_arm_carries(done, refused, folder):
     """A body as heavy as the forearm, at the same place: twice its mass and moments."""
-    run(capsys, folder, "identify", "plain.csv", "--scheme", "filtered_dynamic", "-o", "empty.json")
+    done(*of_arm(folder, "identify", "plain.csv", "--scheme", "filtered_dynamic", "-o", "empty.json"))
     heavy = replace(ARM, mass=(ARM.mass[0], 2 * ARM.mass[1]), inertia=(ARM.inertia[0], 2 * ARM.inertia[1]))
     loaded = recorded(heavy, 3, seconds=8.0, rate=500.0, scale=(6.0, 3.5), noise=0.0)
     write_recording(loaded, folder / "heavy.csv")
-    code, out, _ = run(capsys, folder, "compare", "empty.json", "heavy.csv")
-    assert code == 0 and re.search(
-        r"A payload of 0\.\d+ ± .* kg behind elbow would explain most of it: see --payload", out
-    )
+    out = done(*of_arm(folder, "compare", "empty.json", "heavy.csv"))
+    assert re.search(r"A payload of 0\.\d+ ± .* kg behind elbow would explain most of it: see --payload", out)
     written = ("--payload", "--without", "plain.csv", "--json", "payload.json")
-    code, out, _ = run(capsys, folder, "compare", "empty.json", "heavy.csv", *written)
-    assert code == 0 and "Payload at the link behind elbow" in out and "no motion of the joints shows them" in out
+    out = done(*of_arm(folder, "compare", "empty.json", "heavy.csv", *written))
+    assert "Payload at the link behind elbow" in out and "no motion of the joints shows them" in out
     told = json.loads((folder / "payload.json").read_text())["payload"]
     assert told["theta"]["m"]["value"] == pytest.approx(ARM.mass[1], rel=0.02)
     for wrong, said in (
         (("--payload", "wrist"), "unknown joint 'wrist'"),
         (("--without", "plain.csv"), "say --payload, too"),
     ):
-        code, _, err = run(capsys, folder, "compare", "empty.json", "heavy.csv", *wrong)
-        assert code == 2 and said in err and err.count("\n") == 1
+        assert said in refused(*of_arm(folder, "compare", "empty.json", "heavy.csv", *wrong))
 
 
-def test_effects_at_joints_and_couplings_are_added_and_looked_for(capsys, folder):
-    run(capsys, folder, "identify", "plain.csv", "--scheme", "filtered_dynamic", "-o", "lacking.json")
-    code, out, _ = run(capsys, folder, "add", "lacking.json", "torque_offset@elbow", "hidden.csv", "-o", "added.json")
-    assert code == 0 and "torque_offset@elbow lowers the held-out torque error of elbow" in out
+def test_effects_at_joints_and_couplings_are_added_and_looked_for(done, refused, folder):
+    done(*of_arm(folder, "identify", "plain.csv", "--scheme", "filtered_dynamic", "-o", "lacking.json"))
+    out = done(*of_arm(folder, "add", "lacking.json", "torque_offset@elbow", "hidden.csv", "-o", "added.json"))
+    assert "torque_offset@elbow lowers the held-out torque error of elbow" in out
     theta = json.loads((folder / "added.json").read_text())["theta"]
     assert theta["torque_offset@elbow"]["value"] == pytest.approx(0.3, rel=0.03)
-    code, out, _ = run(capsys, folder, "add", "lacking.json", "coupling@shoulder,elbow", "hidden.csv")
-    assert code == 0 and "coupling.viscous@shoulder,elbow" in out
-    code, _, _ = run(capsys, folder, "diagnose", "hidden.csv", "--only", "coupling,spring", "--json", "told.json")
+    out = done(*of_arm(folder, "add", "lacking.json", "coupling@shoulder,elbow", "hidden.csv"))
+    assert "coupling.viscous@shoulder,elbow" in out
+    done(*of_arm(folder, "diagnose", "hidden.csv", "--only", "coupling,spring", "--json", "told.json"))
     judged = {one["effect"] for one in json.loads((folder / "told.json").read_text())["candidates"]}
     pairs = {"coupling@shoulder,elbow", "coupling@shoulder,-elbow"}
-    assert code == 0 and judged == {*pairs, "spring@shoulder", "spring@elbow"}
+    assert judged == {*pairs, "spring@shoulder", "spring@elbow"}
     for effect, model, said in (
         ("stribeck@wrist", "lacking.json", "unknown joint 'wrist'"),
         ("torque_offset@elbow", "added.json", "the model has 'torque_offset@elbow' already"),
     ):
-        code, _, err = run(capsys, folder, "add", model, effect, "hidden.csv")
-        assert code == 2 and said in err and err.count("\n") == 1
+        assert said in refused(*of_arm(folder, "add", model, effect, "hidden.csv"))
 
 
-def test_a_model_knows_whether_it_has_rotors_and_whether_the_driver_takes_gravity_off(capsys, folder):
+def test_a_model_knows_whether_it_has_rotors_and_whether_the_driver_takes_gravity_off(done, folder):
     chosen = ("--seconds", "4", "--rate", "250", "--no-gravity", "-o", "light.csv")
-    code, _, _ = run(capsys, folder, "record", *chosen)
-    assert code == 0
-    code, out, _ = run(capsys, folder, "identify", "light.csv", "--scheme", "filtered_dynamic")
-    assert code == 0 and "no gravity in the torque of joints shoulder and elbow" in out
+    done(*of_arm(folder, "record", *chosen))
+    out = done(*of_arm(folder, "identify", "light.csv", "--scheme", "filtered_dynamic"))
+    assert "no gravity in the torque of joints shoulder and elbow" in out
     chosen = ("--no-gravity", "--rotors", "--scheme", "filtered_dynamic", "-o", "light.json")
-    code, out, _ = run(capsys, folder, "identify", "light.csv", *chosen)
-    assert code == 0 and "no gravity" not in out and json.loads((folder / "light.json").read_text())["rotors"]
-    code, out, _ = run(capsys, folder, "compare", "light.json", "light.csv")
-    assert code == 0 and all(float(line.split()[-2]) < 2 for line in out.splitlines() if line.endswith("%"))
+    out = done(*of_arm(folder, "identify", "light.csv", *chosen))
+    assert "no gravity" not in out and json.loads((folder / "light.json").read_text())["rotors"]
+    out = done(*of_arm(folder, "compare", "light.json", "light.csv"))
+    assert all(float(line.split()[-2]) < 2 for line in out.splitlines() if line.endswith("%"))
 
 
-def test_a_study_of_an_arm_has_ranges_roles_and_columns(capsys, folder):
-    code, out, _ = run(capsys, folder, "diagnose", "study.toml", "--only", "torque_offset,spring", "-o", "study.json")
-    assert code == 0 and "Missing: torque_offset@elbow" in out and "5000 samples" in out and "3000 samples" in out
+def test_a_study_of_an_arm_has_ranges_roles_and_columns(done, folder):
+    out = done(*of_arm(folder, "diagnose", "study.toml", "--only", "torque_offset,spring", "-o", "study.json"))
+    assert "Missing: torque_offset@elbow" in out and "5000 samples" in out and "3000 samples" in out
     theta = json.loads((folder / "study.json").read_text())["theta"]
     assert theta["torque_offset@elbow"]["value"] == pytest.approx(0.3, rel=0.03)
 
@@ -185,9 +175,9 @@ def lift(tmp_path_factory):
 MOVING = ("--joints", "torso,shoulder,elbow")
 
 
-def test_joints_that_do_not_move_are_held_where_the_recording_has_them(capsys, lift):
-    code, out, _ = run(capsys, lift, "identify", "run.csv", *MOVING, "--json", "found.json", "-o", "model.json")
-    assert code == 0 and "held: left at 0.01 m, right at 0.01 m\n" in out and "gets" not in out
+def test_joints_that_do_not_move_are_held_where_the_recording_has_them(done, lift):
+    out = done(*of_arm(lift, "identify", "run.csv", *MOVING, "--json", "found.json", "-o", "model.json"))
+    assert "held: left at 0.01 m, right at 0.01 m\n" in out and "gets" not in out
     rows = {line.split()[0]: line.split()[-2:] for line in out.splitlines() if "@torso" in line}
     assert rows["viscous@torso"] == ["N", "s/m"] and rows["m@torso"][1] == "kg" and rows["coulomb@torso"][1] == "N"
     found = json.loads((lift / "found.json").read_text())["schemes"]
@@ -197,10 +187,10 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(capsys, l
     assert found["dynamic"]["theta"]["coulomb@torso"]["unit"] == "N"
     assert json.loads((lift / "model.json").read_text())["held"] == pytest.approx({"left": 0.01, "right": 0.01})
 
-    code, again, _ = run(capsys, lift, "identify", "study.toml", "--scheme", "energy")
-    assert code == 0 and "held: left at 0.01 m, right at 0.01 m\n" in again
-    code, out, _ = run(capsys, lift, "compare", "model.json", "moved.csv", "--report", "page.html", "--json", "e.json")
-    assert code == 0 and "warning: left gets 0.02 m away from there in moved: name it in --joints if it moves" in out
+    again = done(*of_arm(lift, "identify", "study.toml", "--scheme", "energy"))
+    assert "held: left at 0.01 m, right at 0.01 m\n" in again
+    out = done(*of_arm(lift, "compare", "model.json", "moved.csv", "--report", "page.html", "--json", "e.json"))
+    assert "warning: left gets 0.02 m away from there in moved: name it in --joints if it moves" in out
     assert "position converted to m from column 'position_torso [mm]'" in out
     assert [error["unit"] for error in json.loads((lift / "e.json").read_text())["joints"]] == ["N", "N m", "N m"]
     (row,) = [line for line in out.splitlines() if line.startswith("torso")]
@@ -209,11 +199,11 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(capsys, l
     assert titles[:2] == ["position q [m]", "velocity q' [m/s]"] and titles[3] == "angle q [rad]"
 
 
-def test_a_diagnosis_names_what_is_missing_where_a_joint_slides_in_its_units(capsys, lift):
+def test_a_diagnosis_names_what_is_missing_where_a_joint_slides_in_its_units(done, lift):
     columns = robots.simulate(robots.TORSO, {}, seed=4, hidden={"torso": lambda velocity: -12.0})
     robots.write({name: values for name, values in columns.items() if "left" not in name}, lift / "hidden.csv")
-    code, out, _ = run(capsys, lift, "diagnose", "hidden.csv", *MOVING, "--only", "torque_offset", "-o", "better.json")
-    assert code == 0 and "Missing: torque_offset@torso" in out
+    out = done(*of_arm(lift, "diagnose", "hidden.csv", *MOVING, "--only", "torque_offset", "-o", "better.json"))
+    assert "Missing: torque_offset@torso" in out
     assert re.search(r"^error held out: torso \S+ -> \S+ N \(.*\), shoulder \S+ -> \S+ N m \(", out, re.M)
     value = json.loads((lift / "better.json").read_text())["theta"]["torque_offset@torso"]
     assert value["value"] == pytest.approx(12.0, rel=0.05) and value["unit"] == "N"
@@ -239,45 +229,40 @@ def test_a_diagnosis_names_what_is_missing_where_a_joint_slides_in_its_units(cap
         ("compare model.json run.csv --joints shoulder,elbow", "is of an arm with joints torso, shoulder"),
     ],
 )
-def test_mistakes_about_joints_are_one_line(capsys, lift, words, told):
+def test_mistakes_about_joints_are_one_line(done, refused, lift, words, told):
     if not (lift / "model.json").exists():
-        run(capsys, lift, "identify", "run.csv", *MOVING, "--scheme", "energy", "-o", "model.json")
-    code, _, err = run(capsys, lift, *words.split())
-    assert code == 2 and re.search(told, err) and err.count("\n") == 1
+        done(*of_arm(lift, "identify", "run.csv", *MOVING, "--scheme", "energy", "-o", "model.json"))
+    assert re.search(told, refused(*of_arm(lift, *words.split())))
 
 
-def test_a_base_that_floats_is_taken_for_fixed_only_if_that_is_said(capsys, folder, tmp_path):
+def test_a_base_that_floats_is_taken_for_fixed_only_if_that_is_said(done, refused, folder, tmp_path):
     text = (folder / "arm.urdf").read_text().replace('<link name="base"/>', '<link name="world"/><link name="base"/>')
     root = '<joint name="root" type="floating"><parent link="world"/><child link="base"/></joint></robot>'
     (tmp_path / "arm.urdf").write_text(text.replace("</robot>", root))
     asked = ("identify", str(folder / "plain.csv"), "--scheme", "energy")
-    code, _, err = run(capsys, tmp_path, *asked)
-    assert code == 2 and "joint 'root' lets the base float: say --base fixed" in err and err.count("\n") == 1
-    code, out, _ = run(capsys, tmp_path, *asked, "--base", "fixed")
-    assert code == 0 and "held: root at zero" in out
+    assert "joint 'root' lets the base float: say --base fixed" in refused(*of_arm(tmp_path, *asked))
+    assert "held: root at zero" in done(*of_arm(tmp_path, *asked, "--base", "fixed"))
 
 
-def test_record_an_arm_with_an_effect_at_a_joint(capsys, folder):
+def test_record_an_arm_with_an_effect_at_a_joint(done, folder):
     asked = ("--seconds", "4", "--rate", "500", "--amplitude", "12", "--noise", "0")
     asked += ("--effect", "torque_offset@elbow=1")
-    code, out, _ = run(capsys, folder, "record", *asked, "-o", "run.csv")
-    assert code == 0 and "condition of the regressor" in out and "hidden: torque_offset@elbow" in out
+    out = done(*of_arm(folder, "record", *asked, "-o", "run.csv"))
+    assert "condition of the regressor" in out and "hidden: torque_offset@elbow" in out
     recording = read_arm_recording(folder / "run.csv", ("shoulder", "elbow"))
     assert len(recording) == 2000 and np.abs(recording.torque).max() <= 12
-    code, out, _ = run(capsys, folder, "diagnose", "run.csv", "--only", "torque_offset,spring")
-    assert code == 0 and "Missing: torque_offset@elbow" in out
+    out = done(*of_arm(folder, "diagnose", "run.csv", "--only", "torque_offset,spring"))
+    assert "Missing: torque_offset@elbow" in out
     arguments = ("--joints", "shoulder", "--seconds", "3", "--rate", "250", "-o", "one.csv")
-    code, out, _ = run(capsys, folder, "record", *arguments)
-    assert code == 0 and "1 joint" in out and len(read_arm_recording(folder / "one.csv", ("shoulder",))) == 750
+    out = done(*of_arm(folder, "record", *arguments))
+    assert "1 joint" in out and len(read_arm_recording(folder / "one.csv", ("shoulder",))) == 750
 
 
-def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(capsys, tmp_path):
+def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(done, tmp_path):
     (tmp_path / "arm.urdf").write_text(six_joint.urdf())
-    code, _, _ = run(capsys, tmp_path, "record", "--seconds", "5", "--rate", "250", "-o", "run.csv")
-    assert code == 0
-    code, _, _ = run(capsys, tmp_path, "identify", "run.csv", "--scheme", "filtered_dynamic", "-o", "found.json")
+    done(*of_arm(tmp_path, "record", "--seconds", "5", "--rate", "250", "-o", "run.csv"))
+    done(*of_arm(tmp_path, "identify", "run.csv", "--scheme", "filtered_dynamic", "-o", "found.json"))
     theta = json.loads((tmp_path / "found.json").read_text())["theta"]
-    assert code == 0
     body = read_body(tmp_path / "arm.urdf")
     for name, value in zip(body.names, body.values.tolist(), strict=True):
         assert abs(theta[name]["value"] - value) < max(4 * theta[name]["std"], 0.005 * abs(value)), name
@@ -305,16 +290,14 @@ def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(caps
         ("compare none.json plain.csv", "none.json"),
     ],
 )
-def test_mistakes_are_one_line(capsys, folder, words, told):
-    code, _, err = run(capsys, folder, *words.split())
-    assert code == 2 and told in err and err.count("\n") == 1
+def test_mistakes_are_one_line(refused, folder, words, told):
+    assert told in refused(*of_arm(folder, *words.split()))
 
 
 @pytest.mark.parametrize("words", ["record -o x.csv", "add arm.json stribeck@elbow plain.csv", "compare a.json b.csv"])
-def test_without_pinocchio_the_pip_command_is_told(capsys, folder, monkeypatch, words):
+def test_without_pinocchio_the_pip_command_is_told(refused, folder, monkeypatch, words):
     monkeypatch.setitem(sys.modules, "pinocchio", None)
-    code, _, err = run(capsys, folder, *words.split())
-    assert code == 2 and "pip install 'pendulum-ident[arms]'" in err and err.count("\n") == 1
+    assert "pip install 'pendulum-ident[arms]'" in refused(*of_arm(folder, *words.split()))
 
 
 def test_a_pendulums_command_knows_no_joints(capsys, folder, monkeypatch):
@@ -325,7 +308,7 @@ def test_a_pendulums_command_knows_no_joints(capsys, folder, monkeypatch):
         ("record --effect stribeck@elbow -o x.csv", "is an effect at a joint of an arm, which takes --robot"),
         ("add m.json stribeck@elbow plain.csv", "is an effect at a joint of an arm"),
         ("diagnose plain.csv --only stribeck@elbow", "is an effect at a joint of an arm"),
-        ("record --max-speed 2 -o x.csv", "--max-speed goes with --robot only"),
+        ("record --max-speed 2 -o x.csv", "--max-speed is of an arm: give its links with --robot"),
         ("identify plain.csv --joints elbow", "--joints is of an arm: give its links with --robot"),
         ("identify plain.csv --base fixed", "--base is of an arm: give its links with --robot"),
         ("identify plain.csv --no-gravity", "--no-gravity is of an arm"),
@@ -337,32 +320,29 @@ def test_a_pendulums_command_knows_no_joints(capsys, folder, monkeypatch):
         assert told in capsys.readouterr().err
 
 
-def test_currents_at_every_joint_are_per_ampere_of_one_in_every_command(capsys, folder):
+def test_currents_at_every_joint_are_per_ampere_of_one_in_every_command(done, refused, folder):
     columns = "--columns", "torque_shoulder=torque_shoulder:A*?,torque_elbow=torque_elbow:A*?"
-    code, out, _ = run(capsys, folder, "identify", "plain.csv", *columns, "-o", "amperes.json")
-    assert code == 0 and "all are in A@shoulder" in out
-    assert re.search(r"gain of elbow: (1\.0|0\.99)\d* .* A@shoulder/A", out)
-    _, out, _ = run(capsys, folder, "compare", "amperes.json", "hidden.csv", "--json", "left.json")
+    out = done(*of_arm(folder, "identify", "plain.csv", *columns, "-o", "amperes.json"))
+    assert "all are in A@shoulder" in out and re.search(r"gain of elbow: (1\.0|0\.99)\d* .* A@shoulder/A", out)
+    out = done(*of_arm(folder, "compare", "amperes.json", "hidden.csv"))
     assert re.search(r"elbow .* A@shoulder +\d", out) and "needs 0.3" in out
     assert "N m" not in out.partition("Torque")[2]
     asked = "--model", "amperes.json", "--only", "torque_offset"
-    _, out, _ = run(capsys, folder, "diagnose", "hidden.csv", *asked, "-o", "more.json")
+    out = done(*of_arm(folder, "diagnose", "hidden.csv", *asked, "-o", "more.json"))
     assert re.search(r"torque_offset@elbow -?0\.(30|29)\d* . 0\.\d+ A@shoulder", out)
     assert json.loads((folder / "more.json").read_text())["torque_unit"] == "A@shoulder"
-    run(capsys, folder, "identify", "plain.csv", "-o", "torques.json")
+    done(*of_arm(folder, "identify", "plain.csv", "-o", "torques.json"))
     known = "--columns", columns[1].replace(":A*?", "")
     for words, told in (
         (("compare", "torques.json", "plain.csv", *columns), "torque is in A, and nothing tells its gain"),
-        (("compare", "more.json", "plain.csv", *known),
-         "the model is per A@shoulder, and the recordings are in N m"),
+        (("compare", "more.json", "plain.csv", *known), "the model is per A@shoulder, and the recordings are in N m"),
         (("compare", "more.json", "plain.csv", "--payload"), "in which no load has its mass"),
         (("export", "more.json", "--to", "mjcf", "-o", "x.xml"), "masses and inertias are those per A@shoulder"),
-    ):  # fmt: skip
-        code, _, err = run(capsys, folder, *words)
-        assert code == 2 and told in err and err.count("\n") == 1
+    ):
+        assert told in refused(*of_arm(folder, *words))
 
 
-def test_a_model_of_currents_keeps_the_gains_that_known_weights_told(capsys, tmp_path):
+def test_a_model_of_currents_keeps_the_gains_that_known_weights_told(done, tmp_path):
     weight = six_joint.Load(2.0, (0.03, 0.02, 0.09), (1e-5, 1e-5, 1e-5))
     (tmp_path / "arm.urdf").write_text(six_joint.urdf())
     for name, load in (("empty", None), ("loaded", weight)):
@@ -379,7 +359,7 @@ def test_a_model_of_currents_keeps_the_gains_that_known_weights_told(capsys, tmp
     weighs = "load = {mass = 2, center = [0.03, 0.02, 0.09]}"
     files = f'[[recording]]\nfile = "empty.csv"\n[[recording]]\nfile = "loaded.csv"\n{weighs}\n'
     (tmp_path / "study.toml").write_text(f"[columns]\n{said}{files}")
-    code, out, _ = run(capsys, tmp_path, "identify", "study.toml", "--scheme", "filtered_dynamic", "-o", "model.json")
-    assert code == 0 and re.search(r"torque gain of shoulder: (9\.0|8\.9)", out)
-    code, out, _ = run(capsys, tmp_path, "compare", "model.json", "empty.csv")
-    assert code == 0 and re.search(r"torque_shoulder=i1:A\*(9|8\.9)[\d.]*,", out)
+    out = done(*of_arm(tmp_path, "identify", "study.toml", "--scheme", "filtered_dynamic", "-o", "model.json"))
+    assert re.search(r"torque gain of shoulder: (9\.0|8\.9)", out)
+    out = done(*of_arm(tmp_path, "compare", "model.json", "empty.csv"))
+    assert re.search(r"torque_shoulder=i1:A\*(9|8\.9)[\d.]*,", out)

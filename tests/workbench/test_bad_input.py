@@ -37,14 +37,16 @@ def signal(**changes: object) -> str:
 
 
 MODELS = [
-    ("[" * 100_000, "model.json: is not JSON; a model file is what"),
     (theta(inertia={"value": True}), "'theta.inertia.value' of the model is True: it has to be a finite number"),
-    (theta(gravity={"value": 10**399}), "holds a number of more than 18 digits"),
-    (json.dumps({**MODEL, "torque_unit": "A" * 10_000}), "'torque_unit' of the model is 'AAA"),
     (json.dumps({**MODEL, "terms": ["inertia"] * 10_000}), "is a list of 10000: at most 100 are read"),
     (json.dumps({**MODEL, "terms": ["\x1b[31m"]}), "unknown effect '\\x1b[31m'"),
 ]
 DIAGNOSES = [
+    ("{", "is not JSON; a diagnosis is what"),
+    (json.dumps(MODEL), "is not a diagnosis"),
+    (json.dumps(DIAGNOSIS), "leaves nothing open that an experiment would settle"),
+    (json.dumps({**DIAGNOSIS, "inseparable": [["torque_offset", "spring"]]}), "no torque tells torque_offset"),
+    (json.dumps({**DIAGNOSIS, "forbidden": "no experiment within 0.5 N m"}), "no experiment within 0.5 N m"),
     (json.dumps({**DIAGNOSIS, "inseparable": [[3]]}), "'inseparable[0][0]' of the diagnosis is 3"),
     (suggested(reach=[1.0]), "'suggestion.reach' of the diagnosis is [1.0]: it has to be a list of two angles"),
     (suggested(seconds=1e308), "'suggestion.seconds' of the diagnosis is 1e+308: it has to be a number above 0"),
@@ -52,10 +54,8 @@ DIAGNOSES = [
     (signal(phases=[1.0] * 3), "a signal is one of two_tone"),
     (signal(kind="levels", edges=[1.0], levels=[4.0]), "within its amplitude"),
 ]
-RIG = 'adapter = "serial"\n[serial]\n'
 RIGS = [
-    (f'{RIG}port = "{"a" * 2000}"', "it has to be a text of up to 1000 characters"),
-    (f'{RIG}port = "a"\n[limits]\nslew = 1e308', "'limits.slew' is 1e+308: it has to be a finite number from 0"),
+    (f'adapter = "serial"\n[serial]\nport = "{"a" * 2000}"', "it has to be a text of up to 1000 characters"),
     (f"{'a' * 100_000} = 1", "unknown key 'aaa"),
 ]
 TRAININGS = [

@@ -290,7 +290,7 @@ def test_a_known_armature_is_part_of_the_inertia():
         export(plant(), "mjcf", Request(armature=0.1))
 
 
-def test_the_command_writes_and_checks(tmp_path, capsys):
+def test_the_command_writes_and_checks(tmp_path, capsys, done):
     pytest.importorskip("mujoco")
     model, run, out = tmp_path / "model.json", tmp_path / "run.csv", tmp_path / "model.xml"
     hidden = ["actuator_lag", "dead_time=0.0043"]
@@ -298,13 +298,11 @@ def test_the_command_writes_and_checks(tmp_path, capsys):
     told = [part for text in hidden for part in ("--effect", text)]
     assert main(["record", "--seconds", "6", "--seed", "1", "-o", str(run), *told]) == 0
     capsys.readouterr()
-    assert main(["export", str(model), "--to", "mjcf", "-o", str(out), "--check", str(run)]) == 0
-    said = capsys.readouterr().out
+    said = done("export", model, "--to", "mjcf", "-o", out, "--check", run)
     assert out.read_text().startswith("<mujoco") and f"wrote {out}" in said
     errors = [float(line.split()[-2]) for line in said.splitlines() if line.endswith("%")]  # of the motion, in percent
     assert len(errors) == 3 and max(errors) < 1.0
-    assert main(["export", str(model), "--to", "python"]) == 0
-    assert "def step(" in capsys.readouterr().out
+    assert "def step(" in done("export", model, "--to", "python")
 
 
 def test_a_model_of_a_current_says_what_its_masses_are():
@@ -314,14 +312,15 @@ def test_a_model_of_a_current_says_what_its_masses_are():
     assert "torque [A]" in export(model, "c").content
 
 
-def test_a_format_without_its_library_names_the_extra(tmp_path, monkeypatch, capsys):
+def test_a_format_without_its_library_names_the_extra(tmp_path, monkeypatch, refused):
     plant().save(tmp_path / "model.json")
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert main(["export", str(tmp_path / "model.json"), "--to", "mjcf", "-o", str(tmp_path / "out")]) == 2
-    assert "pip install 'pendulum-ident[export]'" in capsys.readouterr().err
+    assert "pip install 'pendulum-ident[export]'" in refused(
+        "export", tmp_path / "model.json", "--to", "mjcf", "-o", tmp_path / "out"
+    )
 
 
-def test_mistakes_are_one_sentence(tmp_path, capsys):
+def test_mistakes_are_one_sentence(tmp_path, refused):
     model = tmp_path / "model.json"
     plant("cogging").save(model)
     own = json.loads(model.read_text())
@@ -334,6 +333,4 @@ def test_mistakes_are_one_sentence(tmp_path, capsys):
         (["--to", "c", "-o", str(model)], "is one of the inputs"),
         (["--to", "c", "--step", "0"], "should be a number"),
     ):
-        assert main(["export", str(model), *arguments]) == 2
-        error = capsys.readouterr().err
-        assert error.count("\n") == 1 and said in error
+        assert said in refused("export", model, *arguments)

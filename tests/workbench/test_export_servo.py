@@ -15,7 +15,6 @@ from pendulum_env.plant import hide, paper_plant
 from pendulum_env.servo.drive import Drive
 from pendulum_env.servo.loop import Servos, follow
 from tests.workbench.exported import in_mujoco, library, module, needs_compiler, off
-from workbench.cli import main
 from workbench.export import ExportError, Request, export
 
 STEP, COUNT = 1e-3, 3000
@@ -239,20 +238,27 @@ def recorded(tmp_path_factory):
     return folder
 
 
-def test_an_export_proves_itself_in_the_loop(recorded, capsys):
+def test_an_export_proves_itself_in_the_loop(recorded, done):
     pytest.importorskip("mujoco")
     asked = ["export", str(recorded / "servo.json"), "--to", "mjcf", "--drive", "output=torque,kp=5,limit=4"]
     outputs = ["-o", str(recorded / "servo.xml"), "--callback", str(recorded / "servo.py")]
-    assert main([*asked, *outputs, "--check", str(recorded / "study.toml")]) == 0
-    said = capsys.readouterr().out
+    said = done(*asked, *outputs, "--check", recorded / "study.toml")
     own, exported, alone = (float(line.split()[-2]) for line in said.splitlines() if line.endswith("%"))
     assert max(own, exported) < 0.5 < 2.0 < alone  # per cent of the motion
     assert "before_step" in (recorded / "servo.py").read_text() and "<mujoco" in (recorded / "servo.xml").read_text()
-    assert main([*asked, "--approximate", "--check", str(recorded / "run.csv")]) == 0
-    assert len([line for line in capsys.readouterr().out.splitlines() if line.endswith("%")]) == 2
+    assert (
+        len(
+            [
+                line
+                for line in done(*asked, "--approximate", "--check", recorded / "run.csv").splitlines()
+                if line.endswith("%")
+            ]
+        )
+        == 2
+    )
 
 
-def test_mistakes_about_servos_are_one_sentence(recorded, capsys):
+def test_mistakes_about_servos_are_one_sentence(recorded, refused):
     pytest.importorskip("mujoco")
     for arguments, said in (
         (["--to", "mjlab"], "say its controller with --drive"),
@@ -265,6 +271,4 @@ def test_mistakes_about_servos_are_one_sentence(recorded, capsys):
         (["--to", "mjcf", "--drive", "output=torque,kp=4", "--step", "0.003", "--approximate", "--check",
           str(recorded / "study.toml")], "--step should be a whole part of it"),
     ):  # fmt: skip
-        assert main(["export", str(recorded / "servo.json"), *arguments]) == 2
-        error = capsys.readouterr().err
-        assert error.count("\n") == 1 and said in error
+        assert said in refused("export", recorded / "servo.json", *arguments)

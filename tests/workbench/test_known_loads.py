@@ -41,10 +41,9 @@ def bench(tmp_path_factory) -> Path:
 FOUND = re.compile(r"torque constant 0\.87\d* ± 0\.\d+ N m/A, from 3 known loads")
 
 
-def test_a_torque_constant_is_identified_kept_and_used(bench, tmp_path, capsys: pytest.CaptureFixture[str]):
+def test_a_torque_constant_is_identified_kept_and_used(bench, tmp_path, capsys: pytest.CaptureFixture[str], done):
     study, model = str(bench / "all.toml"), str(tmp_path / "model.json")
-    assert main(["identify", study, "-o", model, "--json", str(tmp_path / "identified.json")]) == 0
-    assert FOUND.search(capsys.readouterr().out)
+    assert FOUND.search(done("identify", study, "-o", model, "--json", tmp_path / "identified.json"))
     data = json.loads((tmp_path / "identified.json").read_text())
     assert data["torque_constant"]["value"] == pytest.approx(K, rel=0.01)
     saved = json.loads(Path(model).read_text())["torque_constant"]
@@ -55,10 +54,9 @@ def test_a_torque_constant_is_identified_kept_and_used(bench, tmp_path, capsys: 
 
 
 @pytest.mark.slow
-def test_a_diagnosis_says_the_torque_constant(bench, tmp_path, capsys):
+def test_a_diagnosis_says_the_torque_constant(bench, tmp_path, done):
     diagnosis, page = tmp_path / "diagnosis.json", tmp_path / "page.html"
-    assert main(["diagnose", str(bench / "all.toml"), "--json", str(diagnosis), "--report", str(page)]) == 0
-    assert FOUND.search(capsys.readouterr().out)
+    assert FOUND.search(done("diagnose", bench / "all.toml", "--json", diagnosis, "--report", page))
     data = json.loads(diagnosis.read_text())
     assert data["selected"] == ["load_dependent_friction"]
     assert data["torque_constant"]["loads"] == 3
@@ -66,9 +64,7 @@ def test_a_diagnosis_says_the_torque_constant(bench, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_without_loads_that_differ_nothing_is_said_in_newton_metres(
-    bench, tmp_path, capsys: pytest.CaptureFixture[str]
-):
+def test_without_loads_that_differ_nothing_is_said_in_newton_metres(bench, tmp_path, done):
     study, model, page = str(bench / "one.toml"), str(tmp_path / "model.json"), tmp_path / "page.html"
     told = []
     for command in (
@@ -77,8 +73,7 @@ def test_without_loads_that_differ_nothing_is_said_in_newton_metres(
         ["diagnose", study, "-v", "--json", str(tmp_path / "diagnosis.json"), "--report", str(page)],
         ["add", model, "stribeck", study],
     ):
-        assert main(command) == 0
-        told.append(capsys.readouterr().out)
+        told.append(done(*command))
     for k in (0, 2, 3):
         assert "the torque constant is not known, and every parameter is per A" in told[k]
     assert "inertia [A s^2]" in told[0] and "torque [A]" in told[1] and "torque, fitted [A]" in told[2]

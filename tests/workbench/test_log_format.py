@@ -1,4 +1,4 @@
-"""A model file says how the logs that it was fitted to were read, and the next one is read alike."""
+"""Logs of a bench: a study or a model file says how they are read, and the next one is read alike."""
 
 import html
 import json
@@ -30,10 +30,47 @@ def bench(tmp_path_factory):
         np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header="clock,Winkel [deg],i", comments="", fmt="%.12g")
     model = str(folder / "model.json")
     assert main(["identify", str(folder / "monday.csv"), "--columns", COLUMNS, "-o", model]) == 0
+    columns = "\n".join(f"{q} = {json.dumps(t)}" for q, t in (part.split("=", 1) for part in COLUMNS.split(",")))
+    entries = '[[recording]]\nfile = "monday.csv"\n[[recording]]\nfile = "tuesday.csv"\nrole = "holdout"\n'
+    (folder / "study.toml").write_text(f"[columns]\n{columns}\n{entries}")
+    (folder / "bad.toml").write_text("[[recording]]\nroll = 'fit'")
+    (folder / "held.toml").write_text("[[recording]]\nfile = 'monday.csv'\nrole = 'holdout'")
+    (folder / "gone.toml").write_text(entries.replace("tuesday", "gone"))
     return folder
 
 
-def test_the_next_log_of_an_arm_is_read_alike(tmp_path, capsys):
+def test_identify_fits_what_is_to_be_fitted_and_compare_takes_all_of_a_study(bench, tmp_path, done):
+    told = done("identify", bench / "study.toml", "-o", tmp_path / "model.json")
+    assert "monday.csv: 6 s at 500 Hz" in told and "tuesday.csv" not in told and "torque is i:A*0.5" in told
+    assert Model.load(tmp_path / "model.json").estimates == Model.load(bench / "model.json").estimates
+    told = done("compare", tmp_path / "model.json", bench / "study.toml")
+    assert "monday.csv: " in told and "tuesday.csv: " in told
+
+
+@pytest.mark.parametrize(
+    ("words", "match"),
+    [
+        ("identify study.toml --unwrap", "study.toml: says itself how its recordings are read"),
+        ("identify study.toml --columns torque=i*2", "study.toml: says itself how its recordings are read"),
+        ("identify study.toml -o monday.csv", "monday.csv: is one of the inputs"),
+        ("identify study.toml -o study.toml", "study.toml: is one of the inputs"),
+        ("diagnose study.toml --holdout tuesday.csv", "tuesday.csv: is named twice"),
+        ("diagnose study.toml --holdout study.toml", "monday.csv: is named twice"),
+        ("identify bad.toml", "bad.toml, recording 1: unknown key 'roll'"),
+        ("identify held.toml", "held.toml: holds every recording out"),
+        ("identify none.toml", "none.toml: cannot be read"),
+        ("identify gone.toml", "gone.csv: there is no such file: check the path"),  # even if it is only held out
+        ("identify monday.csv --columns time=clock:ms,torque=i", "torque cannot be column 'i' without a gain"),
+    ],
+)
+def test_mistakes_about_studies_are_one_line(bench, refused, words, match, monkeypatch):
+    monkeypatch.chdir(bench)
+    before = Path("monday.csv").read_bytes()
+    assert match in refused(*words.split())
+    assert Path("monday.csv").read_bytes() == before
+
+
+def test_the_next_log_of_an_arm_is_read_alike(tmp_path, capsys, done, refused):
     pytest.importorskip("pinocchio", reason="arms need the extra arms")
     robot = ("--robot", str(tmp_path / "arm.urdf"))
     (tmp_path / "arm.urdf").write_text(TwoLink().urdf())
@@ -45,24 +82,22 @@ def test_the_next_log_of_an_arm_is_read_alike(tmp_path, capsys):
     columns = "time=clock,position_shoulder=a,position_elbow=b:deg,torque_shoulder=c,torque_elbow=d"
     assert main(["identify", odd, *robot, "--columns", columns, "--scheme", "filtered_dynamic", "-o", model]) == 0
     capsys.readouterr()
-    assert main(["compare", model, odd, *robot]) == 0
-    assert f"read as {model} says: time=clock" in capsys.readouterr().out
+    assert f"read as {model} says: time=clock" in done("compare", model, odd, *robot)
     assert main(["add", model, "spring@elbow", odd, *robot, "-o", added]) == 0
     kept = [json.loads(Path(path).read_text())["log_format"] for path in (model, added)]
     assert kept[0] == kept[1] and kept[0]["columns"]["position_elbow"] == "b:deg"
     Path(model).write_text(json.dumps(json.loads(Path(model).read_text()) | {"log_format": "clock"}))
-    assert main(["compare", model, odd, *robot, "--columns", columns]) == 2
-    assert "'log_format' of the model is 'clock': it has to be a table" in capsys.readouterr().err
+    assert "'log_format' of the model is 'clock': it has to be a table" in refused(
+        "compare", model, odd, *robot, "--columns", columns
+    )
 
 
-def test_the_next_log_of_the_format_is_read_alike(bench, tmp_path, capsys):
+def test_the_next_log_of_the_format_is_read_alike(bench, tmp_path, done):
     model, log = str(bench / "model.json"), str(bench / "tuesday.csv")
-    assert main(["compare", model, log]) == 0
-    out = capsys.readouterr().out
+    out = done("compare", model, log)
     assert f"read as {model} says: time=clock:ms, position=-Winkel [deg]-20 and torque=i:A*0.5" in out
     as_told = out.partition("Errors of")[2]
-    assert main(["compare", model, log, "--columns", COLUMNS]) == 0
-    out = capsys.readouterr().out
+    out = done("compare", model, log, "--columns", COLUMNS)
     assert "read as" not in out and out.partition("Errors of")[2] == as_told
     added = tmp_path / "added.json"
     assert main(["add", model, "torque_offset", log, "-o", str(added)]) == 0
@@ -70,15 +105,13 @@ def test_the_next_log_of_the_format_is_read_alike(bench, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_check_of_an_export_and_a_diagnosis_read_it_alike(bench, tmp_path, capsys):
+def test_a_check_of_an_export_and_a_diagnosis_read_it_alike(bench, tmp_path, done):
     model, log = str(bench / "model.json"), str(bench / "tuesday.csv")
     again = tmp_path / "again.json"
-    assert main(["diagnose", log, "--model", model, "--only", "torque_offset", "-o", str(again)]) == 0
-    assert f"read as {model} says" in capsys.readouterr().out
+    assert f"read as {model} says" in done("diagnose", log, "--model", model, "--only", "torque_offset", "-o", again)
     assert Model.load(again).log_format == Model.load(model).log_format
     pytest.importorskip("mujoco")
-    assert main(["export", model, "--to", "mjcf", "--check", log]) == 0
-    assert f"read as {model} says" in capsys.readouterr().out
+    assert f"read as {model} says" in done("export", model, "--to", "mjcf", "--check", log)
 
 
 def test_columns_that_are_said_count_and_a_log_that_does_not_fit_is_one_sentence(bench, refused):
@@ -134,16 +167,14 @@ def test_a_format_that_cannot_be_is_one_sentence(bench, tmp_path, refused, forma
 
 
 @pytest.mark.slow
-def test_what_a_diagnosis_says_of_columns_can_be_pasted(bench, tmp_path, capsys):
+def test_what_a_diagnosis_says_of_columns_can_be_pasted(bench, tmp_path, done):
     """A turned sign, then a wrong zero, and then nothing is wrong; the report has the same options."""
     page = tmp_path / "report.html"
     log = ["diagnose", str(bench / "monday.csv"), "--holdout", str(bench / "tuesday.csv")]
     option = ["--columns", "time=clock:ms,position=-Winkel [deg],torque=-i:A*0.5"]
     for told in ("opposite signs", "your zero is 20.0"):
-        assert main([*log, *option, "--report", str(page)]) == 0
-        (line, *_) = (line for line in capsys.readouterr().out.splitlines() if told in line)
+        (line, *_) = (line for line in done(*log, *option, "--report", page).splitlines() if told in line)
         pasted = re.search(r"read it with (--columns .*) instead$", line)[1]
         assert pasted in html.unescape(page.read_text(encoding="utf-8"))
         option = shlex.split(pasted)
-    assert main([*log, *option, "-o", str(tmp_path / "m.json")]) == 0
-    assert "Nothing is missing" in capsys.readouterr().out
+    assert "Nothing is missing" in done(*log, *option, "-o", tmp_path / "m.json")

@@ -1,7 +1,5 @@
 """Every report at the width of a telephone: no plot, legend or label is cut, and what goes on sideways shows it."""
 
-import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,13 +21,7 @@ from workbench.report.page import assemble
 from workbench.survey import Fleet
 from workbench.survey.page import write_fleet_report
 
-sync_api = pytest.importorskip("playwright.sync_api")
-CHROMIUM = shutil.which("chromium")
-if CHROMIUM is None:
-    pytest.skip("chromium is not installed", allow_module_level=True)
-
 TELEPHONE = {"width": 420, "height": 900}  # [px]
-FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync"]
 CUT = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => {
   const whole = plot.querySelector(".main-svg").getBoundingClientRect();
   const beyond = (box) => box.width && (box.left < whole.left - 1 || box.right > whole.right + 1 ||
@@ -83,17 +75,14 @@ def of_an_arm(folder: Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def page() -> Iterator["sync_api.Page"]:
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield browser.new_page(viewport=TELEPHONE)
-        browser.close()
+def page(browser):
+    return browser.new_page(viewport=TELEPHONE)
 
 
 @pytest.mark.parametrize(
     "write", slow.but_first([of_many_curves, of_a_pendulum, of_a_comparison, of_a_fleet, of_an_arm])
 )
-def test_nothing_is_cut(page: "sync_api.Page", tmp_path: Path, write) -> None:
+def test_nothing_is_cut(page, tmp_path, write):
     (tmp_path / "shown.html").write_text(write(tmp_path), encoding="utf-8")
     page.goto((tmp_path / "shown.html").as_uri())
     page.evaluate("() => document.querySelectorAll('details').forEach((one) => one.remove())")  # drawn once opened

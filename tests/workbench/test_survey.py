@@ -19,11 +19,11 @@ from estimators import diagnose
 from pendulum_env.recording import RecordingError, read_recording, write_recording
 from tests import slow
 from tests.patience import PATIENCE, wait_until
-from tests.workbench.pages import Page, values
+from tests.workbench.pages import Page, values, whole
 from workbench.cli import main
 from workbench.commands.survey import configure
 from workbench.mistakes import InputError
-from workbench.survey import Dataset, Fleet, Settings, find_cases, survey, work
+from workbench.survey import Dataset, Fleet, find_cases, survey, work
 from workbench.survey import dataset as stored
 from workbench.survey.page import write_fleet_report
 from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table, pooled_table
@@ -313,13 +313,10 @@ def test_drifts_onsets_odd_ones_and_what_all_share_are_found_and_nothing_else(fl
 
 def test_the_page_says_what_was_found_and_loads_nothing(fleet, tmp_path):
     write_fleet_report(tmp_path / "fleet.html", fleet)
-    found = Page((tmp_path / "fleet.html").read_text())
-    assert (
-        "1 of 12 joints drifts, 1 has jumped, 1 differs from its siblings and Stribeck friction is missing in 1"
-        in found.text
-    )
+    found = whole((tmp_path / "fleet.html").read_text(), links_elsewhere=True)
+    headline = "1 of 12 joints drifts, 1 has jumped, 1 differs from its siblings and Stribeck friction is missing in 1"
+    assert headline in found.text
     assert "since 2026-02-16" in found.text and "Cogging torque" in found.text
-    assert values(found, "src") == [] and len(values(found, "id")) == len(set(values(found, "id")))
     drawn = next(figure for figure in found.figures if "coulomb" in figure["layout"]["yaxis"]["title"]["text"])
     assert sum(trace.get("showlegend", False) for trace in drawn["data"]) == 1
     assert sum(tag == "tr" for tag, _ in found.tags) > 144
@@ -418,7 +415,7 @@ def test_a_survey_is_no_recording_of_the_next_one(folder, client, place):
 # ------------------------------------------------------------------------------------------------- the command
 
 
-def test_the_command_diagnoses_on_a_cluster_and_writes_pages(tmp_path, swing, client, capsys):
+def test_the_command_diagnoses_on_a_cluster_and_writes_pages(tmp_path, swing, client, done):
     write_recording(swing, tmp_path / "elbow_2026-03-01.csv")
     (tmp_path / "wrist_2026-03-01.csv").write_text("time,position\n1,2\n")
     there = client.scheduler.address
@@ -426,22 +423,20 @@ def test_the_command_diagnoses_on_a_cluster_and_writes_pages(tmp_path, swing, cl
     few = ("stribeck", "quadratic_drag", "spring")
     command = ["survey", str(tmp_path), "-o", str(out), "--dask", there, "--only", ",".join(few)]
     command += ["--reports", "all", "--report", str(page)]
-    assert main(command) == 0
-    told = capsys.readouterr().out
+    told = done(*command)
     assert "1 diagnosed, 0 known from before, 1 refused, 0 failed" in told and "wrist_2026-03-01.csv: " in told
     rows = Dataset(out).rows()
     assert [row["joint"] for row in rows] == ["elbow", "wrist"]
-    done = rows[0]
-    theta = {one["name"]: one for one in done["parameters"]}
+    first = rows[0]
+    theta = {one["name"]: one for one in first["parameters"]}
     assert theta["inertia"]["value"] == pytest.approx(0.08, rel=0.01) and theta["inertia"]["std"] > 0
     alone = diagnose(read_recording(tmp_path / "elbow_2026-03-01.csv"), only=few).json()
-    assert json.loads(done["diagnosis"]) == json.loads(json.dumps(alone))  # a case is a diagnosis
-    assert {one["effect"] for one in done["candidates"]} == set(few)
-    assert any(one["gain"] is not None for one in done["candidates"])
+    assert json.loads(first["diagnosis"]) == json.loads(json.dumps(alone))  # a case is a diagnosis
+    assert {one["effect"] for one in first["candidates"]} == set(few)
+    assert any(one["gain"] is not None for one in first["candidates"])
     links = [href for href in values(Page(page.read_text()), "href") if not href.startswith("#")]
     assert len(links) == 1 and all((tmp_path / link).exists() for link in links)
-    assert main(command) == 0
-    told = capsys.readouterr().out
+    told = done(*command)
     assert "0 diagnosed, 2 known from before (1 refused), 0 refused" in told and "wrist_2026-03-01.csv: " in told
 
 
@@ -480,13 +475,10 @@ def test_what_cannot_be_is_one_line(tmp_path, refused):
     assert "holds no recording" in refused("survey", tmp_path / "empty", "-o", tmp_path / "out")
     (tmp_path / "table.csv").write_text("file\n\0\n")
     assert "row 2: names no file" in refused("survey", tmp_path / "table.csv", "-o", tmp_path / "out")
-    (tmp_path / "empty" / "a.csv").touch()
-    stars = ("--names", "*a*a*a*a{robot}b")  # trying them all would take years
-    assert "more than 4 words" in refused("survey", tmp_path / "empty", "-o", tmp_path / "out", *stars)
     assert "there is no such folder or file" in refused("survey", tmp_path / "nothere", "-o", tmp_path / "out")
 
 
-def test_folders_without_end_are_one_line(tmp_path, capsys, monkeypatch):
+def test_folders_without_end_are_one_line(tmp_path, monkeypatch, capsys):
     with monkeypatch.context() as patch:
         patch.chdir(tmp_path)
         for _ in range(1200):
@@ -497,10 +489,3 @@ def test_folders_without_end_are_one_line(tmp_path, capsys, monkeypatch):
         assert capsys.readouterr().err.count("\n") == 1
     finally:
         subprocess.run(["rm", "-r", tmp_path / "d"], check=True)  # pytest itself cannot
-
-
-def test_settings_that_decide_have_another_mark(tmp_path):
-    path = write(tmp_path, "arm/elbow", 0)
-    (case,) = cases(path)
-    assert Settings().mark(case) == Settings(reports="all").mark(case)
-    assert Settings().mark(case) != Settings({"only": ("stribeck",)}).mark(case)

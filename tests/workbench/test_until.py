@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.online import OnlineDiagnosis
@@ -14,11 +13,10 @@ from workbench.cli import main
 from workbench.until import Apart, Here, verdict_text
 
 
-def test_a_recording_ends_when_the_verdict_stands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_ends_when_the_verdict_stands(tmp_path: Path, done) -> None:
     output = tmp_path / "run.csv"
     command = ["record", "--until", "diagnosed", "--effect", "cogging", "--rate", "500"]
-    assert main([*command, "-o", str(output)]) == 0
-    assert "missing: cogging torque (the verdict stands" in capsys.readouterr().out
+    assert "missing: cogging torque (the verdict stands" in done(*command, "-o", output)
     assert 3.0 < read_recording(output).duration < 15.0
     assert main([*command, "--backend", "simulated", "-o", str(output)]) == 2
 

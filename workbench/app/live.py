@@ -31,10 +31,9 @@ from pendulum_env.policy import transitions
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing, name
 from workbench.cli import parse
-from workbench.inputs import plant_of
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.processes import LOST, Done, Failed, Worker
-from workbench.runs import configured, controller, cut_at, environment, experiment
+from workbench.runs import Plan
 
 SLICE = 0.02  # [s] of the run between two looks at the clock
 LOOK = 0.1  # [s] between two entries of the history
@@ -79,17 +78,14 @@ def go(options: Sequence[str], connection: Connection[Any, Any]) -> str:
     """
     arguments = parse(["record", *options, "--output=live.csv"])
     try:
-        rig = configured(arguments)
-        rate = arguments.rate if rig is None else rig.rate
-        command, seconds = experiment(arguments, np.random.default_rng(arguments.seed), rate)
-        with closing(environment(arguments, plant_of(arguments), command, rig)) as bare:
+        run = Plan.of(arguments, np.random.default_rng(arguments.seed))
+        with closing(run.environment()) as bare:
             env = EstimateParameters(bare)
             plant: Any = bare.unwrapped
             rate = plant.rate  # a replay has its own
             truth = {name: e.value for name, e in plant.model.estimates.items()} if plant.simulated else {}
-            remark = "" if rig is None else cut_at(rig, command)
-            connection.send(Begun(rate, smoothing_of(env, rate), truth, rig is not None, remark))
-            return _told(transitions(env, controller(command, rate), arguments.seed), seconds, rate, connection)
+            connection.send(Begun(rate, smoothing_of(env, rate), truth, run.rig is not None, run.remark))
+            return _told(transitions(env, run.controller(rate), arguments.seed), run.seconds, rate, connection)
     except REFUSALS as mistake:
         raise InputError(sentence(mistake)) from None
 

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from estimators.arguments import chosen_effects, within_limits
-from estimators.arms.gains import Torques, in_torque, without_loads
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import Doubt, identifiability
-from estimators.checks.residual import everywhere
+from estimators.checks.residual import Region, everywhere
 from estimators.checks.torque_constant import told
 from estimators.diagnosis.addition import fit
 from estimators.diagnosis.result import Addition, Diagnosis
@@ -22,6 +21,7 @@ from estimators.preprocessing import Preprocessed, parted
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.selection.criterion import Criterion
+from estimators.selection.data import PreparedData
 from estimators.selection.errors import Step
 from estimators.signals.measurements import measure_segments
 from pendulum_env._typing import Array
@@ -39,7 +39,7 @@ from workbench.inputs import known as values_of
 from workbench.inputs import ranges
 from workbench.mistakes import InputError
 from workbench.report.case import Case
-from workbench.robot import RobotFile, loaded_text, meaning, straying
+from workbench.robot import Logs, RobotFile, meaning, straying
 
 NO_RECORDING = "load a recording first"
 WEIGHTLESS = "Its torques are without gravity"  # what a button says
@@ -73,16 +73,14 @@ class Loaded:
         Raises InputError if it is known already, and RecordingError if it cannot be read, in the words of the command
         line.
         """
-        name, ids, number = source.file.name, {one.id for one in known}, 1
+        name, ids = source.file.name, {one.id for one in known}
         alike = [one.source for one in known if one.source.file.name == name]
         if any(one.file != source.file or named_twice((one, source)) for one in alike):
             raise InputError(f"{name}: is loaded already: remove it, or give this one another name")
         recording = read(source)
-        if name not in ids:
-            return cls(name, source, recording, origin)
-        while f"{name} ({number})" in ids or number < 2:
-            number += 1
-        return cls(f"{name} ({number})", source, replace(recording, name=f"{recording.name} ({number})"), origin)
+        endings = ("", *(f" ({k})" for k in range(2, len(ids) + 2)))
+        more = next(ending for ending in endings if name + ending not in ids)
+        return cls(f"{name}{more}", source, replace(recording, name=f"{recording.name}{more}"), origin)
 
     @property
     def held_out(self) -> bool:
@@ -178,6 +176,17 @@ def prepare_arm(
     return Prepared(data, data, Step(None, model, errors), found)
 
 
+def unexplained(prepared: PreparedData, model: Model) -> tuple[Region, ...]:
+    """Where a model leaves more than noise in the data that it is fitted to, joint by joint."""
+    residual: Array = prepared.watching(model).residual(model.terms, model.theta)
+    felt, data, regions = prepared.inertias(prepared.base), prepared.data, list[Region]()
+    for at in data.joints:
+        structure = data.part(at).structure(residual[data.where(at)], felt[at])
+        if not Criterion().is_noise(structure, prepared.floors[at]):
+            regions += prepared.stand_out(residual, at) or [replace(everywhere(""), at=at)]
+    return tuple(regions)
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """What a user has chosen, and what came of long work; all else follows from these when somebody looks at it."""
@@ -228,21 +237,18 @@ class State:
         return of_arms([one.recording for one in self.loaded])
 
     @cached_property
-    def _torques(self) -> Torques:
+    def _logs(self) -> Logs:
         """What is loaded of an arm, currents turned into torques where anything tells the gains."""
-        return in_torque(self._arms, links_of(self.base_terms))
+        return Logs.of(self._arms, [one.held_out for one in self.loaded], links_of(self.base_terms))
 
     @cached_property
     def questions(self) -> list[str]:
         """What is doubtful in the recordings of an arm, a sentence or a question each."""
-        body = links_of(self.base_terms)
-        away = straying(body, self._arms)
+        away = straying(links_of(self.base_terms), self._arms)
         if self.trouble:
             return away
-        torques = self._torques.recordings
-        loaded = loaded_text(torques, of_arms([*self.train, *self.holdout]))
-        more = [*self._torques.texts(body), *([loaded] if loaded else [])]
-        return [*away, *more, *meaning(torques, body, f"press “{WEIGHTLESS}”")]
+        torques = self._logs.torques.recordings
+        return [*away, *self._logs.texts, *meaning(torques, self._logs.body, f"press “{WEIGHTLESS}”")]
 
     def anew(self, **choices: Any) -> State:
         """Other choices, from which the ladder begins anew."""
@@ -286,10 +292,7 @@ class State:
             known = Asked(fix=self.asked.fix, bound=self.asked.bound)
             if self.body is None:
                 return prepare(self.loaded, self.base_terms, self.is_aligned, known)
-            both = list(zip(self.loaded, self._torques.recordings, strict=True))
-            parts = ([own for one, own in both if one.held_out == held] for held in (False, True))
-            train, holdout = without_loads(*parts)
-            return prepare_arm(tuple(train), tuple(holdout), self.body, self.terms)
+            return prepare_arm(*map(tuple, self._logs.bare), self.body, self.terms)
         except (Mistake, IdentificationError) as error:
             return str(error)
 
@@ -316,7 +319,7 @@ class State:
         if self.trouble:
             return [one.recording for one in self.loaded]
         if self.body is not None:
-            return list(self._torques.recordings)
+            return list(self._logs.torques.recordings)
         fitted, held_out = iter(self.train), iter(self.holdout)
         return [next(held_out if one.held_out else fitted) for one in self.loaded]
 
@@ -398,23 +401,14 @@ class State:
             return found
         if found is not None and set(self.added) < set(self.called):
             return replace(found, steps=self.called_for)
-        data, model = self.prepared.data, self.model
+        data = self.prepared.data
         if self.body is not None and self.added:  # perhaps what joints share
-            data = replace(data, terms=model.terms)
-        prepared = data.parts[0]
-        left = found.unexplained if found is not None else ()
-        if self.added != self.called or found is None:
-            residual: Array = prepared.watching(model).residual(model.terms, model.theta)
-            felt, part = prepared.inertias(prepared.base), prepared.data
-            structures = {at: part.part(at).structure(residual[part.where(at)], felt[at]) for at in part.joints}
-            some = [at for at, own in structures.items() if not Criterion().is_noise(own, prepared.floors[at])]
-            left = tuple(
-                region for at in some for region in prepared.stand_out(residual, at) or [replace(everywhere(""), at=at)]
-            )
+            data = replace(data, terms=self.model.terms)
         if found is not None:
+            left = found.unexplained if self.added == self.called else unexplained(data.parts[0], self.model)
             return replace(found, steps=self.ladder, unexplained=left)
-        doubts = tuple(doubt.text for doubt in self.doubts)
-        return Diagnosis(self.ladder, (), (), left, prepared.floors, doubts, data=data)
+        left, doubts = unexplained(data.parts[0], self.model), tuple(doubt.text for doubt in self.doubts)
+        return Diagnosis(self.ladder, (), (), left, data.parts[0].floors, doubts, data=data)
 
     @cached_property
     def case(self) -> Case:

@@ -5,18 +5,7 @@ import argparse
 from estimators.diagnosis.addition import add
 from estimators.show.story import of_addition
 from pendulum_env.physics.library import addition
-from workbench.inputs import (
-    LIMITS,
-    READING,
-    ROBOT,
-    argument,
-    known_effect,
-    of_pendulums,
-    refuse_joint,
-    take,
-    write_model,
-    wrote,
-)
+from workbench.inputs import LIMITS, READING, ROBOT, argument, known_effect, take, take_robot, write_model, wrote
 from workbench.opened import opened
 from workbench.story import tell
 from workbench.terminal import Terminal
@@ -24,7 +13,7 @@ from workbench.terminal import Terminal
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, effect, recordings and output."""
-    parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
+    take(parser, "model")
     parser.add_argument(
         "effect",
         metavar="EFFECT",
@@ -33,12 +22,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     take(parser, "recordings", "--holdout", *READING, "--drive", *ROBOT, "--align", *LIMITS)
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model with the effect")
-    of_pendulums(parser, "align", "fixed", "bounds", "drive")
+    take_robot(parser, pendulums=("align", "fixed", "bounds", "drive"))
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect; print both."""
-    refuse_joint(arguments.effect, arguments.robot)
     asked = opened(arguments, [arguments.output], terminal)
     given = asked.preprocessed(terminal, arguments.align)
     with terminal.progress(f"adding {arguments.effect}") as progress:

@@ -11,7 +11,7 @@ from threading import Timer
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.recording import Source
 from pendulum_env.recording.record import ColumnError
-from workbench.inputs import KINDS, READING, ROBOT, given, read_all, take, whole
+from workbench.inputs import KINDS, READING, ROBOT, given, read_all, take, take_robot, whole
 from workbench.mistakes import InputError
 from workbench.opened import robot_of
 from workbench.processes import interrupts_wait
@@ -25,6 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings and where to listen."""
     take(parser, "recordings", nargs="*", help=f"{KINDS}; to begin with")
     take(parser, *READING, *ROBOT)
+    take_robot(parser)
     parser.add_argument("--config", metavar="FILE", help="rig.toml of a rig, that the live view then offers, too")
     parser.add_argument("--fleet", metavar="FOLDER", help="of a survey, whose page is then beside the stages")
     parser.add_argument(

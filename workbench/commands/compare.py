@@ -8,7 +8,7 @@ from estimators.show.story import of_comparison
 from pendulum_env.arms.joints import links_of
 from pendulum_env.files import write_whole
 from workbench.arms import carried, of_payload
-from workbench.inputs import KINDS, READING, ROBOT, check_outputs, of_pendulums, take, write_json, wrote
+from workbench.inputs import KINDS, READING, ROBOT, check_outputs, take, take_robot, write_json, wrote
 from workbench.mistakes import InputError
 from workbench.opened import opened, tell_preprocessed
 from workbench.story import tell
@@ -19,7 +19,7 @@ LAST = ""  # joint of a payload, if none is named
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, recordings and output."""
-    parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
+    take(parser, "model")
     take(parser, "recordings", help=f"{KINDS}; each compared with the model")
     take(parser, *READING, "--drive", "--align", "--report")
     parser.add_argument(
@@ -45,13 +45,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with --payload: a recording without the load (may be repeated), to which the model is refitted",
     )
     parser.add_argument("--json", metavar="FILE", help="write errors, profiles and regions")
-    of_pendulums(parser, "align", "loop", "drive")
+    take_robot(parser, arms=("payload", "without"), pendulums=("align", "loop", "drive"))
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the errors of the model, and where they are."""
-    if arguments.robot is None and (arguments.payload is not None or arguments.without):
-        raise InputError("--payload and --without are for arms: say which with --robot")
     if arguments.without and arguments.payload is None:
         raise InputError("--without is of the arm without its payload: say --payload, too")
     outputs = [arguments.json, arguments.report]

@@ -9,18 +9,7 @@ from estimators.diagnosis.run import diagnose
 from pendulum_env.arms.recording import of_arms
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
-from workbench.inputs import (
-    LIMITS,
-    READING,
-    ROBOT,
-    number,
-    of_pendulums,
-    refuse_joint,
-    take,
-    write_json,
-    write_model,
-    wrote,
-)
+from workbench.inputs import LIMITS, READING, ROBOT, number, take, take_robot, write_json, write_model, wrote
 from workbench.opened import opened
 from workbench.story import MORE, tell_diagnosis
 from workbench.terminal import Terminal
@@ -42,38 +31,26 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--all", action="store_true", help="as --verbose, with every effect, also those that could not be judged"
     )
-    parser.add_argument(
-        "--max-torque",
-        metavar="NM",
-        type=number(0.1, MOST_TORQUE),
-        help=f"largest torque of a suggested experiment [N m] (default {USUAL:g}, at most ten times the largest "
-        "recorded)",
+    torque = (
+        f"largest torque of a suggested experiment [N m] (default {USUAL:g}, at most ten times the largest recorded)"
     )
-    parser.add_argument(
-        "--max-angle",
-        metavar="RAD",
-        type=number(0.01, math.inf),
-        help="its largest angle to either side [rad], inf for any (default: as recorded)",
-    )
-    parser.add_argument(
-        "--max-speed",
-        metavar="RAD/S",
-        type=number(0.01, math.inf),
-        help="its highest speed [rad/s], inf for any (default: as recorded)",
-    )
+    parser.add_argument("--max-torque", metavar="NM", type=number(0.1, MOST_TORQUE), help=torque)
+    for name, unit, what in (
+        ("--max-angle", "RAD", "largest angle to either side [rad]"),
+        ("--max-speed", "RAD/S", "highest speed [rad/s]"),
+    ):
+        bound = f"its {what}, inf for any (default: as recorded)"
+        parser.add_argument(name, metavar=unit, type=number(0.01, math.inf), help=bound)
     parser.add_argument("--experiment", metavar="FILE.csv", help="write the torque of the suggested experiment")
     parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
     take(parser, "--report")
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the final model")
-    of_pendulums(
-        parser, "max_torque", "max_angle", "max_speed", "experiment", "fixed", "bounds", "instruments", "drive"
-    )
+    of_pendulums = ("max_torque", "max_angle", "max_speed", "experiment", "fixed", "bounds", "instruments", "drive")
+    take_robot(parser, pendulums=of_pendulums)
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the story, write what is asked for."""
-    for effect in (*(arguments.only or ()), *arguments.without):
-        refuse_joint(effect, arguments.robot)
     from workbench.report import write_report  # plotly takes a while to import
 
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]

@@ -14,7 +14,7 @@ from workbench.terminal import Terminal
 def configure(parser: argparse.ArgumentParser) -> None:
     """Take effects to tell more of."""
     parser.add_argument(
-        "effects",
+        "shown",
         nargs="*",
         type=argument(addition),
         metavar="EFFECT",
@@ -24,11 +24,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """List the effects with kind, law, parameters and units, or tell more of some."""
-    for kind in arguments.effects:
+    for kind in arguments.shown:
         terminal.heading(f"{kind.id}: {kind.law}")
         for line in described(kind):
             terminal.say(line)
-    if arguments.effects:
+    if arguments.shown:
         return
     rows = [(id, kind.kind, kind.law, parameters(kind)) for id, kind in nameable().items()]
     terminal.heading(f"torque = {' + '.join(term.law for term in BASE)} + any of {len(rows)} effects")

@@ -15,7 +15,7 @@ from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
 from workbench.cluster import connected
-from workbench.inputs import check_outputs, number, one_of, refuse_joint, take, whole, write_json, wrote
+from workbench.inputs import check_outputs, number, one_of, take, whole, write_json, wrote
 from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 
@@ -60,8 +60,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Let every policy excite the same plants, and tell what was learnt."""
-    for effect in arguments.effects:
-        refuse_joint(effect)
     files = [name for name in arguments.policies if name.endswith(".npz")]
     outputs = [arguments.json, arguments.report]
     check_outputs(outputs, files)

@@ -19,11 +19,11 @@ from workbench.inputs import (
     ROBOT,
     check_outputs,
     number,
-    of_pendulums,
     read_all,
     read_model,
     sources_of,
     take,
+    take_robot,
     wrote,
 )
 from workbench.mistakes import InputError
@@ -33,7 +33,7 @@ from workbench.terminal import Terminal
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, format, output and how."""
-    parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
+    take(parser, "model")
     forms = "; ".join(f"{name}, {form.what}" for name, form in FORMATS.items())
     parser.add_argument("--to", required=True, choices=tuple(FORMATS), help=forms)
     parser.add_argument("-o", "--output", metavar="FILE", help="write it there (default: print it, unless --check)")
@@ -79,7 +79,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     links = "the model is of an arm with these links, URDF or MJCF (needs the extra arms): mjcf and urdf"
     take(parser, "--robot", help=links)
     take(parser, *ROBOT[1:])
-    of_pendulums(parser, "mass", "armature", "drive", "callback", "check")
+    take_robot(parser, pendulums=("mass", "armature", "drive", "callback", "check"))
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

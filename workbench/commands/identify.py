@@ -9,7 +9,7 @@ from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.show.story import TRUST, schemes_table
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, Model
-from workbench.inputs import LIMITS, READING, ROBOT, argument, of_pendulums, take, write_json, write_model, wrote
+from workbench.inputs import LIMITS, READING, ROBOT, argument, take, take_robot, write_json, write_model, wrote
 from workbench.opened import opened
 from workbench.terminal import Terminal
 
@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", metavar="FILE", help="write estimates, warnings and how the estimates converge")
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model, fitted over windows")
-    of_pendulums(parser, "align", "instruments", "fixed", "bounds", "drive")
+    take_robot(parser, pendulums=("align", "instruments", "fixed", "bounds", "drive"))
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

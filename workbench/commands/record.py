@@ -10,26 +10,15 @@ from agents.pilot import Pilot
 from estimators.wrappers.options import smoothing_of
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
-from pendulum_env.excitation import EXCITATIONS, MOST_TORQUE, USUAL_SPEED, Excitation
-from pendulum_env.physics import Model
+from pendulum_env.excitation import EXCITATIONS, MOST_TORQUE, USUAL_SPEED
 from pendulum_env.policy import rollout
 from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.checks import BOUNDS
 from pendulum_env.recording.storage import WRITERS
-from workbench.inputs import OPTIONS, ROBOT, check_outputs, number, of_pendulums, one_of, plant_of, take, whole, wrote
+from workbench.inputs import OPTIONS, ROBOT, check_outputs, number, one_of, take, take_robot, whole, wrote
 from workbench.mistakes import InputError
-from workbench.runs import (
-    LEARNT,
-    SECONDS,
-    SUGGESTED,
-    configured,
-    controller,
-    describe,
-    environment,
-    experiment,
-    record_rig,
-)
+from workbench.runs import LEARNT, SECONDS, SUGGESTED, Plan, describe, record_rig
 from workbench.terminal import Terminal
 from workbench.until import DIAGNOSED, LONGEST, Here, verdict_text
 
@@ -79,24 +68,24 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=number(0.0, MOST_TORQUE),
         help="bound of the torque [N m]; each excitation has its own, an arm those of its file",
     )
-    parser.add_argument(
-        "--max-angle",
-        metavar="RAD",
-        type=number(0.01),
-        help="with --robot: bound of each joint's designed angle to either side [rad] (default the file's, or pi)",
+    for name, unit, what, usual in (
+        ("--max-angle", "RAD", "angle to either side [rad]", "the file's, or pi"),
+        ("--max-speed", "RAD/S", "speed [rad/s]", f"the file's, or {USUAL_SPEED:g}"),
+        ("--max-acceleration", "RAD/S^2", "acceleration", "its largest speed in 0.2 s"),
+    ):
+        bound = f"with --robot: bound of each joint's designed {what} (default {usual})"
+        parser.add_argument(name, metavar=unit, type=number(0.01), help=bound)
+    _declare_plant(parser)
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help=", ".join(WRITERS))
+    take_robot(
+        parser,
+        arms=("max_angle", "max_speed", "max_acceleration"),
+        pendulums=("until", "diagnosis", "replay", "config", "theta"),
     )
-    parser.add_argument(
-        "--max-speed",
-        metavar="RAD/S",
-        type=number(0.01),
-        help=f"with --robot: bound of each joint's designed speed [rad/s] (default the file's, or {USUAL_SPEED:g})",
-    )
-    parser.add_argument(
-        "--max-acceleration",
-        metavar="RAD/S^2",
-        type=number(0.01),
-        help="with --robot: bound of each joint's designed acceleration (default its largest speed in 0.2 s)",
-    )
+
+
+def _declare_plant(parser: argparse.ArgumentParser) -> None:
+    """Declare what is recorded, and how it is measured."""
     parser.add_argument(
         "--backend",
         type=one_of("backend", BACKENDS),
@@ -120,8 +109,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help=f"of the torque [N m] (default {TORQUE_NOISE:g})",
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of all random numbers (default 0)")
-    parser.add_argument("-o", "--output", required=True, metavar="FILE", help=", ".join(WRITERS))
-    of_pendulums(parser, "until", "diagnosis", "replay", "config", "theta")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -137,27 +124,21 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         seconds = arguments.seconds or SECONDS
         arms.record(arguments, seconds, _samples(seconds, arguments.rate), rng, terminal)
         return
-    for name in ("max_angle", "max_speed", "max_acceleration", "joints", "base", "no_gravity", "rotors"):
-        if getattr(arguments, name) not in (None, False):
-            raise InputError(f"--{name.replace('_', '-')} goes with --robot only: it is of an arm")
-    rig = configured(arguments)
-    rate = arguments.rate if rig is None else rig.rate
-    command, seconds = experiment(arguments, rng, rate)
-    samples = _samples(seconds, rate)
-    plant = plant_of(arguments)
-    if rig is not None:
-        record_rig(arguments, rig, command, samples, terminal)
+    plan = Plan.of(arguments, rng)
+    samples = _samples(plan.seconds, plan.rate)
+    if plan.rig is not None:
+        record_rig(plan, samples, terminal)
         return
-    recording = _run(arguments, plant, command, seconds, rng, terminal)
+    recording = _simulated(plan, rng, terminal)
     if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
         raise InputError(f"the arm turns by more than {LARGE:g} rad: lower the torque, or what drives it")
     if np.ptp(recording.position) == 0:
         count = f", or turn it by less than one of the {arguments.counts} --counts" if arguments.counts else ""
-        raise InputError(f"the arm never moves: {command.amplitude:g} N m do not overcome its friction{count}")
+        raise InputError(f"the arm never moves: {plan.command.amplitude:g} N m do not overcome its friction{count}")
     write_recording(recording, arguments.output)
     describe(recording, terminal)
-    if plant.effects:
-        terminal.say(f"hidden: {', '.join(plant.effects)}")
+    if plan.plant.effects:
+        terminal.say(f"hidden: {', '.join(plan.plant.effects)}")
     wrote([arguments.output], terminal)
 
 
@@ -169,32 +150,26 @@ def _samples(seconds: float, rate: float) -> int:
     return round(samples)
 
 
-def _run(
-    arguments: argparse.Namespace,
-    plant: Model,
-    command: Excitation | Pilot,
-    seconds: float,
-    rng: np.random.Generator,
-    terminal: Terminal,
-) -> Recording:
+def _simulated(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Recording:
     """Record with the backend that was asked for."""
+    arguments, command, seconds = plan.arguments, plan.command, plan.seconds
     if (arguments.backend == "replay") != (arguments.replay is not None):
         raise InputError("--backend replay and --replay FILE belong together: give both or neither")
-    if arguments.replay is not None and plant.effects:
+    if arguments.replay is not None and plan.plant.effects:
         raise InputError("--effect does not go with a replay: it plays the plant that was recorded")
     if arguments.until is not None and arguments.backend == "simulated":
         raise InputError(f"--until {DIAGNOSED} needs a backend that answers step by step: use --backend pymunk")
     if not isinstance(command, Pilot) and arguments.backend in (None, "simulated") and arguments.until is None:
         with terminal.progress("simulating"):
-            return record(plant, command, seconds, arguments.rate, arguments.counts, arguments.noise, rng=rng)
-    env = environment(arguments, plant, command)
+            return record(plan.plant, command, seconds, plan.rate, arguments.counts, arguments.noise, rng=rng)
+    env = plan.environment()
     rate = env.unwrapped.rate  # type: ignore[attr-defined]
     steps = round(seconds * rate)
     judge = None if arguments.until is None else Here(rate, smoothing_of(env, rate))
     with terminal.progress("running") as tell:
         recording = rollout(
             env,
-            controller(command, rate),
+            plan.controller(rate),
             steps,
             seed=int(rng.integers(2**31)),
             watch=lambda info: tell(f"{info['time']:.0f} s", info["time"] / seconds),

@@ -22,14 +22,13 @@ def comparison(case: Case) -> Section:
     noise = case.diagnosis.noise_floor
     usable = [k for k, w in enumerate(prepared.data.windows) if len(w.centers) > 1]
     order = sorted(usable, key=lambda k: -float(np.mean(split[0][k] ** 2)))[: DRAWING.compared]
-    runs = [
-        {
-            "name": prepared.recordings[k].name,
-            "torque": torque_figure(case, k, torque[k], [part[k] for part in split], noise),
-            "position": position_figure(case, f"position-{k}", [own.segments[k] for own in case.watched(prepared)]),
-        }
-        for k in order
-    ]
+    runs = []
+    for k in order:
+        name, time = prepared.recordings[k].name, np.asarray(prepared.data.windows[k].at_centers().time)
+        left = [part[k] for part in split]
+        position = position_figure(case, f"position-{k}", [own.segments[k] for own in case.watched(prepared)])
+        drawn = torque_figure(case, f"torque-{k}", f"recording {name}", time, torque[k], left, noise)
+        runs.append({"name": name, "torque": drawn, "position": position})
     content = {
         "runs": runs,
         "held_out": case.data.holdout is not case.data.recordings,
@@ -39,14 +38,14 @@ def comparison(case: Case) -> Section:
     return Section("comparison", "Comparison", "Measured against modelled", content)
 
 
-def torque_figure(case: Case, k: int, torque: Array, residuals: Sequence[Array], noise: float) -> Figure:
-    """Torque of one recording in every window, above what each model leaves of it."""
-    windows = case.data.parts[1].data.windows[k]
-    time = np.asarray(windows.at_centers().time)
+def torque_figure(
+    case: Case, id: str, of: str, time: Array, torque: Array, residuals: Sequence[Array], noise: float
+) -> Figure:
+    """Torque of one recording in every window (N,), above what each model leaves of it."""
     x, (measured, *left) = broken(time, thin(residuals[0]), torque, *residuals)
     modelled = [measured - residual for residual in left]
-    label = f"Measured and modelled torque over time, and their difference, recording {windows.recording.name}"
-    figure = before_and_after(case, f"torque-{k}", label, x, measured, modelled, left, ("torque", "residual", "N m"))
+    label = f"Measured and modelled torque over time, and their difference, {of}"
+    figure = before_and_after(case, id, label, x, measured, modelled, left, ("torque", "residual", "N m"))
     figure.data.insert(0, band(time[[0, -1]], np.full(2, 2 * noise), "noise (±2σ)", yaxis="y2"))
     return figure
 

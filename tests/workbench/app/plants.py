@@ -79,6 +79,20 @@ def upload(session, name: str, content: bytes) -> None:
     session.act(lambda: session.receive([(name, url(content))], unwrap=False))
 
 
+def drop(session, *files: Path) -> None:
+    """Drop several files on the page at once."""
+    session.act(lambda: session.receive([(file.name, url(file.read_bytes())) for file in files], unwrap=False))
+
+
+def reopened(folder: Path, packed: bytes, name: str = "session.zip"):
+    """Another session, into which a saved one is opened."""
+    from workbench.app.session import Session
+
+    session = Session(folder / "other")
+    session.act(lambda: session.open(name, url(packed)))
+    return session
+
+
 def comes_to_the_same(state, *languages: str) -> None:
     """Whether what the stage Export shows makes the state's model, in the working directory with its files."""
     from workbench.app.stages.export import commands, snippet

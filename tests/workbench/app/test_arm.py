@@ -20,11 +20,7 @@ from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import write_recording
 from tests import robots
 from tests.two_link import recorded
-from tests.workbench.app.plants import files_of, upload, url
-from workbench.cli import main
-
-pytest.importorskip("dash")
-
+from tests.workbench.app.plants import drop, files_of, reopened, upload, url
 from workbench.app.card import Choice
 from workbench.app.page.layout import told
 from workbench.app.parts import effects_to_choose
@@ -32,7 +28,8 @@ from workbench.app.saved import CONTENTS, STUDY, opened, pack, study
 from workbench.app.session import Session
 from workbench.app.stages import STAGES, data, export, model
 from workbench.app.stages.export import file
-from workbench.app.state import Asked, State
+from workbench.app.state import Asked
+from workbench.cli import main
 from workbench.mistakes import InputError
 from workbench.robot import RobotFile
 
@@ -56,10 +53,6 @@ def session(tmp_path, monkeypatch):
     yield session
     session.end()
     session.workers.close()
-
-
-def drop(session, *files: Path) -> None:
-    session.act(lambda: session.receive([(file.name, url(file.read_bytes())) for file in files], unwrap=False))
 
 
 def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkeypatch):
@@ -96,9 +89,7 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     session.act(lambda: model.begin_from(session, "model.json", url(Path("model.json").read_bytes())))
     assert session.notice == "" and session.state.terms[-1].id == "torque_offset@elbow" and not session.state.trouble
     session.act(session.undo)
-    saved, packed = file(state, "session", "")
-    again = Session(tmp_path / "again", session.workers)
-    again.act(lambda: again.open(saved, url(packed)))
+    again = reopened(tmp_path, pack(state))
     assert again.notice == "" and again.state.body.joints == state.body.joints
     assert [one.id for one in again.state.loaded] == ["run.csv"] and again.state.asked == state.asked
     session.act(lambda: add.undo(session))
@@ -176,23 +167,16 @@ def test_a_saved_session_keeps_the_robot_and_the_model_it_began_from(session, tm
     file, run = two_link(tmp_path, 4.0)
     robot = RobotFile(file, ("shoulder", "elbow"), bolted=True, rotors=True, weightless=True)
     session.act(lambda: session.take_robot(robot))
-    empty = reopened(session, tmp_path / "empty")
+    empty = reopened(tmp_path / "empty", pack(session.state)).state
     assert replace(empty.robot, file=file) == robot and not empty.loaded
     drop(session, run)
     body = session.state.body
     begun = ArmModel.build((*arm_base(body), at_joint(Stribeck, "elbow")(0.1)), 1.0)
     session.act(lambda: model.begin_from(session, "first.json", url(json.dumps(begun.json()).encode())))
     assert session.notice == ""
-    again = reopened(session, tmp_path / "again")
+    again = reopened(tmp_path / "again", pack(session.state)).state
     assert replace(again.robot, file=file) == robot and again.model_file == "first.json"
     assert ArmModel.build((Links(body), *again.terms), 1.0).json() == begun.json()
-
-
-def reopened(session, folder: Path) -> State:
-    again = Session(folder, session.workers)
-    again.act(lambda: again.open("session.zip", url(file(session.state, "session", "")[1])))
-    assert again.notice == ""
-    return again.state
 
 
 def test_a_session_whose_robot_makes_no_sense_is_refused(session, tmp_path):

@@ -9,13 +9,9 @@ import pytest
 from tests import slow
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import comes_to_the_same, recorded, written
-
-pytest.importorskip("dash")
-
 from workbench.app.session import Session
 from workbench.app.stages import add, diagnose
 from workbench.app.state import NOTHING, Asked
-from workbench.cli import main
 from workbench.processes import Workers
 
 ASKED = Asked(only="stribeck,quadratic_drag,spring", without="spring", fix="gravity=2.01", bound="viscous=0:0.2")
@@ -68,12 +64,11 @@ def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(sess
     ("field", "wrong"),
     slow.but_first([("only", "stribek"), ("without", "--fix"), ("fix", "gravty=2"), ("bound", "viscous=1:0")]),
 )
-def test_a_mistake_is_told_in_the_words_of_the_command_line(session, capsys, field, wrong):
+def test_a_mistake_is_told_in_the_words_of_the_command_line(session, field, wrong, refused):
     before = session.state
     session.act(lambda: diagnose.look_for(session, Asked(**{field: wrong})))
     assert session.state is before and session.job is None
-    assert main(["diagnose", "swing.csv", f"--{field}={wrong}"]) == 2
-    assert session.notice != "" and session.notice in capsys.readouterr().err
+    assert session.notice != "" and session.notice in refused("diagnose", "swing.csv", f"--{field}={wrong}")
 
 
 def test_fields_of_the_form_become_options():

@@ -8,27 +8,18 @@ from threading import Thread
 
 import numpy as np
 import pytest
-
-from tests.patience import PATIENCE
-
-pytest.importorskip("dash")
-
 from plotly.utils import PlotlyJSONEncoder
 
 from tests.fuzzing import Page
+from tests.patience import PATIENCE
 from tests.workbench.app.plants import files_of, limited, upload
 from workbench.app import session as session_module
 from workbench.app import uploads
 from workbench.app.page import server
-from workbench.app.session import Session, Sessions
+from workbench.app.session import Sessions
 from workbench.app.stages import data
 
 HOSTILE = "<img src=x onerror=alert(1)>"
-
-
-@pytest.fixture
-def session(tmp_path):
-    return Session(tmp_path / "session")
 
 
 def content():

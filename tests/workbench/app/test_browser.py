@@ -21,15 +21,7 @@ from tests.patience import PATIENCE
 from tests.pendulum_env.rigs import Disturbed
 from tests.workbench.app.fleets import surveyed
 from tests.workbench.app.plants import filled, press, recorded
-from tests.workbench.app.test_arm import two_link
 
-sync_api = pytest.importorskip("playwright.sync_api")
-pytest.importorskip("dash")
-CHROMIUM = shutil.which("chromium")
-if CHROMIUM is None:
-    pytest.skip("chromium is not installed", allow_module_level=True)
-
-FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync"]
 PICTURES = Path(".artefacts")
 WIDTHS = (420, 800, 1024, 1280, 1920)  # [px], from a telephone to a large screen
 MS = 1000 * PATIENCE  # as Playwright counts
@@ -75,18 +67,10 @@ def served(*options: str, end: int = signal.SIGTERM) -> Iterator[tuple[str, "sub
             assert server.wait(PATIENCE) == 0
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator["sync_api.Browser"]:
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield browser
-        browser.close()
-
-
 class Tab:
     """A browser of its own with one tab, which keeps what went wrong and where it called."""
 
-    def __init__(self, browser: "sync_api.Browser", address: str, **options) -> None:
+    def __init__(self, browser, address: str, **options) -> None:
         self.address, self.complaints, self.calls = address, [], []
         self.context = browser.new_context(viewport={"width": 1280, "height": 900}, **options)
         self.page = self.context.new_page()
@@ -198,7 +182,7 @@ class Tab:
 
 
 @pytest.fixture
-def tab(browser: "sync_api.Browser", address: str) -> Iterator[Tab]:
+def tab(browser, address: str) -> Iterator[Tab]:
     tab = Tab(browser, address)
     yield tab
     tab.close()
@@ -313,7 +297,7 @@ def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(browser,
         tab.page.wait_for_selector("#job progress")
         asks = re.compile("_dash-update-component")
 
-        def polls(request: "sync_api.Request") -> bool:
+        def polls(request) -> bool:
             return bool(re.search(r'"changedPropIds":\["[\w-]+\.n_intervals"\]', request.post_data or ""))
 
         tab.page.route(asks, lambda route: held.append(route) if polls(route.request) else route.continue_())
@@ -559,31 +543,3 @@ def test_a_fleet_is_walked_from_the_workbench_to_a_case_and_back(browser, tmp_pa
         page.click("#home")
         page.wait_for_selector("#upload")
         tab.close()
-
-
-@pytest.mark.slow
-def test_an_arm_from_its_file_to_an_effect_at_a_joint(tab, tmp_path):
-    page = tab.page
-    tab.load(*two_link(tmp_path))
-    page.wait_for_selector("td:has-text('run')")
-    assert page.locator(".data .js-plotly-plot").count() == 2  # one strip a joint
-    assert (
-        "joints that move" in page.inner_text("#stage") and tab.title() == "Something is missing at shoulder and elbow"
-    )
-    assert tab.unreadable() == []
-    page.click("#to-model")
-    page.wait_for_selector("th:has-text('mz@elbow')")  # parameters
-    page.wait_for_selector("th:has-text('Filtered Hamiltonian')")  # schemes
-    tab.go("compare")
-    assert page.locator(".compare .js-plotly-plot").count() == 6
-    tab.go("diagnose")
-    page.click(press("diagnose"))
-    page.wait_for_selector(".ranking")
-    assert tab.title() == "Missing: torque_offset@elbow"
-    page.get_by_role("button", name="Add a torque offset at elbow").click()
-    page.wait_for_selector("p:has-text('All that the diagnosis calls for is in the model')")
-    tab.go("add")
-    assert "torque_offset@elbow" in page.inner_text("#stage")
-    tab.go("export")
-    assert "--robot arm.urdf" in page.inner_text("#commands")
-    assert "torque_offset@elbow" in tab.save("report.html").read_text(encoding="utf-8")

@@ -6,13 +6,9 @@ from pendulum_env.recording import write_recording
 from tests.workbench.app.fleets import repeat, surveyed
 from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values
-from workbench.cli import main
+from workbench.app.page.server import make_app
 from workbench.survey import Dataset, Fleet
 from workbench.survey.page import render
-
-pytest.importorskip("dash")
-
-from workbench.app.page.server import make_app
 
 OTHERS = ({"Host": "rebound.example"}, {"Origin": "https://other.example"}, {"Origin": "null"})
 
@@ -79,8 +75,10 @@ def test_a_server_without_a_survey_has_no_such_page(survey):
     sessions.close()
 
 
-def test_a_folder_that_is_no_survey_is_one_line(tmp_path, capsys):
+def test_a_folder_that_is_no_survey_is_one_line(tmp_path, refused):
     write_recording(recorded("swing", 1, 1.0), tmp_path / "swing.csv")
     for name in (tmp_path, tmp_path / "swing.csv", tmp_path / "nowhere"):
-        assert main(["app", "--no-browser", "--port", "0", "--fleet", str(name)]) == 2
-        assert capsys.readouterr().err == f"pendulum-ident: {name}: holds no survey: name what `survey` wrote with -o\n"
+        assert (
+            refused("app", "--no-browser", "--port", "0", "--fleet", name)
+            == f"pendulum-ident: {name}: holds no survey: name what `survey` wrote with -o\n"
+        )

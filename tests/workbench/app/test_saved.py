@@ -6,7 +6,6 @@ import math
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,10 +14,7 @@ from estimators import add, diagnose
 from estimators.selection.score import Gain
 from pendulum_env.physics.potential import HardStop
 from tests.estimators.diagnosis.test_experiment import first as wagged
-from tests.workbench.app.plants import files_of, limited, recorded, upload, url, written
-
-pytest.importorskip("dash")
-
+from tests.workbench.app.plants import files_of, limited, recorded, reopened, upload, written
 from workbench.app.card import Choice
 from workbench.app.saved import CONTENTS, STUDY, _plain, _typed, pack, study
 from workbench.app.session import Session
@@ -29,12 +25,6 @@ from workbench.mistakes import InputError
 
 ASKED = Asked(only="stribeck,quadratic_drag", fix="gravity=2.01")
 CHOICES = [Choice("time", "ms"), Choice("position", "", "*-1/6"), Choice("torque", "A", "0.091")]
-
-
-def opened(folder: Path, content: bytes, name: str = "session.zip") -> Session:
-    session = Session(folder / "other")
-    session.act(lambda: session.open(name, url(content)))
-    return session
 
 
 def plain(record: object) -> object:
@@ -62,7 +52,7 @@ def worked(tmp_path_factory: pytest.TempPathFactory) -> Session:
 
 
 def test_a_saved_session_opens_as_it_was(worked, tmp_path):
-    session = opened(tmp_path, pack(worked.state))
+    session = reopened(tmp_path, pack(worked.state))
     assert session.notice == "" and files_of(session) == ["check.csv", "swing.csv"]
     before, after = worked.state, session.state
     assert study(session.state) == study(worked.state) and commands(after) == commands(before)
@@ -80,10 +70,10 @@ def test_a_saved_session_opens_as_it_was(worked, tmp_path):
 
 def test_a_session_without_recordings_or_model_opens_as_well(tmp_path):
     first = Session(tmp_path / "first")
-    assert opened(tmp_path, pack(first.state)).notice == ""
+    assert reopened(tmp_path, pack(first.state)).notice == ""
     first.act(lambda: first.load([written(recorded("held", 1, 4.0), tmp_path, held_out=True)]))
     assert first.state.trouble
-    session = opened(tmp_path, pack(first.state))
+    session = reopened(tmp_path, pack(first.state))
     assert session.notice == "" and session.state.trouble == first.state.trouble
 
 
@@ -134,17 +124,17 @@ def elsewhere(files: dict[str, bytes]) -> None:
     ],
 )
 def test_a_file_that_is_no_session_changes_nothing(worked, tmp_path, change, why):
-    session = opened(tmp_path, changed(pack(worked.state), change))
+    session = reopened(tmp_path, changed(pack(worked.state), change))
     assert why in session.notice and str(tmp_path) not in session.notice and "\n" not in session.notice
     assert session.state.loaded == () and not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_archives_that_are_damaged_or_hold_too_much_are_refused(worked, tmp_path, monkeypatch):
     for content in (b"PK", pack(worked.state)[:-40], b"time,position,torque\n"):
-        assert "session.zip: is damaged, or no ZIP archive" in opened(tmp_path, content).notice
+        assert "session.zip: is damaged, or no ZIP archive" in reopened(tmp_path, content).notice
     bomb = changed(pack(worked.state), lambda files: files.update({"zeros": bytes(10_000_000)}))
     limited(monkeypatch, space=5_000_000)
-    assert "of which at most 5 MB are read" in opened(tmp_path, bomb).notice
+    assert "of which at most 5 MB are read" in reopened(tmp_path, bomb).notice
     limited(monkeypatch, upload=1000)
     with pytest.raises(InputError, match="remove a recording first"):
         pack(worked.state)
@@ -164,7 +154,7 @@ def test_windows_and_timing_of_a_diagnosis_come_back(worked, tmp_path):
     data = replace(state.diagnosis.data, window_share=0.5, impacts_beside=beside)
     session = Session(tmp_path / "first")
     session.state = replace(state, diagnosis=replace(state.diagnosis, data=data, alignments=tuple(late)))
-    found = opened(tmp_path, pack(session.state)).state.diagnosis
+    found = reopened(tmp_path, pack(session.state)).state.diagnosis
     assert found is not None and found.data is not None and found.data.impacts_beside is not None
     assert [term.id for term in found.data.impacts_beside] == [term.id for term in beside]
     assert found.data.window_share == 0.5 and [one.delay for one in found.data.alignments] == [0.004, 0.004]
@@ -177,7 +167,7 @@ def test_a_session_of_an_older_version_has_its_table_and_noise_floor(worked, tmp
         content["diagnosis"]["table"] = content["diagnosis"].pop("tables") or None
         files[CONTENTS] = json.dumps(content).encode()
 
-    session = opened(tmp_path, changed(pack(worked.state), older))
+    session = reopened(tmp_path, changed(pack(worked.state), older))
     assert session.notice == "" and plain(session.state.told) == plain(worked.state.told)
 
 
@@ -189,7 +179,7 @@ def test_an_experiment_that_is_suggested_is_saved_and_comes_back(tmp_path):
     text = file(session.state, "experiment", "")[1]
     rows = np.loadtxt(io.BytesIO(text), delimiter=",", skiprows=1)
     assert rows.shape[1] == 2 and np.abs(rows[:, 1]).max() > 1.0
-    again = opened(tmp_path, pack(session.state)).state
+    again = reopened(tmp_path, pack(session.state)).state
     assert file(again, "experiment", "") == file(session.state, "experiment", "")
     with pytest.raises(InputError, match="the diagnosis suggests no experiment"):
         file(Session(tmp_path / "empty").state, "experiment", "")

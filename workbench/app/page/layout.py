@@ -20,7 +20,6 @@ from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
 from workbench.report.page import shared
-from workbench.report.story import changes
 
 TITLE = "pendulum-ident"
 WORTH = 1.05  # times smaller, from which an error has become smaller
@@ -141,8 +140,8 @@ def told(state: Work) -> tuple[str, str, list[Any]]:
         lead += [", that of the base model ", _b(first.torque_rms, "N m")] if state.added else []
         lead.append(f"; noise alone would leave {number(diagnosis.noise_floor)}{NBSP}N{NBSP}m.")
         if state.found:
-            would, found = next(iter(changes(diagnosis))), listing([name(effect) for effect in state.found])
-            lead += [f" With {found} it would be ", _b(would.after, "N m"), "."]
+            would, found = ends(diagnosis.steps)[1].torque_rms, listing([name(effect) for effect in state.found])
+            lead += [f" With {found} it would be ", _b(would, "N m"), "."]
         smaller, error = first.torque_rms / last.torque_rms, "torque error"
     if state.found or not state.added:
         return kicker, diagnosis.headline, lead

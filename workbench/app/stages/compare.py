@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -28,10 +27,9 @@ from workbench.app.stage import Stage
 from workbench.app.state import State as Work
 from workbench.report.arm import strips
 from workbench.report.case import Case, ends
-from workbench.report.comparison import before_and_after, position_figure
-from workbench.report.failures import planes
-from workbench.report.figure import Figure, axis, band, broken, line, numbers, span, thin
-from workbench.report.gallery import picture
+from workbench.report.comparison import position_figure, torque_figure
+from workbench.report.failures import planes, profile_figure
+from workbench.report.figure import Figure, axis, broken, line, numbers, span, thin
 
 GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
 HINT = "Drag a box in any of the plots, or choose a region: the same moments light up in all."
@@ -96,17 +94,13 @@ def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
 def _over_time(points: Points, name: str) -> Figure:
     """Measured and modelled torque above what the models leave of it."""
     time, torque = points.samples.time, points.samples.torque
-    x, (measured, *left) = broken(time, thin(points.residuals[0]), torque, *points.residuals)
-    label = f"Measured and modelled torque over time, and their difference, {name}"
-    modelled = [measured - own for own in left]
-    drawn = before_and_after(points.case, TIME, label, x, measured, modelled, left, ("torque", "residual", "N m"))
-    noise = band(time[[0, -1]], np.full(2, 2 * points.noise), "noise (±2σ)", yaxis="y2")
+    drawn = torque_figure(points.case, TIME, name, time, torque, points.residuals, points.noise)
     layout = drawn.layout | {"dragmode": "select", "selectdirection": "h", "hovermode": "closest"}
     # ranges of all of it, so that nothing moves when a selection lights up
     layout["xaxis"]["range"] = span([time], 0.01)
     layout["yaxis"]["range"] = span([torque])
     layout["yaxis2"]["range"] = span(points.residuals)
-    return Figure(TIME, label, [noise, *drawn.data], layout, 420)
+    return Figure(TIME, drawn.label, drawn.data, layout, 420)
 
 
 def _dots(x: Array, y: Array, color: str, size: float, **more: object) -> JSON:
@@ -229,22 +223,25 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
     names = effects_to_choose()
     found = [one.effect for one in state.diagnosis.candidates] if state.diagnosis is not None else []
     ranked = sorted(names, key=lambda id: found.index(id) if id in found else len(found))
-    axes = profiles(points.samples, points.residuals[shown], points.noise, tuple(AXES))
-    own = b64encode(picture("What is left here", axes).encode()).decode()
+    drawn, curve = (
+        profiles(points.samples, points.residuals[shown], points.noise, tuple(AXES)),
+        points.case.models[shown],
+    )
+    reach = 1.08 * max(float(np.abs(item.mean).max()) for item in drawn)
+    here = [profile_figure([curve[:2]], [item], points.regions(shown), (), reach, "here") for item in drawn]
     rows = []
     for id in ranked:
         if (GALLERY / f"{id}.svg").is_file():
-            drawn = html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves")
-            rows.append(html.Li([names[id], html.Div([drawn, html.P(effect(id).signature, className="note")])]))
-    here = html.Img(src=f"data:image/svg+xml;base64,{own}", alt="What is left")
+            leaves = html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves")
+            rows.append(html.Li([names[id], html.Div([leaves, html.P(effect(id).signature, className="note")])]))
     return panel(
         "What it looks like",
         html.P(
-            "The mean of what is left over angle, velocity, torque and time; in grey, what noise alone would give. "
+            "The mean of what is left here over angle, velocity, torque and time, and what noise alone would give. "
             "Below, the same where one effect is hidden in the paper's pendulum. Signs and sizes may differ.",
             className="note",
         ),
-        html.Ul([html.Li([html.Strong("Here"), here])]),
+        html.Div([graph(figure, bar=False) for figure in here], className="grid strip"),
         html.Details([html.Summary("Effects to compare it with"), html.Ul(rows)]),
         className="gallery",
     )
