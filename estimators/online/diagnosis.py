@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.online.binning import BLOCK, Bin, Binner, BinSource, Monitors
+from estimators.online.binning import BLOCK, Bin, Binner, Monitors
 from estimators.online.clock import checked_rate
 from estimators.online.evidence import Bets, threshold_of
 from estimators.online.rivals import ONLINE, Bins, Family, Rivals, Running, refined, thinned
@@ -23,6 +23,7 @@ from estimators.selection.score import BLOCK as STRETCH
 from estimators.selection.score import Bootstrap
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array
+from pendulum_env.arms.joints import Links
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term, effects
@@ -105,18 +106,16 @@ class Diagnoser(Monitors["EffectMonitor"]):
         library: Mapping[str, type[Term]] | None = None,
         smoothing: Smoothing | None = None,
         alarms_per_hour: float = 1.0,
-        binner: BinSource | None = None,
     ) -> None:
         """Take a model and the effects that it may lack.
 
         Args:
             rate: samples per second [Hz].
-            terms: of the model, with their shape parameters set.
+            terms: of the model, with their shape parameters set, of an arm its links first.
             batch: number B of pendulums.
             library: effects by id; None are all that are known.
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
-            binner: of an arm, which gives the columns of its links.
 
         Raises:
             ValueError: if a number is out of its range, or a term of the model depends on the past.
@@ -128,7 +127,8 @@ class Diagnoser(Monitors["EffectMonitor"]):
         library = effects() if library is None else library
         self.not_run = {id: reason for id, effect in library.items() if (reason := hindrance(effect))}
         library = {id: effect for id, effect in library.items() if id not in self.not_run}
-        binner = binner or Binner(rate, smoothing or Smoothing.of_encoder(COUNTS, rate), batch)
+        links = [term for term in terms if isinstance(term, Links)]  # whose columns come with the bins
+        binner = Binner(rate, links, smoothing or Smoothing.of_encoder(COUNTS, rate), batch)
         length, joints = binner.every / rate, binner.joints  # of a bin [s]
         self.threshold = threshold_of(alarms_per_hour, BLOCK * length / len(joints))
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
