@@ -50,7 +50,7 @@ class ArmStream:
         self._clock = Clock(1.0 / period)
         # after a sample, what decides whether it is clear; before it, what its row depends on
         self._after = smoothing.reach + max(smoothing.reach + 1, round(GUARD / period)) + 2
-        self._every, self._memory = round(CHUNK / period), round(MEMORY / period)
+        self._every, self._memory = max(1, round(CHUNK / period)), round(MEMORY / period)
         self._kept = self._every + 2 * self._after + self._memory
         self.delay = self._after + self._every
         self._begin()
@@ -134,7 +134,13 @@ class ArmStream:
 def stream_of(
     terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float, batch: int
 ) -> Stream | ArmStream:
-    """What turns samples of B pendulums, or of an arm where the first term is its links, into equations of schemes."""
+    """What turns samples of B pendulums, or of an arm where the first term is its links, into equations of schemes.
+
+    Raises:
+        ValueError: if there are several arms.
+    """
     if body_of(terms) is not None:
+        if batch != 1:
+            raise ValueError("arms are followed one by one: take one for each")
         return ArmStream(terms, schemes, smoothing, period)
     return Stream(terms, schemes, smoothing, period, batch)

@@ -2,7 +2,7 @@
 
 A recursion with a slow random walk of its parameters predicts each row before it uses it. Log mean squared errors of
 blocks of time are standardised by their distribution during calibration; a CUSUM accumulates the log-likelihood ratio
-of larger errors (`usual`, `evidence`).
+of larger errors (`evidence`).
 
 Rows exclude a joint that sticks or reverses. There the model is simulated through each reversal (`turns`) and its
 errors are judged in the same way: a change of friction may show nowhere else.
@@ -28,11 +28,10 @@ import numpy as np
 from estimators.online.binning import BLOCK, Bin, Binner, Monitors
 from estimators.online.change import WATCH, Known, Rows
 from estimators.online.clock import checked_rate
-from estimators.online.evidence import Evidence, threshold_of
+from estimators.online.evidence import Evidence, Usual, threshold_of
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.rows import TIME
 from estimators.online.turns import TURN, Mover, Turns, mover_of
-from estimators.online.usual import Usual
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
@@ -196,13 +195,12 @@ class ChangeMonitor:
         self._moved = one.moved - self._begun
         self._moments[one.joint] += np.append(one.phi, one.y) ** 2
         self._of[one.joint] += 1
-        # e is predicted to scatter by scale^2 (1 + phi' P phi)
-        f = one.phi @ self._model.root[0, 0]
-        j = one.joint
-        self._square[j] += (one.y - one.phi @ self._model.theta[0, 0]) ** 2 / (1.0 + f @ f)
+        j, model, holds = one.joint, self._model, self._changed is None
+        if holds:
+            model.take(one.phi[None, None], np.full((1, 1), one.y), np.ones((1, 1), dtype=bool))
+            # e is predicted to scatter by scale^2 (1 + phi' P phi)
+            self._square[j] += model.error[0, 0] ** 2 / model.variance[0, 0]
         self._filled[j] += 1
-        holds = self._changed is None
-        self._model.take(one.phi[None, None], np.full((1, 1), one.y), np.full((1, 1), holds))
         if self._filled[j] < BLOCK:
             return
         square = float(self._square[j] / BLOCK)

@@ -133,5 +133,4 @@ def diagnoser_of(
     if library is not None and all(map(hindrance, library.values())):
         why = ", ".join(f"{id} {hindrance(one)}" for id, one in library.items())
         raise ValueError(f"candidates leave no effect to try{': ' * bool(why)}{why}; name others, or None for all")
-    batch = getattr(env, "num_envs", 1)
-    return Diagnoser(plant.rate, chosen, batch=batch, library=library, smoothing=plant.smoothing, **options)
+    return Diagnoser(plant.rate, chosen, batch=plant.batch, library=library, smoothing=plant.smoothing, **options)

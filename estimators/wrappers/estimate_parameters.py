@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -125,16 +125,12 @@ class EstimateParametersVector(MeasuringVector):
         **options: Any,
     ) -> None:
         """Wrap a vector environment; the arguments are those of `EstimateParameters`."""
-        super().__init__(env, make(env, schemes, terms, rate, options))
+        self.estimator = make(env, schemes, terms, rate, options)
+        super().__init__(env, self.estimator)
         self._in_observation = in_observation
         if in_observation:
             self.single_observation_space = widened(env.single_observation_space, self.estimator)
             self.observation_space = batch_space(self.single_observation_space, env.num_envs)
-
-    @property
-    def estimator(self) -> OnlineEstimator:
-        """That of all pendulums."""
-        return cast(OnlineEstimator, self._learner)
 
     def _take(self, observation: Any, info: dict[str, Any]) -> Any:
         ended: Mask | None = info.get("_final_info")

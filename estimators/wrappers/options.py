@@ -117,11 +117,13 @@ class Plant:
     Attributes:
         rate: samples per second [Hz].
         smoothing: of the measurement.
+        batch: of how many environments there are.
         body: links of an arm; None of a pendulum.
     """
 
     rate: float
     smoothing: Smoothing
+    batch: int
     body: Body | None
 
     @classmethod
@@ -136,7 +138,7 @@ class Plant:
             if not isinstance(env, gym.Env):
                 raise ValueError("arms are followed one by one: wrap each environment of the vector")
             body = body_in(env, robot)
-        return cls(rate, smoothing_of(env, rate), body)
+        return cls(rate, smoothing_of(env, rate), getattr(env, "num_envs", 1), body)
 
     def terms(self, terms: Sequence[str | Term] | None) -> tuple[Term, ...]:
         """Model of a pendulum, or of an arm: its links and terms at joints, viscous and Coulomb friction by default.
@@ -173,10 +175,11 @@ def make(
     Raises:
         ValueError: as `Plant` does.
     """
-    plant, batch = Plant.of(env, rate, robot), getattr(env, "num_envs", 1)
-    options = {"smoothing": None, "position_noise": None} | options
-    if options["smoothing"] is None:
-        options["smoothing"] = plant.smoothing
-    if options["position_noise"] is None:
-        options["position_noise"] = position_noise_of(env)
-    return OnlineEstimator(plant.rate, plant.terms(terms), chosen_online(schemes), batch=batch, **options)
+    plant = Plant.of(env, rate, robot)
+    known: dict[str, Any] = {
+        "smoothing": plant.smoothing,
+        "position_noise": position_noise_of(env),
+        "batch": plant.batch,
+    }
+    options = known | {name: value for name, value in options.items() if value is not None}
+    return OnlineEstimator(plant.rate, plant.terms(terms), chosen_online(schemes), **options)

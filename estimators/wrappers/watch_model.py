@@ -110,5 +110,4 @@ def watch_of(
         ours, other = ("an arm", "a pendulum") if body is None else ("a pendulum", "an arm")
         raise ValueError(f"the model is of {ours}, and what is watched is {other}: give the model of one")
     chosen, theta = (plant.terms(terms), None) if model is None else (model.terms, model.theta)
-    batch = getattr(env, "num_envs", 1)
-    return Watch(plant.rate, chosen, batch=batch, smoothing=plant.smoothing, theta=theta, **options)
+    return Watch(plant.rate, chosen, batch=plant.batch, smoothing=plant.smoothing, theta=theta, **options)
