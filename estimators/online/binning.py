@@ -29,7 +29,7 @@ class Bin(NamedTuple):
         series: time, position, velocity and torque at its n + 3 instants (4, n + 3).
         phi: mean row of the terms (P,).
         y: mean torque over it, less that of what has no parameter [N m].
-        moved: time that the joint that moved most has been in motion, stick and turns included, since it began [s].
+        moved: time that any of the joints has been in motion, stick and turns included, since it began [s].
     """
 
     joint: int
@@ -40,21 +40,19 @@ class Bin(NamedTuple):
 
 
 class _Gathered:
-    """The bin to come of one joint of B plants, and how often that joint has moved (B,)."""
+    """The bin to come of one joint of B plants."""
 
     def __init__(self, every: int, columns: int, batch: int) -> None:
         self._every, self._instants = every, np.zeros((every + MARGIN, 4, batch))
         self._sum, self._count, self._step = np.zeros((batch, columns + 1)), np.zeros(batch), 0
-        self.moved = np.zeros(batch)  # samples
 
     def reset(self, which: Mask) -> None:
-        self._count[which] = self.moved[which] = 0
+        self._count[which] = 0
 
-    def take(self, taken: Taken, slowest: float) -> Iterator[tuple[int, Array, Array]]:
+    def take(self, taken: Taken) -> Iterator[tuple[int, Array, Array]]:
         """Take in an equation each; returns plant, series and mean equation (P + 1,) of bins that are complete."""
         ring, every = len(self._instants), self._every
         self._instants[self._step % ring] = taken.following[[TIME, POSITION, VELOCITY, TORQUE]]
-        self.moved += np.abs(taken.instant[VELOCITY]) > slowest
         self._sum += np.where(taken.usable, taken.equations[:, 0], 0.0)
         self._count += taken.usable[:, 0]
         self._step += 1
@@ -88,6 +86,7 @@ class Binner:
         self.joints = self._stream.joints
         columns = sum(len(term.columns) for term in terms)
         self._each = [_Gathered(self.every, columns, batch) for _ in self.joints]
+        self._moving, self._moved = np.zeros(batch, dtype=bool), np.zeros(batch)  # any joint; samples so far
         self._finder = None
         if late is not None:
             self._finder = TurnFinder(batch, 1.0 / rate, self._stream.delay, late, smoothing.slowest)
@@ -95,15 +94,19 @@ class Binner:
     def reset(self, which: Mask) -> None:
         """What follows of those plants (B,) does not continue what came."""
         self._stream.reset(which)
+        self._moved[which] = 0
         for one in self._each:
             one.reset(which)
 
     def take(self, time: Array, position: Array, torque: Array) -> Iterator[tuple[int, Bin | Turns]]:
         """Take in a sample of each, as `OnlineEstimator.take`; tells plants and their bins and turns that are over."""
         for taken in self._stream.take(time, position, torque):
-            for b, series, mean in self._each[taken.joint].take(taken, self._slowest):
-                moved = max(float(one.moved[b]) for one in self._each) / self._rate
-                yield b, Bin(taken.joint, series, mean[:-1], float(mean[-1]), moved)
+            self._moving |= np.abs(taken.instant[VELOCITY]) > self._slowest
+            if taken.joint == len(self.joints) - 1:  # the last of a sample
+                self._moved += self._moving
+                self._moving[:] = False
+            for b, series, mean in self._each[taken.joint].take(taken):
+                yield b, Bin(taken.joint, series, mean[:-1], float(mean[-1]), self._moved[b] / self._rate)
             if self._finder is not None:
                 yield from self._finder.take(time, position, torque, taken.instant[VELOCITY], taken.place).items()
 
