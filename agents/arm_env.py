@@ -22,7 +22,7 @@ from estimators.arms.excitation import PRIOR, Moving, objection, to_rest
 from estimators.arms.limits import Limits, limits_of
 from estimators.arms.reference import HOLD, Reference
 from estimators.regression.equations import IdentificationError
-from estimators.wrappers.arms import body_of
+from estimators.wrappers.options import body_in
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
@@ -94,7 +94,7 @@ class ArmExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         """
         if seconds is not None and not HOLD <= seconds < np.inf:
             raise Mistake(f"an episode cannot last {seconds:g} s: give {HOLD:g} s or more")
-        self.body = body_of(PlanarArm()) if robot is None else read_body(robot)
+        self.body = body_in(PlanarArm()) if robot is None else read_body(robot)
         self.limits = limits_of(self.body, max_angle, max_speed, TORQUE if max_torque is None else max_torque)
         self.num_envs, self.render_mode, self._seconds, self._draw = num_envs, None, seconds, draw
         self.autoreset = AutoresetMode(autoreset_mode)

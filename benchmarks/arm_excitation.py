@@ -23,12 +23,15 @@ from agents.evaluation import improvement, interval
 from estimators.arms.excitation import PRIOR, design_excitation, sizes, telling
 from estimators.arms.following import follow
 from estimators.arms.limits import limits_of
-from estimators.arms.online import ArmEstimator
 from estimators.arms.reference import TICK, condition_of, torque_rows
-from estimators.wrappers.arms import body_of
+from estimators.online import OnlineEstimator
+from estimators.schemes.six import scheme
+from estimators.signals.measurements import Smoothing
+from estimators.wrappers.options import body_in
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
+from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.planar import TWO_LINK, Link
 
 RATE = 1000.0  # [Hz]
@@ -172,24 +175,26 @@ def fresh(rng: np.random.Generator) -> tuple[Link, ...]:
 def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Generator) -> tuple[list[float], Array]:
     """RMS relative error of all parameters at `MOMENTS`, and the largest angles and speeds (2, n)."""
     arm = PlanarArm(links, rate=RATE, torque_noise=NOISE, max_torque=TORQUE)
-    truth = body_of(arm)
+    truth = body_in(arm)
     recording = follow(arm, motion, round(MOMENTS[-1] * RATE), TORQUE, rng=rng)
-    estimator = ArmEstimator(file, RATE, counts=arm.counts)
+    smoothing = Smoothing.of_encoder(arm.counts, RATE)
+    estimator = OnlineEstimator(RATE, arm_base(file), [scheme("filtered_dynamic")], smoothing=smoothing)
     own = np.concatenate([truth.values, *np.array([(link.viscous, link.coulomb) for link in links]).T])
     names = [*file.names, *(f"{kind}@{joint}" for kind in ("viscous", "coulomb") for joint in file.joints)]
-    places = [[column.name for column in estimator.model.columns].index(name) for name in names]
+    places = [estimator.names.index(name) for name in names]
     found, relative = [], sizes(truth)
-    for time, q, torque in zip(recording.time, recording.position, recording.torque, strict=True):
-        state = estimator.update(float(time), q, torque)
+    acted = np.vstack([np.zeros((1, len(file.joints))), recording.torque[:-1]])  # over the period that ends then
+    for time, *sample in zip(recording.time, recording.position, acted, strict=True):
+        now = estimator.take(np.array([time]), *(part[None] for part in sample))
         if len(found) < len(MOMENTS) and time >= MOMENTS[len(found)] - 1.5 / RATE:
-            found.append(float(np.sqrt(np.mean(((state.theta[places] - own) / relative) ** 2))))
+            found.append(float(np.sqrt(np.mean(((now.theta[0, 0, places] - own) / relative) ** 2))))
     most = np.abs(recording.position).max(axis=0), np.abs(np.diff(recording.position, axis=0)).max(axis=0) * RATE
     return found, np.array(most)
 
 
 def two_link(bodies: int, limits: dict[str, float]) -> None:
     """Real errors of every contender on the same bodies, beside the first."""
-    file, told = body_of(PlanarArm()), {}
+    file, told = body_in(PlanarArm()), {}
     print(f"{bodies} bodies within 30 %, noise {NOISE:g} N m, limits {limits}")
     for name, contender in CONTENDERS.items():
         made, most, own = [], [], []

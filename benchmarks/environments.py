@@ -13,8 +13,8 @@ from collections.abc import Callable
 import gymnasium as gym
 import numpy as np
 
+from benchmarks.recursion import start, step
 from estimators.online.recursion import SquareRootLeastSquares
-from estimators.regression.recursive import start, step
 from estimators.wrappers import DiagnoseOnline, EstimateParameters
 from pendulum_env.registration import PENDULUM
 from workbench.terminal import Terminal

@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.two_link import GRAVITY, Multisine, TwoLink
-from estimators.arms.online import ArmBinner
 from estimators.online import Verdict, Watch
 from estimators.signals.measurements import Smoothing
 from pendulum_env.arms.body import Body, read_body
@@ -84,7 +83,7 @@ def simulate(cases: Sequence[tuple[str, int]]) -> tuple[np.ndarray, np.ndarray, 
 def watched(body: Body, time: np.ndarray, position: np.ndarray, torque: np.ndarray) -> tuple[float | None, Verdict]:
     """Time of the first alarm [s] and the last verdict on one arm: positions (N, 2), torques held from then on."""
     terms, smoothing = arm_base(body), Smoothing.of_encoder(COUNTS, RATE)
-    watch, alarm = Watch(RATE, terms, binner=ArmBinner(terms, smoothing, RATE)), None
+    watch, alarm = Watch(RATE, terms, smoothing=smoothing), None
     for k in range(len(time)):
         applied = torque[max(0, k - 1)][None]
         (said,) = watch.take(time[k : k + 1], position[k : k + 1], applied)

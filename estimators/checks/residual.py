@@ -143,11 +143,11 @@ def stand_out(
     left, first = np.asarray(residual, dtype=float), 0.0
     for _ in range(len(axes) + 1):
         laws = [law for law in (_constant(x, left, noise), *profiles(x, left, noise, axes)) if _regions(law)]
-        law = max(laws, key=_weight, default=None)
-        if law is None or _weight(law) < REGIONS.share * first:
+        law = max(laws, key=weight, default=None)
+        if law is None or weight(law) < REGIONS.share * first:
             break
         place, *others = _regions(law)
-        places, more, first = [*places, place], [*more, *others], first or _weight(law)
+        places, more, first = [*places, place], [*more, *others], first or weight(law)
         left = left - _of(law, x, left)
     return [*places, *more][:most]
 
@@ -158,7 +158,7 @@ def _constant(x: Samples, residual: Array, noise: float) -> Profile:
     return Profile("time", "s", edges, np.array([residual.mean()]), np.array([noise / np.sqrt(len(residual))]))
 
 
-def _weight(law: Profile) -> float:
+def weight(law: Profile) -> float:
     """What a profile tells of a residual: its sum of squares, in terms of the noise, less two a parameter."""
     squares = (law.mean / np.maximum(law.error, 1e-12)) ** 2
     if law.axis == "frequency":  # one tone, the largest of many

@@ -1,4 +1,13 @@
-"""Estimation while it runs: one sample in, the parameters of all schemes out."""
+"""Estimation, watching and diagnosis while it runs: one sample in, what is known out.
+
+    samples -> stream -> equations -> OnlineEstimator: parameters of all schemes
+                 |
+               Binner -> bins of motion, reversals -> Watch: does the model still predict?
+                                                   -> Diagnoser: which effect does it lack?
+
+A stream is that of B pendulums, sample by sample (`stream`), or that of an arm's joints, chunk by chunk (`arm_stream`).
+All three take samples by `take(time, position, torque)` and start anew by `reset(which)`.
+"""
 
 from estimators.online.diagnosis import Diagnoser, OnlineDiagnosis, Standing
 from estimators.online.estimates import Estimates, SchemeEstimate, SchemeEstimates

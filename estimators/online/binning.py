@@ -1,14 +1,16 @@
-"""Samples of many pendulums, gathered in bins of motion: what models are compared on."""
+"""Samples of many plants, gathered in bins of motion: what models are compared on."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from estimators.online.arm_stream import stream_of
 from estimators.online.rows import POSITION, TIME, TORQUE, VELOCITY
-from estimators.online.stream import Stream, Taken
+from estimators.online.stream import Taken
+from estimators.online.turns import TurnFinder, Turns
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Mask
@@ -23,15 +25,13 @@ class Bin(NamedTuple):
     """A bin of one joint, its rows those of the Hamiltonian scheme.
 
     Attributes:
-        of: which of the B plants.
-        joint: which of its joints.
+        joint: which of the plant's joints.
         series: time, position, velocity and torque at its n + 3 instants (4, n + 3).
         phi: mean row of the terms (P,).
         y: mean torque over it, less that of what has no parameter [N m].
-        moved: time that the plant has been in motion, stick and turns included, since it began [s].
+        moved: time that any of the joints has been in motion, stick and turns included, since it began [s].
     """
 
-    of: int
     joint: int
     series: Array
     phi: Array
@@ -39,76 +39,76 @@ class Bin(NamedTuple):
     moved: float
 
 
-class BinSource(Protocol):
-    """What gathers samples of B plants in bins; those in which a joint sticks, or almost, are left out.
+class _Gathered:
+    """The bin to come of one joint of B plants."""
+
+    def __init__(self, every: int, columns: int, batch: int) -> None:
+        self._every, self._instants = every, np.zeros((every + MARGIN, 4, batch))
+        self._sum, self._count, self._step = np.zeros((batch, columns + 1)), np.zeros(batch), 0
+
+    def reset(self, which: Mask) -> None:
+        self._count[which] = 0
+
+    def take(self, taken: Taken) -> Iterator[tuple[int, Array, Array]]:
+        """Take in an equation each; returns plant, series and mean equation (P + 1,) of bins that are complete."""
+        ring, every = len(self._instants), self._every
+        self._instants[self._step % ring] = taken.following[[TIME, POSITION, VELOCITY, TORQUE]]
+        self._sum += np.where(taken.usable, taken.equations[:, 0], 0.0)
+        self._count += taken.usable[:, 0]
+        self._step += 1
+        if self._step % every:
+            return
+        whole, mean = (self._count == every) & (taken.place > every), self._sum / every
+        self._sum[:], self._count[:] = 0.0, 0
+        if whole.any():
+            last = self._instants[(self._step + np.arange(ring)) % ring]  # (n + 3, 4, B)
+            for b in np.flatnonzero(whole).tolist():
+                yield b, last[:, :, b].T.copy(), mean[b]
+
+
+class Binner:
+    """Gathers samples of B plants in bins; those in which a joint sticks, or almost, are left out.
 
     Attributes:
         every: samples in a bin.
         joints: names of a plant's joints; one of no name is a pendulum's.
     """
 
-    every: int
-    joints: tuple[str, ...]
+    def __init__(
+        self, rate: float, terms: Sequence[Term], smoothing: Smoothing, batch: int = 1, late: int | None = None
+    ) -> None:
+        """Take the samples per second [Hz], terms whose rows are wanted, the smoothing of the measurement, and B.
+
+        With how late a pendulum's torque acts at most [samples], reversals are found, too.
+        """
+        self.every, self._rate, self._slowest = max(1, round(BIN * rate)), rate, smoothing.slowest
+        self._stream = stream_of(terms, [scheme("hamiltonian")], smoothing, 1.0 / rate, batch)
+        self.joints = self._stream.joints
+        columns = sum(len(term.columns) for term in terms)
+        self._each = [_Gathered(self.every, columns, batch) for _ in self.joints]
+        self._moving, self._moved = np.zeros(batch, dtype=bool), np.zeros(batch)  # any joint; samples so far
+        self._finder = None
+        if late is not None:
+            self._finder = TurnFinder(batch, 1.0 / rate, self._stream.delay, late, smoothing.slowest)
 
     def reset(self, which: Mask) -> None:
         """What follows of those plants (B,) does not continue what came."""
-
-    def take(self, time: Array, position: Array, torque: Array) -> list[Bin]:
-        """Take in a sample of each, as `OnlineEstimator.take`; returns the bins that are complete."""
-
-
-class Binner(BinSource):
-    """Gathers samples of B pendulums.
-
-    Attributes:
-        delay: of the equations [samples].
-        taken: the newest equations.
-    """
-
-    taken: Taken
-    joints = ("",)
-
-    def __init__(self, rate: float, smoothing: Smoothing, batch: int, terms: Sequence[Term] = ()) -> None:
-        """Take the samples per second [Hz], the smoothing of the measurement, B, and terms whose rows are wanted."""
-        self.every, self._rate, self._slowest = max(1, round(BIN * rate)), rate, smoothing.slowest
-        self._stream = Stream(terms, [scheme("hamiltonian")], smoothing, 1.0 / rate, batch)
-        self.delay = self._stream.delay
-        self._instants = np.zeros((self.every + MARGIN, 4, batch))
-        self._sum = np.zeros((batch, sum(len(term.columns) for term in terms) + 1))  # over the bin to come
-        self._count, self._moved = np.zeros((2, batch))  # its usable samples, and those in motion so far
-        self._step = 0
-
-    def reset(self, which: Mask) -> None:
-        """What follows of those pendulums (B,) does not continue what came."""
         self._stream.reset(which)
-        self._count[which] = self._moved[which] = 0
+        self._moved[which] = 0
+        for one in self._each:
+            one.reset(which)
 
-    @property
-    def velocity(self) -> Array:
-        """At the newest equations (B,) [rad/s]."""
-        return self._stream.instant[VELOCITY]
-
-    def take(self, time: Array, position: Array, torque: Array) -> list[Bin]:
-        """Take in a sample of each, as `OnlineEstimator.take`; returns the bins that are complete."""
-        self.taken = taken = self._stream.take(time, position, torque)
-        ring = len(self._instants)
-        self._instants[self._step % ring] = self._stream.following[[TIME, POSITION, VELOCITY, TORQUE]]
-        self._moved += np.abs(self.velocity) > self._slowest
-        self._sum += np.where(taken.usable, taken.equations[:, 0], 0.0)
-        self._count += taken.usable[:, 0]
-        self._step += 1
-        if self._step % self.every:
-            return []
-        whole = np.flatnonzero((self._count == self.every) & (taken.place > self.every))
-        mean = self._sum / self.every
-        self._sum[:], self._count[:] = 0.0, 0
-        if not len(whole):
-            return []
-        last = self._instants[(self._step + np.arange(ring)) % ring]  # (n + 3, 4, B)
-        return [
-            Bin(b, 0, last[:, :, b].T.copy(), mean[b, :-1], float(mean[b, -1]), self._moved[b] / self._rate)
-            for b in whole.tolist()
-        ]
+    def take(self, time: Array, position: Array, torque: Array) -> Iterator[tuple[int, Bin | Turns]]:
+        """Take in a sample of each, as `OnlineEstimator.take`; tells plants and their bins and turns that are over."""
+        for taken in self._stream.take(time, position, torque):
+            self._moving |= np.abs(taken.instant[VELOCITY]) > self._slowest
+            if taken.joint == len(self.joints) - 1:  # the last of a sample
+                self._moved += self._moving
+                self._moving[:] = False
+            for b, series, mean in self._each[taken.joint].take(taken):
+                yield b, Bin(taken.joint, series, mean[:-1], float(mean[-1]), self._moved[b] / self._rate)
+            if self._finder is not None:
+                yield from self._finder.take(time, position, torque, taken.instant[VELOCITY], taken.place).items()
 
 
 class Monitor(Protocol):
@@ -121,8 +121,8 @@ class Monitor(Protocol):
     def reset(self) -> None:
         """Nothing is known yet."""
 
-    def take(self, one: Bin) -> None:
-        """Take in a bin of motion."""
+    def take(self, one: Any) -> None:
+        """Take in a bin of motion, or a turn where a binner finds them."""
 
 
 M = TypeVar("M", bound=Monitor)
@@ -137,7 +137,7 @@ class Monitors(Generic[M]):
         batch: number B of plants.
     """
 
-    def __init__(self, rate: float, binner: BinSource, each: Sequence[M]) -> None:
+    def __init__(self, rate: float, binner: Binner, each: Sequence[M]) -> None:
         """Take the rate, what gathers samples in bins, and the monitors."""
         self.rate, self.batch, self.each = rate, len(each), tuple(each)
         self._binner = binner
@@ -156,6 +156,6 @@ class Monitors(Generic[M]):
 
     def take(self, time: Array, position: Array, torque: Array) -> tuple[Any, ...]:
         """Take in a sample of every plant, as `OnlineEstimator.take`; returns what is said of each."""
-        for one in self._binner.take(time, position, torque):
-            self.each[one.of].take(one)
+        for plant, one in self._binner.take(time, position, torque):
+            self.each[plant].take(one)
         return self.said

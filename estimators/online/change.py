@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.checks.residual import profile, weight
 from estimators.online.binning import BLOCK, Bin
 from estimators.selection.score import NU
 from pendulum_env._typing import Array, Index, Mask
@@ -18,7 +19,6 @@ class WatchSettings:
 
     significant: float = 4.0  # standard errors, from which a change of a parameter is reported
     splits: int = 24  # trial times of the change
-    cells: int = 8  # of a quantity, in which errors are compared
     walk: float = 0.003  # random walk of each parameter, relative to its size [1/sqrt(s)]
     least: float = 0.004  # of the RMS torque, error of no practical consequence
     learn: float = 0.5  # of the calibration time, after which the size of errors is learnt
@@ -67,18 +67,11 @@ class Rows:
 
     def place_of_errors(self, theta: Array) -> dict[str, tuple[float, float]]:
         """The quantity on which errors depend most, and its range where they are largest."""
-        best, found = 0.0, {}
-        error, (_, position, velocity) = self.error(theta), self.series
-        angle = (position + np.pi) % (2 * np.pi) - np.pi
-        for name, values in (("position", angle), ("velocity", velocity), ("torque", self.y * self.scale)):
-            edges = np.quantile(values, np.linspace(0, 1, WATCH.cells + 1))
-            cell = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, WATCH.cells - 1)
-            count = np.maximum(np.bincount(cell, minlength=WATCH.cells), 1)
-            told = np.bincount(cell, error, WATCH.cells) ** 2 / count
-            if told.sum() > best:
-                best, worst = float(told.sum()), int(np.argmax(told))
-                found = {name: (float(edges[worst]), float(edges[worst + 1]))}
-        return found
+        values = {"position": self.series[1], "velocity": self.series[2], "torque": self.y * self.scale}
+        found = [profile(axis, along, self.error(theta), 1.0) for axis, along in values.items()]
+        most = max(found, key=weight)
+        worst = int(np.argmax(np.abs(most.mean / most.error)))
+        return {most.axis: (float(most.edges[worst]), float(most.edges[worst + 1]))}
 
 
 @dataclass(frozen=True)

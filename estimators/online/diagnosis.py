@@ -14,15 +14,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.online.binning import BLOCK, Bin, Binner, BinSource, Monitors
+from estimators.online.binning import BLOCK, Bin, Binner, Monitors
 from estimators.online.clock import checked_rate
 from estimators.online.evidence import Bets, threshold_of
-from estimators.online.rivals import ONLINE, Bins, Family, Rivals, Running, refined, thinned
+from estimators.online.rivals import ONLINE, Bins, Rivals, thinned
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import BLOCK as STRETCH
 from estimators.selection.score import Bootstrap
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array
+from pendulum_env.arms.joints import Links
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term, effects
@@ -105,18 +106,16 @@ class Diagnoser(Monitors["EffectMonitor"]):
         library: Mapping[str, type[Term]] | None = None,
         smoothing: Smoothing | None = None,
         alarms_per_hour: float = 1.0,
-        binner: BinSource | None = None,
     ) -> None:
         """Take a model and the effects that it may lack.
 
         Args:
             rate: samples per second [Hz].
-            terms: of the model, with their shape parameters set.
+            terms: of the model, with their shape parameters set, of an arm its links first.
             batch: number B of pendulums.
             library: effects by id; None are all that are known.
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
-            binner: of an arm, which gives the columns of its links.
 
         Raises:
             ValueError: if a number is out of its range, or a term of the model depends on the past.
@@ -128,7 +127,8 @@ class Diagnoser(Monitors["EffectMonitor"]):
         library = effects() if library is None else library
         self.not_run = {id: reason for id, effect in library.items() if (reason := hindrance(effect))}
         library = {id: effect for id, effect in library.items() if id not in self.not_run}
-        binner = binner or Binner(rate, smoothing or Smoothing.of_encoder(COUNTS, rate), batch)
+        links = [term for term in terms if isinstance(term, Links)]  # whose columns come with the bins
+        binner = Binner(rate, links, smoothing or Smoothing.of_encoder(COUNTS, rate), batch)
         length, joints = binner.every / rate, binner.joints  # of a bin [s]
         self.threshold = threshold_of(alarms_per_hour, BLOCK * length / len(joints))
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
@@ -201,11 +201,10 @@ class EffectMonitor:
         find("effect that is run", effect, self._library)
         if effect in self._added:
             raise ValueError(f"{effect} is in the model already: undo takes out what was added last")
-        families = {} if self._rivals is None else {f.variants[0].id: f for f in self._rivals.families[1:]}
-        if effect not in families:
+        leaders = [] if self._rivals is None else self._rivals.leaders()[1:]
+        term = next((term for (term,), _ in leaders if term.id == effect), None)
+        if term is None:
             raise ValueError(f"{effect} has not been tried yet: wait until the diagnosis no longer calibrates")
-        family = families[effect]
-        term = family.variants[family.best]
         self._past.append((*self.terms, term))
         self._begin()
         return term
@@ -254,32 +253,31 @@ class EffectMonitor:
             self._tell()
         if whole and len(self._kept) == self._seen + self._fitted:  # no more than are kept have come
             if round(len(self._kept) * self._length) in ONLINE.refine:
-                self._refine()
+                bins = self._bins(self._kept)
+                self._rivals = self._rivals.narrowed(bins, dict(self._grids(Rivals(self.terms, bins), bins)))
 
     # ------------------------------------------------------------------------------------------------------ the rivals
 
     def _fit(self) -> None:
         """Fit all models to what is kept: they predict from now on."""
         self._tried = self._moved >= 0.5 * ONLINE.calibrate
-        running = Running.of(self.terms, self._bins(self._kept))
+        bins = self._bins(self._kept)
+        base = Rivals(self.terms, bins)
         if len(self._joints) > 1:
-            base = Family(running, (), 0)
             for joint in {one.joint for one in self._kept}:
-                own = base.residual[running.bins.at == self._joints[joint]]
+                own = base.residual[bins.at == self._joints[joint]]
                 self._scale[joint] = np.sqrt(max(float(np.mean(own**2)), 1e-12))
             self._scale /= self._scale.mean()
-            running = Running.of(self.terms, self._bins(self._kept))
-        variants = {id: own for id, own in self._grids(running) if id not in self._added and own}
-        grids = [thinned(own) for own in variants.values()]
+            bins = self._bins(self._kept)
+            base = Rivals(self.terms, bins)
+        variants = {id: own for id, own in self._grids(base, bins) if id not in self._added and own}
         self._untried = {
             id: "acts at a joint that has hardly moved yet" if self._is_idle(kind) else "has no form that shows here"
             for id, kind in self._library.items()
             if id not in variants and id not in self._added
         }
-        width = max((len(variants[0].columns) for variants in grids), default=0)
-        families = [Family(running, variants, width) for variants in [(), *grids]]
-        self._fitted = len(running.phi)
-        self._rivals, self._bets = Rivals(families, self._fitted), Bets(len(families) - 1)
+        self._fitted, self._bets = len(self._kept), Bets(len(variants))
+        self._rivals = Rivals(self.terms, bins, [thinned(own) for own in variants.values()])
 
     def _is_idle(self, effect: type[Term]) -> bool:
         """Whether an effect's joint has hardly moved."""
@@ -288,67 +286,50 @@ class EffectMonitor:
     def _bins(self, bins: Sequence[Bin]) -> Bins:
         return Bins.of(bins, self._period, self._joints, self._scale)
 
-    def _grids(self, running: Running) -> Iterator[tuple[str, list[Term]]]:
-        base, bins = Family(running, (), 0), running.bins
+    def _grids(self, base: Rivals, bins: Bins) -> Iterator[tuple[str, list[Term]]]:
+        """Variants that each effect may have, by what a model leaves of bins."""
         names = [column.name for term in self.terms for column in term.columns]
-        known = dict(zip(names, base.theta[0].tolist(), strict=False))
+        known = dict(zip(names, base.theta_of()[0].tolist(), strict=False))
         for id, effect in self._library.items():
             if self._is_idle(effect):
                 continue
             own = bins.at == effect.at
-            x, residual = bins.of_joint(effect.at).middle, (base.residual[:, 0] * bins.scale)[own]
+            x, residual = bins.of_joint(effect.at).middle, (base.residual * bins.scale)[own]
             variants = [term for term in effect.grid(x, residual) if term.possible(x)]
             follows = {s.name: known[s.follows] for s in effect.shapes if s.follows in known}
             yield id, [_with(term, follows) for term in variants]
-
-    def _refine(self) -> None:
-        """Narrow the grids of continuous shape parameters around the best variants."""
-        assert self._rivals is not None
-        running = Running.of(self.terms, self._bins(self._kept))
-        base, *families = self._rivals.families
-        fresh = dict(self._grids(running))
-        renewed = [base]
-        for family in families:
-            first = family.variants[0]
-            if all(shape.integer for shape in first.shapes):
-                renewed.append(family)
-                continue
-            new = Family(running, refined(family, fresh[first.id]), base.width)
-            old = dict(zip(family.variants, family.weight.tolist(), strict=True))
-            share = -np.log(len(new.variants))  # the best one's weight, shared among those that are new
-            new.weight = np.array([old.get(variant, share) for variant in new.variants])
-            renewed.append(new)
-        self._rivals = Rivals(renewed, len(running.phi))
 
     # -------------------------------------------------------------------------------------------------------- the word
 
     def _tell(self) -> None:
         assert self._rivals is not None
-        base, *families = self._rivals.families
-        blocks = np.array(self._blocks)
+        leaders, blocks = self._rivals.leaders(), np.array(self._blocks)
         told = replace(
             self._blank,
             terms=self.terms,
-            theta=self._theta(base, ()),
+            theta=self._theta(*leaders[0]),
             motion=self._seen * self._length,
             error=float(np.sqrt(np.mean(np.square(list(self._errors))))),
             added=self._added,
             not_run={**self._blank.not_run, **self._untried},
         )
-        self.said = told if len(blocks) < 2 else self._ranked(told, families, blocks)
+        self.said = told if len(blocks) < 2 else self._ranked(told, leaders[1:], blocks)
 
-    def _ranked(self, told: OnlineDiagnosis, families: Sequence[Family], blocks: Array) -> OnlineDiagnosis:
+    def _ranked(
+        self, told: OnlineDiagnosis, leaders: Sequence[tuple[tuple[Term, ...], Array]], blocks: Array
+    ) -> OnlineDiagnosis:
         """A diagnosis with the ranking of effects, by log predictive densities of blocks (N, F)."""
         if len(blocks) >= ONLINE.fewest * self._often:
             blocks = blocks[len(blocks) % self._often :].reshape(-1, self._often, blocks.shape[1]).sum(axis=1)
         bootstrap = Bootstrap(np.zeros(len(blocks), dtype=np.intp), np.random.default_rng(0))
         none, *odds = bootstrap.probabilities(list(blocks.T)).tolist()
-        penalty = float(np.log(max(1, len(families))))
+        penalty = float(np.log(max(1, len(odds))))
         ranking = []
-        for family, densities, probability, sure in zip(families, blocks.T[1:], odds, self._bets.each, strict=True):
-            gain, term = bootstrap.gain(densities, blocks[:, 0], penalty), family.variants[family.best]
-            numbers = probability, gain.total, gain.error, gain.chance, float(sure)
-            ranking.append(Standing(term.id, *numbers, term, self._theta(family, (term,))))
+        each = zip(leaders, blocks.T[1:], odds, self._bets.each.tolist(), strict=True)
+        for ((term,), theta), densities, probability, sure in each:
+            gain = bootstrap.gain(densities, blocks[:, 0], penalty)
+            numbers = probability, gain.total, gain.error, gain.chance, sure
+            ranking.append(Standing(term.id, *numbers, term, self._theta((term,), theta)))
         ranking.sort(key=lambda one: (-round(one.probability, 3), -one.gain))
         evidence = self._bets.joint if ranking else -np.inf
         missing = evidence >= told.threshold and ranking[0].gain > 0
@@ -363,9 +344,9 @@ class EffectMonitor:
             evidence=evidence,
         )
 
-    def _theta(self, family: Family, more: tuple[Term, ...]) -> dict[str, float]:
+    def _theta(self, more: tuple[Term, ...], theta: Array) -> dict[str, float]:
         names = [column.name for term in (*self.terms, *more) for column in term.columns]
-        return dict(zip(names, family.theta[family.best].tolist(), strict=False))
+        return dict(zip(names, theta.tolist(), strict=False))
 
 
 def _with(term: Term, values: Mapping[str, float]) -> Term:

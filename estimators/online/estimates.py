@@ -10,6 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.notebook import card, note, shown, table
+from pendulum_env.words import Table, plus_minus
 
 
 @dataclass(eq=False)  # not frozen, which takes its time: one is made at every sample
@@ -22,7 +24,7 @@ class Estimates:
         theta: (B, S, P) in the order of the terms' columns.
         error: a-priori prediction errors, 0 where the equation was not used (B, S) [the scheme's unit].
         usable: which equations were used (B, S).
-        regressor: phi of the torque balance at the instant, 0 in stick (B, P).
+        regressor: phi of the torque balance at the instant, 0 in stick (B, P); None of an arm.
         spread: gives P.
         judge: what turns P into a covariance.
     """
@@ -32,7 +34,7 @@ class Estimates:
     theta: Array
     error: Array
     usable: Mask
-    regressor: Array
+    regressor: Array | None
     spread: Callable[[], Array]
     judge: Callable[[Array], Array]
 
@@ -50,12 +52,18 @@ class Estimates:
 class SchemeEstimate(Mapping[str, Any]):
     """What one scheme knows, by name; looked up when it is asked for, as few steps are looked at.
 
-    theta (P,), covariance (P, P) and prediction_error of one pendulum, or with a first axis over all.
+    theta (P,), covariance (P, P), prediction_error, and P (P, P), the covariance for unit noise, of one plant, or
+    with a first axis over all.
     """
 
     __slots__ = ("_now", "_pendulum", "_scheme", "units")
 
-    _parts: ClassVar[dict[str, str]] = {"theta": "theta", "covariance": "covariance", "prediction_error": "error"}
+    _parts: ClassVar[dict[str, str]] = {
+        "theta": "theta",
+        "covariance": "covariance",
+        "prediction_error": "error",
+        "P": "P",
+    }
 
     def __init__(self, now: Estimates, scheme: int, pendulum: int | slice, units: Mapping[str, str]) -> None:
         """Take all estimates, which of them are meant, and the units of the parameters by name, in order."""
@@ -83,6 +91,23 @@ class SchemeEstimates(dict[str, SchemeEstimate]):
     """What several schemes know, by id; a notebook shows it as a table."""
 
     def _repr_html_(self) -> str:
-        from estimators.show.notebook import show_estimates  # only a notebook asks for it
+        return shown(self)
 
-        return show_estimates(self)
+
+@shown.register
+def show_estimates(found: SchemeEstimates) -> str:
+    """Estimates of several schemes as they are now; of a batch, those of its first plant."""
+    units = {name: of for own in found.values() for name, of in own.units.items()}
+    rows = []
+    for id, own in found.items():
+        theta = np.atleast_2d(own["theta"])[0]
+        variance = np.diagonal(own["covariance"], axis1=-2, axis2=-1).reshape(-1, len(theta))[0]
+        std = np.sqrt(np.maximum(variance, 0.0))
+        known = {name: plus_minus(*pair) for name, *pair in zip(own.units, theta, std, strict=True)}
+        rows.append((id, *(known.get(name, "") for name in units)))
+    batch = [len(own["theta"]) for own in found.values() if np.ndim(own["theta"]) > 1]
+    return card(
+        "Online estimates",
+        table(Table(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows)),
+        note(f"of the first of {batch[0]} pendulums" if batch else ""),
+    )

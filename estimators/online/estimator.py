@@ -1,4 +1,4 @@
-"""The six schemes online, for one pendulum or for many at once."""
+"""The six schemes online, for one pendulum, for many at once, or for an arm."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from estimators.online.arm_stream import stream_of
 from estimators.online.clock import checked_rate
 from estimators.online.confidence import Clusters, Recursion, Wandering
 from estimators.online.estimates import Estimates
 from estimators.online.joint_state import JointFilters, JointState
 from estimators.online.kalman import KalmanLeastSquares
 from estimators.online.recursion import SquareRootLeastSquares
-from estimators.online.stream import Stream
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import SCHEMES, Scheme, scheme
 from estimators.signals.measurements import Smoothing, of_steps
@@ -55,7 +55,8 @@ class OnlineEstimator:
         Args:
             rate: samples per second [Hz].
             terms: of the model, with their shape parameters set.
-            schemes: which to run; a `JointState` is told after the others.
+                Of an arm, its links come first (`arm_base(body)`).
+            schemes: which to run; a `JointState` is told after the others, of a pendulum.
             batch: number B of pendulums.
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
             prior: P(0) on the diagonal.
@@ -86,16 +87,20 @@ class OnlineEstimator:
         run = told if joint is None else (*told, scheme("hamiltonian"))  # from which the joint state starts
         smoothing = smoothing or Smoothing.of_encoder(COUNTS, rate)
         shape, period, parameters = (batch, len(run)), 1.0 / rate, len(self.names)
-        self._stream = Stream(terms, run, smoothing, period, batch)
+        self._stream = stream_of(terms, run, smoothing, period, batch)
+        period /= len(self._stream.joints)  # between equations
         self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
         self._clusters: Clusters | Wandering = Clusters(shape, parameters, period, forgetting)
         if walk.any():
             self._clusters = Wandering(shape, period, walk)
         self._joint: JointFilters | None = None
         if joint is not None:
+            if self._stream.joints != ("",):
+                raise ValueError(f"{joint.id} is a scheme of one joint: an arm takes the six")
             noise = of_steps(COUNTS) if position_noise is None else position_noise
             self._joint = JointFilters(joint.torque_noise, terms, period, batch, noise, forgetting, walk)
         self.delay = self._stream.delay  # [samples]
+        self._now = self._nothing()
 
     def reset(self, which: Mask | None = None) -> None:
         """Those pendulums (B,) start anew with the next sample; all without an argument."""
@@ -106,37 +111,44 @@ class OnlineEstimator:
         for part in (self._squares, self._clusters, self._joint):
             if part is not None:
                 part.reset(mask)
+        if mask.all():
+            self._now = self._nothing()
 
     def take(self, time: Array, position: Array, torque: Array) -> Estimates:
-        """Take in a sample of every pendulum.
+        """Take in a sample of every pendulum, or of an arm, whose estimates are renewed every 50 ms.
 
         Args:
             time: (B,) [s].
-            position: (B,) [rad], unwrapped.
-            torque: applied over the period that ends with this sample (B,) [N m].
+            position: (B,) [rad], unwrapped; of an arm (1, n).
+            torque: applied over the period that ends with this sample, alike [N m].
 
         After a sample that is not a number, or a gap in time, the estimates are held until enough samples have come in.
         """
-        taken = self._stream.take(time, position, torque)
-        usable = taken.usable
-        squares = self._squares
-        squares.take(taken.phi, taken.y, usable)
-        if self._clusters.take(taken.equations, squares.error, usable):
-            self._clusters.close(squares)
-        now = self._regressions(taken.place, taken.time, usable, taken.regressor)
-        if self._joint is not None:
-            self._joint.take(time, position, torque, taken.anew, now)
-            return self._joint.beside(now)
-        return now
+        squares, taken = self._squares, None
+        for taken in self._stream.take(time, position, torque):
+            squares.take(taken.phi, taken.y, taken.usable)
+            if self._clusters.take(taken.equations, squares.error, taken.usable):
+                self._clusters.close(squares)
+        if taken is not None:
+            self._now = self._regressions(taken.place, taken.time, taken.usable, taken.regressor)
+            if self._joint is not None:
+                self._joint.take(time, position, torque, taken.anew, self._now)
+                self._now = self._joint.beside(self._now)
+        return self._now
 
     def after_reset(self, then: Estimates, ended: Mask) -> Estimates:
         """What is known once those pendulums (B,) have been reset, `then` being the estimates before."""
         none = ended[:, None]
         index, time = np.where(ended, -1, then.index), np.where(ended, 0.0, then.time)
-        now = self._regressions(index, time, then.usable & ~none, np.where(none, 0.0, then.regressor))
+        regressor = None if then.regressor is None else np.where(none, 0.0, then.regressor)
+        now = self._regressions(index, time, then.usable & ~none, regressor)
         return now if self._joint is None else self._joint.beside(now)
 
-    def _regressions(self, index: Index, time: Array, usable: Mask, regressor: Array) -> Estimates:
+    def _nothing(self) -> Estimates:
+        """What is known before any sample is."""
+        return self._regressions(np.full(self.batch, -1), np.zeros(self.batch), self._squares.count > 0, None)
+
+    def _regressions(self, index: Index, time: Array, usable: Mask, regressor: Array | None) -> Estimates:
         squares, judge = self._squares, self._clusters.judge(self._squares)
         return Estimates(index, time, squares.theta, squares.error, usable, regressor, squares.spread(), judge)
 

@@ -19,7 +19,7 @@ Machine Learning 32, 1998 (mixtures that share).
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -32,7 +32,7 @@ from estimators.regression.balance import LEAST_SLOPE
 from estimators.regression.least_squares import RIDGE
 from estimators.regression.recursive import PRIOR
 from estimators.selection.score import NU
-from pendulum_env._typing import Array, Index
+from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Column, Samples, Term
 from pendulum_env.physics.term import one, zero
 
@@ -182,146 +182,105 @@ def _stacked(variants: Sequence[Term]) -> Term:
     return type(variants[0])(**{name: series[:, None, None] for name, series in values.items()})
 
 
-@dataclass(frozen=True)
-class Running:
-    """The running model's rows of R bins, and its covariance after them: the same for all effects beside it.
+class Rivals:
+    """The running model, and the same with each variant of each effect: V regressions as one batch.
 
     Attributes:
-        terms: of the model.
-        bins: the bins.
-        rows: their equations.
-        phi: regressor (R, P).
-        weak: information on each parameter before any equation (P,).
-        root: S, the factor of P = S S' (P, P).
+        terms: of the running model.
+        families: variants of each effect (F,); those of the running model alone, of which there are none, come first.
+        models: which of the V are each family's (F,).
+        residual: of the running model on the bins that all were fitted to, in units of their scale (R,).
+        of_y: parameters of the running model, fitted to y alone (V, P).
+        of_own: the same, fitted to the variants' own K columns, padded with zeros (V, K, P).
+        information: S of what is left of these (V, K, K).
+        told: t (V, K).
+        square: of the errors' scale (V,) [(N m)^2].
+        weight: log of the variants' in their family (V,).
     """
 
-    terms: tuple[Term, ...]
-    bins: Bins
-    rows: ModelRows
-    phi: Array
-    weak: Array
-    root: Array
+    of_y: Array
+    of_own: Array
+    information: Array
+    told: Array
+    square: Array
+    weight: Array
 
-    @classmethod
-    def of(cls, terms: Sequence[Term], bins: Bins) -> Running:
-        """Fit a model to bins."""
-        rows = bins.rows(terms)
-        phi = rows.phi[:, 0]
+    def __init__(self, terms: Sequence[Term], bins: Bins, effects: Sequence[Sequence[Term]] = ()) -> None:
+        """Fit the running model, and it beside the variants of some effects, to bins; all weigh alike so far."""
+        self.terms, self.families = tuple(terms), ((), *map(tuple, effects))
+        self._stacked = [[_stacked(variants)] if variants else [] for variants in self.families]
+        sizes = np.array([max(1, len(variants)) for variants in self.families])
+        ends = np.cumsum(sizes, dtype=np.intp)
+        self._starts: Index = ends - sizes
+        self._of = np.repeat(np.arange(len(sizes)), sizes)  # family of each model
+        self.models = [slice(first, end) for first, end in zip(self._starts.tolist(), ends.tolist(), strict=True)]
+        columns = [variants[0].columns if variants else () for variants in self.families]
+        self._least, self._most = np.full((2, len(self._of), max(map(len, columns))), [[[-np.inf]], [[np.inf]]])
+        for own, models in zip(columns, self.models, strict=True):
+            self._least[models, : len(own)] = [column.least for column in own]
+            self._most[models, : len(own)] = [column.most for column in own]
+        self._fit(bins)
+
+    def _own(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
+        """What a family's models add to equations of the running model over bins, padded to K columns."""
+        models = self.models[family]
+        own = bins.rows(self._stacked[family], models.stop - models.start)
+        phi, slope = np.zeros((2, *own.y.shape, self._least.shape[1]))
+        phi[..., : own.phi.shape[-1]], slope[..., : own.phi.shape[-1]] = own.phi, own.slope
+        return ModelRows(phi, base.y + own.y - bins.y[:, None], slope, base.passed + own.passed - 1.0)
+
+    def _fit(self, bins: Bins) -> None:
+        """Family by family, as all would need much memory at once."""
+        base = bins.rows(self.terms)
+        phi = base.phi[:, 0]
         # J = sum phi phi' + 1 / P(0), of columns scaled to length one
         squares = np.einsum("rp,rp->p", phi, phi)
         weak, scale = _weak(squares), np.sqrt(squares + 1.0 / PRIOR)
         information = (phi / scale).T @ (phi / scale) + np.diag(weak / scale**2)
-        root = np.linalg.inv(np.linalg.cholesky(information)).T / scale[:, None]
-        return cls(tuple(terms), bins, rows, phi, weak, root)
+        root = np.linalg.inv(np.linalg.cholesky(information)).T / scale[:, None]  # P = S S'
+        spread, (count, width) = root @ root.T, self._least.shape
+        self.of_y, self.of_own = np.zeros((count, len(weak))), np.zeros((count, width, len(weak)))
+        self.information, self.told = np.zeros((count, width, width)), np.zeros((count, width))
+        self.square, self.weight = np.zeros((2, count))
+        for family, models in enumerate(self.models):
+            own = self._own(family, bins, base)
+            self.of_y[models] = of_y = own.y.T @ phi @ spread
+            self.of_own[models] = of_own = np.einsum("rvk,rp->vkp", own.phi, phi, optimize=True) @ spread
+            error, left = own.y - phi @ of_y.T, own.phi - np.einsum("rp,vkp->rvk", phi, of_own, optimize=True)
+            own_weak = _weak(np.einsum("rvk,rvk->vk", own.phi, own.phi))[..., None] * np.eye(width)
+            before = np.einsum("vkp,p,vlp->vkl", of_own, weak, of_own, optimize=True)
+            self.information[models] = np.einsum("rvk,rvl->vkl", left, left) + own_weak + before
+            before = np.einsum("vkp,p,vp->vk", of_own, weak, of_y, optimize=True)
+            self.told[models] = np.einsum("rvk,rv->vk", left, error) + before
+            missed = _missed(self.theta_of(models), base.slope[:, 0], own.slope, own.passed, error, left)
+            if family == 0:
+                self.residual = missed[:, 0]
+            squares = missed**2  # (R, V)
+            square = np.maximum(squares.mean(axis=0), 1e-12)
+            for _ in range(ONLINE.turns):
+                square = np.maximum(((NU + 1) * squares / (NU + squares / square)).mean(axis=0), 1e-12)
+            self.square[models] = square * len(phi) / max(1, len(phi) - len(weak) - width)
+        self._count, self._running = len(phi), SquareRootLeastSquares((1, 1), len(weak))
+        self._running.root = root[None, None]
 
+    def theta_of(self, models: slice = slice(None)) -> Array:
+        """Parameters of the running model and own ones, of some of the models (V, P + K)."""
+        delta = np.linalg.solve(self.information[models], self.told[models][..., None])[..., 0]
+        base = self.of_y[models] - np.einsum("vk,vkp->vp", delta, self.of_own[models])
+        return np.concatenate([base, delta], axis=1)
 
-class Family:
-    """Regressions of one effect's V variants beside the running model, which is itself the family without a variant.
+    def possible(self, theta: Array) -> Mask:
+        """Whether the effect is physically possible in each model (V,) of parameters (V, P + K)."""
+        own = theta[:, self.of_y.shape[1] :]
+        return np.asarray(((own >= self._least) & (own <= self._most)).all(axis=1))
 
-    Attributes:
-        width: K, columns of an effect, padded with zeros.
-        of_y: parameters of the running model, fitted to y alone (V, P).
-        of_own: the same, fitted to the variants' own columns (V, K, P).
-        information: S of what is left of these (V, K, K).
-        told: t (V, K).
-        square: of the errors' scale (V,) [(N m)^2].
-        weight: log of the variants' (V,).
-    """
-
-    def __init__(self, running: Running, variants: Sequence[Term], width: int) -> None:
-        """Fit V models, of K columns at most each, to the bins of the running one; of equal weight so far."""
-        self.terms, self.variants, self.width = running.terms, tuple(variants), width
-        self._stacked = [_stacked(variants)] if variants else []
-        own = [column for variant in variants[:1] for column in variant.columns]
-        self.least, self.most = np.full((2, width), -np.inf)
-        self.most[:] = np.inf
-        for j, column in enumerate(own):
-            self.least[j], self.most[j] = column.least, column.most
-        base, phi, weak, self.root = running.rows, running.phi, running.weak, running.root
-        bins, spread = running.bins, self.root @ self.root.T
-        rows = self.rows(bins)
-        y = base.y + rows.y - bins.y[:, None]
-        self.of_y = y.T @ phi @ spread
-        self.of_own = np.einsum("rvk,rp->vkp", rows.phi, phi, optimize=True) @ spread
-        error, left = y - phi @ self.of_y.T, rows.phi - np.einsum("rp,vkp->rvk", phi, self.of_own, optimize=True)
-        own_weak = _weak(np.einsum("rvk,rvk->vk", rows.phi, rows.phi))
-        self.information = np.einsum("rvk,rvl->vkl", left, left) + own_weak[..., None] * np.eye(width)
-        self.information += np.einsum("vkp,p,vlp->vkl", self.of_own, weak, self.of_own, optimize=True)
-        self.told = np.einsum("rvk,rv->vk", left, error)
-        self.told += np.einsum("vkp,p,vp->vk", self.of_own, weak, self.of_y, optimize=True)
-        theta = self.theta
-        passed = base.passed + rows.passed - 1.0 - np.einsum("rp,vp->rv", base.slope[:, 0], theta[:, : len(weak)])
-        passed -= np.einsum("rvk,vk->rv", rows.slope, theta[:, len(weak) :])
-        self.residual = (error - np.einsum("rvk,vk->rv", left, theta[:, len(weak) :])) / np.maximum(passed, LEAST_SLOPE)
-        squares = self.residual**2  # (R, V)
-        square = np.maximum(squares.mean(axis=0), 1e-12)
-        for _ in range(ONLINE.turns):
-            square = np.maximum(((NU + 1) * squares / (NU + squares / square)).mean(axis=0), 1e-12)
-        self.square = square * len(squares) / max(1, len(squares) - len(weak) - width)
-        self.weight = np.zeros(len(self.of_y))
-
-    def rows(self, bins: Bins) -> ModelRows:
-        """What the V variants add to equations of the running model, padded to K columns."""
-        rows = bins.rows(self._stacked, max(1, len(self.variants)))
-        phi, slope = np.zeros((2, *rows.y.shape, self.width))
-        phi[..., : rows.phi.shape[-1]], slope[..., : rows.phi.shape[-1]] = rows.phi, rows.slope
-        return ModelRows(phi, rows.y, slope, rows.passed)
-
-    @property
-    def theta(self) -> Array:
-        """Parameters of the running model and own ones (V, P + K)."""
-        return _theta(self.of_y, self.of_own, self.information, self.told)
-
-    @property
-    def possible(self) -> Array:
-        """Whether the effect is physically possible in each variant (V,)."""
-        own = self.theta[:, self.of_y.shape[1] :]
-        return np.asarray(((own >= self.least) & (own <= self.most)).all(axis=1))
-
-    @property
-    def best(self) -> int:
-        """Index of the variant that predicted best, among physically possible ones if there are any."""
-        return int(np.argmax(np.where(self.possible, self.weight, self.weight - 1e6)))
-
-
-def _theta(of_y: Array, of_own: Array, information: Array, told: Array) -> Array:
-    delta = np.linalg.solve(information, told[..., None])[..., 0]
-    return np.concatenate([of_y - np.einsum("vk,vkp->vp", delta, of_own), delta], axis=1)
-
-
-def _weak(squares: Array) -> Array:
-    """Information on each parameter before any equation, for sums of squares of its column."""
-    return 1.0 / PRIOR + RIDGE * (squares + 1.0 / PRIOR)
-
-
-class Rivals:
-    """The running model and the families of effects beside it, as one batch."""
-
-    def __init__(self, families: Sequence[Family], count: int) -> None:
-        """Take the families, the running model's own first, and the number of bins that they were fitted to."""
-        self.families = tuple(families)
-        sizes = [len(family.of_y) for family in families]
-        ends = np.cumsum(sizes, dtype=np.intp)
-        self._starts: Index = ends - sizes
-        self._of = np.repeat(np.arange(len(sizes)), sizes)  # family of each model
-        for name in ("of_y", "of_own", "information", "told", "square", "weight"):
-            both = np.concatenate([getattr(family, name) for family in families])
-            setattr(self, f"_{name}", both)
-            for family, first, end in zip(families, self._starts.tolist(), ends.tolist(), strict=True):
-                setattr(family, name, both[first:end])  # a view, which stays current
-        self._least, self._most = (
-            np.repeat([getattr(family, name) for family in families], sizes, axis=0) for name in ("least", "most")
-        )
-        self._running = SquareRootLeastSquares((1, 1), self._of_y.shape[1])
-        self._running.root = families[0].root[None, None]
-        self._count = count
-
-    _of_y: Array
-    _of_own: Array
-    _information: Array
-    _told: Array
-    _square: Array
-    _weight: Array
+    def leaders(self) -> list[tuple[tuple[Term, ...], Array]]:
+        """Of each family the variant that predicted best, of possible ones if there are any, and parameters."""
+        theta = self.theta_of()
+        weight = np.where(self.possible(theta), self.weight, self.weight - 1e6)
+        best = [int(np.argmax(weight[models])) for models in self.models]
+        each = zip(self.families, self.models, best, strict=True)
+        return [(variants[k : k + 1], theta[models][k]) for variants, models, k in each]
 
     def take(self, bins: Bins) -> tuple[Array, Array]:
         """Predict R bins one after the other, with an update after each.
@@ -329,73 +288,103 @@ class Rivals:
         Returns:
             Log density of each under each family (R, F), and the running model's errors (R,) [N m].
         """
-        base = bins.rows(self.families[0].terms)
-        parts = [family.rows(bins) for family in self.families]
+        base = bins.rows(self.terms)
+        parts = [self._own(family, bins, base) for family in range(len(self.families))]
         own = ModelRows(*(np.concatenate(series, axis=1) for series in zip(*parts, strict=True)))
-        y, passed = base.y + own.y - bins.y[:, None], base.passed + own.passed - 1.0
-        rows = zip(base.phi[:, 0], base.slope[:, 0], own.phi, own.slope, y, passed, strict=True)
+        rows = zip(base.phi[:, 0], base.slope[:, 0], *own, strict=True)
         densities, errors = zip(*(self._take(*row) for row in rows), strict=True)
-        self.families[0].root = self._running.root[0, 0]  # for those who go on with these families and others
         return np.array(densities), np.array(errors) * bins.scale
 
     def _take(
-        self, phi: Array, slope: Array, own: Array, own_slope: Array, y: Array, passed: Array
+        self, phi: Array, slope: Array, own: Array, y: Array, own_slope: Array, passed: Array
     ) -> tuple[Array, float]:
         """Predict one bin by all models, then update them."""
-        running, theta = self._running, _theta(self._of_y, self._of_own, self._information, self._told)
-        base, delta = theta[:, : len(phi)], theta[:, len(phi) :]
+        running, theta = self._running, self.theta_of()
         gain = running.root[0, 0] @ (phi @ running.root[0, 0])
         spread = 1.0 + phi @ gain
-        error, left = y - self._of_y @ phi, own - self._of_own @ phi  # (V,), (V, K)
-        after = passed - base @ slope - np.einsum("vk,vk->v", own_slope, delta)
-        missed = (error - np.einsum("vk,vk->v", left, delta)) / np.maximum(after, LEAST_SLOPE)
+        error, left = y - self.of_y @ phi, own - self.of_own @ phi  # (V,), (V, K)
+        missed = _missed(theta, slope, own_slope, passed, error, left)
         # the error is predicted to scatter by scale^2 times this
-        unsure = spread + np.einsum("vk,vk->v", left, np.linalg.solve(self._information, left[..., None])[..., 0])
+        unsure = spread + np.einsum("vk,vk->v", left, np.linalg.solve(self.information, left[..., None])[..., 0])
         relative = missed**2 / unsure
-        density = -0.5 * np.log(self._square * unsure) - (NU + 1) / 2 * np.log1p(relative / (NU * self._square))
-        densities = self._mixed(density, delta)
+        density = -0.5 * np.log(self.square * unsure) - (NU + 1) / 2 * np.log1p(relative / (NU * self.square))
+        densities = self._mixed(density, self.possible(theta))
         self._count += 1
-        step = (NU + 1) / (NU + relative / self._square) * relative - self._square
-        self._square[:] = np.maximum(self._square + step / min(self._count, ONLINE.memory), 1e-12)
+        step = (NU + 1) / (NU + relative / self.square) * relative - self.square
+        self.square = np.maximum(self.square + step / min(self._count, ONLINE.memory), 1e-12)
         running.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
-        self._of_y += error[:, None] * (gain / spread)
-        self._of_own += left[..., None] * (gain / spread)
-        self._information += left[:, :, None] * left[:, None] / spread
-        self._told += left * error[:, None] / spread
+        self.of_y += error[:, None] * (gain / spread)
+        self.of_own += left[..., None] * (gain / spread)
+        self.information += left[:, :, None] * left[:, None] / spread
+        self.told += left * error[:, None] / spread
         return densities, float(missed[0])
 
-    def _mixed(self, density: Array, own: Array) -> Array:
+    def _mixed(self, density: Array, possible: Mask) -> Array:
         """Log density of each mixture (F,), and new weights; impossible variants have that of the running model."""
         starts = self._starts
-        possible = ((own >= self._least) & (own <= self._most)).all(axis=1)
-        before = np.where(possible, self._weight, -np.inf)
-        weight = self._weight + density
-        self._weight[:] = np.maximum(weight - np.maximum.reduceat(weight, starts)[self._of], ONLINE.weakest)
+        before = np.where(possible, self.weight, -np.inf)
+        weight = self.weight + density
+        self.weight = np.maximum(weight - np.maximum.reduceat(weight, starts)[self._of], ONLINE.weakest)
         known = np.logaddexp.reduceat(before, starts)
         told = np.logaddexp.reduceat(before + density, starts) - np.where(np.isfinite(known), known, 0.0)
         usable = np.isfinite(known) & np.isfinite(told)
         return np.where(usable, told, density[0])
 
+    def narrowed(self, bins: Bins, fresh: Mapping[str, Sequence[Term]]) -> Rivals:
+        """The same with grids of continuous shape parameters narrowed around the best variants.
 
-def refined(family: Family, fresh: Sequence[Term]) -> list[Term]:
-    """Variants to go on with: the best two, those halfway to the neighbours of the best, and some of a fresh grid."""
-    best = family.variants[family.best]
-    kept = [family.variants[k] for k in np.argsort(-family.weight)[:2]]
-    near = []
-    for shape in best.free:
-        value = best.shape[shape.name]
-        if shape.integer or not np.isfinite(value):
-            continue
-        values = np.unique([variant.shape[shape.name] for variant in family.variants])
-        values = values[np.isfinite(values)]
-        at = int(np.searchsorted(values, value))
-        lower = values[at - 1] if at else value / 2
-        upper = values[at + 1] if at + 1 < len(values) else 2 * value
-        for other in (lower, upper):
-            middle = np.sqrt(value * other) if value * other > 0 else 0.5 * (value + other)
-            if shape.low <= middle <= shape.high:
-                near.append(replace(best, **{shape.name: float(middle)}))
-    return list(dict.fromkeys([*kept, best, *near, *thinned(fresh)]))
+        Takes all bins so far, and fresh grids by effect. What is as before goes on with all that it has learnt.
+        """
+        grids = list(self.families[1:])
+        for family, ((best,), _) in enumerate(self.leaders()[1:], 1):
+            if not all(shape.integer for shape in best.shapes):
+                grids[family - 1] = self._around(best, family, fresh[best.id])
+        new = Rivals(self.terms, bins, grids)
+        new._running.root = self._running.root
+        for before, ours, after, theirs in zip(self.families, self.models, new.families, new.models, strict=True):
+            if before == after:
+                for name in ("of_y", "of_own", "information", "told", "square"):
+                    getattr(new, name)[theirs] = getattr(self, name)[ours]
+            old = dict(zip(before, self.weight[ours].tolist(), strict=False))
+            share = -np.log(max(1, len(after)))  # the best one's weight, shared among those that are new
+            new.weight[theirs] = [old.get(variant, share) for variant in after] or self.weight[ours]
+        return new
+
+    def _around(self, best: Term, family: int, fresh: Sequence[Term]) -> tuple[Term, ...]:
+        """The best two variants, those halfway to the neighbours of the best, and some of a fresh grid."""
+        variants, near = self.families[family], []
+        kept = [variants[k] for k in np.argsort(-self.weight[self.models[family]])[:2]]
+        for shape in best.free:
+            value = best.shape[shape.name]
+            if shape.integer or not np.isfinite(value):
+                continue
+            values = np.unique([variant.shape[shape.name] for variant in variants])
+            values = values[np.isfinite(values)]
+            at = int(np.searchsorted(values, value))
+            lower = values[at - 1] if at else value / 2
+            upper = values[at + 1] if at + 1 < len(values) else 2 * value
+            for other in (lower, upper):
+                middle = np.sqrt(value * other) if value * other > 0 else 0.5 * (value + other)
+                if shape.low <= middle <= shape.high:
+                    near.append(replace(best, **{shape.name: float(middle)}))
+        return tuple(dict.fromkeys([*kept, best, *near, *thinned(fresh)]))
+
+
+def _missed(theta: Array, slope: Array, own_slope: Array, passed: Array, error: Array, left: Array) -> Array:
+    """Residuals of V models (..., V) as torques: over their slopes by the torque, which is in their columns, too.
+
+    Takes parameters (V, P + K), slopes of the running model's columns (..., P), of own ones (..., V, K) and of y
+    (..., V), and what the running model's columns leave of y and of own columns.
+    """
+    base, delta = theta[:, : slope.shape[-1]], theta[:, slope.shape[-1] :]
+    after = passed - slope @ base.T - np.einsum("...vk,vk->...v", own_slope, delta)
+    missed = error - np.einsum("...vk,vk->...v", left, delta)
+    return np.asarray(missed / np.maximum(after, LEAST_SLOPE))
+
+
+def _weak(squares: Array) -> Array:
+    """Information on each parameter before any equation, for sums of squares of its column."""
+    return 1.0 / PRIOR + RIDGE * (squares + 1.0 / PRIOR)
 
 
 def thinned(variants: Sequence[Term]) -> list[Term]:

@@ -29,23 +29,30 @@ INSTANT = 6  # values
 
 
 class Taken(NamedTuple):
-    """One equation of each of S schemes for B pendulums.
+    """One equation of each of S schemes for B plants, of one of their joints.
 
     Attributes:
-        place: of the sample that it is of, in each pendulum's run; negative while too few have come in (B,).
+        place: of the sample that it is of, in each plant's run; negative while too few have come in (B,).
         time: of the sample (B,) [s].
         equations: phi and, in the last place, y (B, S, P + 1); those of the next sample take their place.
         usable: which of them may be used (B, S).
-        regressor: phi of the torque balance at the sample, 0 in stick (B, P).
-        anew: which pendulums began anew with the newest sample (B,).
+        regressor: phi of the torque balance at the sample, 0 in stick (B, P); None of an arm.
+        anew: which plants began anew with the newest sample (B,).
+        instant: that the equations are of: time, position, velocity, acceleration, torque and held, those of
+            `Measurements` (6, B); a part of a ring, to be copied.
+        following: the instant after it, likewise.
+        joint: whose they are, counted from 0.
     """
 
     place: Index
     time: Array
     equations: Array
     usable: Mask
-    regressor: Array
+    regressor: Array | None
     anew: Mask
+    instant: Array
+    following: Array
+    joint: int = 0
 
     @property
     def phi(self) -> Array:
@@ -62,11 +69,11 @@ class Stream:
     """Turns samples of B pendulums into the equations of schemes, behind by smoothing and the longest guard.
 
     Attributes:
+        joints: of a pendulum, the one without a name.
         delay: of the equations [samples].
-        instant: that equations are of, time, position, velocity, acceleration, torque and held, those of `Measurements`
-            (6, B); a part of a ring, to be copied.
-        following: the instant after it (6, B), likewise.
     """
+
+    joints = ("",)
 
     def __init__(
         self, terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float, batch: int
@@ -111,7 +118,6 @@ class Stream:
         self._arrival = Machine(_arrival, (SAMPLING.long * period,), batch)
         self._index = np.full(batch, -length, dtype=np.intp)
         self._none = np.zeros(batch, dtype=bool)
-        self.instant, self.following = self._instants[:2]
         self._last: Samples | None = None
         self._count = 0
         self.reset(np.ones(batch, dtype=bool))
@@ -137,7 +143,7 @@ class Stream:
         for _, sums in self._sums:
             sums[..., which] = 0.0
 
-    def take(self, time: Array, position: Array, torque: Array) -> Taken:
+    def take(self, time: Array, position: Array, torque: Array) -> tuple[Taken]:
         """Take in a sample: time [s], position [rad], and torque [N m] over the period that ends with it, (B,) each.
 
         Those begin anew whose sample is not a number, which then is zero, and after a gap: as in a recording, nothing
@@ -152,7 +158,7 @@ class Stream:
             anew = arrival.now["anew"] > 0
             self.reset(anew)
         self._smooth(arrival.now["taken"])
-        return self._equations(anew)
+        return (self._equations(anew),)
 
     def _smooth(self, taken: Array) -> None:
         """The newest instant that can be known."""
@@ -167,9 +173,9 @@ class Stream:
         """Equations of the sample that lies `behind` the newest instant."""
         given, told, count, ring = self._machine.given, self._machine.now, self._count, self._instants
         row = count - self._behind
-        self.instant, self.following = ring[row % len(ring)], ring[(row + 1) % len(ring)]
+        instant, following = ring[row % len(ring)], ring[(row + 1) % len(ring)]
         given["index"][:], given["newest"][:] = self._index, ring[count % len(ring), VELOCITY]
-        given["instant"][:] = self.following
+        given["instant"][:] = following
         index = self._index - self._behind
         if self._late is not None:
             given["supplied"][:] = self._supplied(row, *self._late)
@@ -178,7 +184,7 @@ class Stream:
         for k, sums in self._sums:
             given["oldest"][k] = sums[count % len(sums)]
         if self._own or self._balance.remembers:
-            self._evaluate(index + 1)
+            self._evaluate(index + 1, following.copy())
         self._machine.step()
         if self._looked:
             self._halts[count % len(self._halts)] = told["halt"]
@@ -192,6 +198,8 @@ class Stream:
             told["usable"].T > 0,
             told["regressor"].T.copy(),
             anew,
+            instant,
+            following,
         )
 
     def _supplied(self, row: int, whole: int, share: float) -> Array:
@@ -201,9 +209,9 @@ class Stream:
             (row - whole - 1) % len(ring), TORQUE:
         ]
 
-    def _evaluate(self, index: Index) -> None:
+    def _evaluate(self, index: Index, values: Array) -> None:
         """State variables of the terms and laws that are no formulas, at the following instant."""
-        given, balance, values = self._machine.given, self._balance, self.following.copy()
+        given, balance = self._machine.given, self._balance
         x = Samples(values[TIME], values[POSITION], values[VELOCITY], values[TORQUE])
         if balance.remembers:
             memory = balance.start(x)

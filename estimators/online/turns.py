@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike, Index
+from pendulum_env.arms.joints import body_of
 from pendulum_env.physics import Term
 from pendulum_env.physics.simulation import Balance, prepared, simulate
 
@@ -143,6 +144,14 @@ class Mover:
         left = np.concatenate([error, slopes[..., 2:]], axis=2)
         left = left - frames @ (np.swapaxes(frames, 1, 2) @ left)
         return Missed(left[..., 0], left[..., 1:-1], left[..., -1])
+
+
+def mover_of(terms: Sequence[Term], period: float) -> Mover | None:
+    """What moves a model through reversals; None of an arm, whose joints move each other, and if it is not ready."""
+    if body_of(terms) is not None:
+        return None
+    mover = Mover(terms, period)
+    return mover if mover.ready else None
 
 
 class TurnFinder:

@@ -2,7 +2,7 @@
 
 A recursion with a slow random walk of its parameters predicts each row before it uses it. Log mean squared errors of
 blocks of time are standardised by their distribution during calibration; a CUSUM accumulates the log-likelihood ratio
-of larger errors (`usual`, `evidence`).
+of larger errors (`evidence`).
 
 Rows exclude a joint that sticks or reverses. There the model is simulated through each reversal (`turns`) and its
 errors are judged in the same way: a change of friction may show nowhere else.
@@ -25,14 +25,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.online.binning import BLOCK, Bin, Binner, BinSource, Monitors
+from estimators.online.binning import BLOCK, Bin, Binner, Monitors
 from estimators.online.change import WATCH, Known, Rows
 from estimators.online.clock import checked_rate
-from estimators.online.evidence import Evidence, threshold_of
+from estimators.online.evidence import Evidence, Usual, threshold_of
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.rows import TIME
-from estimators.online.turns import TURN, Mover, TurnFinder, Turns
-from estimators.online.usual import Usual
+from estimators.online.turns import TURN, Mover, Turns, mover_of
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
@@ -88,19 +87,18 @@ class Watch(Monitors["ChangeMonitor"]):
         theta: Sequence[float] | Array | None = None,
         alarms_per_hour: float = 1.0,
         calibrate: float = 5.0,
-        binner: BinSource | None = None,
     ) -> None:
         """Make the watch.
 
         Args:
             rate: samples per second [Hz].
-            terms: of the model, with their shape parameters set.
+            terms: of the model, with their shape parameters set, of an arm its links first; an arm is watched by rows
+                alone.
             batch: number B of pendulums.
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
             theta: parameters of the model, in the order of the columns; None learns them while it calibrates.
             alarms_per_hour: false ones, on average at most, of motion.
             calibrate: time of motion that the parameters, or with `theta` only the size of errors, are learnt from [s].
-            binner: of an arm, which is watched by rows alone.
 
         Raises:
             ValueError: if a number is out of its range, or theta has another length.
@@ -112,15 +110,8 @@ class Watch(Monitors["ChangeMonitor"]):
         if theta is not None and len(theta) != len(names):
             raise ValueError(f"theta has {len(theta)} values, the model {len(names)}: {', '.join(names)}")
         smoothing, period = smoothing or Smoothing.of_encoder(COUNTS, rate), 1.0 / rate
-        mover: Mover | None = None
-        self._turns: tuple[Binner, TurnFinder] | None = None
-        if binner is None:
-            binner = Binner(rate, smoothing, batch, terms)
-            if (mover := Mover(terms, period)).ready:
-                late = int(np.ceil(sum(term.delay for term in terms) / period)) + 1
-                self._turns = binner, TurnFinder(batch, period, binner.delay, late, smoothing.slowest)
-            else:
-                mover = None
+        mover, late = mover_of(terms, period), int(np.ceil(sum(term.delay for term in terms) / period)) + 1
+        binner = Binner(rate, terms, smoothing, batch, None if mover is None else late)
         length = binner.every * period  # of a bin [s]
         self.threshold = threshold_of(alarms_per_hour, min(BLOCK * length, 2 * TURN.half))
         given = None if theta is None else np.asarray(theta, dtype=float)
@@ -131,16 +122,6 @@ class Watch(Monitors["ChangeMonitor"]):
         """All pendulums are now as they shall be: calibrate anew."""
         for one in self.each:
             one.accept()
-
-    def take(self, time: Array, position: Array, torque: Array) -> tuple[Verdict, ...]:
-        """Take in a sample of every pendulum, as `OnlineEstimator.take`; returns what is said of each."""
-        super().take(time, position, torque)
-        if self._turns is not None:
-            smoothed, finder = self._turns
-            turns = finder.take(time, position, torque, smoothed.velocity, smoothed.taken.place)
-            for b, turn in turns.items():
-                self.each[b].take_turn(turn)
-        return self.said
 
 
 class _Standing(NamedTuple):
@@ -203,21 +184,23 @@ class ChangeMonitor:
 
     # ------------------------------------------------------------------------------------------------- what comes in
 
-    def take(self, one: Bin) -> None:
-        """Predict a bin's row, score the prediction, then learn from it."""
+    def take(self, one: Bin | Turns) -> None:
+        """Predict a bin's row, or the motion through a turn, and score the prediction; then learn from it."""
+        if isinstance(one, Turns):
+            self._take_turn(one)
+            return
         self._kept.append(one)
         self._bins += 1
         self._begun = one.moved if np.isnan(self._begun) else self._begun
         self._moved = one.moved - self._begun
         self._moments[one.joint] += np.append(one.phi, one.y) ** 2
         self._of[one.joint] += 1
-        # e is predicted to scatter by scale^2 (1 + phi' P phi)
-        f = one.phi @ self._model.root[0, 0]
-        j = one.joint
-        self._square[j] += (one.y - one.phi @ self._model.theta[0, 0]) ** 2 / (1.0 + f @ f)
+        j, model, holds = one.joint, self._model, self._changed is None
+        if holds:
+            model.take(one.phi[None, None], np.full((1, 1), one.y), np.ones((1, 1), dtype=bool))
+            # e is predicted to scatter by scale^2 (1 + phi' P phi)
+            self._square[j] += model.error[0, 0] ** 2 / model.variance[0, 0]
         self._filled[j] += 1
-        holds = self._changed is None
-        self._model.take(one.phi[None, None], np.full((1, 1), one.y), np.full((1, 1), holds))
         if self._filled[j] < BLOCK:
             return
         square = float(self._square[j] / BLOCK)
@@ -230,7 +213,7 @@ class ChangeMonitor:
         elif self._calibrated:
             self._predicts(float(np.sqrt(square)))
 
-    def take_turn(self, turn: Turns) -> None:
+    def _take_turn(self, turn: Turns) -> None:
         """Compare a turn with where the model goes, if it is known a little."""
         self._turns.append(turn)
         if self._changed is None and self._knows:

@@ -1,4 +1,4 @@
-"""Recursive least squares, and its whole history at once."""
+"""The history of recursive least squares, all at once."""
 
 from __future__ import annotations
 
@@ -10,31 +10,6 @@ from estimators.regression.equations import Equations
 from pendulum_env._typing import Array, Index, Mask
 
 PRIOR = 1e7  # P(0) on the diagonal, the paper's "10E6"
-
-
-class State(NamedTuple):
-    """What the recursion remembers: theta (P,), covariance for unit noise P (P, P), last a-priori error."""
-
-    theta: Array
-    P: Array
-    error: float = 0.0
-
-
-def start(parameters: int, prior: float = PRIOR) -> State:
-    """State before the first equation: theta(0) = 0, P(0) = prior I."""
-    return State(np.zeros(parameters), prior * np.eye(parameters))
-
-
-def step(state: State, phi: Array, y: float) -> State:
-    """Take in one equation y = phi' theta, phi (P,). Source: the paper's (6), where P is p x p."""
-    theta, P, _ = state
-    # e = y - phi' theta, the a-priori error
-    error = y - phi @ theta
-    # K = P phi / (1 + phi' P phi)
-    K = P @ phi / (1.0 + phi @ P @ phi)
-    # P = (I - K phi') P, in Joseph's form (I - K phi') P (I - K phi')' + K K', which stays symmetric and positive
-    shrink = np.eye(len(theta)) - np.outer(K, phi)
-    return State(theta + K * error, shrink @ P @ shrink.T + np.outer(K, K), float(error))
 
 
 class History(NamedTuple):
@@ -51,7 +26,7 @@ def evenly(count: int, points: int) -> Index:
 
 
 def history(equations: Equations, mask: Mask, points: Index, prior: float = PRIOR) -> History:
-    """What the recursion reaches at `points`, without running it.
+    """What the recursion, the paper's (6), reaches at `points`, without running it.
 
     The recursion minimises |theta|^2 / prior plus the squared errors so far. Its square root of information R,
     R'R = 1 / P, follows from orthogonal triangularisation (QR), which loses half as many digits as sums of squares do:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -40,10 +39,7 @@ from pendulum_env.notebook import (
     table,
 )
 from pendulum_env.recording.record import TorqueConstant
-from pendulum_env.words import Table, listing, opening, per, plus_minus, unit
-
-if TYPE_CHECKING:
-    from estimators.online.estimates import SchemeEstimate
+from pendulum_env.words import Table, listing, opening, per, unit
 
 SETTLED = 0.25  # share of a recording after which estimates are in the picture
 COLORS = (BLUE, ORANGE, GREEN)
@@ -147,24 +143,6 @@ def show_addition(found: Addition) -> str:
     noise = note(noise_text(floor, found.is_in_loop) if np.isfinite(floor := of_one(found.floors)) else "")
     title = f"The model with {found.after.added}"
     return per(card(title, noise, *_parts(of_addition(found))), found.after.model.torque_unit)
-
-
-def show_estimates(found: Mapping[str, SchemeEstimate]) -> str:
-    """Estimates of several schemes as they are now; of a batch, those of its first pendulum."""
-    units = {name: of for own in found.values() for name, of in own.units.items()}
-    rows = []
-    for id, own in found.items():
-        theta = np.atleast_2d(own["theta"])[0]
-        variance = np.diagonal(own["covariance"], axis1=-2, axis2=-1).reshape(-1, len(theta))[0]
-        std = np.sqrt(np.maximum(variance, 0.0))
-        known = {name: plus_minus(*pair) for name, *pair in zip(own.units, theta, std, strict=True)}
-        rows.append((id, *(known.get(name, "") for name in units)))
-    batch = [len(own["theta"]) for own in found.values() if np.ndim(own["theta"]) > 1]
-    return card(
-        "Online estimates",
-        table(Table(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows)),
-        note(f"of the first of {batch[0]} pendulums" if batch else ""),
-    )
 
 
 def _constant(constant: TorqueConstant | None) -> tuple[Html, ...]:

@@ -8,11 +8,9 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.vector import VectorEnv
 
-from estimators.arms.online import ArmBinner
 from estimators.online.diagnosis import Diagnoser, hindrance
-from estimators.wrappers.arms import arm_of, effects_of, terms_of
 from estimators.wrappers.measuring import Measuring, MeasuringVector
-from estimators.wrappers.options import AnyEnv, rate_of, smoothing_of
+from estimators.wrappers.options import AnyEnv, Plant
 from pendulum_env.physics import Term
 
 
@@ -69,7 +67,7 @@ class DiagnoseOnline(Measuring):
             raise ValueError(f"add_from ({add_from:g}) is a probability: give 0.5 or more, below 1")
         arguments: dict[str, Any] = {"terms": terms, "candidates": candidates, "rate": rate, "robot": robot}
         arguments["alarms_per_hour"] = alarms_per_hour
-        diagnoser = diagnoser_of(env, 1, **arguments)
+        diagnoser = diagnoser_of(env, **arguments)
         super().__init__(env, diagnoser, add_from=add_from, **arguments)
         (self.diagnoser,) = diagnoser.each
         self._add_from, self._seen = add_from, self.diagnoser.said
@@ -112,38 +110,27 @@ class DiagnoseOnlineVector(MeasuringVector):
         self, env: VectorEnv[Any, Any, Any], terms: Sequence[str | Term] | None = None, **options: Any
     ) -> None:
         """Wrap a vector environment; the arguments are those of `DiagnoseOnline`, but for `add_from`."""
-        self.diagnoser = diagnoser_of(env, env.num_envs, terms, **options)
+        self.diagnoser = diagnoser_of(env, terms, **options)
         super().__init__(env, self.diagnoser)
 
 
 def diagnoser_of(
     env: AnyEnv,
-    batch: int,
     terms: Sequence[str | Term] | None = None,
     *,
     candidates: str | Sequence[str] | None = None,
     rate: float | None = None,
-    alarms_per_hour: float = 1.0,
     robot: str | None = None,
+    **options: Any,
 ) -> Diagnoser:
-    """Diagnoser for an environment; the arguments are those of `DiagnoseOnline`.
+    """Diagnoser for an environment, or for each of a vector; the arguments are those of `DiagnoseOnline`.
 
     Raises:
         ValueError: if a name is unknown, or none of the candidates can be followed online.
     """
-    rate, body = rate_of(env, rate), arm_of(env, robot)
-    smoothing, chosen = smoothing_of(env, rate), terms_of(body, terms)
-    library = effects_of(body, [candidates] if isinstance(candidates, str) else candidates)
+    plant = Plant.of(env, rate, robot)
+    chosen, library = plant.terms(terms), plant.effects([candidates] if isinstance(candidates, str) else candidates)
     if library is not None and all(map(hindrance, library.values())):
         why = ", ".join(f"{id} {hindrance(one)}" for id, one in library.items())
         raise ValueError(f"candidates leave no effect to try{': ' * bool(why)}{why}; name others, or None for all")
-    binner = None if body is None else ArmBinner(chosen[:1], smoothing, rate)
-    return Diagnoser(
-        rate,
-        chosen,
-        batch=batch,
-        library=library,
-        smoothing=smoothing,
-        alarms_per_hour=alarms_per_hour,
-        binner=binner,
-    )
+    return Diagnoser(plant.rate, chosen, batch=plant.batch, library=library, smoothing=plant.smoothing, **options)

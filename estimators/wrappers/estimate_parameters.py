@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
-from typing import Any, cast
+from collections.abc import Sequence
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from estimators.arguments import chosen_schemes
-from estimators.arms.online import ArmEstimators
 from estimators.online import Estimates, JointState, OnlineEstimator, SchemeEstimate, SchemeEstimates
-from estimators.schemes.balance import for_arms
 from estimators.schemes.six import Scheme
-from estimators.wrappers.arms import arm_of, terms_of
 from estimators.wrappers.measuring import Measuring, MeasuringVector, measured
-from estimators.wrappers.options import AnyEnv, Names, make, rate_of
+from estimators.wrappers.options import Names, make
 from pendulum_env._typing import Array, Mask
-from pendulum_env.arms.body import Body
-from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.physics import Term
 
 BOUND = 1e6  # of what is put into an observation
+WIDE = 6  # parameters, more than which a picture has no table of
 
 
 class EstimateParameters(Measuring):
@@ -32,14 +27,14 @@ class EstimateParameters(Measuring):
 
     Adds to `info`:
 
-    - `estimates`: by scheme, each with `theta` (P,), `covariance` (P, P), honest under correlated errors, and
-      `prediction_error`, a priori and 0 where the sample was not used, as in stick. A notebook shows them as a table.
+    - `estimates`: by scheme, each with `theta` (P,), `covariance` (P, P), honest under correlated errors,
+      `prediction_error`, a priori and 0 where the sample was not used, as in stick, and `P` (P, P), the covariance for
+      unit noise. A notebook shows them as a table.
     - `estimates_time`: time of the newest sample used [s]: smoothing and stick need to see both sides of a sample.
     - `regressor`: (P,), the torque balance's row at that sample, 0 in stick.
     - `parameters`: their names in order.
 
-    Of an arm, base parameters come first. `estimates` then have `P` (P, P), the covariance for unit noise, in the place
-    of `covariance`, they lag behind as those of `ArmEstimator` do, and there is no time and no regressor. It needs the
+    Of an arm, base parameters come first, estimates are renewed every 50 ms, and there is no regressor. It needs the
     extra `arms`.
 
     Examples:
@@ -73,8 +68,7 @@ class EstimateParameters(Measuring):
                 such as `dead_time`, is taken to be known. Of an arm, terms at joints, `viscous@elbow`; None are viscous
                 and Coulomb friction at each.
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
-            in_observation: whether theta and the standard errors of all schemes are appended to a Box observation, of
-                a pendulum.
+            in_observation: whether theta and the standard errors of all schemes are appended to a Box observation.
             robot: file of an arm's links, URDF or MJCF, of which lengths and axes are used; None asks the environment.
             options: of `estimators.online.OnlineEstimator`: `forgetting` (factor for every equation, 1 forgets none),
                 `random_walk` (by which parameters may wander, as a share of their value [1/sqrt(s)]), `prior` (P(0)
@@ -85,15 +79,10 @@ class EstimateParameters(Measuring):
                 the rate.
         """
         arguments: dict[str, Any] = {"schemes": schemes, "terms": terms, "rate": rate, **options}
-        body = arm_of(env, robot)
-        if body is not None and (in_observation or options):
-            raise ValueError(f"{', '.join(options) or 'in_observation'}: is of a pendulum, leave it out for an arm")
-        self.arm = None if body is None else of_arm(env, body, schemes, terms, rate)
-        learner: Any = self.arm or make(env, schemes, terms, rate, 1, options)
-        super().__init__(env, learner, in_observation=in_observation, robot=robot, **arguments)
-        self.estimator, self._in_observation = learner, in_observation
+        self.estimator, self._in_observation = make(env, schemes, terms, rate, options, robot), in_observation
+        super().__init__(env, self.estimator, in_observation=in_observation, robot=robot, **arguments)
         if in_observation:
-            self.observation_space = widened(env.observation_space, learner)
+            self.observation_space = widened(env.observation_space, self.estimator)
 
     @property
     def schemes(self) -> tuple[Scheme | JointState, ...]:
@@ -101,20 +90,18 @@ class EstimateParameters(Measuring):
         return tuple(self.estimator.schemes)
 
     def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
-        if self.arm is not None:
-            self.arm.tell(info)
-            lines: Callable[[], tuple[str, ...]] = self.arm.lines
-        else:
-            tell(info, self._known, self.estimator, 0)
-            lines = functools.partial(self._lines, self._known)
+        tell(info, self._known, self.estimator, 0)
         if self.env.render_mode is not None:
-            self.env.unwrapped.overlay = lines  # type: ignore[attr-defined]
+            self.env.unwrapped.overlay = functools.partial(self._lines, self._known)  # type: ignore[attr-defined]
         if not self._in_observation:
             return observation
         return np.concatenate([observation, told(self._known)[0]], dtype=np.float32)
 
     def _lines(self, now: Estimates) -> tuple[str, ...]:
-        """What the picture says."""
+        """What the picture says: of many parameters, estimates of the first scheme, three in a row."""
+        if len(self.estimator.names) > WIDE:
+            told = [f"{name:<16}{v:7.3f}" for name, v in zip(self.estimator.names, now.theta[0, 0], strict=True)]
+            return (self.schemes[0].id, *(" ".join(told[k : k + 3]) for k in range(0, len(told), 3)))
         names = "  ".join(f"{name[:9]:>9}" for name in self.estimator.names)
         each = enumerate(self.schemes)
         rows = (f"{one.id:<21}" + "  ".join(f"{v:9.4f}" for v in now.theta[0, s]) for s, one in each)
@@ -138,16 +125,12 @@ class EstimateParametersVector(MeasuringVector):
         **options: Any,
     ) -> None:
         """Wrap a vector environment; the arguments are those of `EstimateParameters`."""
-        super().__init__(env, make(env, schemes, terms, rate, env.num_envs, options))
+        self.estimator = make(env, schemes, terms, rate, options)
+        super().__init__(env, self.estimator)
         self._in_observation = in_observation
         if in_observation:
             self.single_observation_space = widened(env.single_observation_space, self.estimator)
             self.observation_space = batch_space(self.single_observation_space, env.num_envs)
-
-    @property
-    def estimator(self) -> OnlineEstimator:
-        """That of all pendulums."""
-        return cast(OnlineEstimator, self._learner)
 
     def _take(self, observation: Any, info: dict[str, Any]) -> Any:
         ended: Mask | None = info.get("_final_info")
@@ -177,18 +160,9 @@ def tell(info: dict[str, Any], now: Estimates, estimator: OnlineEstimator, pendu
     found = {scheme.id: SchemeEstimate(now, s, pendulum, estimator.units) for s, scheme in enumerate(estimator.schemes)}
     info["estimates"] = SchemeEstimates(info.get("estimates", ()), **found)
     info["estimates_time"] = now.time[pendulum]
-    info["regressor"] = now.regressor[pendulum]
+    if now.regressor is not None:
+        info["regressor"] = now.regressor[pendulum]
     info["parameters"] = estimator.names
-
-
-def of_arm(
-    env: AnyEnv, body: Body, schemes: Names, terms: Sequence[str | Term] | None, rate: float | None
-) -> ArmEstimators:
-    """Estimators for an arm; raises ValueError if a name is unknown, or a scheme cannot run so."""
-    counts = getattr(env.unwrapped, "counts", COUNTS)
-    _, *at_joints = terms_of(body, terms)
-    chosen = for_arms(chosen_schemes(schemes))  # type: ignore[arg-type]  # of the six
-    return ArmEstimators(body, rate_of(env, rate), at_joints, chosen, counts)
 
 
 def told(now: Estimates) -> Array:

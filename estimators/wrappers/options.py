@@ -1,8 +1,11 @@
-"""What the estimating wrappers are asked for: names in, terms and schemes out, so that an env's spec can be rebuilt."""
+"""What the learning wrappers are asked for, and what they ask their environment: names in, terms and schemes out."""
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, cast
 
 import gymnasium as gym
@@ -13,10 +16,13 @@ from estimators.online.clock import checked_rate
 from estimators.schemes.six import SCHEMES, Scheme
 from estimators.signals.differentiation import encoder_noise
 from estimators.signals.measurements import Smoothing, choose_smoothing, of_steps
+from pendulum_env.arms.body import Body, read_body
+from pendulum_env.arms.joints import Coupling, Links, arm_base, joint_effects, kinds_at
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.interface import note_identifier
 from pendulum_env.lookup import find
 from pendulum_env.physics import Term
+from pendulum_env.physics.library import effect
 from pendulum_env.recording import Recording
 
 Names = str | Sequence[str | Scheme | JointState]
@@ -57,11 +63,6 @@ def rate_of(env: AnyEnv, rate: float | None) -> float:
     return checked_rate(float(known))
 
 
-def is_arm(env: AnyEnv) -> bool:
-    """Whether an environment has several joints, or one of an arm: then it names them."""
-    return _attribute(env, "joints") is not None
-
-
 def smoothing_of(env: AnyEnv, rate: float) -> Smoothing:
     """Smoothing for an environment's encoder or the recording it plays; for the paper's encoder if neither is known."""
     recording = _attribute(env, "recording")
@@ -88,24 +89,97 @@ def _attribute(env: AnyEnv, name: str) -> Any:
     return getattr(inner, name, None)
 
 
+def body_in(env: gym.Env[Any, Any], robot: str | None = None) -> Body:
+    """Links of a file, or of an environment that can write them.
+
+    Raises:
+        ValueError: if there is no file, and the environment does not tell, or the file has more joints or fewer.
+    """
+    if robot is not None:
+        body = read_body(robot)
+        joints = tuple(getattr(env.unwrapped, "joints", body.joints))
+        if len(joints) != len(body.joints):
+            raise ValueError(f"the environment has joints {', '.join(joints)}, and {robot} {', '.join(body.joints)}")
+        return body
+    text = getattr(env.unwrapped, "urdf", None)
+    if text is None:
+        raise ValueError("the environment does not tell its links: pass robot=, a file in URDF or MJCF")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.urdf"
+        path.write_text(text, encoding="utf-8")
+        return read_body(path)
+
+
+@dataclass(frozen=True)
+class Plant:
+    """What a learner has to know of the plant in an environment.
+
+    Attributes:
+        rate: samples per second [Hz].
+        smoothing: of the measurement.
+        batch: of how many environments there are.
+        body: links of an arm; None of a pendulum.
+    """
+
+    rate: float
+    smoothing: Smoothing
+    batch: int
+    body: Body | None
+
+    @classmethod
+    def of(cls, env: AnyEnv, rate: float | None = None, robot: str | None = None) -> Plant:
+        """Ask an environment for what is not given; an arm is one that names its joints, or has a file of its links.
+
+        Raises:
+            ValueError: if nobody knows the rate, or the links of an arm; if the environment is a vector of arms.
+        """
+        rate, body = rate_of(env, rate), None
+        if robot is not None or _attribute(env, "joints") is not None:
+            if not isinstance(env, gym.Env):
+                raise ValueError("arms are followed one by one: wrap each environment of the vector")
+            body = body_in(env, robot)
+        return cls(rate, smoothing_of(env, rate), getattr(env, "num_envs", 1), body)
+
+    def terms(self, terms: Sequence[str | Term] | None) -> tuple[Term, ...]:
+        """Model of a pendulum, or of an arm: its links and terms at joints, viscous and Coulomb friction by default.
+
+        Raises:
+            ValueError: if a term is unknown or at no joint.
+        """
+        if self.body is None:
+            return chosen_terms(terms)
+        return arm_base(self.body) if terms is None else chosen_terms((Links(self.body), *terms))
+
+    def effects(self, names: Sequence[str] | None) -> dict[str, type[Term]] | None:
+        """Effects that may be missing, by id; `stribeck` is at each joint of an arm. None are all of a pendulum.
+
+        Raises:
+            ValueError: if there is no such effect or joint.
+        """
+        if self.body is None:
+            return None if names is None else {id: effect(id) for id in names}
+        known = [id for id in joint_effects() if id != Coupling.id] if names is None else names
+        return {kind.id: kind for kind in kinds_at(known, self.body)}
+
+
 def make(
     env: AnyEnv,
     schemes: Names,
     terms: Sequence[str | Term] | None,
     rate: float | None,
-    batch: int,
     options: dict[str, Any],
+    robot: str | None = None,
 ) -> OnlineEstimator:
-    """Estimator for an environment; see `OnlineEstimator` for the options.
+    """Estimator for an environment, or for each of a vector; see `OnlineEstimator` for the options.
 
     Raises:
-        ValueError: if the environment is a vector of arms.
+        ValueError: as `Plant` does.
     """
-    if is_arm(env):
-        raise ValueError("arms are estimated one by one: wrap each environment of the vector")
-    rate = rate_of(env, rate)
-    if options.get("smoothing") is None:
-        options = {**options, "smoothing": smoothing_of(env, rate)}
-    if options.get("position_noise") is None:
-        options = {**options, "position_noise": position_noise_of(env)}
-    return OnlineEstimator(rate, chosen_terms(terms), chosen_online(schemes), batch=batch, **options)
+    plant = Plant.of(env, rate, robot)
+    known: dict[str, Any] = {
+        "smoothing": plant.smoothing,
+        "position_noise": position_noise_of(env),
+        "batch": plant.batch,
+    }
+    options = known | {name: value for name, value in options.items() if value is not None}
+    return OnlineEstimator(plant.rate, plant.terms(terms), chosen_online(schemes), **options)

@@ -9,11 +9,9 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.vector import VectorEnv
 
-from estimators.arms.online import ArmBinner
 from estimators.online.watch import Watch
-from estimators.wrappers.arms import arm_of, terms_of
 from estimators.wrappers.measuring import Measuring, MeasuringVector
-from estimators.wrappers.options import AnyEnv, rate_of, smoothing_of
+from estimators.wrappers.options import AnyEnv, Plant
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Model, Term
 
@@ -69,7 +67,7 @@ class WatchModel(Measuring):
         """
         arguments: dict[str, Any] = {"model": model, "terms": terms, "rate": rate, "robot": robot}
         arguments |= {"alarms_per_hour": alarms_per_hour, "calibrate": calibrate}
-        self.watch = watch_of(env, 1, **arguments)
+        self.watch = watch_of(env, **arguments)
         super().__init__(env, self.watch, **arguments)
 
     def accept(self) -> None:
@@ -84,36 +82,32 @@ class WatchModelVector(MeasuringVector):
 
     def __init__(self, env: VectorEnv[Any, Any, Any], model: Model | str | Path | None = None, **options: Any) -> None:
         """Wrap a vector environment; the arguments are those of `WatchModel`."""
-        self.watch = watch_of(env, env.num_envs, model, **options)
+        self.watch = watch_of(env, model, **options)
         super().__init__(env, self.watch)
 
 
 def watch_of(
     env: AnyEnv,
-    batch: int,
     model: Model | str | Path | None = None,
     *,
     terms: Sequence[str | Term] | None = None,
     rate: float | None = None,
-    alarms_per_hour: float = 1.0,
-    calibrate: float = 5.0,
     robot: str | None = None,
+    **options: Any,
 ) -> Watch:
-    """Watch for an environment; the arguments are those of `WatchModel`.
+    """Watch for an environment, or for each of a vector; the arguments are those of `WatchModel`.
 
     Raises:
         ValueError: if both model and terms are given, if the file holds no model, or as `Watch` does.
     """
     if model is not None and terms is not None:
         raise ValueError("a model has its terms: give either model or terms")
-    rate, body = rate_of(env, rate), arm_of(env, robot)
+    plant = Plant.of(env, rate, robot)
+    body = plant.body
     if isinstance(model, str | Path):
         model = Model.load(model) if body is None else ArmModel.load(model, body)
     if model is not None and isinstance(model, ArmModel) != (body is not None):
-        ours, plant = ("an arm", "a pendulum") if body is None else ("a pendulum", "an arm")
-        raise ValueError(f"the model is of {ours}, and what is watched is {plant}: give the model of one")
-    chosen, theta = (terms_of(body, terms), None) if model is None else (model.terms, model.theta)
-    smoothing = smoothing_of(env, rate)
-    binner = None if body is None else ArmBinner(chosen, smoothing, rate)
-    numbers = {"alarms_per_hour": alarms_per_hour, "calibrate": calibrate}
-    return Watch(rate, chosen, batch=batch, smoothing=smoothing, theta=theta, binner=binner, **numbers)
+        ours, other = ("an arm", "a pendulum") if body is None else ("a pendulum", "an arm")
+        raise ValueError(f"the model is of {ours}, and what is watched is {other}: give the model of one")
+    chosen, theta = (plant.terms(terms), None) if model is None else (model.terms, model.theta)
+    return Watch(plant.rate, chosen, batch=plant.batch, smoothing=plant.smoothing, theta=theta, **options)

@@ -14,7 +14,7 @@ from benchmarks.arm_excitation import deviation, random_fourier
 from estimators.arms.excitation import PRIOR
 from estimators.arms.limits import limits_of
 from estimators.arms.reference import HOLD
-from estimators.wrappers.arms import body_of
+from estimators.wrappers.options import body_in
 from pendulum_env.arms.env import PlanarArm
 from workbench.cli import main
 
@@ -73,7 +73,7 @@ def test_an_action_that_is_none_is_refused(action):
 def test_a_training_ends_in_a_policy_that_plays_whole_motions(tmp_path):
     network = train(Config.of(SMALL), folder=tmp_path)
     network.save(tmp_path / "arm.npz")
-    loaded, body = Network.load(tmp_path / "arm.npz"), body_of(PlanarArm())
+    loaded, body = Network.load(tmp_path / "arm.npz"), body_in(PlanarArm())
     motions = [plan(policy, body, limits_of(body, max_torque=TORQUE), 2.0) for policy in (network, loaded)]
     np.testing.assert_allclose(motions[0].speeds, motions[1].speeds, atol=1e-6)
     assert len(motions[0].speeds) >= 21 and not motions[0].speeds[-1].any()
@@ -81,7 +81,7 @@ def test_a_training_ends_in_a_policy_that_plays_whole_motions(tmp_path):
 
 
 def test_the_policy_that_ships_teaches_more_than_series():
-    body = body_of(PlanarArm())
+    body = body_in(PlanarArm())
     motion = plan(load("arm"), body, limits_of(body, max_torque=TORQUE), 5.0)
     series = random_fourier(body, 5.0, np.random.default_rng(0), max_torque=TORQUE)
     assert deviation(motion, 5.0) < 0.7 * deviation(series, 5.0)

@@ -9,8 +9,7 @@ import pytest
 from benchmarks import six_joint
 from benchmarks.two_link import Multisine, TwoLink
 from estimators import identify
-from estimators.arms.online import ArmBinner, ArmEstimator
-from estimators.online import Diagnoser, Watch
+from estimators.online import Diagnoser, JointState, OnlineEstimator, Watch
 from estimators.schemes import six
 from estimators.schemes.balance import for_arms
 from estimators.schemes.six import SCHEMES, Integral
@@ -46,66 +45,72 @@ def links(body):
     return arm_base(body)
 
 
-def fed(estimator, recording):
-    for sample in zip(recording.time, recording.position, recording.torque, strict=True):
-        estimator.update(*sample)
-    return estimator
-
-
-def taken(monitor, time, position, held):
-    """What a monitor says in the end of samples (N,) and of the torque held over the period before each."""
+def taken(learner, time, position, held):
+    """What is known after each of some samples (N,), of the torque held over the period before it."""
     for t, q, u in zip(time, position, held, strict=True):
-        (said,) = monitor.take(np.array([t]), q[None], u[None])
-        yield t, said
+        yield t, learner.take(np.array([t]), q[None], u[None])
 
 
-@pytest.mark.parametrize("scheme", for_arms(SCHEMES), ids=lambda scheme: scheme.id)
-def test_online_and_offline_agree(body, recording, scheme):
-    online = fed(ArmEstimator(body, RATE, scheme=scheme), recording)
+def known(links, recording, schemes=(SCHEMES[1],), torque=None, some=slice(None)):
+    """What is estimated of a recording in the end, or of some of its samples."""
+    learner = OnlineEstimator(RATE, links, schemes, smoothing=Smoothing.of_encoder(0, RATE))
+    held = np.vstack([np.zeros((1, 2)), (recording.torque if torque is None else torque)[:-1]])
+    *_, (_, now) = taken(learner, recording.time[some], recording.position[some], held[some])
+    return now
+
+
+def test_online_and_offline_agree_and_intervals_hold_the_truth(body, links, recording):
+    schemes = for_arms(SCHEMES)
+    now, offline = known(links, recording, schemes), identify(recording, links, schemes)
     truth = np.concatenate([body.values, np.ravel(np.column_stack([TWO.viscous, TWO.coulomb]))])
     some = np.abs(truth) > 1e-9
-    assert np.abs(online.state.theta[some] / truth[some] - 1).max() < 0.02
-    offline = identify(recording, arm_base(body), [scheme])[scheme.id].model.theta
-    assert np.allclose(online.state.theta, offline, rtol=0.02, atol=2e-3)
-    assert online.model.estimates["coulomb@elbow"].value == pytest.approx(TWO.coulomb[1], rel=0.02)
+    for s, scheme in enumerate(schemes):
+        theta, std = now.theta[0, s], np.sqrt(np.diag(now.covariance[0, s]))
+        assert np.abs(theta[some] / truth[some] - 1).max() < 0.02
+        assert np.allclose(theta, offline[scheme.id].model.theta, rtol=0.02, atol=2e-3)
+        assert (np.abs(theta - truth) < 4 * std).mean() > 0.8 and (std < 0.05).all()
 
 
-def test_each_row_is_used_once_but_for_those_of_the_first_and_last_moments(body, recording):
-    online = fed(ArmEstimator(body, RATE, scheme=six.scheme("hamiltonian")), recording)
-    offline = identify(recording, arm_base(body), [six.scheme("hamiltonian")])["hamiltonian"]
-    information = np.diag(np.linalg.inv(online.state.P))
+def test_each_row_is_used_once_but_for_those_of_the_first_and_last_moments(links, recording):
+    now, schemes = known(links, recording, [six.scheme("hamiltonian")]), [six.scheme("hamiltonian")]
+    information = np.diag(np.linalg.inv(now.P[0, 0]))
     rows = information[[7, 9]].sum()  # a Coulomb column is +-1 on each row of its joint
-    assert 0.9 * offline.used[0] < rows < 1.001 * offline.used[0]
+    used = identify(recording, links, schemes)["hamiltonian"].used[0]
+    assert 0.9 * used < rows < 1.001 * used
 
 
-def test_nothing_is_told_across_a_gap_or_a_sample_that_is_no_number(body, recording):
-    nan, kept = np.array(recording.torque), np.arange(len(recording)) != 1250
-    nan[1250, 0] = np.nan
-    whole, cut, apart = (ArmEstimator(body, RATE) for _ in range(3))
-    fed(whole, recording)
-    for estimator, torque, use in ((cut, nan, slice(None)), (apart, recording.torque, kept)):
-        for sample in zip(recording.time[use], recording.position[use], torque[use], strict=True):
-            estimator.update(*sample)
-    assert np.array_equal(cut.state.theta, apart.state.theta)
-    assert not np.array_equal(cut.state.theta, whole.state.theta)
-    assert np.allclose(cut.state.theta, whole.state.theta, rtol=0.02, atol=2e-3)
+def test_nothing_is_told_across_a_gap_or_a_sample_that_is_no_number(links, recording):
+    nan = np.array(recording.torque)
+    nan[1249, 0] = np.nan  # comes with sample 1250
+    whole, cut = known(links, recording), known(links, recording, torque=nan)
+    apart = known(links, recording, some=np.arange(len(recording)) != 1249)
+    assert np.array_equal(cut.theta, apart.theta) and not np.array_equal(cut.theta, whole.theta)
+    assert np.allclose(cut.theta, whole.theta, rtol=0.02, atol=2e-3)
 
 
-def test_samples_and_schemes_that_make_no_sense_are_refused_at_once(body):
-    online = ArmEstimator(body, RATE)
-    online.update(0.0, np.zeros(2), np.zeros(2))
+def test_samples_and_schemes_that_make_no_sense_are_refused_at_once(links):
+    online = OnlineEstimator(RATE, links, SCHEMES[:1])
+
+    def take(time, count=2):
+        online.take(np.array([time]), np.zeros((1, count)), np.zeros((1, 2)))
+
+    take(0.0)
     for time, count, told in (
         (0.002, 3, r"2 joints has as many positions and torques, not those of shapes \(3,\)"),
         (0.0, 2, "a sample of 0 s comes after one of 0 s: reset where time begins anew"),
         (0.004, 2, r"samples come every 0.004 s, not at 500 Hz: pass rate="),
     ):
         with pytest.raises(ValueError, match=told):
-            online.update(time, np.zeros(count), np.zeros(2))
+            take(time, count)
     for time in (0.002, 0.004, 0.1, 0.102):  # what was refused has not moved the clock; once it is known, 0.1 is a gap
-        online.update(time, np.zeros(2), np.zeros(2))
-    for scheme in (six.scheme("hamiltonian", borrows="dynamic"), six.scheme("energy", operator=Integral(None))):
-        with pytest.raises(ValueError, match="cannot run on an arm"):
-            ArmEstimator(body, RATE, scheme=scheme)
+        take(time)
+    for scheme, told in (
+        (six.scheme("hamiltonian", borrows="dynamic"), "cannot run on an arm"),
+        (six.scheme("energy", operator=Integral(None)), "cannot run on an arm"),
+        (JointState(), "an arm takes the six"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            OnlineEstimator(RATE, links, [scheme])
 
 
 @pytest.mark.parametrize(
@@ -119,15 +124,20 @@ def test_samples_and_schemes_that_make_no_sense_are_refused_at_once(body):
 )
 def test_what_is_missing_is_told_with_its_joint(links, plant, group):
     run = recorded(plant, seconds=9.0, rate=RATE, scale=LIVELY, counts=COUNTS)
-    binner = ArmBinner(links[:1], Smoothing.of_encoder(COUNTS, RATE), RATE)
     names = ("quadratic_drag", "cogging", "stribeck", "torque_offset")
     library = {f"{id}@{joint}": at_joint(effects()[id], joint) for id in names for joint in run.names}
-    diagnoser = Diagnoser(RATE, links, library=library, binner=binner)
-    *_, (_, said) = taken(diagnoser, run.time[1:], run.position[1:], run.torque[:-1])
+    diagnoser = Diagnoser(RATE, links, library=library, smoothing=Smoothing.of_encoder(COUNTS, RATE))
+    *_, (_, (said,)) = taken(diagnoser, run.time[1:], run.position[1:], run.torque[:-1])
     assert said.group == group and said.kind == ("missing" if group else "nothing")
     if group == ("quadratic_drag@elbow",):
         (found,) = (one for one in said.ranking if one.effect in group)
         assert found.theta["quadratic_drag@elbow"] == pytest.approx(0.05, rel=0.15)
+
+
+def test_false_alarms_are_counted_in_blocks_of_all_joints(links):
+    """Two joints fill twice as many blocks an hour."""
+    of_one, of_two = (Diagnoser(RATE, terms, library={}).threshold for terms in (BASE, links))
+    assert of_two - of_one == pytest.approx(np.log(2))
 
 
 @pytest.fixture(scope="module")
@@ -153,8 +163,8 @@ def test_what_changes_in_an_arm_is_told_with_its_joint(links, before, after, kin
     time, position = np.r_[time, later[1:]], np.r_[position, then[1:]]
     torque = signal.held(time - 1 / RATE, 1 / RATE) + 0.02 * np.random.default_rng(0).normal(size=position.shape)
     step = 2 * np.pi / COUNTS
-    watch = Watch(RATE, links, calibrate=4.0, binner=ArmBinner(links, Smoothing.of_encoder(COUNTS, RATE), RATE))
-    for t, said in taken(watch, time, step * np.round(position / step), torque):
+    watch = Watch(RATE, links, calibrate=4.0, smoothing=Smoothing.of_encoder(COUNTS, RATE))
+    for t, (said,) in taken(watch, time, step * np.round(position / step), torque):
         assert t > CHANGE or not said.alarms
     assert said.kind == kind
     if kind == "predicts":
@@ -194,9 +204,12 @@ def test_an_arm_is_known_after_a_few_seconds_as_well_as_from_its_recording(file)
     friction = [value for link in TWO_LINK for value in (link.viscous, link.coulomb)]
     for scheme, found in info["estimates"].items():
         assert len(found) == len(list(found)) and "theta" in repr(found)
-        assert found["P"].shape == (10, 10) and info["parameters"] == tuple(offline[scheme].model.estimates)
+        assert found["P"].shape == found["covariance"].shape == (10, 10) and info["parameters"] == tuple(
+            offline[scheme].model.estimates
+        )
         assert np.allclose(found["theta"], offline[scheme].model.theta, rtol=0.02, atol=5e-3)
         assert np.allclose(found["theta"], [*body.values, *friction], rtol=0.03, atol=0.01)
+    assert 0 < info["time"] - info["estimates_time"] < 0.15
     assert not env.reset()[1]["estimates"]["energy"]["theta"].any()
 
 
@@ -242,8 +255,6 @@ def test_environments_and_files_of_other_plants_are_refused(tmp_path):
         EstimateParameters(gym.make(ARM), robot=str(tmp_path / "six.urdf"))
     with pytest.raises(ValueError, match="one by one"):
         EstimateParametersVector(gym.make_vec(ARM, num_envs=2))
-    with pytest.raises(ValueError, match="forgetting: is of a pendulum"):
-        EstimateParameters(gym.make(ARM), forgetting=0.99)
 
 
 @pytest.mark.parametrize("wrapper", [EstimateParameters, WatchModel, DiagnoseOnline])

@@ -12,8 +12,9 @@ from gymnasium.vector import VectorWrapper
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import diagnose
-from estimators.online import Diagnoser
+from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.online.binning import Bin
+from estimators.online.diagnosis import EffectMonitor
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import DiagnoseOnline, DiagnoseOnlineVector, EstimateParameters
 from pendulum_env.arms.joints import FRICTION, at_joint, coupled, placed
@@ -135,7 +136,7 @@ def test_what_cannot_be_followed_is_refused():
         with pytest.raises(ValueError, match=why):
             DiagnoseOnline(gym.make(PENDULUM), **options)
     with pytest.raises(ValueError, match="coupling@first,second cannot be in a model"):
-        Diagnoser(1000.0, [coupled("first,second", False)()], binner=TwoJoints())
+        Diagnoser(1000.0, [coupled("first,second", False)()])
 
 
 class OneWithout(VectorWrapper):
@@ -157,48 +158,29 @@ def test_a_vector_twin_diagnoses_each_and_leaves_out_what_was_not_measured():
     assert [said.kind for said in env.diagnoser.said] == ["calibrating", "missing", "calibrating"]
 
 
-class TwoJoints:
+def bins_of_two_joints(first, last):
     """Bins of two joints with friction, drag at the second, which begins to move after six seconds."""
-
-    every, joints = 10, ("first", "second")
-
-    def __init__(self):
-        self.count, self.rng = 0, np.random.default_rng(0)
-
-    def reset(self, which):
-        self.count = 0
-
-    def take(self, time, position, torque):
-        self.count += 1
-        return [self.bin(j, self.count / 100) for j in range(2 if self.count > 600 else 1)]
-
-    def bin(self, joint, begin):
+    rng = np.random.default_rng(0)
+    for joint, begin in ((j, k / 100) for k in range(first, last) for j in range(2 if k > 600 else 1)):
         t = begin + 1e-3 * np.arange(13)
         way = 1.0 if int(begin / 0.4) % 2 else -1.0
         speed = way * (2.0 + np.sin((5.0 + 2.0 * joint) * t))
         load = 0.3 * speed + 0.5 * way + 0.1 * joint * speed * np.abs(speed)
         series = np.array([t, np.cos(t), speed, load])
-        moved = 0.01 * self.count
-        return Bin(0, joint, series, np.zeros(0), float(load[2:-1].mean()) + 0.01 * self.rng.normal(), moved)
+        yield Bin(joint, series, np.zeros(0), float(load[2:-1].mean()) + 0.01 * rng.normal(), begin)
 
 
 def test_a_joint_that_moves_later_is_diagnosed_from_then_on():
-    joints = TwoJoints.joints
+    joints = "first", "second"
     terms = [placed(term, joint) for joint in joints for term in FRICTION]
     library = {f"quadratic_drag@{joint}": at_joint(effects()["quadratic_drag"], joint) for joint in joints}
-    diagnoser = Diagnoser(1000.0, terms, library=library, binner=TwoJoints())
-    blank = np.zeros(1), np.zeros((1, 2)), np.zeros((1, 2))
-    for _ in range(590):
-        (said,) = diagnoser.take(*blank)
+    monitor = EffectMonitor(terms, library, joints, OnlineDiagnosis("calibrating", threshold=10.0), 0.01, 1e-3)
+    for one in bins_of_two_joints(1, 590):
+        monitor.take(one)
+    said = monitor.said
     assert said.kind == "nothing" and "hardly moved" in said.not_run["quadratic_drag@second"]
-    for _ in range(800):
-        (said,) = diagnoser.take(*blank)
+    for one in bins_of_two_joints(590, 1390):
+        monitor.take(one)
+    said = monitor.said
     assert said.group == ("quadratic_drag@second",) and not said.not_run
     assert said.ranking[0].theta["quadratic_drag@second"] == pytest.approx(0.1, rel=0.05)
-
-
-def test_false_alarms_are_counted_in_blocks_of_all_joints():
-    """Two joints fill twice as many blocks an hour."""
-    terms = [placed(term, joint) for joint in TwoJoints.joints for term in FRICTION]
-    of_two = Diagnoser(1000.0, terms, library={}, binner=TwoJoints()).threshold
-    assert of_two - Diagnoser(1000.0, library={}).threshold == pytest.approx(np.log(2))

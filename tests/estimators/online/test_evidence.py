@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from estimators.online.evidence import MOST, SHARES, Bets, Evidence, threshold_of
+from estimators.online.evidence import MOST, SHARES, USUAL, Bets, Usual, threshold_of
 
 BLOCK = 0.2  # [s]
 
@@ -50,20 +48,29 @@ def test_no_single_block_decides():
     assert bets.joint <= np.log1p(MOST * SHARES.max()) < threshold_of(1.0, BLOCK)
 
 
-@given(st.lists(st.lists(st.floats(-3, 3), min_size=2, max_size=2), min_size=1, max_size=30))
-def test_wealth_is_the_largest_product_of_factors_up_to_now(factors):
-    """M <- max(M, 1) e, of each challenger; for some of them, it is the mean."""
-    evidence = Evidence(2)
-    for both in factors:
-        evidence.add(np.reshape(both, (2, 1)))
-    largest = [max(sum(own[k:]) for k in range(len(own))) for own in zip(*factors, strict=True)]
-    np.testing.assert_allclose(evidence.each, largest, atol=1e-9)
-    assert evidence.joint == pytest.approx(np.log(np.mean(np.exp(largest))), abs=1e-9)
-
-
 def test_a_rarer_alarm_needs_more_evidence_and_a_rate_that_cannot_be_is_refused():
     often, rare = (threshold_of(rate, BLOCK) for rate in (10.0, 0.1))
     assert rare - often == pytest.approx(np.log(100))
     for rate in (0.0, 1e5):
         with pytest.raises(ValueError, match="alarms_per_hour"):
             threshold_of(rate, BLOCK)
+
+
+def test_what_is_usual_surprises_by_a_standard_error_however_many_are_asked():
+    """The mean of sizes as those learnt is off by as much as both means are uncertain."""
+    rng, told = np.random.default_rng(0), []
+    for _ in range(400):
+        usual = Usual(2)
+        for size in rng.normal(size=(12, 2)):
+            usual.learn(np.full(2, size[0]))
+        told.append([usual.surprise(np.repeat(rng.normal(size=(n, 1)), 2, axis=1)) for n in (1, 24)])
+    np.testing.assert_allclose(np.std(told, axis=0), 1.0, atol=0.2)
+
+
+def test_an_error_is_larger_than_usual_only_if_it_is_so_in_each_unit():
+    usual = Usual(2)
+    for size in np.random.default_rng(0).normal(size=30):
+        usual.learn(np.array([size, size]))
+    for one in ([9.0, 0.0], [0.0, 9.0]):
+        assert usual.surprise(np.array([one])) < 1.0
+    assert usual.surprise(np.array([[9.0, 9.0]])) > 0.95 * USUAL.most

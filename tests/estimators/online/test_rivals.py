@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.online.rivals import Bins, Family, Rivals, Running
+from estimators.online.rivals import Bins, Rivals
 from estimators.regression.recursive import PRIOR
 from pendulum_env.physics import BASE
 from pendulum_env.physics.library import effect
@@ -22,15 +22,14 @@ def bins_of(count: int, seed: int) -> Bins:
 
 @pytest.mark.parametrize(("id", "shapes"), [("cogging", [{"order": 3.0}, {"order": 7.0}]), ("quadratic_drag", [{}])])
 def test_each_variant_is_least_squares_in_all_columns(id, shapes):
-    """Also if families go on in another batch, with all that they have learnt."""
+    """Also if families go on with another grid, with all that they have learnt."""
     variants = [effect(id)(**shape) for shape in shapes]
     parts = [bins_of(120, 0), bins_of(40, 1), bins_of(40, 2)]
-    running = Running.of(BASE, parts[0])
-    rivals = Rivals([Family(running, (), 2), Family(running, variants, 2)], 120)
+    rivals = Rivals(BASE, parts[0], [variants])
     for part in parts[1:]:
-        rivals = Rivals(rivals.families, 120)
         densities, errors = rivals.take(part)
-    for variant, theta in zip(variants, rivals.families[1].theta, strict=True):
+        rivals = rivals.narrowed(part, {id: variants})
+    for variant, theta in zip(variants, rivals.theta_of(rivals.models[1]), strict=True):
         columns = sum(len(term.columns) for term in (*BASE, variant))
         rows = [part.rows([*BASE, variant]) for part in parts]
         phi, y = np.concatenate([one.phi[:, 0] for one in rows]), np.concatenate([one.y[:, 0] for one in rows])
@@ -43,9 +42,9 @@ def test_an_error_is_predicted_to_scatter_as_least_squares_has_it():
     """The density of one more error is Student's t with scale^2 (1 + phi' P phi), P that of all columns."""
     variant = effect("cogging")(order=5.0)
     first, then = bins_of(80, 2), bins_of(1, 3)
-    family = Family(Running.of(BASE, first), [variant], 2)
-    square = float(family.square[0])
-    (densities,), _ = Rivals([Family(Running.of(BASE, first), (), 2), family], 80).take(then)
+    rivals = Rivals(BASE, first, [[variant]])
+    square = float(rivals.square[1])
+    (densities,), _ = rivals.take(then)
     phi = first.rows([*BASE, variant]).phi[:, 0]
     new = then.rows([*BASE, variant])
     spread = np.linalg.inv(phi.T @ phi + np.eye(phi.shape[1]) / PRIOR)

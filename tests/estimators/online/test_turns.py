@@ -48,20 +48,6 @@ def sizes(turns: Turns, theta=TRUTH) -> np.ndarray:
     return Mover(BASE, 1 / RATE).missed(turns, theta).sizes(LEAST)
 
 
-def test_reversals_are_found_whole_and_do_not_overlap():
-    time = np.arange(0.0, 6.0, 1 / RATE)
-    told = found(time, np.cos(4 * time), time, -4 * np.sin(4 * time))
-    middles = np.array([turn.time[0] + TURN.half for turn in told])
-    np.testing.assert_allclose(middles, np.arange(1, len(middles) + 1) * np.pi / 4, atol=1.5 / RATE)
-    assert len(told) == 7
-    for turn in told:
-        at = turn.time[0] + np.arange(len(turn.position)) / RATE
-        np.testing.assert_allclose(turn.position[:, 0], np.cos(4 * at))
-        np.testing.assert_allclose(turn.velocity, -4 * np.sin(4 * at[:1]))
-        np.testing.assert_allclose(turn.torque[:, 0], at[1:])  # what acts in a period comes with its end
-        np.testing.assert_allclose(turn.before[-1], at[0])
-
-
 def test_no_turn_reaches_back_to_before_a_run_began_and_none_is_at_rest():
     time = np.arange(0.0, 2.0, 1 / RATE)
     told = found(time, np.cos(4 * time), time, -4 * np.sin(4 * time), begins=round(0.7 * RATE))
@@ -85,16 +71,6 @@ def test_parameters_explain_another_value_but_not_another_structure():
 
     assert left("heavier") < left("own") + 0.5
     assert left("stribeck") > left("own") + 3.0
-
-
-def test_derivatives_foresee_what_another_parameter_would_miss():
-    turns, mover = turns_of("own"), Mover(BASE, 1 / RATE)
-    here = mover.missed(turns, TRUTH)
-    for k, delta in enumerate(np.diag(3e-3 * TRUTH)):
-        moved = mover.missed(turns, TRUTH + delta).error - here.error
-        expected = here.by_parameter[..., k] * delta[k]
-        off = np.linalg.norm(moved - expected, axis=1) / np.linalg.norm(expected, axis=1)
-        assert np.median(off) < 0.05
 
 
 def test_an_error_in_newton_metres_is_the_torque_that_makes_it():

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
+from benchmarks.recursion import State, start, step
 from estimators.regression.equations import Equations
-from estimators.regression.recursive import PRIOR, State, evenly, history, start, step
+from estimators.regression.recursive import PRIOR, evenly, history
 
 
 def test_history_equals_the_recursion():
