@@ -8,7 +8,6 @@ from zipfile import is_zipfile
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -135,7 +134,7 @@ def read_parquet(path: Path, find: Find) -> Table:
     values = {}
     for quantity, column in columns.items():
         name, k = places[column.index]
-        series = table[name] if k is None else pc.list_element(table[name], k)
+        series = table[name] if k is None else _element(table[name], k)
         is_date = quantity == "time" and pa.types.is_timestamp(series.type)
         if not (
             is_date
@@ -147,6 +146,12 @@ def read_parquet(path: Path, find: Find) -> Table:
             )
         values[quantity] = numbers(series)
     return Table(headers, columns, values)
+
+
+def _element(vectors: pa.ChunkedArray, k: int) -> pa.ChunkedArray:
+    import pyarrow.compute as pc  # takes a while to import
+
+    return pc.list_element(vectors, k)
 
 
 def _places(file: pq.ParquetFile) -> list[tuple[str, int | None]]:
