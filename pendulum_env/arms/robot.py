@@ -72,7 +72,7 @@ def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float],
             else pin.buildModelFromMJCF(str(path))
         )
     except Exception as error:  # Pinocchio raises what its parsers raise
-        told = str(error).rpartition("message: ")[2]  # after file, function and line of its own
+        told = str(error).rpartition("message:")[2]  # after file, function and line of its own
         raise BodyError(f"Pinocchio cannot read it: {one_line(told or error)}") from None
     name, robot = tree.get("name") or tree.get("model") or path.stem, list(model.names)[1:]
     leads = {joint: _leads(joint, ties, robot) for joint in robot}
