@@ -140,7 +140,11 @@ def read_parquet(path: Path, find: Find) -> Table:
     values = {}
     for quantity, column in columns.items():
         name, k = places[column.index]
-        series = table[name] if k is None else _element(table[name], k)
+        series = table[name]
+        if k is not None:
+            import pyarrow.compute as pc  # takes a while to import
+
+            series = pc.list_element(series, k)
         is_date = quantity == "time" and pa.types.is_timestamp(series.type)
         if not (
             is_date
@@ -168,25 +172,20 @@ def read_rows(path: Path, schema: pa.Schema | None = None) -> pa.Table:
 
 def _packed(path: Path, schema: pa.Schema | None) -> Answer:
     """Rows as a stream of Arrow."""
+    sink = pa.BufferOutputStream()
     try:
         with pq.ParquetFile(path) as file:
             if DENSEST * file.metadata.num_rows > path.stat().st_size:
-                raise Unreadable(f"{path}: holds more rows than a file of its size has")
+                raise ValueError("more rows than a file of its size has")
             table = file.read(None if schema is None else schema.names)
-        table = table if schema is None else table.select(schema.names).cast(schema)
+        if schema is not None:
+            table = table.select(schema.names).cast(schema)
         table.validate(full=True)  # texts are texts
-    except (OSError, ValueError, KeyError, OverflowError, MemoryError, pa.ArrowException) as error:
+        with pa.ipc.new_stream(sink, table.schema) as stream:
+            stream.write_table(table)
+    except Exception as error:  # a damaged file may fail anywhere in Arrow
         raise Unreadable(f"{path}: {one_line(error)}") from None
-    sink = pa.BufferOutputStream()
-    with pa.ipc.new_stream(sink, table.schema) as stream:
-        stream.write_table(table)
     return None, [np.frombuffer(sink.getvalue(), np.uint8)]
-
-
-def _element(vectors: pa.ChunkedArray, k: int) -> pa.ChunkedArray:
-    import pyarrow.compute as pc  # takes a while to import
-
-    return pc.list_element(vectors, k)
 
 
 def _places(file: pq.ParquetFile) -> list[tuple[str, int | None]]:
