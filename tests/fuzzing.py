@@ -6,15 +6,19 @@ is kept in tests/corpus, which the tests read every time; a file there is `READE
 
 from __future__ import annotations
 
+import argparse
 import functools
 import io
 import json
+import shutil
 import struct
 import tempfile
 import warnings
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
 from unittest import mock
 
 import numpy as np
@@ -35,6 +39,9 @@ from tests.pendulum_env.physics.test_limits import PLUGIN
 from tests.workbench.app.plants import recorded, url, written
 from workbench.inputs import read_suggestion
 from workbench.mistakes import InputError, sentence
+
+if TYPE_CHECKING:
+    from workbench.survey import Dataset
 
 CORPUS = Path(__file__).parent / "corpus"
 
@@ -57,6 +64,7 @@ MJCF = (
     '<joint name="shoulder" axis="0 -1 0" range="-90 90"/>'
     '<inertial pos="0 0 -0.2" mass="1" diaginertia="0.1 0.1 0.01"/></body></worldbody></mujoco>'
 )
+BEGAN = datetime(2026, 1, 5, tzinfo=UTC)
 DIAGNOSIS = {"schema": "pendulum-ident/diagnosis@1", "suggestion": SUGGESTION, "inseparable": [["a", "b"]]}
 
 
@@ -72,6 +80,52 @@ def read_plugin(path: Path) -> object:
 
 def read_expression(path: Path) -> object:
     return named_column("torque", path.read_text(errors="replace"), ["time", "a/b", "i", "i:A", "-x"])
+
+
+def read_names(path: Path) -> object:
+    """The text of a file as what a survey's `--names` says."""
+    from workbench.survey.cases import matched
+
+    long = f"arm/{'elbow-' * 30}a_2026-03-01.csv"
+    return [matched(PurePosixPath(name), path.read_text(errors="replace")) for name in ("arm/elbow_2026.csv", long)]
+
+
+def read_cases(path: Path) -> object:
+    """A table of a survey's recordings."""
+    from workbench.commands.survey import configure
+    from workbench.survey import find_cases
+
+    parser = argparse.ArgumentParser()
+    configure(parser)
+    return find_cases([str(path)], parser.parse_args([str(path), "-o", "-"]))
+
+
+def read_survey(path: Path) -> object:
+    """A file of a survey's dataset, up to the fleet's page, which says so if it is none."""
+    with surveyed() as dataset:
+        shutil.copy(path, dataset.folder / "cases" / "a.parquet")
+        return shown(dataset)
+
+
+@contextmanager
+def surveyed() -> Iterator[Dataset]:
+    """A survey's dataset, still empty."""
+    from workbench.survey import Dataset
+
+    with tempfile.TemporaryDirectory() as folder:
+        dataset = Dataset(Path(folder))
+        dataset.create()
+        yield dataset
+
+
+def shown(dataset: Dataset) -> str:
+    """The page of all that is in a dataset."""
+    from workbench.survey import Fleet
+    from workbench.survey.page import write_fleet_report
+
+    assert dataset.rows(["name"])
+    write_fleet_report(dataset.folder / "fleet.html", Fleet.of(dataset))
+    return (dataset.folder / "fleet.html").read_text()
 
 
 def open_session(path: Path) -> object:
@@ -94,6 +148,52 @@ def signals() -> dict[str, np.ndarray]:
 def stored(path: Path) -> bytes:
     write_recording(Recording("run", **signals()), path)
     return path.read_bytes()
+
+
+ROW = {
+    **dict(name="arm/a.csv", robot="arm", joint="elbow", kind="elbow", date=BEGAN, dated_by="name", status="done"),
+    **dict(
+        verdict="missing", headline="Something is missing", score=0.9, selected=["stribeck"], ambiguous=[["a", "b"]]
+    ),
+    "candidates": [
+        dict(effect="stribeck", verdict="selected", score=0.9, gain=30.0, gain_error=2.0, variants=2),
+        dict(effect="cogging", verdict="rejected", score=0.1, gain=-1.0, gain_error=2.0, variants=1),
+    ],
+    "parameters": [dict(name="inertia", value=0.09, std=1e-4, unit="kg m^2")],
+    **dict(torque_rms=0.01, report="reports/a.html", seconds=2.0, finished=BEGAN),
+}
+
+
+def survey(path: Path) -> bytes:
+    with surveyed() as dataset:
+        dataset.append(ROW | {"name": f"arm/{k}.csv", "date": BEGAN + timedelta(weeks=k)} for k in range(9))
+        return dataset.parts[0].read_bytes()
+
+
+@st.composite
+def rows(draw: Any) -> list[dict[str, Any]]:
+    """Rows of a dataset that a stranger wrote: of the right types, and with anything in them."""
+    from workbench.survey.dataset import SCHEMA
+
+    words = st.sampled_from(["", "done", "failed", "missing", "selected", "inertia", "../../x", "<b>", "a\0b", "{x}"])
+    kinds = {"string": words | st.text(max_size=9), "double": st.floats(), "int64": st.integers(-3, 2**62)}
+    moments = st.datetimes(timezones=st.just(UTC))
+
+    def any_of(kind: Any) -> st.SearchStrategy[Any]:
+        if str(kind) in kinds:
+            return st.none() | kinds[str(kind)]
+        if str(kind).startswith("timestamp"):
+            return st.none() | moments
+        if str(kind).startswith("list"):
+            return st.none() | st.lists(any_of(kind.value_type), max_size=3)
+        return st.none() | st.fixed_dictionaries({field.name: any_of(field.type) for field in kind})
+
+    made = []
+    for k in range(draw(st.integers(1, 6))):
+        names = draw(st.sets(st.sampled_from(SCHEMA.names), max_size=3)) - {"name"}
+        week = {"name": f"arm/{k}.csv", "date": BEGAN + timedelta(weeks=k)}
+        made.append(ROW | week | {name: draw(any_of(SCHEMA.field(name).type)) for name in sorted(names)})
+    return made
 
 
 def matlab(path: Path) -> bytes:
@@ -170,11 +270,15 @@ FILES: dict[str, Door] = {
     "robot.xml": (".xml", read_body, lambda _: MJCF.encode()),
 }
 ALL: dict[str, Door] = FILES | {
+    "dataset": (".parquet", read_survey, survey),
+    "cases": (".csv", read_cases, lambda _: b"robot,joint,date,file,kind\nr1,j1,2026-03-01,a.csv,XL330\n,,,b/c.npz,\n"),
+    "names": (".txt", read_names, lambda _: b"{robot}/*{joint}_{date}"),
     "plugin": (".py", read_plugin, lambda _: PLUGIN.encode()),
     "expression": (".txt", read_expression, lambda _: b"-i:A*0.091/6+0.1:Nm"),
     "session": (".zip", open_session, lambda _: worked()),
 }
-NAMELESS = (train, read_expression, read_plugin)  # what is wrong there may be told of another file, or of none
+# What is wrong there may be told of another file, or of none
+NAMELESS = (train, read_cases, read_expression, read_names, read_plugin)
 
 
 @functools.cache
@@ -222,6 +326,48 @@ def changed(draw: Any, content: bytes) -> bytes:
                 times = draw(st.integers(2, 50) | st.just(3000))
                 content = content[:place] + content[place : place + 64] * times + content[place:]
     return content if draw(st.integers(0, 19)) else draw(st.binary(max_size=40))
+
+
+NUMBERS = ["0", "-1", "1e200", "nan", "inf", "0 0 0", "0 0 1", "1e-320 0 0", "0 -1 1e9", "1 2", "", "x", "9" * 400]
+NAMES = ["j0", "j1", "l0", "l1", "world", "", "a,b", "-j0", "j\u00e9", "/j"]
+
+
+@st.composite
+def chains(draw: Any) -> tuple[str, bytes]:
+    """A robot of some joints, each in its attributes as it may be or not, as URDF or MJCF: its ending and its text."""
+    number, name = st.sampled_from(NUMBERS), st.sampled_from(NAMES)
+
+    def maybe(usual: str, other: st.SearchStrategy[str]) -> str:
+        return draw(other) if draw(st.integers(0, 59)) == 37 else usual
+
+    count = draw(st.integers(1, 6) | st.sampled_from([64, 65, 300]))
+    kinds = st.sampled_from(["prismatic", "continuous", "fixed", "floating", "planar", "spherical", "free", "slide"])
+    if draw(st.booleans()):
+        parts = ['<link name="l0"/>']
+        for k in range(count):
+            inertia = f'<inertia ixx="{maybe("0.1", number)}" iyy="0.1" izz="0.1" ixy="{maybe("0", number)}" ixz="0"'
+            place = f'<origin xyz="{maybe("0 0 0.3", number)}" rpy="{maybe("0 0 0", number)}"/>'
+            mimic = f'<mimic joint="{draw(name)}" multiplier="{draw(number)}"/>' if maybe("", st.just("yes")) else ""
+            parts.append(
+                f'<joint name="{maybe(f"j{k}", name)}" type="{maybe("revolute", kinds)}">{place}'
+                f'<parent link="{maybe(f"l{k}", name)}"/><child link="{maybe(f"l{k + 1}", name)}"/>'
+                f'<axis xyz="{maybe("0 1 0", number)}"/>{mimic}'
+                f'<limit lower="{maybe("-1", number)}" upper="1" effort="{maybe("9", number)}" velocity="9"/></joint>'
+                f'<link name="{maybe(f"l{k + 1}", name)}"><inertial><mass value="{maybe("1", number)}"/>{place}'
+                f'{inertia} iyz="0"/></inertial></link>'
+            )
+        return ".urdf", f'<robot name="{maybe("r", name)}">{"".join(parts)}</robot>'.encode()
+    text = ""
+    for k in reversed(range(count)):
+        joint = f'<joint name="{maybe(f"j{k}", name)}" type="{maybe("hinge", kinds)}" axis="{maybe("0 1 0", number)}"/>'
+        inertia = f'mass="{maybe("1", number)}" diaginertia="{maybe("0.1 0.1 0.1", number)}"'
+        text = (
+            f'<body name="{maybe(f"l{k}", name)}" pos="{maybe("0 0 0.3", number)}">{maybe(joint, st.just(""))}'
+            f'<inertial pos="{maybe("0 0 0.1", number)}" {inertia}/>{text}</body>'
+        )
+    tie = f'<equality><joint joint1="{draw(name)}" joint2="{draw(name)}" polycoef="{draw(number)}"/></equality>'
+    text = f'<option gravity="{maybe("0 0 -9.81", number)}"/><worldbody>{text}</worldbody>{maybe("", st.just(tie))}'
+    return ".xml", f'<mujoco model="{maybe("r", name)}">{text}</mujoco>'.encode()
 
 
 ANYTHING = st.recursive(

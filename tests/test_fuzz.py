@@ -10,11 +10,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from pendulum_env.arms import read_body
 from pendulum_env.recording import read_recording
 from tests import slow
-from tests.fuzzing import ALL, CORPUS, Page, ask_anything, changed, check, good
+from tests.fuzzing import ALL, CORPUS, Page, ask_anything, chains, changed, check, good, rows, shown, surveyed
 
-for module in ("dash", "h5py", "pinocchio", "python_calamine", "rosbags"):
+for module in ("dash", "distributed", "h5py", "pinocchio", "python_calamine", "rosbags"):
     pytest.importorskip(module)
 
 LONG = [CORPUS / "recording-last-row.ods", CORPUS / "recording-rows.ods"]  # of a million rows and more
@@ -81,6 +82,32 @@ def test_files_that_were_changed_are_read_or_refused_in_one_sentence(name, tmp_p
             digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
             shutil.copy(path, CORPUS / f"{name.partition('.')[0]}-{digest}{ending}")
         raise
+
+
+def test_chains_of_joints_are_read_or_refused_in_one_sentence(tmp_path_factory):
+    stem = tmp_path_factory.getbasetemp() / f"chain-{os.getpid()}"
+
+    @examples(30)
+    @given(made=chains())
+    def each(made):
+        ending, content = made
+        path = stem.with_suffix(ending)
+        path.write_bytes(content)
+        with in_time():
+            check(read_body, path)
+
+    each()
+
+
+def test_whatever_rows_a_dataset_holds_the_fleets_page_shows_them():
+    @examples(15)
+    @given(made=rows())
+    def each(made):
+        with surveyed() as dataset:
+            dataset.append(made)
+            assert shown(dataset)
+
+    each()
 
 
 def test_whatever_the_page_asks_for_it_gets_an_answer():

@@ -156,11 +156,11 @@ def _complain(message: str, code: int) -> int:
     """Say what went wrong, as far as anybody can be told."""
     try:
         print(end="", flush=True)
-    except OSError:  # full
+    except (OSError, ValueError):  # full, or closed
         abandon(sys.stdout)
     try:
         print(f"{PROGRAM}: {message}", file=sys.stderr, flush=True)
-    except OSError:
+    except (OSError, ValueError):
         abandon(sys.stderr)
     return code
 

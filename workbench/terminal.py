@@ -101,7 +101,7 @@ class _Patient(Console):
 
 def abandon(stream: IO[str]) -> None:
     """Let what a stream still holds go nowhere, or Python complains of it at the end."""
-    with suppress(OSError, ValueError):  # a stream of a test has no number
+    with suppress(OSError, ValueError, AttributeError):  # a stream of a test has no number, and one may be none
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 

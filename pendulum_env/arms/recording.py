@@ -25,6 +25,7 @@ from pendulum_env.words import listing
 QUANTITIES = ("position", "torque")
 OF_JOINTS = (*QUANTITIES, "temperature", "link_position")  # the last two where there are any
 CURRENT = ", as torque_JOINT=NAME:A*? if it is a current"  # for --columns
+COLUMNS = 500  # that are looked at: four of 64 joints, and what else a robot logs
 SHOWN = 12  # columns of a file that are named where one is missing
 
 
@@ -131,7 +132,7 @@ def read_arm_recording(
     Raises:
         RecordingError: as `read_recording`, and if columns of joints are missing, or are of other joints.
     """
-    look = preview(path, largest)
+    look = preview(path, largest, COLUMNS)
     named = _named(path, look.headers, joints, held, dict(columns or {}))
     single = [_read_joint(path, joint, named, unwrap, largest) for joint in joints]
     _refuse_twice(path, joints, single)

@@ -54,14 +54,15 @@ def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float],
     pin = pinocchio()
     try:
         tree = ElementTree.parse(path).getroot()
-    except ElementTree.ParseError as error:
-        raise BodyError(f"is no XML ({error}): a robot is read from URDF or MJCF") from None
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # the latter of unknown encodings
+        raise BodyError(f"is no XML ({one_line(error)}): a robot is read from URDF or MJCF") from None
     if tree.tag not in ("robot", "mujoco"):
         raise BodyError(f"holds <{tree.tag}>, neither <robot> (URDF) nor <mujoco> (MJCF)")
-    if tree.find(".//include") is not None:
-        raise BodyError(
-            "has an <include>, which is not followed: write all of it into one file, as MuJoCo's compile does"
-        )
+    for tag in ("include", "worldbody//frame[body]", "worldbody//replicate[body]", "worldbody//attach"):
+        if (passed := tree.find(f".//{tag}")) is not None:
+            raise BodyError(
+                f"has <{passed.tag}>, which is not followed: write all of it into one file, as MuJoCo's compile does"
+            )
     ties = _ties(tree)
     _bound(tree)
     try:
@@ -71,7 +72,8 @@ def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float],
             else pin.buildModelFromMJCF(str(path))
         )
     except Exception as error:  # Pinocchio raises what its parsers raise
-        raise BodyError(f"Pinocchio cannot read it: {one_line(error)}") from None
+        told = str(error).rpartition("message:")[2]  # after file, function and line of its own
+        raise BodyError(f"Pinocchio cannot read it: {one_line(told or error)}") from None
     name, robot = tree.get("name") or tree.get("model") or path.stem, list(model.names)[1:]
     leads = {joint: _leads(joint, ties, robot) for joint in robot}
     free = [joint for joint, tie in leads.items() if tie.joint == joint]

@@ -38,6 +38,8 @@ def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
         before = set(library.effects().values())
         with _telling(file, path):
             _run(file, path)
+            if sys.stdout is not None and sys.stdout.closed:
+                raise PluginError(f"{path}: closes standard output: take that out")
             kinds = tuple(kind for kind in library.effects().values() if kind not in before)
             for kind in kinds:
                 _try(kind)

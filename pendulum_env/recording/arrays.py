@@ -8,13 +8,18 @@ from zipfile import is_zipfile
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
+from pendulum_env.isolated import Answer, isolated
+from pendulum_env.mistake import one_line
+from pendulum_env.reading import LARGEST, REMEDY, Unreadable, regular_size
 from pendulum_env.recording.record import RecordingError
 from pendulum_env.recording.table import WIDEST, Find, Table, need, numbers
+
+UNPACKED = 20  # times the size of a file that its rows may take, beside `LARGEST`
+DENSEST = 8  # bytes that a row of texts and numbers takes in a file at least
 
 
 def read_npz(path: Path, find: Find) -> Table:
@@ -135,7 +140,11 @@ def read_parquet(path: Path, find: Find) -> Table:
     values = {}
     for quantity, column in columns.items():
         name, k = places[column.index]
-        series = table[name] if k is None else pc.list_element(table[name], k)
+        series = table[name]
+        if k is not None:
+            import pyarrow.compute as pc  # takes a while to import
+
+            series = pc.list_element(series, k)
         is_date = quantity == "time" and pa.types.is_timestamp(series.type)
         if not (
             is_date
@@ -147,6 +156,36 @@ def read_parquet(path: Path, find: Find) -> Table:
             )
         values[quantity] = numbers(series)
     return Table(headers, columns, values)
+
+
+def read_rows(path: Path, schema: pa.Schema | None = None) -> pa.Table:
+    """The rows of a Parquet file, or the columns that are asked for, parsed by a helper.
+
+    Raises:
+        Unreadable: if they cannot be read, are of other types, or far more than a file of its size has.
+    """
+    size = regular_size(path, LARGEST, REMEDY)
+    _, (packed,) = isolated(_packed, path, schema, size=LARGEST + UNPACKED * size)
+    with pa.ipc.open_stream(pa.py_buffer(packed)) as stream:
+        return stream.read_all()
+
+
+def _packed(path: Path, schema: pa.Schema | None) -> Answer:
+    """Rows as a stream of Arrow."""
+    sink = pa.BufferOutputStream()
+    try:
+        with pq.ParquetFile(path) as file:
+            if DENSEST * file.metadata.num_rows > path.stat().st_size:
+                raise ValueError("more rows than a file of its size has")
+            table = file.read(None if schema is None else schema.names)
+        if schema is not None:
+            table = table.select(schema.names).cast(schema)
+        table.validate(full=True)  # texts are texts
+        with pa.ipc.new_stream(sink, table.schema) as stream:
+            stream.write_table(table)
+    except Exception as error:  # a damaged file may fail anywhere in Arrow
+        raise Unreadable(f"{path}: {one_line(error)}") from None
+    return None, [np.frombuffer(sink.getvalue(), np.uint8)]
 
 
 def _places(file: pq.ParquetFile) -> list[tuple[str, int | None]]:

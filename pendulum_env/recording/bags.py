@@ -7,6 +7,7 @@ these: torque as it was last, the others by interpolation.
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +29,7 @@ def read_bag(path: Path, find: Find) -> Table:
         RecordingError: if a number is missing, or if rosbags is not installed.
     """
     need("rosbags")
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
-    with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+    with closing(_opened(path)) as reader:
         samples: dict[str, dict[str, float]] = {}
         for connection in reader.connections:
             first = next(iter(reader.messages([connection])), None)
@@ -48,6 +46,21 @@ def read_bag(path: Path, find: Find) -> Table:
         series = {topic: _series(reader, topic, fields) for topic, fields in wanted.items()}
     values, notes = _merged(columns, owners, series)
     return Table(headers, columns, values, notes)
+
+
+def _opened(path: Path) -> Any:
+    """A reader of a bag; messages that ship with ROS are known where it defines none, since they take a while."""
+    from rosbags.highlevel import AnyReader, AnyReaderError
+
+    reader = AnyReader([path])
+    try:
+        reader.open()
+    except AnyReaderError:
+        from rosbags.typesys import Stores, get_typestore
+
+        reader.default_typestore = get_typestore(Stores.LATEST)
+        reader.open()
+    return reader
 
 
 def _series(reader: Any, topic: str, fields: Sequence[str]) -> tuple[NDArray[np.int64], dict[str, Array]]:

@@ -48,28 +48,28 @@ class Preview:
         return column.scale * (values - finite[0]) if values is not None and len(finite) else None
 
 
-def preview(path: str | os.PathLike[str], largest: float = LARGEST) -> Preview:
-    """Look at the columns of a file, read as `read_recording` reads those in need, up to as many bytes.
+def preview(path: str | os.PathLike[str], largest: float = LARGEST, most: int = WIDEST) -> Preview:
+    """Look at the first columns of a file, read as `read_recording` reads those in need, up to as many bytes.
 
     Raises:
         RecordingError: if the file cannot be read at all.
     """
     path = Path(path)
     try:
-        headers, values = parsed(_look, path, largest=largest)
+        headers, values = parsed(_look, path, most, largest=largest)
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error.__cause__
     return Preview(tuple(headers), tuple(array if len(array) else None for array in values))
 
 
-def _look(path: Path) -> Answer:
+def _look(path: Path, most: int) -> Answer:
     """Headers, and values of each column, empty where these are no numbers."""
     headers: list[str] = []
 
     def some(places: slice, names: Sequence[str]) -> dict[str, Column]:
-        headers[:] = [name.strip() for name in names[:WIDEST]]
+        headers[:] = [name.strip() for name in names[:most]]
         # readers take dates in place of time, and messages at the times of those with the position
-        quantities = ("time", "position", *map(str, range(WIDEST)))
+        quantities = ("time", "position", *map(str, range(most)))
         chosen = list(enumerate(headers))[places]
         return {q: Column(q, name, k, None) for q, (k, name) in zip(quantities, chosen, strict=False)}
 

@@ -6,7 +6,6 @@ from importlib.util import find_spec
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from pendulum_env._typing import Array
 from pendulum_env.recording.columns import Column
@@ -29,9 +28,13 @@ class Table:
 def numbers(column: pa.ChunkedArray) -> Array:
     """Values (N,) of a column of Arrow, nulls as NaN; time stamps in seconds since the first."""
     if pa.types.is_timestamp(column.type):
+        import pyarrow.compute as pc  # takes a while to import, as does every cast
+
         ticks = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[column.type.unit]
         column = pc.divide(pc.subtract(column.cast(pa.int64()), pc.min(column).value).cast(pa.float64()), ticks)
-    return np.array(column.cast(pa.float64(), safe=False).to_numpy())
+    if column.type != pa.float64():
+        column = column.cast(pa.float64(), safe=False)
+    return np.array(column.to_numpy())
 
 
 def need(module: str) -> None:

@@ -57,6 +57,13 @@ def test_a_stream_that_is_closed_is_no_mistake(redirection):
         assert (done.returncode, done.stderr) == (0, "")
 
 
+def test_a_file_of_effects_that_closes_standard_output_is_told(tmp_path):
+    (tmp_path / "mine.py").write_text("import sys\nsys.stdout.close()\n")
+    done = run("", "effects", "--plugin", str(tmp_path / "mine.py"))
+    told = f"pendulum-ident: {tmp_path / 'mine.py'}: closes standard output: take that out\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", told)
+
+
 def test_files_are_written_though_nobody_reads_what_is_said(tmp_path):
     recording, model = str(tmp_path / "run.csv"), tmp_path / "model.json"
     assert main(["record", "--seconds", "4", "-o", recording]) == 0

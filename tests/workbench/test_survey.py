@@ -203,6 +203,12 @@ def test_a_file_that_no_survey_wrote_is_one_row_that_says_so(folder, tmp_path, c
     own = next(row for row in dataset.rows() if row["status"] == "done")
     pq.write_table(pa.Table.from_pylist([own | {"date": 2**60}]), parts / "late.parquet")  # [us]
     os.mkfifo(parts / "pipe.parquet")  # which reading would wait for
+    bombs = {"rows": (2_000_000, "x"), "texts": (4_000, "x" * 1_000_000)}  # 4 GB in 100 kB
+    for name, (count, text) in bombs.items():
+        column = pa.DictionaryArray.from_arrays(np.zeros(count, np.int32), [text])
+        bomb = {field.name: pa.nulls(count, field.type) for field in stored.SCHEMA} | {"name": column}
+        pq.write_table(pa.table(bomb), parts / f"{name}.parquet", compression="zstd")
+        assert (parts / f"{name}.parquet").stat().st_size < 200_000
     strange = (
         *({"date": None}, {"status": "weird"}, {"verdict": "weird"}, {"selected": None}, {"report": "a\0b"}),
         *({"parameters": [None]}, {"candidates": [{"effect": None, "verdict": "selected"}]}),
@@ -213,10 +219,10 @@ def test_a_file_that_no_survey_wrote_is_one_row_that_says_so(folder, tmp_path, c
     bare = dict.fromkeys(("headline", "robot", "joint", "kind", "torque_rms"))
     dataset.append([{**own, **bare, "name": "bare", "parameters": absurd}])
     spoilt = [row["reason"] for row in dataset.rows() if row["name"].startswith("cases/")]
-    assert spoilt == [stored.SPOILT] * 12
+    assert spoilt == [stored.SPOILT] * 14
     assert survey(cases(folder), dataset, client, look=stub).known["done"] == 6
     write_fleet_report(tmp_path / "fleet.html", Fleet.of(dataset))
-    assert Page((tmp_path / "fleet.html").read_text()).text.count("it is damaged, or no survey wrote it") == 12
+    assert Page((tmp_path / "fleet.html").read_text()).text.count("it is damaged, or no survey wrote it") == 14
 
 
 def test_what_goes_wrong_with_one_case_is_marked_and_costs_no_other(folder, tmp_path, client):

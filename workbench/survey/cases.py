@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.recording import Source
+from pendulum_env.recording.arrays import read_rows
 from pendulum_env.recording.storage import READERS
 from workbench.inputs import sources_of
 from workbench.mistakes import InputError, printable
@@ -122,7 +123,7 @@ def _table(path: Path) -> list[dict[str, str]] | None:
     """Rows of a table of recordings, without empty cells; None if the file is none: it has no column `file`."""
     try:
         if path.suffix.lower() == ".parquet":
-            table = pq.read_table(path) if "file" in pq.read_schema(path).names else None
+            table = read_rows(path) if "file" in pq.read_schema(path).names else None
             lines = [] if table is None else [table.column_names, *zip(*table.to_pydict().values(), strict=True)]
         elif path.suffix.lower() == ".csv":
             with path.open(encoding="utf-8-sig", newline="") as file:

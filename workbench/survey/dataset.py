@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 
 from pendulum_env._typing import JSON
 from pendulum_env.files import replacing, write_whole
+from pendulum_env.recording.arrays import read_rows
 from workbench.mistakes import printable
 from workbench.survey.cases import file_time
 
@@ -135,14 +136,10 @@ class Dataset:
 
 def _read(path: Path, columns: Sequence[str]) -> pa.Table | None:
     """Columns of a file; None if it is damaged, or no survey wrote it: its cases are then diagnosed again."""
-    if not path.is_file():  # a pipe would be waited for
-        return None
     try:
-        with pq.ParquetFile(path) as file:
-            table = file.read(columns).select(columns).cast(pa.schema([SCHEMA.field(name) for name in columns]))
-        table.validate(full=True)  # texts are texts
-        table.select(["date", "finished"]).to_pylist()  # and dates have a year
-    except (OSError, ValueError, KeyError, OverflowError, pa.ArrowException):
+        table = read_rows(path, pa.schema([SCHEMA.field(name) for name in columns]))
+        table.select(["date", "finished"]).to_pylist()  # dates have a year
+    except (OSError, ValueError, OverflowError):
         return None
     return None if table["name"].null_count else table
 

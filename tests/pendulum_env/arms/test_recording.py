@@ -25,6 +25,13 @@ def test_what_is_written_is_read(tmp_path):
     assert again.summary.endswith("400 samples, 2 joints")
 
 
+def test_columns_of_an_arm_may_stand_behind_many_others(tmp_path):
+    arm = {f"position_{joint}": q for joint, q in zip(JOINTS, POSITION.T, strict=True)}
+    arm |= {f"torque_{joint}": tau for joint, tau in zip(JOINTS, TORQUE.T, strict=True)}
+    path = table(tmp_path / "run.csv", **{f"other_{k}": TIME for k in range(100)}, time=TIME, **arm)
+    assert np.allclose(read_arm_recording(path, JOINTS).torque, TORQUE)
+
+
 def test_a_gap_ends_a_segment_of_all_joints(tmp_path):
     kept = np.r_[:150, 250:400]
     columns = {"position_1": POSITION[kept, 0], "position_2": POSITION[kept, 1]}

@@ -146,6 +146,10 @@ def floating(text):
         (floating(urdf(PARALLEL)), {}, "'shoulder' lets the base float: say --base fixed"),
         (floating(urdf(PARALLEL)), {"joints": ["elbow"]}, "'shoulder' lets the base float: say --base fixed"),
         ("<mujoco><include file='arm.xml'/></mujoco>", {}, "<include>, which is not followed: write all of it"),
+        ("<mujoco><worldbody><frame pos='1 0 0'><body/></frame></worldbody></mujoco>", {}, "has <frame>, which is not"),
+        ("<mujoco><worldbody><body name='a'><replicate><body/></replicate></body></worldbody></mujoco>", {}, "<replic"),
+        ("<?xml version='1.0' encoding='UTF-7'?><robot/>", {}, "is no XML .*encodings are not supported"),
+        ("<mujoco><asset><hfield/></asset><worldbody/></mujoco>", {}, "read it: hfields are not supported yet$"),
         (urdf(PARALLEL).replace('type="revolute"', 'type="planar"', 1), {}, "'shoulder' is Planar: .*--joints A,B,C"),
     ],
 )

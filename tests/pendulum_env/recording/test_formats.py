@@ -229,10 +229,14 @@ def test_a_bag_that_computes_what_it_holds_ends(tmp_path, monkeypatch):
         read_recording(tmp_path / "bag")
 
 
-@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap", "undefined"])
 def test_bags_of_ros(tmp_path: Path, kind: str) -> None:
     path = tmp_path / ("run.bag" if kind == "ros1" else "run")
-    write_bag(path, kind)
+    write_bag(path, "sqlite3" if kind == "undefined" else kind)
+    if kind == "undefined":  # as before ROS 2 Iron: what a message holds stands nowhere
+        with closing(sqlite3.connect(path / "run.db3")) as database:
+            database.execute("DELETE FROM message_definitions")
+            database.commit()
     elbow = {what: f"/joint_states/elbow/{what}" for what in ("position", "velocity")}
     recording = read_recording(path, columns=elbow | {"torque": "-/joint_states/elbow/effort*-1"})
     assert recording.name == "run"
@@ -249,6 +253,17 @@ def test_bags_of_ros(tmp_path: Path, kind: str) -> None:
     if kind != "ros1":
         (inner,) = (file for file in path.iterdir() if file.suffix in (".mcap", ".db3"))
         assert_read(read_recording(inner, columns=elbow | {"torque": "/motor/torque/data"}), atol=1e-6)
+
+
+def test_a_helper_imports_neither_a_compiler_nor_messages_that_a_bag_defines(tmp_path: Path) -> None:
+    write_bag(tmp_path / "run", "mcap")
+    savemat(tmp_path / "run.mat", signals())
+    isolated._end()  # others have imported more
+    read_recording(tmp_path / "run.mat")
+    preview(tmp_path / "run")
+    known = set(isolated.isolated(eval, "(list(__import__('sys').modules), [])")[0])
+    assert {"scipy.io", "rosbags.highlevel", "rosbags.typesys.stores.empty"} <= known
+    assert not known & {"numpy.f2py", "numpy.testing", "rosbags.typesys.stores.ros2_kilted", "pyarrow.compute"}
 
 
 # What is refused
