@@ -125,7 +125,7 @@ class Diagnosis:
         data: that it was made of, without recordings that disagree; None of a diagnosis that was read from a file.
         left: of an arm, torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
         heavier: of an arm, joints that feel heavier in slow motion than in all, and how many times.
-        by_torque: of a servo in the loop, what its torque says by itself, regressed on the motion, if it was logged.
+        by_torque: of a servo in the loop, effects that its torque calls for by itself; None if none was logged.
     """
 
     steps: tuple[Step, ...]
@@ -146,7 +146,7 @@ class Diagnosis:
     data: Preprocessed | None = field(default=None, compare=False, repr=False)
     left: Mapping[str, float] = field(default_factory=dict)
     heavier: Mapping[str, float] = field(default_factory=dict)
-    by_torque: Diagnosis | None = None
+    by_torque: tuple[str, ...] | None = None
 
     @property
     def model(self) -> Model:
@@ -241,13 +241,12 @@ class Diagnosis:
 
     @property
     def contradiction(self) -> str | None:
-        """What the torque of a servo says by itself, in a sentence, if that is of other effects than in the loop."""
-        if self.by_torque is None:
+        """What the torque of a servo calls for by itself, in a sentence, if that is not what the loop calls for."""
+        alone = self.by_torque
+        if alone is None or (len(alone) == len(self.effects) and all({*group} & {*alone} for group in self.effects)):
             return None
-        theirs, ours = self.by_torque.effects, self.effects
-        if len(theirs) == len(ours) and all(any({*one} & {*other} for other in ours) for one in theirs):
-            return None
-        said = f"the logged torque alone, regressed on the motion, says otherwise: {self.by_torque.headline}"
+        theirs, ours = (listing([name(id) for id in one]) or "nothing" for one in (alone, self.selected))
+        said = f"by the logged torque alone, regressed on the motion: {theirs}; in the loop: {ours}"
         return f"{said}; a simulation does what the loop says"
 
     def __repr__(self) -> str:
@@ -287,11 +286,8 @@ class Diagnosis:
             "disagreements": [disagreement.json() for disagreement in self.disagreements],
             "alignments": [alignment.json() for alignment in self.alignments],
             "detectable": [one.json() for one in self.detectable],
-            "by_torque": None,
+            "by_torque": None if self.by_torque is None else {"effects": [*self.by_torque], "says": self.contradiction},
         }
-        if self.by_torque is not None:
-            effects = [list(group) for group in self.by_torque.effects]
-            data["by_torque"] = {"headline": self.by_torque.headline, "effects": effects, "says": self.contradiction}
         worded = ("candidates", "unexplained", "regions", "advice", "forbidden", "disagreements", "detectable")
         return data | json_per({key: data[key] for key in worded}, self.torque_unit)
 

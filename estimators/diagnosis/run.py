@@ -147,7 +147,7 @@ def _examined(
 
 
 def _beside_torque(found: Diagnosis, setting: Setting) -> Diagnosis:
-    """A diagnosis in the loop, with what torque that was logged says by itself, if there is any.
+    """A diagnosis in the loop, with the effects that torque which was logged calls for by itself, if there is any.
 
     What the drive asked for is no such torque: it is a function of the motion that the loop has simulated.
     """
@@ -156,7 +156,8 @@ def _beside_torque(found: Diagnosis, setting: Setting) -> Diagnosis:
         setting.progress("looking at the torque", 0.96)
         alone = replace(setting, base=found.steps[0].model.terms, progress=no_progress)
         with suppress(IdentificationError):  # too little motion for a regression
-            found = replace(found, by_torque=_by_torque(given.recordings, given.holdout, alone, None))
+            by_torque = select(replace(alone.models(given.timed().parts), tables=()))
+            found = replace(found, by_torque=tuple(sorted(ids(by_torque.terms) - ids(alone.base))))
     setting.progress("done", 1.0)
     return found
 
