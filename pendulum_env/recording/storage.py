@@ -89,8 +89,8 @@ def read_recording(
             "torque": "current:A*0.091"}`; `unused` leaves out velocity, reference or segment. Units are s, ms, us, ns;
             rad, mrad, deg, rev, counts; rad/s, deg/s, rpm, rev/s, counts/s; Nm, mNm, Ncm, A, mA, V, duty. Counts need
             the counts of a turn (`enc:counts/4096`), and currents a torque constant (`*?` if it is to be found).
-        drive: the controller that followed the reference. Then no torque needs to be logged: it is the one that the
-            controller asked for.
+        drive: the controller that followed the reference. Then torque is what a column of its output (duty, current)
+            or of the user's naming holds, or else what the controller asked for.
         largest: bytes that the file may hold, and that its columns may take; what unpacks to more is refused before it
             fills the memory, and what takes longer than 20 s to read, or in proportion.
 
