@@ -149,12 +149,14 @@ def _examined(
 def _beside_torque(found: Diagnosis, setting: Setting) -> Diagnosis:
     """A diagnosis in the loop, with the effects that torque which was logged calls for by itself, if there is any.
 
-    What the drive asked for is no such torque: it is a function of the motion that the loop has simulated.
+    What the drive asked for is no such torque: it is a function of the motion that the loop has simulated. Play and
+    links that yield are left to the loop, as a search for them by torque takes longer than all else.
     """
     given = found.data
     if given is not None and all(own.has_logged_torque for own in (*given.recordings, *given.holdout)):
         setting.progress("looking at the torque", 0.96)
-        alone = replace(setting, base=found.steps[0].model.terms, progress=no_progress)
+        library = {id: kind for id, kind in setting.library.items() if kind.kind != "transmission"}
+        alone = replace(setting, base=found.steps[0].model.terms, library=library, progress=no_progress)
         with suppress(IdentificationError):  # too little motion for a regression
             by_torque = select(replace(alone.models(given.timed().parts), tables=()))
             found = replace(found, by_torque=tuple(sorted(ids(by_torque.terms) - ids(alone.base))))
