@@ -210,8 +210,7 @@ def judged(seed: int, case: Case, recordings: Sequence[Recording]) -> Judged:
     """Diagnose the recordings of a case."""
     begin = time.process_time()
     found = diagnose(recordings[: -case.held_out], recordings[-case.held_out :])
-    groups = {group[0]: group for group in found.ambiguous}
-    named = [groups.get(id, (id,)) for id in found.selected if id != "stribeck" or id in case.hidden]
+    named = [group for group in found.effects if group[0] != "stribeck" or group[0] in case.hidden]
     is_right = len(named) == len(case.hidden) and all(id in group for id, group in zip(case.hidden, named, strict=True))
     parts, apart = [f"{seed:4d} {case.name:24}"], {}
     for name, truth in case.truth.items():
@@ -222,7 +221,7 @@ def judged(seed: int, case: Case, recordings: Sequence[Recording]) -> Judged:
         apart[name] = (own.value - truth) / own.std
         off, error = 100 * (own.value / truth - 1), 100 * own.std / truth
         parts.append(f"{name} {off:+6.2f} % {apart[name]:+5.1f} std of {error:.2g} %")
-    told = ", ".join("/".join(group) for group in map(groups.get, found.selected, [(id,) for id in found.selected]))
+    told = ", ".join("/".join(group) for group in found.effects)
     parts += [told or "nothing", f"+{len(found.unexplained)} regions" if found.unexplained else ""]
     parts += [f"{len(found.disagreements)} disagree" if found.disagreements else ""]
     parts += [f"{time.process_time() - begin:.0f} s", "" if is_right else "WRONG"]

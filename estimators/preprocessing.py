@@ -176,8 +176,11 @@ class Preprocessed:
 
 
 def _turned(recording: Recording, constant: TorqueConstant) -> Recording:
-    torque = constant.value * recording.torque
-    return replace(recording, torque=torque, torque_unit=NEWTON_METRE, torque_constant=constant)
+    """A recording in N m, whose drive has the constant for a gain."""
+    torque, drive = constant.value * recording.torque, recording.drive
+    if drive is not None and drive.unit == constant.of:
+        drive = replace(drive, gain=constant.value)
+    return replace(recording, torque=torque, torque_unit=NEWTON_METRE, torque_constant=constant, drive=drive)
 
 
 def parted(

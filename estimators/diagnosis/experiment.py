@@ -129,7 +129,7 @@ def questions(
                 asked.append(Question(Aim(id, instead), trial.terms))
     for candidate in candidates:
         kind = models.library[candidate.effect]
-        out_of_reach = kind().beyond(*models.train.reach)  # a motion that is not risked for a mere suspicion
+        out_of_reach = kind().beyond(*models.train.reach())  # a motion that is not risked for a mere suspicion
         asked_already = candidate.effect in {question.aim.effect for question in asked}
         if candidate.verdict is Verdict.NOT_EXCITED and not out_of_reach and not asked_already:
             asked.append(Question(Aim(candidate.effect), tuple(terms), of_typical_size(kind)))

@@ -20,10 +20,8 @@ from estimators.diagnosis.result import UNNAMED, Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.prepared import InLoop
-from estimators.in_loop.rollouts import FINE, Rollouts, with_gain
+from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.preprocessing import HELD_OUT, Preprocessed
-from estimators.progress import no_progress
-from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.errors import Step, of_one
 from estimators.selection.models import Models
@@ -36,7 +34,6 @@ from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.words import listing, name
 
 MADE_UP = "predicts no better with shorter steps of the integrator: it made up for long ones"
 
@@ -65,7 +62,7 @@ class Looped:
         """
         setting.progress("reading the motion", 0.0)
         given = _calibrated(recordings, holdout)
-        fitted, unseen = (tuple(map(with_gain, part)) for part in (given.recordings, given.holdout))
+        fitted, unseen = given.recordings, given.holdout
         first, last = (WHOLE, WHOLE) if unseen else ((0.0, 1 - HELD_OUT), (1 - HELD_OUT, 1.0))
         unseen = unseen or fitted
         base, windows = base_of(setting.base, fitted), PreparedData.of(fitted, part=first)
@@ -74,16 +71,8 @@ class Looped:
         train = likeliest_way(ways, base, list(library.values()))
         rest = Rollouts(unseen, is_held=train.data.is_held, shares=last)
         check = InLoop(rest, PreparedData.of(unseen, part=last), train)
-        models = Models(
-            train,
-            check,
-            setting.progress,
-            library,
-            replace(setting.criterion, share=LOOP.needed, needed=LOOP.needed),
-            setting.rng,
-            base,
-            tables=(),
-        )
+        criterion = replace(setting.criterion, share=LOOP.needed, needed=LOOP.needed)
+        models = replace(setting, base=base, library=library, criterion=criterion).models((train, check))
         return cls(models, train, check, given)
 
     @cached_property
@@ -153,10 +142,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
     *others, last = found.steps
     left = unexplained(found, servos.fine[0])
     model = last.model.biased() if left else last.model
-    setting.progress("looking at the torque", 0.96)
-    of_drive = _of_rate(last.model, recordings), _of_scale(recordings)
-    doubts = (given.doubt, *of_drive, _otherwise(found, groups, given, setting))
-    setting.progress("done", 1.0)
+    doubts = (given.doubt, _of_rate(last.model, recordings), _of_scale(recordings))
     return Diagnosis(
         steps=(*others, replace(last, model=model)),
         candidates=tuple(candidates),
@@ -198,29 +184,6 @@ def _of_scale(recordings: Sequence[Recording]) -> str | None:
     return (
         f"the torque that was logged is {share:.2f} times what the drive, as it is described, asks for, and all "
         "parameters are by the drive: check its gains and limit, and the unit of the torque's column"
-    )
-
-
-def _otherwise(found: Selection, groups: Sequence[Sequence[str]], given: Preprocessed, setting: Setting) -> str | None:
-    """What is said where torque that was logged, regressed on the motion, calls for an effect that the loop does not.
-
-    What the loop alone calls for may well be too little for a regression.
-    """
-    if not all(own.has_logged_torque for own in given.recordings):
-        return None  # what the drive asked for is a function of the motion that the loop has simulated
-    setting = replace(setting, base=found.models.base, progress=no_progress)
-    try:
-        by_torque = select(setting.models(given.timed().parts))
-    except IdentificationError:  # too little motion for a regression
-        return None
-    ours, theirs = (ids(terms) - ids(setting.base) for terms in (found.terms, by_torque.terms))
-    alike = [{*group} for group in groups if ours & {*group}]
-    if not (more := theirs.difference(ours, *alike)):
-        return None
-    named = listing([name(id) for id in sorted(more)])
-    return (
-        f"torque and loop differ: regressed on the motion, the torque that was logged calls for {named}, and the loop "
-        "does not: check unit, offset and filter of the torque's column, and the drive's gains"
     )
 
 

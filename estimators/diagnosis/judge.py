@@ -102,7 +102,7 @@ def _judge_left_out(found: Selection, longer: Terms) -> Candidate:
     models, (*others, term) = found.models, longer
     gain, variants = _gained(models, longer, tuple(others))
     ratio = _held_out_rms(models, longer, term.at) / _held_out_rms(models, tuple(others), term.at)
-    left_open, verdict = type(term)().beyond(*models.train.reach_of(term.at)), Verdict.NOT_EXCITED
+    left_open, verdict = type(term)().beyond(*models.train.reach(term.at)), Verdict.NOT_EXCITED
     if left_open and not models.is_significant(longer, tuple(others)):
         reason = f"{left_open}; it needs {term.reveal}"
     elif not is_excited(models, longer):

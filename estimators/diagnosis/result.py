@@ -125,6 +125,7 @@ class Diagnosis:
         data: that it was made of, without recordings that disagree; None of a diagnosis that was read from a file.
         left: of an arm, torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
         heavier: of an arm, joints that feel heavier in slow motion than in all, and how many times.
+        by_torque: of a servo in the loop, effects that its torque calls for by itself; None if none was logged.
     """
 
     steps: tuple[Step, ...]
@@ -145,6 +146,7 @@ class Diagnosis:
     data: Preprocessed | None = field(default=None, compare=False, repr=False)
     left: Mapping[str, float] = field(default_factory=dict)
     heavier: Mapping[str, float] = field(default_factory=dict)
+    by_torque: tuple[str, ...] | None = None
 
     @property
     def model(self) -> Model:
@@ -172,6 +174,12 @@ class Diagnosis:
         return tuple(step.added for step in self.steps if step.added is not None)
 
     @property
+    def effects(self) -> tuple[tuple[str, ...], ...]:
+        """The same, each with those that these data cannot tell from it."""
+        rivals = {group[0]: group for group in self.ambiguous}
+        return tuple(rivals.get(id, (id,)) for id in self.selected)
+
+    @property
     def laws(self) -> list[str]:
         """Laws of the effects found to be missing: `stribeck: fs exp(-|q'/vs|^n) sgn q'`."""
         known = {term.id: term.law for term in self.model.terms}
@@ -187,8 +195,7 @@ class Diagnosis:
         """The result in one sentence: `Stribeck friction is missing`; of an arm `Missing: stribeck@elbow`."""
         if self.body is not None and self.searched:
             return self._headline_of_arm
-        rivals = {group[0]: group for group in self.ambiguous}
-        found = [listing([name(id) for id in rivals.get(effect, (effect,))], "or") for effect in self.selected]
+        found = [listing([name(id) for id in group], "or") for group in self.effects]
         if found:
             rest = ", and more that no known effect explains" if self.unexplained else ""
             return f"{opening(listing(found))} {'is' if len(found) == 1 else 'are'} missing{rest}"
@@ -228,8 +235,19 @@ class Diagnosis:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Advice besides the next step."""
-        return tuple(text for text in self.advice if text != self.next_step)
+        """Advice besides the next step, after what the logged torque says otherwise."""
+        said = [] if self.contradiction is None else [self.contradiction]
+        return (*said, *(text for text in self.advice if text != self.next_step))
+
+    @property
+    def contradiction(self) -> str | None:
+        """What the torque of a servo calls for by itself, in a sentence, if that is not what the loop calls for."""
+        alone = self.by_torque
+        if alone is None or (len(alone) == len(self.effects) and all({*group} & {*alone} for group in self.effects)):
+            return None
+        theirs, ours = (listing([name(id) for id in one]) or "nothing" for one in (alone, self.selected))
+        said = f"by the logged torque alone, regressed on the motion: {theirs}; in the loop: {ours}"
+        return f"{said}; a simulation does what the loop says"
 
     def __repr__(self) -> str:
         return f"<Diagnosis: {self.headline}>"
@@ -268,6 +286,7 @@ class Diagnosis:
             "disagreements": [disagreement.json() for disagreement in self.disagreements],
             "alignments": [alignment.json() for alignment in self.alignments],
             "detectable": [one.json() for one in self.detectable],
+            "by_torque": None if self.by_torque is None else {"effects": [*self.by_torque], "says": self.contradiction},
         }
         worded = ("candidates", "unexplained", "regions", "advice", "forbidden", "disagreements", "detectable")
         return data | json_per({key: data[key] for key in worded}, self.torque_unit)

@@ -55,5 +55,5 @@ def detectable(models: Models, terms: Terms, library: Mapping[str, type[Term]]) 
         for id, size in sizes.items()
         if size is not None
     ]
-    stop = [] if turns(models.train.samples.position) else [Detectable("hard_stop", between=models.train.reach)]
+    stop = [] if turns(models.train.samples.position) else [Detectable("hard_stop", between=models.train.reach())]
     return (*found, *stop)

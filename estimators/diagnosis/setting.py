@@ -42,7 +42,7 @@ class Setting:
     by_reference: bool = False
 
     def models(self, prepared: tuple[Comparable, Comparable]) -> Models:
-        """What some data say of models; at the joints of an arm, any table may compete."""
-        body = body_of(self.base)
-        tables = COMPETING if body is None else at_joints(TABLES.values(), body)
+        """What some data say of models; at the joints of an arm any table may compete, in the loop of a servo none."""
+        body, in_loop = body_of(self.base), prepared[0].in_loop
+        tables = at_joints(TABLES.values(), body) if body is not None else () if in_loop else COMPETING
         return Models(*prepared, self.progress, self.library, self.criterion, self.rng, tuple(self.base), tables)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.in_loop.rollouts import FINE, Rollouts, are_driven, with_gain
+from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
 from estimators.regression.gauss_newton import Near, Rule, gauss_newton
 from estimators.selection.columns import bounds
 from estimators.selection.errors import Errors
@@ -186,8 +186,7 @@ def _around(slopes: Array) -> list[Array]:
 def likelier(model: Model, recordings: Sequence[Recording]) -> tuple[Rollouts, Array]:
     """Rollouts whose goals are held, or run on, as the model has it likelier; and what it misses them by (R,) [rad]."""
     point = Point.of(model)
-    known = tuple(with_gain(recording) for recording in recordings)
-    ways = [(one, one.misses([point])) for one in (Rollouts(known, FINE, held) for held in (True, False))]
+    ways = [(one, one.misses([point])) for one in (Rollouts(tuple(recordings), FINE, held) for held in (True, False))]
     rollouts, missed = max(ways, key=lambda way: float(likelihood(*way)[0]))
     return rollouts, missed[:, 0]
 

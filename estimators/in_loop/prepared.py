@@ -63,14 +63,9 @@ class InLoop:
         """Those of each joint, by its name."""
         return self.windows.motions
 
-    @property
-    def reach(self) -> tuple[float, float]:
+    def reach(self, joint: str = "") -> tuple[float, float]:
         """Least and largest position that was recorded [rad]."""
-        return self.windows.reach
-
-    def reach_of(self, joint: str) -> tuple[float, float]:
-        """The same of a joint."""
-        return self.windows.reach_of(joint)
+        return self.windows.reach(joint)
 
     @cached_property
     def floors(self) -> dict[str, float]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.in_loop.fit import LOOP, Linear, fit, likeliest, likelihood, linear, scale_of
+from estimators.in_loop.fit import LOOP, Linear, fit, likeliest, linear, scale_of
 from estimators.in_loop.rollouts import Rollouts
 from estimators.kept import kept
 from estimators.regression.balance import Balance, Columns
@@ -131,10 +131,6 @@ class LoopRegression:
         for share in (0.0, 1.0, 5.0):
             values = np.maximum(np.abs(theta), share * typical) if share else theta
             yield Point.within(terms, values)
-
-    def likelihood(self, terms: Sequence[Term]) -> float:
-        """Log density of the errors of the likeliest fit of some terms, but for a constant [nat]."""
-        return float(likelihood(self.data, self.near(terms).error[:, None])[0])
 
     def balance(self, terms: Sequence[Term]) -> Balance:
         """Equations of some terms, weighted by how far off each error is."""

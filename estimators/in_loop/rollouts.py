@@ -18,7 +18,7 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad, Samples
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.servo.drive import LONGEST, UNIT
+from pendulum_env.servo.drive import LONGEST
 from pendulum_env.servo.loop import Servos, follow
 
 GRAIN = 0.02  # [s] between the positions that are compared,
@@ -230,21 +230,12 @@ class Rollouts:
         return {"": float(np.sqrt(np.mean(residual**2)))}
 
 
-def with_gain(recording: Recording) -> Recording:
-    """A recording with the gain of its drive, if its torque was made with a known one."""
-    known, drive = recording.torque_constant, recording.drive
-    if known is None or drive is None or drive.gain is not None or known.of != UNIT[drive.output]:
-        return recording
-    return replace(recording, drive=replace(drive, gain=known.value))
-
-
 def are_driven(recordings: Sequence[Recording]) -> bool:
     """Whether recordings are of servos whose controller is known.
 
     Raises:
         RecordingError: if only some of them are, or they cannot be simulated at once.
     """
-    recordings = [with_gain(recording) for recording in recordings]
     known = [recording.drive for recording in recordings if recording.drive is not None]
     for recording in recordings:
         drive = recording.drive

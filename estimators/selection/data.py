@@ -103,13 +103,8 @@ class PreparedData:
         """Those of each joint, by its name."""
         return {at: self.data.part(at).samples for at in self.data.joints}
 
-    @property
-    def reach(self) -> tuple[float, float]:
-        """Least and largest position that was recorded [rad]."""
-        return self.reach_of(self.data.joints[0])
-
-    def reach_of(self, joint: str) -> tuple[float, float]:
-        """The same of a joint, or of the joints that a term loads."""
+    def reach(self, joint: str = "") -> tuple[float, float]:
+        """Least and largest position that was recorded of a joint, or of the joints that a term loads [rad]."""
         positions = [w.recording.position for w in self.data.windows if w.at in loads(joint)]
         return float(min(q.min() for q in positions)), float(max(q.max() for q in positions))
 

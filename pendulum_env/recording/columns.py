@@ -27,6 +27,7 @@ from pendulum_env.recording.vocabulary import (
     LINEAR,
     NAMES,
     OPTIONAL,
+    OUTPUTS,
     RAW,
     RAW_NAMES,
     SI,
@@ -107,7 +108,7 @@ def _factor(quantity: str, unit: str | None) -> float:
 
 
 def find_columns(
-    headers: Sequence[str], named: Mapping[str, str] | None = None, has_drive: bool = False
+    headers: Sequence[str], named: Mapping[str, str] | None = None, output: str | None = None
 ) -> dict[str, Column]:
     """Column by quantity: time, position, torque, and those of `OPTIONAL` if there are.
 
@@ -115,8 +116,8 @@ def find_columns(
         headers: names of the columns in the file.
         named: columns that the user names, by quantity, as in `expression.py`, or `unused` for a quantity to do
             without; the others are found by their names.
-        has_drive: whether a known controller followed the reference: then the reference is needed, and torque only
-            taken where the user names it.
+        output: of a known controller that followed the reference: then the reference is needed, and torque is what
+            the user names, or else a column of that output.
 
     Raises:
         ColumnError: if one is missing, if two fit the same quantity, or if one needs a gain that is not given.
@@ -136,7 +137,10 @@ def find_columns(
         candidates = [c for c in fitting if not c.commanded] or fitting
         if quantity in SPARE:
             candidates = candidates[:1]
-        if len(candidates) > 1 and not (has_drive and quantity == "torque"):
+        if quantity == "torque" and output is not None:
+            logged = _logged(output, headers)
+            candidates = [] if logged is None else [named_column(quantity, logged, headers)]
+        if len(candidates) > 1:
             names = " and ".join(shown(c.header.strip(), QUOTED) for c in candidates[:3])
             raise ColumnError(
                 f"columns {names} could {'both' if len(candidates) == 2 else 'all'} be {quantity}: {CHOOSE}"
@@ -144,9 +148,7 @@ def find_columns(
         if candidates:
             others = tuple(c.header for c in fitting if c not in candidates)
             columns[quantity] = replace(candidates[0], passed_over=others)
-    if has_drive and "torque" not in given:
-        columns.pop("torque", None)
-    needed = ("time", "position", "reference" if has_drive else "torque")
+    needed = ("time", "position", "torque" if output is None else "reference")
     missing = [quantity for quantity in needed if quantity not in columns]
     if missing:
         if missing == ["reference"]:
@@ -176,6 +178,15 @@ def guess_columns(headers: Sequence[str]) -> dict[str, str]:
         if len(names) == 1 or (names and quantity in SPARE):
             guessed[quantity] = names[0]
     return guessed
+
+
+def _logged(output: str, headers: Sequence[str]) -> str | None:
+    """What a user would write of the column that holds a controller's output, if there is one."""
+    for header in headers:
+        if letters(re.split(r"[\[(]", header)[0]) == output and output in OUTPUTS:
+            unit = "" if _unit_at_the_end(RAW["torque"], header) else f":{OUTPUTS[output]}"
+            return f"{header.strip()}{unit}*?"
+    return None
 
 
 def is_told(quantity: str, headers: Sequence[str]) -> bool:

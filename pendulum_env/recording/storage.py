@@ -28,6 +28,7 @@ from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import WARNING, ColumnError, Recording, RecordingError
 from pendulum_env.recording.table import Find, Table
 from pendulum_env.recording.text import read_csv, read_excel
+from pendulum_env.recording.vocabulary import OUTPUTS
 from pendulum_env.servo.drive import Drive
 
 HERE = 50_000_000  # bytes of plain text that are read in this process: a helper takes a while to begin
@@ -88,8 +89,8 @@ def read_recording(
             "torque": "current:A*0.091"}`; `unused` leaves out velocity, reference or segment. Units are s, ms, us, ns;
             rad, mrad, deg, rev, counts; rad/s, deg/s, rpm, rev/s, counts/s; Nm, mNm, Ncm, A, mA, V, duty. Counts need
             the counts of a turn (`enc:counts/4096`), and currents a torque constant (`*?` if it is to be found).
-        drive: the controller that followed the reference. Then no torque needs to be logged: it is the one that the
-            controller asked for.
+        drive: the controller that followed the reference. Then torque is what a column of its output (duty, current)
+            or of the user's naming holds, or else what the controller asked for.
         largest: bytes that the file may hold, and that its columns may take; what unpacks to more is refused before it
             fills the memory, and what takes longer than 20 s to read, or in proportion.
 
@@ -100,7 +101,8 @@ def read_recording(
     path = Path(path)
     try:
         name = path.name if is_bag(path) else path.name[: -len(_format(path))]
-        table = read_table(path, partial(find_columns, named=columns, has_drive=drive is not None), largest)
+        output = None if drive is None else drive.output
+        table = read_table(path, partial(find_columns, named=columns, output=output), largest)
         return _recording(name, table, unwrap, drive, columns or {})
     except RecordingError as error:
         raise type(error)(f"{path}: {error}") from error.__cause__
@@ -219,7 +221,9 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
     def turns() -> Array:
         return np.unwrap(log.values["position"]) if unwrap else log.values["position"]
 
-    log = Log(values, [*(note for column in table.columns.values() for note in column.notes), *table.notes])
+    is_output = drive is not None and unit == OUTPUTS.get(drive.output)
+    noted = [own for own in table.columns.values() if not (is_output and own.quantity == "torque")]
+    log = Log(values, [*(note for column in noted for note in column.notes), *table.notes])
     cleaning.aligned(log, checks.BOUNDS.fewest)
     cleaning.finite(log, checks.BOUNDS.fewest)
     cleaning.follow_on(log)
@@ -241,6 +245,10 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
     if drive is not None and "torque" not in table.columns:
         asked = "torque is not taken from the log: it is what the drive asked for"
         recording = replace(recording, torque=recording.asked_torque, notes=(*recording.notes, asked))
+    elif drive is not None and is_output:
+        logged = f"torque is the {drive.output} that was logged, in {drive.unit} by the drive"
+        torque = drive.scale(recording.bus) * recording.torque
+        recording = replace(recording, torque=torque, torque_unit=drive.unit, notes=(*recording.notes, logged))
     checks.refuse_too_short(recording, origin)
     if recording.velocity is not None:
         checks.refuse_foreign_velocity(recording, origin)

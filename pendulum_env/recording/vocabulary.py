@@ -63,6 +63,7 @@ RAW_NAMES = {  # names that tell of such a unit
     "position": "counts encoder enc encodercounts encodercount ticks encoderticks presentposition rawposition "
     "positionraw shadowcount".split(),
 }
+OUTPUTS = {"duty": "duty", "current": "A"}  # units of what a known controller gives, by the name of its column
 LINEAR = {"position": {"m": 1.0, "mm": 1e-3}, "velocity": {"ms": 1.0, "mms": 1e-3}, "torque": {"n": 1.0, "kn": 1e3}}
 for _of in (RAW, LINEAR):
     _of["reference"] = _of["link_position"] = _of["position"]

@@ -143,7 +143,7 @@ def test_nothing_is_suggested_for_what_no_effect_explains():
 def test_an_experiment_goes_where_most_is_left(models):
     model = models.report(None, BASE).model
     asked = [Question(Aim("spring"), BASE, of_typical_size(effects()["spring"]))]
-    low, high = models.train.reach
+    low, high = models.train.reach()
 
     def tried(place: float) -> tuple[Suggestion | None, str | None]:
         left = [Region("position", place - 0.1, place + 0.1, 0.1, 9.0, "")]

@@ -32,5 +32,5 @@ def test_it_is_told_with_sizes_and_with_the_angles_that_were_reached(models):
     found = {one.effect: one for one in detectable(models, BASE, effects())}
     assert found["stribeck"].above == smallest(models, BASE, effects()["stribeck"])
     assert found["stribeck"].text.startswith("above ") and found["stribeck"].text.endswith(" N m")
-    low, high = models.train.reach
+    low, high = models.train.reach()
     assert found["hard_stop"].text == f"between {low:.3g} and {high:.3g} rad"

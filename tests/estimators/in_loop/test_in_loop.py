@@ -13,7 +13,7 @@ from estimators.arguments import within_limits
 from estimators.in_loop.fit import fit, likelihood, linear
 from estimators.in_loop.rollouts import Rollouts, are_driven
 from estimators.simulation.output_error import Point
-from pendulum_env.physics import BASE, Model, effects
+from pendulum_env.physics import BASE, Estimate, Model, effects
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.potential import GravityTilt
@@ -151,8 +151,9 @@ def test_parameters_of_an_unknown_gain_are_per_volt_and_compared_so(plain, tmp_p
     found = diagnose(gain_of_one[:2], gain_of_one[2:], only=FEW)
     assert found.torque_unit == found.model.torque_unit == "V"
     assert found.model.estimates["gravity"].value == pytest.approx(TRUE["gravity"], rel=0.02)
-    read = Model.from_json(found.model.json())
-    assert compare(read, gain_of_one).joint.errors.in_loop < 2e-3
+    in_torque = replace(MODEL, torque_constant=Estimate(1.0, 0.01, "N m/V"))  # whose constant is the drive's gain
+    for model in (Model.from_json(found.model.json()), in_torque):
+        assert compare(model, gain_of_one).joint.errors.in_loop < 2e-3
 
 
 @pytest.mark.parametrize(
@@ -235,12 +236,33 @@ def test_log_of_goals_and_positions_needs_no_torque(plain, tmp_path):
     rows = np.column_stack([plain[0].time, plain[0].position, plain[0].reference])
     np.savetxt(path, rows, delimiter=",", header="time,position,goal", comments="")
     own = read_recording(path, drive=plain[0].drive)
-    assert own.torque == pytest.approx(plain[0].torque, abs=1e-6)
+    assert own.torque == pytest.approx(plain[0].torque, abs=1e-6) and not own.has_logged_torque
     with pytest.raises(RecordingError, match="no column for torque"):
         read_recording(path)
     np.savetxt(path, rows[:, :2], delimiter=",", header="time,position", comments="")
     with pytest.raises(RecordingError, match="no column for the goal"):
         read_recording(path, drive=plain[0].drive)
+
+
+@pytest.mark.parametrize(
+    ("drive", "header", "columns", "unit", "scale"),
+    [
+        (Drive(kp=0.2), "duty,volts", {}, "V", 12.0),
+        (Drive(kp=0.2, gain=0.5), "duty [%],volts", {}, "N m", 0.01 * 12.0 * 0.5),
+        (Drive(kp=0.2), "pwm,volts", {"torque": "pwm:duty*?"}, "V", 12.0),
+        (Drive(output="current", kp=2.0), "current,x", {}, "A", 1.0),
+        (Drive(output="current", kp=2.0, gain=0.5), "current [mA],x", {}, "N m", 0.5e-3),
+    ],
+)
+def test_output_of_a_controller_is_known_by_its_name_and_is_its_torque(
+    plain, tmp_path, drive, header, columns, unit, scale
+):
+    path, output = tmp_path / "servo.csv", np.cos(plain[0].time)
+    rows = np.column_stack([plain[0].time, plain[0].position, plain[0].reference, output, np.full(len(output), 12.0)])
+    np.savetxt(path, rows, delimiter=",", header=f"time,position,goal,{header}", comments="")
+    own = read_recording(path, drive=drive, columns=columns)
+    assert own.torque == pytest.approx(scale * output) and own.torque_unit == unit and own.has_logged_torque
+    assert are_driven([own]) and not any("to be found" in note for note in own.notes)
 
 
 @pytest.mark.parametrize("ripple", [0.0, 0.1])
@@ -255,9 +277,9 @@ def test_torque_that_was_logged_and_speaks_of_another_effect_than_the_loop_is_sa
         logs.append(read_recording(path, drive=own.drive, columns={"torque": "torque:Nm"}))
     found = diagnose(logs[:2], logs[2:], only=FEW)
     assert not found.selected
-    differ = [text for text in found.advice if text.startswith("torque and loop differ")]
-    assert len(differ) == bool(ripple)
-    assert all("calls for cogging torque, and the loop does not" in text for text in differ)
+    assert found.json()["by_torque"]["effects"] == (["cogging"] if ripple else [])
+    said = [text for text in found.remarks if "motion: cogging torque; in the loop: nothing; a sim" in text]
+    assert len(said) == bool(ripple) == (found.contradiction is not None)
     softer = [replace(own, drive=replace(own.drive, kp=0.75 * own.drive.kp)) for own in logs]
     wrong = diagnose(softer[:2], softer[2:], only=["stribeck"]).advice
     assert any("is 1.33 times what the drive, as it is described, asks for" in text for text in wrong)
