@@ -295,7 +295,9 @@ class EffectMonitor:
                 continue
             own = bins.at == effect.at
             x, residual = bins.of_joint(effect.at).middle, (base.residual * bins.scale)[own]
-            variants = [term for term in effect.grid(x, residual) if term.possible(x)]
+            possible = [term for term in effect.grid(x, residual) if term.possible(x)]
+            fewest = min((len(term.columns) for term in possible), default=0)
+            variants = [term for term in possible if len(term.columns) == fewest]  # a batch has as many in all of it
             follows = {s.name: known[s.follows] for s in effect.shapes if s.follows in known}
             yield id, [_with(term, follows) for term in variants]
 

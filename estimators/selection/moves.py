@@ -54,13 +54,21 @@ def promising(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
 
 
 def best(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
-    """The best variant of an effect, with as few free shape parameters as the data allow; None if there is none."""
+    """The best variant of an effect, with as few free shape parameters as the data allow; None if there is none.
+
+    One that turns gravity round, as a straight spring in the place of one that hardens, gives way to one that does not.
+    """
     trials = models.screen.variants(terms, effect)
     if not trials:
         return None
     simplest, *others = trials
+    pull = models.model(terms).estimates.get("gravity") if others else None
+
+    def turns(trial: Trial) -> bool:
+        return pull is not None and pull.value * models.model(trial.terms).estimates["gravity"].value < 0
+
     for trial in others:
-        if models.is_significant(trial.terms, simplest.terms):
+        if models.is_significant(trial.terms, simplest.terms) or (turns(simplest) and not turns(trial)):
             simplest = trial
     return simplest
 

@@ -151,18 +151,26 @@ class Spring(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        more = (_power("spring.quadratic", "N m/rad^2", 2), _power("spring.cubic", "N m/rad^3", 3))
-        straight = (_power("spring.stiffness", "N m/rad", 1), _power("spring.preload", "N m", 0))
-        return (*straight, *more) if np.any(np.asarray(self.degree) > 1) else straight
+        preload = _power("spring.preload", "N m", 0)
+        if not np.any(np.asarray(self.degree) > 1):
+            return _power("spring.stiffness", "N m/rad", 1), preload
+        pulls = _power("spring.stiffness", "N m/rad", 1, least=0.0)  # else it and gravity draw any curve between them
+        return pulls, preload, _power("spring.quadratic", "N m/rad^2", 2), _power("spring.cubic", "N m/rad^3", 3)
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         return [cls(), cls(3.0)]
 
 
-def _power(name: str, unit: str, n: int) -> Column:
+def _power(name: str, unit: str, n: int, least: float = -np.inf) -> Column:
     """Column of the n-th power of the angle, and its potential."""
-    return Column(name, unit, force=lambda x: x.position**n, potential=lambda x: x.position ** (n + 1) / (n + 1))
+    return Column(
+        name,
+        unit,
+        force=lambda x: x.position**n,
+        potential=lambda x: x.position ** (n + 1) / (n + 1),
+        least=least,
+    )
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.independent_plant import Experiment, Plant
 from estimators import align, identify
 from estimators.arguments import chosen_recordings
 from estimators.preprocessing import gather
@@ -14,7 +15,7 @@ from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import BASE, Term, effect
 from pendulum_env.recording import Recording
 from tests import slow
-from tests.cases import BLOW, CASES, DRAG_AND_TILT, THETA, WALLS, diagnosed, plain, recording
+from tests.cases import BLOW, CASES, DRAG_AND_TILT, THETA, WALLS, diagnosed, plain, recorded, recording
 
 
 @pytest.mark.slow
@@ -38,6 +39,19 @@ def test_torque_that_is_logged_a_sample_late_is_corrected_and_becomes_no_effect(
     assert found.json()["alignments"][0]["delay"]["value"] == found.alignments[0].delay
     assert any("ms late" in doubt.text for doubt in identify([late], effects_of(name)).doubts)
     assert not any("late" in doubt.text for doubt in identify([good], effects_of(name)).doubts)
+
+
+@pytest.mark.slow
+def test_torque_that_is_late_beside_a_large_effect_is_timed_beside_it():
+    """Cogging hides what 2.5 samples do; a motor that follows a reference is logged so by its bus."""
+    plant = Plant(effects={"cogging": {"cog_n": 21.0, "cog_s": 0.25}})
+    gains = {"excitation": "pd_loop", "gains": (35.0, 1.2)}
+    runs = recorded(plant, *(Experiment(1000.0, 10.0, seed=seed, torque_noise=0.01, **gains) for seed in (2, 3)))
+    logs = [Recording(r.name, r.time[2::2], r.position[2::2], r.torque[:-2:2]) for r in runs]  # every other sample
+    assert not align(logs[:1]).is_late
+    found = diagnosed(logs[:1], logs[1:], only=["cogging", "stribeck"])
+    assert found.selected == ("cogging",) and not found.unexplained
+    assert found.alignments[0].delay == pytest.approx(0.0025, abs=1e-4)  # 2 ms, and half of what each is held for
 
 
 @pytest.mark.slow

@@ -229,14 +229,15 @@ def moved(resistance: Callable[[Array, Array], Array]) -> Recording:
     return Recording("moved", time, q, torque)
 
 
-def test_a_spring_that_would_turn_gravity_round_is_not_named_nor_is_the_zero_called_wrong():
-    """A cable gets stiffer as it winds: a spring that is too strong, less a gravity that pulls up, imitates it."""
+def test_a_spring_that_hardens_is_one_and_gravity_stays_what_it_is():
+    """A cable gets stiffer as it winds: a straight spring, less a gravity that pulls up, imitates it."""
     cable = moved(lambda q, v: 0.5 * q**3 + 0.1 * v)
-    found = diagnosed(cable, only=["spring", "stribeck"])
-    assert found.selected == () and found.unexplained
-    assert found.model.estimates["gravity"].value > 0
-    assert "would turn gravity round" in next(one.reason for one in found.candidates if one.effect == "spring")
-    assert not any("upright" in text for text in found.advice)
+    found = diagnosed(cable, only=["spring", "stribeck", "hard_stop", "cogging"])
+    assert found.selected == ("spring",) and not found.unexplained
+    for name, true in (("spring.cubic", 0.5), ("gravity", 2.0), ("inertia", 0.09)):
+        own = found.model.estimates[name]
+        assert abs(own.value - true) < 4 * own.std < 0.02 * true
+    assert found.model.estimates["spring.stiffness"].value == 0.0
     (doubt,) = (one.text for one in identify([cable], [*BASE, "spring"], "energy").doubts if "negative" in one.text)
     assert doubt.startswith("gravity came out negative beside a spring") and "upright" not in doubt
 

@@ -8,9 +8,9 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.preprocessing import gather
 from estimators.selection.models import Models
-from estimators.selection.moves import best, freer, settle
+from estimators.selection.moves import best, candidates, freer, settle
 from estimators.selection.physical import beyond
-from estimators.selection.search import Selection, confirmed, grown_beside, refines, select
+from estimators.selection.search import Selection, confirmed, grown_beside, paired, refines, select
 from pendulum_env.physics import BASE, effect
 from tests.cases import recorded
 
@@ -33,6 +33,18 @@ def test_an_effect_is_found_that_held_out_data_only_bear_out_beside_another():
     _, found, left = searched(Plant(effects=hidden), train, test)
     assert set(found) == set(hidden)
     assert left < 0.05
+
+
+def test_two_effects_that_hide_each_other_are_found_together_and_one_alone_has_no_partner():
+    """Friction that grows with the load, beside the peak at low speed: each alone leaves most of the other."""
+    both = {"load_dependent_friction": {"load_mu": 0.3}, "stribeck": {"strib_d": 0.4, "strib_v": 0.4}}
+    library = {id: effect(id) for id in (*both, "quadratic_drag", "torque_offset")}
+    for hidden in (both, {"stribeck": both["stribeck"]}):
+        experiments = (Experiment(rate=500.0, seconds=10.0, seed=seed, excitation="multisine") for seed in (2, 3))
+        runs = recorded(Plant(effects=hidden), *experiments)
+        models = Models(*gather(runs[:1], runs[1:]), library=library)
+        pair = paired(models, BASE, candidates(models, BASE))
+        assert pair is None if len(hidden) == 1 else {term.id for term in pair[len(BASE) :]} == both.keys()
 
 
 @pytest.mark.slow

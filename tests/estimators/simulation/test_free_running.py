@@ -1,10 +1,13 @@
 """Segments: what a simulation does in many of them at once is what it does in each."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.selection.data import PreparedData
-from estimators.simulation.free_running import simulate_all
+from estimators.simulation.free_running import simulate_all, torque_again
 from estimators.weak_form.windows import trace_all
 from pendulum_env.physics import BASE, effect
 from tests.cases import TRUTH, recorded
@@ -23,6 +26,21 @@ def test_recordings_fly_together_as_they_fly_alone():
     for segment, paths in zip(segments, simulate_all(segments, models), strict=True):
         for k, (terms, theta) in enumerate(models):
             np.testing.assert_allclose(paths[:, k], simulate_all([segment], [(terms, theta)])[0][:, 0], atol=1e-9)
+
+
+def test_torque_that_was_moved_in_time_changed_somewhere_within_a_sample():
+    """The mean over a sample of a step at a time that is uniform over it has a twelfth of its square as variance."""
+    (segment,) = prepared(250.0).segments
+    known = replace(
+        segment, torque=np.where(np.arange(len(segment.torque))[:, None] < 50, 0.0, 2.0) + 0 * segment.torque
+    )
+    moved = replace(known.windows, recording=replace(known.windows.recording, is_moved=True))
+    rng, noise = np.random.default_rng(0), known.windows.raw_torque_noise
+    for windows, expected in ((known.windows, noise), (moved, np.hypot(noise, 2.0 / np.sqrt(12)))):
+        again = np.stack([torque_again(replace(known, windows=windows), rng) for _ in range(1000)])
+        assert again[:, 50].std() == pytest.approx(expected, rel=0.1)
+        assert again[:, 60].std() == pytest.approx(noise, rel=0.1)
+        assert again[:, 50].mean() == pytest.approx(2.0, abs=0.05)
 
 
 def test_state_along_several_recordings_is_that_along_each():

@@ -5,6 +5,8 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from pendulum_env.physics import BASE, Column, Model, Samples, Term, effect, effects, library, register
@@ -334,3 +336,14 @@ def test_saturation_is_odd_of_slope_one_and_ends_at_its_limit_usually_as_a_tanh_
     np.testing.assert_allclose(np.gradient(given[:2001], 0.06)[1000], 1.0, atol=0.02)
     if law is not None:
         np.testing.assert_allclose(given, law(torque), atol=off)
+
+
+@given(order=st.integers(61, 400), phase=st.floats(0.0, 6.28), reach=st.floats(0.8, 20.0), seed=st.integers(0, 99))
+def test_cogging_of_a_fine_order_is_among_what_is_tried(order, phase, reach, seed):
+    """Gears of strain waves ripple twice in a turn of their motor, some 200 times in one of the joint."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-reach, reach, 4000)
+    residual = np.sin(order * q + phase) + rng.standard_normal(len(q))
+    x = Samples(np.arange(len(q)) * 0.01, q, np.ones_like(q), np.zeros_like(q))
+    near = 2.0 * np.pi / (2.0 * reach)  # orders that so short a way tells apart
+    assert min(abs(term.order - order) for term in effect("cogging").grid(x, residual)) <= near
