@@ -45,7 +45,8 @@ def promising(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
         ranked = models.screen.ranked(terms, effect)
         if not ranked:
             return None
-        if (
+        alike = len({len(trial.terms[-1].columns) for trial in ranked}) == 1  # else the richest comes first
+        if alike and (
             models.gain(ranked[0].terms, terms).chance > models.criterion.unlikely
             or models.left.explained(ranked[0].terms, terms) < models.criterion.glimpse
         ):
