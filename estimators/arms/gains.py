@@ -93,7 +93,7 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body, unit: str | None =
 
     Raises:
         RecordingError: if the currents of a joint are in two units, or count against the weight, or against what joints
-            in N m feel of the same links, or if no gains fit those.
+            in N m, or else the file, have of the same links, or if no gains fit those, or a known weight does not show.
     """
     asked = _units(recordings)
     if not asked:
@@ -103,6 +103,8 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body, unit: str | None =
         gains = _by_weight(recordings, body, asked)
     least = min(map(_share, gains.values()), default=0.0)
     anchors = {joint: gain for joint, gain in gains.items() if _share(gain) <= VAGUE * least}  # others may know better
+    if not anchors and len({recording.carried for recording in recordings}) > 1 and not _in_torque(recordings):
+        raise RecordingError("the known weight shows in no joint's current: check its mass and center, or lift it more")
     if not anchors and unit != NEWTON_METRE:
         recordings = _per_current(recordings, body, asked, unit)
         asked = _units(recordings)
@@ -145,17 +147,30 @@ def _per_current(
         current, _, reference = unit.partition("@")
         if asked.get(reference) != current:
             return list(recordings)
-    elif body.sliding or any(one.currents.keys() != {*body.joints} for one in recordings):
+    elif body.sliding or _in_torque(recordings):
         return list(recordings)
     else:
         rows = _rows(recordings, body)
-        felt = np.square(rows.equations.phi[:, : len(body.base)] @ body.values)
-        reference = body.joints[int(np.argmax(np.bincount(rows.joint, felt)))]
+        links, friction = np.split(rows.equations.phi, [len(body.base)], axis=1)
+        felt = links @ body.values
+        reference = body.joints[int(np.argmax(np.bincount(rows.joint, felt**2)))]
+        own = rows.usable & (rows.joint == body.joints.index(reference))
+        value, std = _beside(friction[own], felt[own], rows.equations.y[own], rows.clusters[own])
+        if value < -SURE * std:
+            raise RecordingError(
+                f"the current of joint '{reference}' counts against the weight and inertia of its links: say -COLUMN "
+                "for it, and for all others that do"
+            )
         unit = f"{asked[reference]}@{reference}"
     return [
         replace(one, torque_unit=unit, currents={at: of for at, of in one.currents.items() if at != reference})
         for one in recordings
     ]
+
+
+def _in_torque(recordings: Sequence[ArmRecording]) -> bool:
+    """Whether a joint is in N m in any of some recordings."""
+    return any(one.currents.keys() != {*one.names} for one in recordings)
 
 
 def _rows(recordings: Sequence[ArmRecording], body: Body) -> Stack:

@@ -243,7 +243,9 @@ class Diagnosis:
     def contradiction(self) -> str | None:
         """What the torque of a servo calls for by itself, in a sentence, if that is not what the loop calls for."""
         alone = self.by_torque
-        if alone is None or (len(alone) == len(self.effects) and all({*group} & {*alone} for group in self.effects)):
+        if alone is None or any(term.link for term in self.model.terms):  # torque alone is not searched for those
+            return None
+        if len(alone) == len(self.effects) and all({*group} & {*alone} for group in self.effects):
             return None
         theirs, ours = (listing([name(id) for id in one]) or "nothing" for one in (alone, self.selected))
         said = f"by the logged torque alone, regressed on the motion: {theirs}; in the loop: {ours}"

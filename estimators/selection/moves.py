@@ -63,13 +63,15 @@ def best(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
     if not trials:
         return None
     simplest, *others = trials
-    pull = models.model(terms).estimates.get("gravity") if others else None
+    pull = {name: own.value for name, own in models.model(terms).estimates.items() if others and "gravity" in name}
 
     def turns(trial: Trial) -> bool:
-        return pull is not None and pull.value * models.model(trial.terms).estimates["gravity"].value < 0
+        return [*pull] == ["gravity"] and pull["gravity"] * models.model(trial.terms).estimates["gravity"].value < 0
 
     for trial in others:
-        if models.is_significant(trial.terms, simplest.terms) or (turns(simplest) and not turns(trial)):
+        if models.is_significant(trial.terms, simplest.terms) or (
+            turns(simplest) and not turns(trial) and models.is_significant(trial.terms, terms)
+        ):
             simplest = trial
     return simplest
 

@@ -119,7 +119,7 @@ def _scales(errors: Array, recording: Index, test: Mask) -> Array:
     square = mean(squares)
     for _ in range(TURNS):
         excess = mean((NU + 1) * squares / (NU * square[owner] + squares))  # one at the maximum
-        before, square = square, square * excess * NU / (NU + 1 - excess)
+        before, square = square, np.maximum(square * excess * NU / (NU + 1 - excess), 1e-300)
         if (np.abs(square - before) <= SETTLED * before).all():
             break
     return square

@@ -144,12 +144,13 @@ def paired(models: Models, terms: Terms, firsts: Sequence[Terms]) -> Terms | Non
     What one effect leaves of another may vary so much from block to block that neither shows alone, as Stribeck
     friction beside friction that grows with the load.
     """
-    if models.left.fits(terms) or models.train.in_loop:  # in the loop each takes seconds
+    room = len(terms) + 2 - len(models.base) <= models.criterion.most
+    if not room or models.left.fits(terms) or models.train.in_loop:  # in the loop each takes seconds
         return None
     found = []
-    for first in firsts:
+    for first in (one for one in firsts if not has_link(one)):  # which are watched first, see `add`
         elsewhere = [id for id, effect in models.library.items() if effect.at != first[-1].at]
-        for pair in candidates(models, first, elsewhere)[:1]:
+        for pair in [one for one in candidates(models, first, elsewhere) if not has_link(one)][:1]:
             others = first, (*terms, pair[-1])
             if (
                 all(models.is_significant(pair, other) for other in (terms, *others))

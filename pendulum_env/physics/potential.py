@@ -152,10 +152,14 @@ class Spring(Term):
     @property
     def columns(self) -> tuple[Column, ...]:
         preload = _power("spring.preload", "N m", 0)
-        if not np.any(np.asarray(self.degree) > 1):
+        if isinstance(self.degree, float | np.ndarray) and not np.any(np.asarray(self.degree) > 1):  # no symbol
             return _power("spring.stiffness", "N m/rad", 1), preload
         pulls = _power("spring.stiffness", "N m/rad", 1, least=0.0)  # else it and gravity draw any curve between them
         return pulls, preload, _power("spring.quadratic", "N m/rad^2", 2), _power("spring.cubic", "N m/rad^3", 3)
+
+    @property
+    def fault(self) -> str:
+        return "its degree has to be 1 or 3" if np.any(np.asarray(self.degree) == 2) else ""
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:

@@ -19,7 +19,6 @@ from pendulum_env.recording.record import RecordingError
 from pendulum_env.recording.table import WIDEST, Find, Table, need, numbers
 
 UNPACKED = 20  # times the size of a file that its rows may take, beside `LARGEST`
-DENSEST = 8  # bytes that a row of texts and numbers takes in a file at least
 
 
 def read_npz(path: Path, find: Find) -> Table:
@@ -175,8 +174,6 @@ def _packed(path: Path, schema: pa.Schema | None) -> Answer:
     sink = pa.BufferOutputStream()
     try:
         with pq.ParquetFile(path) as file:
-            if DENSEST * file.metadata.num_rows > path.stat().st_size:
-                raise ValueError("more rows than a file of its size has")
             table = file.read(None if schema is None else schema.names)
         if schema is not None:
             table = table.select(schema.names).cast(schema)

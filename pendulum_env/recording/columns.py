@@ -123,7 +123,8 @@ def find_columns(
         ColumnError: if one is missing, if two fit the same quantity, or if one needs a gain that is not given.
     """
     told = {quantity: text.strip() for quantity, text in (named or {}).items()}
-    unused = {q for q, text in told.items() if text == UNUSED and q in OPTIONAL and UNUSED not in headers}
+    optional = OPTIONAL if output is None else {*OPTIONAL, "torque"}
+    unused = {q for q, text in told.items() if text == UNUSED and q in optional and UNUSED not in headers}
     given = {
         quantity: named_column(quantity, text, headers) for quantity, text in told.items() if quantity not in unused
     }

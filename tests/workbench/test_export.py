@@ -30,6 +30,7 @@ TORQUE = np.r_[0.0, np.where(np.arange(600) % 300 < 150, 3.0, -2.5), np.zeros(30
 STIRRED = ("periodic_disturbance", "joint_flexibility")  # effects that still move the joint then
 TABLE = TorqueByAngle.over(Extent(-1.2, 2.1, 5, ("sine",)))
 STOP = "hard_stop:hysteresis=0,damping_time=0.005"
+CUBIC = "spring:degree=3,stiffness=0.3,quadratic=-0.05,cubic=0.2"
 
 
 def plant(*hidden: str) -> Model:
@@ -65,7 +66,7 @@ def in_c(text: str, folder, torque=TORQUE) -> np.ndarray:
     return np.array(path)
 
 
-@pytest.mark.parametrize("hidden", [None, *effects(), "torque_saturation:limit=2,roundness=0.2", "table"])
+@pytest.mark.parametrize("hidden", [None, *effects(), "torque_saturation:limit=2,roundness=0.2", CUBIC, "table"])
 def test_python_is_the_simulators_own_step(hidden):
     model = plant() if hidden is None else plant(hidden)
     path = in_python(export(model, "python").content)
@@ -81,7 +82,7 @@ def test_every_table_is_exported_as_it_is_simulated(kind):
     np.testing.assert_allclose(path, simulated(model)[:, 0], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("hidden", [None, *effects(), "dead_time=0.0043", "torque_saturation:limit=2,roundness=0.2"])
+@pytest.mark.parametrize("hidden", [None, *effects(), "dead_time=0.0043", CUBIC])
 def test_python_steps_a_batch_as_it_steps_each(hidden):
     program = module(export(plant() if hidden is None else plant(hidden), "python").content)
     position, velocity = np.array([[0.2, -3.0, 0.0, 0.4], [0.0, 5.0, -1.0, 0.0]])
@@ -203,6 +204,12 @@ SPRING_AND_STOPS = {
     "damping": PAPER["viscous"], "friction": PAPER["coulomb"], "spring_stiffness": 0.25, "spring_reference": -0.4,
     "lower": -1.2, "upper": 1.2, "stiffness": 40.0, "dissipation": 40.0 * 0.005,
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("format", ["mjcf", "sdf", "urdf"])
+def test_a_spring_that_hardens_is_no_straight_one(format):
+    with pytest.raises(ExportError, match=rf"{format} cannot hold spring"):
+        export(plant(CUBIC), format)
 
 
 def test_a_model_for_gazebo_holds_spring_and_stops():

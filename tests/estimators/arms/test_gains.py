@@ -118,6 +118,10 @@ def test_where_every_torque_is_a_current_all_is_per_ampere_of_one_joint(logged, 
         with pytest.raises(RecordingError, match="joint 'base': torque is in A, and nothing tells its gain: give it"):
             identify(left, arm_base(six))
     assert in_torque([alone], six, "A@elbow").unit == "A@elbow"
+    with pytest.raises(RecordingError, match="current of joint 'shoulder' counts against the weight and inertia"):
+        in_torque([replace(alone, torque=-alone.torque)], six)
+    with pytest.raises(RecordingError, match="the known weight shows in no joint's current"):
+        in_torque([alone, replace(alone, carried=Carried(2.0, (0.03, 0.02, 0.09)))], six)  # nothing hangs there
 
 
 def test_the_bare_arm_is_that_of_fitted_and_held_out_recordings_together(logged):

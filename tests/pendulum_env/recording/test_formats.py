@@ -15,6 +15,7 @@ from scipy.io import savemat
 
 from pendulum_env import isolated
 from pendulum_env.recording import Recording, RecordingError, read_recording
+from pendulum_env.recording.arrays import read_rows
 from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.preview import preview
 from pendulum_env.recording.storage import READERS, RECIPES, read_here
@@ -303,3 +304,11 @@ def test_parquet_with_text_refused(tmp_path: Path) -> None:
     pq.write_table(pa.table(signals() | {"torque": ["a"] * len(TIME)}), tmp_path / "run.parquet")
     with pytest.raises(RecordingError, match=r"column 'torque' .* has type string"):
         read_recording(tmp_path / "run.parquet")
+
+
+@pytest.mark.parametrize("compression", ["snappy", "zstd"])
+def test_rows_that_pack_well_are_rows_all_the_same(tmp_path, compression):
+    """A table of a fleet's recordings repeats itself, and takes a few bits a row."""
+    known = pa.table({"file": [f"run{k:05}.csv" for k in range(5000)], "joint": ["left"] * 5000})
+    pq.write_table(known, tmp_path / "table.parquet", compression=compression)
+    assert read_rows(tmp_path / "table.parquet").equals(known)
