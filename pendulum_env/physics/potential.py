@@ -163,7 +163,8 @@ class Spring(Term):
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls(), cls(3.0)]
+        # in the place of one that hardens, a straight one beside gravity may be none; an arm's gravity is that of links
+        return [cls()] if cls.at else [cls(), cls(3.0)]
 
 
 def _power(name: str, unit: str, n: int, least: float = -np.inf) -> Column:
