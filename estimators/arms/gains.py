@@ -105,16 +105,21 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body, unit: str | None =
     anchors = {joint: gain for joint, gain in gains.items() if _share(gain) <= VAGUE * least}  # others may know better
     if not anchors and len({recording.carried for recording in recordings}) > 1 and not _in_torque(recordings):
         raise RecordingError("the known weight shows in no joint's current: check its mass and center, or lift it more")
-    if not anchors and unit != NEWTON_METRE:
-        recordings = _per_current(recordings, body, asked, unit)
+    rows = None
+    if not anchors and unit is None and not body.sliding and not _in_torque(recordings):
+        rows = _rows(recordings, body)
+        unit = _most_telling(rows, body, asked)
+    if not anchors and unit is not None:
+        recordings = _per_current(recordings, unit)
         asked = _units(recordings)
     converted = [_converted(recording, anchors) for recording in recordings]
     left = {joint: unit for joint, unit in asked.items() if joint not in anchors}
     if not left:
         return Torques(tuple(converted), gains)
     vague = max(map(_share, anchors.values()), default=0.0)  # of what other joints build on
+    bare = _bare(converted)
     try:
-        told = _by_other_joints(_bare(converted), body, left)
+        told = _by_other_joints(bare, _rows(bare, body) if rows is None else rows, body, left)
     except RecordingError:
         if left.keys() - gains.keys():
             raise
@@ -136,34 +141,32 @@ def _bare(recordings: Sequence[ArmRecording]) -> list[ArmRecording]:
     return [one for one, mass in zip(recordings, masses, strict=True) if mass <= min(masses)]
 
 
-def _per_current(
-    recordings: Sequence[ArmRecording], body: Body, asked: dict[str, str], unit: str | None
-) -> list[ArmRecording]:
-    """Recordings whose torques are to be per unit of the current of one joint, if no joint is in N m.
+def _most_telling(rows: Stack, body: Body, asked: dict[str, str]) -> str:
+    """Unit in which all torques are told where none is in N m: the current of the joint that by the file feels most.
 
-    That of a model, or else the joint that feels most of its links by their file, which tells most of other gains.
+    Raises:
+        RecordingError: if that current has the other sign.
     """
-    if unit is not None:
-        current, _, reference = unit.partition("@")
-        if asked.get(reference) != current:
-            return list(recordings)
-    elif body.sliding or _in_torque(recordings):
-        return list(recordings)
-    else:
-        rows = _rows(recordings, body)
-        links, friction = np.split(rows.equations.phi, [len(body.base)], axis=1)
-        felt = links @ body.values
-        reference = body.joints[int(np.argmax(np.bincount(rows.joint, felt**2)))]
-        own = rows.usable & (rows.joint == body.joints.index(reference))
-        value, std = _beside(friction[own], felt[own], rows.equations.y[own], rows.clusters[own])
-        if value < -SURE * std:
-            raise RecordingError(
-                f"the current of joint '{reference}' counts against the weight and inertia of its links: say -COLUMN "
-                "for it, and for all others that do"
-            )
-        unit = f"{asked[reference]}@{reference}"
+    links, friction = np.split(rows.equations.phi, [len(body.base)], axis=1)
+    felt = links @ body.values
+    reference = body.joints[int(np.argmax(np.bincount(rows.joint, felt**2)))]
+    own = rows.usable & (rows.joint == body.joints.index(reference))
+    value, std = _beside(friction[own], felt[own], rows.equations.y[own], rows.clusters[own])
+    if value < -SURE * std:
+        raise RecordingError(
+            f"the current of joint '{reference}' counts against the weight and inertia of its links: say -COLUMN for "
+            "it, and for all others that do"
+        )
+    return f"{asked[reference]}@{reference}"
+
+
+def _per_current(recordings: Sequence[ArmRecording], unit: str) -> list[ArmRecording]:
+    """Recordings whose torques are to be in a unit such as `A@shoulder`, as they are where that joint is in another."""
+    current, _, reference = unit.partition("@")
     return [
         replace(one, torque_unit=unit, currents={at: of for at, of in one.currents.items() if at != reference})
+        if one.currents.get(reference) == current
+        else one
         for one in recordings
     ]
 
@@ -199,7 +202,7 @@ def _by_weight(recordings: Sequence[ArmRecording], body: Body, asked: dict[str, 
 
 
 def _by_other_joints(
-    recordings: Sequence[ArmRecording], body: Body, asked: dict[str, str]
+    recordings: Sequence[ArmRecording], rows: Stack, body: Body, asked: dict[str, str]
 ) -> dict[str, TorqueConstant]:
     """Gains with which all joints feel the same links, of currents that anything tells of.
 
@@ -209,7 +212,6 @@ def _by_other_joints(
     Raises:
         RecordingError: if a current has the other sign, or no gains fit.
     """
-    rows = _rows(recordings, body)
     currents = np.array([[joint in asked and joint in one.currents for joint in body.joints] for one in recordings])
     index = np.array([[*asked].index(joint) if joint in asked else -1 for joint in body.joints])
     of = np.where(currents[rows.recording, rows.joint], index[rows.joint], -1)[rows.usable]  # gain of a row, -1: N m

@@ -37,6 +37,13 @@ def test_recordings_of_one_plant_agree():
     assert [disagreements(own_fits([prepare(runs[j : j + 3])], BASE)) for j in range(0, 24, 3)] == [()] * 8
 
 
+def test_what_hangs_behind_a_transmission_is_not_compared():
+    terms = (*BASE, effect("joint_flexibility")(resonance=60.0, damping=5.0))
+    for own in own_fits([prepare(recorded([PLANT, PLANT]))], terms):
+        assert [column.name for column in own.columns] == ["inertia", "gravity", "viscous", "coulomb"]
+        assert len(own.known.theta) == len(own.columns)
+
+
 @pytest.mark.parametrize("heavier", [0, 1, 2])
 def test_the_one_recording_with_a_heavier_payload_is_named_and_measured(heavier):
     plants = [HEAVIER if j == heavier else PLANT for j in range(3)]

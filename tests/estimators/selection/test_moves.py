@@ -2,13 +2,15 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.preprocessing import gather
 from estimators.selection.models import Models
-from estimators.selection.moves import alternatives, candidates, challenged, is_needed, revise, rivals, settle
+from estimators.selection.moves import alternatives, best, candidates, challenged, is_needed, revise, rivals, settle
 from pendulum_env.physics import BASE, effect
+from pendulum_env.recording import Recording
 from tests.cases import recorded
 
 EFFECTS = ("quadratic_drag", "spring", "viscous_asymmetry", "torque_offset")
@@ -58,3 +60,18 @@ def test_each_recording_has_weights_of_its_own_be_it_fitted_or_held_out(models):
     apart = Models(*gather([recording], [replace(recording, name="another")]))
     assert len(set(apart.bootstrap.of_block.tolist())) == 2
     assert len(set(models.bootstrap.of_block.tolist())) == 1  # the end of one recording is no other
+
+
+def test_a_straight_spring_that_turns_gravity_round_gives_way_to_one_that_hardens():
+    """Where the swing is small both fit alike, and only one of them leaves the weight what it is."""
+    rng, time = np.random.default_rng(3), np.arange(0.0, 20.0, 0.002)
+    rates = 2 * np.pi * np.array([0.15, 0.35, 0.6])
+    waves, sizes = rates * time[:, None] + [0.3, 1.0, 2.0], np.array([0.48, 0.32, 0.2])
+    q, v, a = np.sin(waves) @ sizes, np.cos(waves) @ (sizes * rates), -np.sin(waves) @ (sizes * rates**2)
+    torque = 0.09 * a + 2.0 * np.sin(q) + 0.3 * np.sign(v) + 0.1 * v + 0.5 * q**3
+    run = Recording("cable", time, q, torque + 0.01 * rng.standard_normal(len(time)))
+    models = Models(*gather([run]), library={"spring": effect("spring")})
+    straight, hardening = (trial.terms for trial in models.screen.variants(BASE, effect("spring")))
+    assert models.model(straight).estimates["gravity"].value < 0 and not models.is_significant(hardening, straight)
+    assert best(models, BASE, effect("spring")).terms == hardening
+    assert models.model(hardening).estimates["gravity"].value == pytest.approx(2.0, rel=0.01)
