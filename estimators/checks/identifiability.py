@@ -102,29 +102,34 @@ def untold(model: Model, measurements: Sequence[Measurements], doubts: Sequence[
     return tuple(found)
 
 
-def untold_of_arm(model: Model, position: Array, velocity: Array, torque: Array) -> frozenset[str]:
-    """Base parameters, and friction of joints, that a model fitted to N samples of n joints (N, n) does not tell.
+def untold_of_arm(models: Sequence[Model], position: Array, velocity: Array, torque: Array) -> list[frozenset[str]]:
+    """Base parameters, and friction of joints, that each model fitted to N samples of n joints (N, n) does not tell.
 
     An error is large if at some joint it is more torque, at the speeds that were seen and at any angle, than was
     recorded; or as much of the inertia, which cannot be nothing, as leaves that open.
     """
-    body = links_of(model.terms)
-    base = len(body.base)
+    body = links_of(models[0].terms)
     largest, fastest = np.abs(torque).max(axis=0), np.abs(velocity).max(axis=0)
     largest = np.where(largest > 0, largest, largest.max())  # of a joint without a motor
     seen = position[:: max(1, len(position) // PLACES)]
     units = np.eye(len(body.joints))
     masses = [body.momentum(seen, np.broadcast_to(unit, seen.shape))[:, k] for k, unit in enumerate(units)]
-    inertia = np.abs([np.mean(own @ model.theta[:base]) for own in masses])  # of each joint (n,)
+    mean = np.mean(masses, axis=1)  # (n, P)
     felt = np.sqrt(np.mean(np.square(masses), axis=1))  # (n, P)
     anywhere = np.random.default_rng(0).uniform(-np.pi, np.pi, (DRAWS, len(body.joints)))
     weight = np.abs(body.torque(anywhere, 0 * anywhere, 0 * anywhere)).max(axis=0)  # (n, P)
-    with np.errstate(divide="ignore"):
-        links = np.minimum(inertia[:, None] / TELLING.sure / felt, largest[:, None] / weight).min(axis=0)
-    large = dict(zip(body.names, links.tolist(), strict=True))
+    friction: dict[str, float] = {}
     for joint, most, fast in zip(body.joints, largest.tolist(), fastest.tolist(), strict=True):
-        large |= {f"viscous@{joint}": most / max(fast, 1e-300), f"coulomb@{joint}": most}
-    return frozenset(name for name, own in model.estimates.items() if not is_told(own, large.get(name, np.inf)))
+        friction |= {f"viscous@{joint}": most / max(fast, 1e-300), f"coulomb@{joint}": most}
+    untold = []
+    for model in models:
+        inertia = np.abs(mean @ model.theta[: len(body.base)])  # of each joint (n,)
+        with np.errstate(divide="ignore"):
+            links = np.minimum(inertia[:, None] / TELLING.sure / felt, largest[:, None] / weight).min(axis=0)
+        large = friction | dict(zip(body.names, links.tolist(), strict=True))
+        errors = ((name, own, large.get(name, np.inf)) for name, own in model.estimates.items())
+        untold.append(frozenset(name for name, own, most in errors if not is_told(own, most)))
+    return untold
 
 
 def is_told(estimate: Estimate, large: float) -> bool:

@@ -53,7 +53,7 @@ def examine_arm(
     model = last.model.biased() if left else last.model
     seen = (in_a_row([w.samples for w in models.train.data.part(at).windows]) for at in body.joints)
     motion = zip(*((x.position, x.velocity, x.torque) for x in seen), strict=True)
-    model = model.withholding(untold_of_arm(model, *map(np.column_stack, motion)))
+    model = model.withholding(untold_of_arm([model], *map(np.column_stack, motion))[0])
     heavier = heavier_when_slow(models, given, left) if left else {}
     return Diagnosis(
         steps=(*others, replace(last, model=model)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dtrtri
 
 from estimators.regression.equations import Equations
 from pendulum_env._typing import Array, Index, Mask
@@ -17,7 +18,17 @@ class History(NamedTuple):
 
     points: Index  # (K,)
     theta: Array
-    P: Array
+    root: Array  # of P, (K, P, P)
+
+    @property
+    def P(self) -> Array:
+        """Covariance for unit noise (K, P, P)."""
+        return self.root @ np.swapaxes(self.root, 1, 2)
+
+    @property
+    def std(self) -> Array:
+        """Standard errors for unit noise (K, P)."""
+        return np.sqrt(np.einsum("kij,kij->ki", self.root, self.root))
 
 
 def evenly(count: int, points: int) -> Index:
@@ -45,10 +56,9 @@ def history(equations: Equations, mask: Mask, points: Index, prior: float = PRIO
     ends = np.asarray(points, dtype=np.intp) + 1
     triangle = np.eye(parameters + 1) / np.sqrt(prior)
     triangle[-1, -1] = 0.0
-    triangles = np.empty((len(ends), parameters + 1, parameters + 1))
+    theta, root = np.empty((len(ends), parameters)), np.empty((len(ends), parameters, parameters))
     for k, (begin, end) in enumerate(zip(np.r_[0, ends[:-1]], ends, strict=True)):
-        triangle = np.linalg.qr(np.vstack([triangle, rows[begin:end]]), mode="r")
-        triangles[k] = triangle
-    inverse = np.linalg.inv(triangles[:, :-1, :-1])  # R^-1
-    theta = inverse @ triangles[:, :-1, -1:]
-    return History(np.asarray(points), theta[..., 0], inverse @ np.swapaxes(inverse, 1, 2))
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, rows[begin:end]]), mode="r"))
+        root[k] = dtrtri(triangle[:-1, :-1])[0]
+        theta[k] = root[k] @ triangle[:-1, -1]
+    return History(np.asarray(points), theta, root)

@@ -308,7 +308,7 @@ def _converge(
     """The recursion's history at some points, with P scaled so that its errors end at the batch estimate's."""
     weighted = Equations(equations.phi * data.weights[:, None], equations.y * data.weights)
     course = history(weighted, data.usable, points)
-    spread = np.sqrt(np.diagonal(course.P, axis1=1, axis2=2))  # (K, F)
+    spread = course.std  # (K, F)
     thetas, stds = np.tile(theta, (len(spread), 1)), np.tile(std, (len(spread), 1))
     thetas[:, free] = course.theta
     stds[:, free] = spread * fit.std[: len(free)] / spread[-1]

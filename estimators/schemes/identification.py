@@ -225,7 +225,7 @@ def _of_arm(
     parts = [series(joints, "position", "velocity", "held") for joints in measured]
     seen = [np.concatenate(each) for each in zip(*parts, strict=True)]
     alike = {name for doubt in doubts for name in doubt.withheld}
-    unknown = {id: untold_of_arm(one.model, *seen) for id, one in results.items()}
+    unknown = dict(zip(results, untold_of_arm([one.model for one in results.values()], *seen), strict=True))
     if alone := sorted(frozenset.intersection(*unknown.values()) - alike):  # by no scheme; others show no number for it
         text = f"{listing(alone)} cannot be told: these data hardly depend on {'it' if len(alone) == 1 else 'them'}"
         doubts.append(Doubt(f"{text}, move all joints faster, wider and together", tuple(alone)))

@@ -185,4 +185,4 @@ def test_a_pendulum_and_an_arm_of_one_joint_call_the_same_errors_unknown(tmp_pat
         theta[gravity], std[gravity] = 0.1 / 9.81, errors[1] / 9.81
         arm = ArmModel.build((Links(rod), *friction(rod)), [*theta, 0.1, 0.1], [*std, *errors[2:]])
         names = ("Iyy@joint0", "mz@joint0", "viscous@joint0", "coulomb@joint0")
-        assert untold_of_arm(arm, q, v, recording.torque[:, None]) == {names[k] for k in expected}
+        assert untold_of_arm([arm], q, v, recording.torque[:, None]) == [{names[k] for k in expected}]
