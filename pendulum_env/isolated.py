@@ -42,6 +42,7 @@ class Bounds:
     files: int = 64  # that may be open
     record: int = 1 << 26  # bytes of a record
     idle: int = 2  # helpers that wait for more work
+    watched: float = 0.5  # [s] between looks at whether the parent is alive
 
 
 BOUNDS = Bounds()
@@ -196,6 +197,7 @@ def serve() -> None:
     """Do what the parent asks for, until it asks for no more."""
     questions, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     for name in ("f2py", "testing"):  # SciPy takes all that NumPy has, and these alone take 0.1 s to import
         vars(np)[name] = None
     while True:
@@ -210,6 +212,13 @@ def serve() -> None:
         for part in _answer(work, arguments):
             answers.write(part)
         answers.flush()
+
+
+def _end_with(parent: int) -> None:
+    """End when the parent has: one that was killed closes the pipes, which nobody reads while a file is parsed."""
+    while os.getppid() == parent:
+        time.sleep(BOUNDS.watched)
+    os._exit(1)
 
 
 def _answer(work: Callable[..., Answer], arguments: tuple[object, ...]) -> Iterator[bytes | memoryview]:

@@ -35,9 +35,12 @@ def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
     """
     file = Path(path).resolve()
     if file not in _loaded:
-        before = set(library.effects().values())
+        before, deep = set(library.effects().values()), sys.getrecursionlimit()
         with _telling(file, path):
-            _run(file, path)
+            try:
+                _run(file, path)
+            finally:
+                sys.setrecursionlimit(deep)
             if sys.stdout is not None and sys.stdout.closed:
                 raise PluginError(f"{path}: closes standard output: take that out")
             kinds = tuple(kind for kind in library.effects().values() if kind not in before)
@@ -79,11 +82,12 @@ def _try(kind: type[Term]) -> None:
     words = {name: getattr(kind, name) for name in ("id", "law", "kind", "reveal", "title", "typical")}
     if wrong := [name for name, word in words.items() if not isinstance(word, str)]:
         raise TypeError(f"{wrong[0]} of {kind.__name__} is {shown(words[wrong[0]])}: it has to be a text")
-    time: Array = np.arange(1000) / 100.0
-    x = Samples(time, np.sin(time), np.cos(time), np.sin(3 * time))
-    for term in kind.grid(x, x.torque):
-        for column in () if term.remembers else (*term.columns, *term.fixed):
-            np.broadcast_to(np.asarray(column.torque(x, x.torque), dtype=float), time.shape)
+    for samples in (1000, 37):
+        time: Array = np.arange(samples) / 100.0
+        x = Samples(time, np.sin(time), np.cos(time), np.sin(3 * time))
+        for term in kind.grid(x, x.torque):
+            for column in () if term.remembers else (*term.columns, *term.fixed):
+                np.broadcast_to(np.asarray(column.torque(x, x.torque), dtype=float), time.shape)
 
 
 @contextmanager

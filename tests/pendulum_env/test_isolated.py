@@ -139,14 +139,21 @@ def test_a_module_in_the_working_directory_is_not_run(tmp_path):
     assert done.stdout.strip().isdigit() and done.stderr == ""
 
 
+WAITING = 'isolated(eval, \'open("begun", "w").close() or __import__("time").sleep(1000)\')'
+
+
 @posix
 @pytest.mark.parametrize(
-    "ending", ["pass", "os.kill(os.getpid(), 9)", "isolated(eval, '__import__(\"time\").sleep(1000)')"]
+    ("ending", "sent"),
+    [("pass", None), ("os.kill(os.getpid(), 9)", None), (WAITING, signal.SIGINT), (WAITING, signal.SIGKILL)],
 )
-def test_no_helper_outlives_its_parent(ending):
+def test_no_helper_outlives_its_parent(ending, sent, tmp_path):
     command = [sys.executable, "-c", f"{SAY}, flush=True)\n{ending}"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as parent:
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
+    environment = os.environ | {"PYTHONPATH": os.getcwd()}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, **streams) as parent:
         helper = int(parent.stdout.readline())
-        if "sleep" in ending:
-            parent.send_signal(signal.SIGINT)
+        if sent:
+            wait_until((tmp_path / "begun").exists)
+            parent.send_signal(sent)
     wait_until(lambda: not lives(helper))

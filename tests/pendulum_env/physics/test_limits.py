@@ -1,6 +1,7 @@
 """Parameters that are known or bounded, and effects from a file."""
 
 import pickle
+import sys
 
 import numpy as np
 import pytest
@@ -88,6 +89,14 @@ def test_a_file_of_effects_is_known_and_may_be_loaded_twice(tmp_path, own_librar
     assert load_plugin(path) == (kind,) and effects()["cubic_of_a_plugin"] is kind
 
 
+def test_a_file_of_effects_does_not_change_how_deep_calls_may_go(tmp_path, own_library):
+    path = tmp_path / "shallow.py"
+    path.write_text(f"import sys\nsys.setrecursionlimit(200)\n{PLUGIN}")
+    deep = sys.getrecursionlimit()
+    load_plugin(path)
+    assert sys.getrecursionlimit() == deep
+
+
 @pytest.mark.parametrize(
     ("content", "what"),
     [
@@ -101,6 +110,7 @@ def test_a_file_of_effects_is_known_and_may_be_loaded_twice(tmp_path, own_librar
         (PLUGIN.replace('"c q\'^3"', "None"), "law of Cubic is None: it has to be a text"),
         (PLUGIN.replace("x.velocity**3", "None"), "TypeError: unsupported operand"),
         (PLUGIN.replace("x.velocity**3", "x.velocity[:3]"), "ValueError: operands could not be broadcast"),
+        (PLUGIN.replace("x.velocity**3", "[0.0] * 1000"), "ValueError: operands could not be broadcast"),
         (PLUGIN.replace("x.velocity**3", "exit(0)"), "line 17: SystemExit: 0"),
     ],
 )
