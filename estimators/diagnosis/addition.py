@@ -82,6 +82,7 @@ def add(
         before, longer, against = _searched(servos.models, kind)
         shown, after = servos.sharpened(before), servos.sharpened(longer)
         against = objection(after, shown, servos.models.train.motions) or against
+        shown, after = servos.readable(shown), servos.readable(after)
         return Addition(shown, after, servos.models.left.floors, against, servos.given.doubt)
     progress("reading the motion", 0.0)
     given = Preprocessed.of(recordings, holdout).with_impacts(model.terms)

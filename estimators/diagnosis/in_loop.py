@@ -31,6 +31,7 @@ from estimators.simulation.output_error import Point
 from estimators.weak_form.windows import WHOLE
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.physics.friction import LoadDependentFriction
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
@@ -105,6 +106,17 @@ class Looped:
         self.fine[0].regression.begin_at(start)
         return self._fitted(step.added, start.terms)
 
+    def readable(self, step: Step) -> Step:
+        """A step without back-EMF where that and viscous friction are one number: that of both."""
+        terms = step.model.terms
+        if BackEmf.id not in ids(terms) or tells_back_emf(terms, self.given.recordings):
+            return step
+        theta = {column.name: value for column, value in zip(step.model.columns, step.model.theta, strict=True)}
+        theta["viscous"] += theta.pop(BackEmf.id)
+        rest = tuple(term for term in terms if term.id != BackEmf.id)
+        self.fine[0].regression.begin_at(Point(rest, np.array(list(theta.values()))))
+        return self._fitted(step.added, rest)
+
     def _fitted(self, added: str | None, terms: Sequence[Term]) -> Step:
         """A step to some terms with shorter steps of the integrator."""
         train, unseen = self.fine
@@ -139,8 +151,8 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
     candidates, groups = judge(found, found.terms)
     dropped = ids(searched.terms) - ids(found.terms)
     candidates = [replace(own, reason=MADE_UP) if own.effect in dropped else own for own in candidates]
-    *others, last = found.steps
     left = unexplained(found, servos.fine[0])
+    *others, last = map(servos.readable, found.steps)
     model = last.model.biased() if left else last.model
     doubts = (given.doubt, _of_rate(last.model, recordings), _of_scale(recordings))
     return Diagnosis(
@@ -237,16 +249,22 @@ def likeliest_way(ways: Sequence[InLoop], base: Sequence[Term], effects: Sequenc
 def base_of(base: Sequence[Term], recordings: Sequence[Recording]) -> tuple[Term, ...]:
     """The model that a search in the loop starts from.
 
-    A horn is put on a servo by hand, so that the angle at which it hangs is fitted along; and where the motor was off
-    for a while, what it brakes while it is on is told from viscous friction.
+    A horn is put on a servo by hand, so that the angle at which it hangs is fitted along. What a motor under voltage
+    brakes by its turning is viscous friction until it is off, or its gear rubs under the torque that is left.
     """
-    is_off = any(
-        not recording.powered.all()
-        for recording in recordings
-        if recording.drive is not None and recording.drive.output in ("duty", "voltage")
-    )
-    more = [GravityTilt(), *([BackEmf()] if is_off else [])]
+    more = [GravityTilt(), *([BackEmf()] if are_under_voltage(recordings) else [])]
     return (*base, *(term for term in more if term.id not in ids(base)))
+
+
+def tells_back_emf(terms: Sequence[Term], recordings: Sequence[Recording]) -> bool:
+    """Whether these recordings, by these terms, tell what the motor brakes from viscous friction."""
+    is_off = not all(recording.powered.all() for recording in recordings if are_under_voltage([recording]))
+    return is_off or LoadDependentFriction.id in ids(terms)
+
+
+def are_under_voltage(recordings: Sequence[Recording]) -> bool:
+    """Whether a drive gives the motor of one of the recordings a voltage, and not a torque."""
+    return any(own.drive is not None and own.drive.output in ("duty", "voltage") for own in recordings)
 
 
 def unexplained(found: Selection, train: InLoop) -> list[Region]:

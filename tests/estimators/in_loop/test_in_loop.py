@@ -109,6 +109,46 @@ def test_friction_that_grows_with_the_load_is_named_and_the_error_falls(pressed)
     assert "NaN" not in told and "in_loop" in told
 
 
+def under_voltage(kp: float, seed: int, rubs: float) -> Recording:
+    """Eight seconds of a servo whose duty drives a motor that brakes by turning, beside friction of its torque.
+
+    By steps of 0.2 ms that stop where dry friction does; the motor, 0.3 N m/V, brakes by 0.25 N m s/rad.
+    """
+    rng, step, rate = np.random.default_rng(seed), 2e-4, 100
+    tones, phases = 2 * np.pi * np.array([0.23, 0.41, 0.9]), rng.uniform(0, 2 * np.pi, 3)
+    q, v, held, rows = 0.0, 0.0, 0.0, []
+    for k in range(round(8.0 / step)):
+        if k % round(1 / rate / step) == 0:
+            held = float(np.sin(tones * k * step + phases) @ [0.5, 0.35, 0.2])
+            rows.append((k * step, np.round(q / 1.5e-3) * 1.5e-3, held))
+        motor = 0.3 * 12.0 * np.clip(kp * (held - q), -0.95, 0.95) - 0.25 * v
+        pushed = v + step * (motor - TRUE["gravity"] * np.sin(q) - TRUE["viscous"] * v) / TRUE["inertia"]
+        most = step * (TRUE["coulomb"] + rubs * abs(motor)) / TRUE["inertia"]
+        v = float(np.sign(pushed) * max(abs(pushed) - most, 0.0))
+        q += step * v
+    time, position, goal = np.array(rows).T
+    drive, ones = Drive(kp=kp, limit=0.95, supply=12.0, gain=0.3), np.ones(len(time))
+    torque = drive.torque(goal, position, 0 * ones, 12.0 * ones, ones)
+    return Recording(f"gain-{kp}", time, position, torque, reference=goal, drive=drive)
+
+
+def test_what_a_motor_brakes_is_told_from_viscous_friction_where_the_gear_rubs_under_its_torque():
+    rubbed, free = ([under_voltage(kp, k, rubs) for k, kp in enumerate((2.0, 4.0, 3.0))] for rubs in (0.25, 0.0))
+    found = diagnose(rubbed[:2], rubbed[2:], only=FEW[:2])
+    assert found.headline == "Load dependent friction is missing"
+    for name, value in {**TRUE, "back_emf": 0.25, "load_dependent_friction": 0.25}.items():
+        own = found.model.estimates[name]
+        assert abs(own.value - value) < 4 * own.std and own.std < 0.1 * max(value, 0.25)
+    added = add(MODEL, "load_dependent_friction", rubbed[:2], rubbed[2:])
+    assert added.after.model.estimates["back_emf"].value == pytest.approx(0.25, rel=0.1)
+    nothing = diagnose(free[:2], free[2:], only=FEW[:2])
+    assert nothing.headline == "Nothing is missing"
+    for model in (nothing.model, added.before.model):
+        assert "back_emf" not in model.estimates
+    both = nothing.model.estimates["viscous"]
+    assert abs(both.value - TRUE["viscous"] - 0.25) < 4 * both.std < 0.03
+
+
 def test_error_falls_where_what_hides_is_added_and_not_where_nothing_does(pressed, plain):
     right, wrong = (add(MODEL, "load_dependent_friction", own[:2], own[2:]) for own in (pressed, plain))
     assert right.objection is None and wrong.objection is not None
