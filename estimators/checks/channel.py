@@ -26,7 +26,6 @@ from scipy.optimize import least_squares
 from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
 from estimators.regression.balance import Balance
 from estimators.regression.equations import IdentificationError
-from estimators.selection.columns import depends_on_torque
 from estimators.selection.score import BLOCK, Blocks, cross_validated
 from estimators.signals.channel import Channel
 from estimators.weak_form.dataset import Dataset, prepare, smooth_laws
@@ -83,7 +82,7 @@ class ChannelFits:
         data = replace(data, windows=tuple(replace(w, samples=replace(w.samples, load=load)) for w, load in hung))
         rows = np.flatnonzero(np.concatenate([_clear(w) for w in data.windows]))
         fast = float(np.percentile(np.abs(data.samples.velocity), 95))
-        known = [term for term in beside if not depends_on_torque(term)]
+        known = [term for term in beside if not term.fixed]
         laws = (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in SEARCH.friction), *known)
         load, *friction = (data.rows.column(column, data.rows.samples) for column in (LOAD, OWN, HUNG))
         carried, gain = (load, []) if recordings[0].torque_unit == NEWTON_METRE else (0.0 * load, [load])
@@ -262,8 +261,8 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
 
     Args:
         recordings: one or more.
-        beside: effects that the joint has, with their shape parameters set; those that depend on the motion alone,
-            and on what it was before, are fitted along.
+        beside: effects that the joint has, with their shape parameters set, which are fitted along. Laws that make
+            another torque of the one that was logged, as a lag does, are left out: they compete with the channel's.
 
     A law is reported if its delay or lag is `SEARCH.sure` standard errors from none, and if it surely predicts better
     seconds to which it was not fitted. A filter is told from a delay where it surely predicts better, else both are

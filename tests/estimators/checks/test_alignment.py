@@ -13,6 +13,7 @@ from estimators.checks.channel import align, align_each
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.signals.channel import Channel
 from pendulum_env.physics import BASE
+from pendulum_env.physics.actuation import TorqueRipple
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
 from tests import slow
@@ -116,6 +117,15 @@ def test_an_effect_that_is_known_no_longer_blurs_the_time_of_the_torque():
     alone, beside = align([recording]), align([recording], [Cogging(7.0)])
     assert not (alone.is_found or beside.is_found)
     assert beside.delay_std < 0.1 * alone.delay_std
+
+
+def test_torque_that_is_late_is_timed_beside_an_effect_of_the_torque():
+    ripples = run("multisine", 500.0, torque_ripple={"rip_n": 14.0, "rip_s": 0.15, "rip_c": 0.1})
+    late = logged_late(ripples, 1)
+    alone, beside = align([late]), align([late], [TorqueRipple(14)])
+    assert abs(beside.delay - 2e-3) < 4 * beside.delay_std < 4e-4
+    assert not alone.is_late or alone.delay_std > 2 * beside.delay_std
+    assert not align([ripples], [TorqueRipple(14)]).is_late
 
 
 def every_few(fast: Recording, every: int) -> Recording:
