@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from estimators.regression.equations import Equations
-from estimators.regression.least_squares import solve
+from estimators.regression.least_squares import information, solve
 from estimators.selection.regression import Regression
 from estimators.weak_form.dataset import Dataset
 from pendulum_env._typing import JSON, Array
@@ -283,9 +283,9 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
 
 def pool(fits: Sequence[Own]) -> Known:
     """Common parameters of several fits, weighted by what each knows, and the most that one may be biased by."""
-    information = [np.linalg.inv(fit.known.covariance) for fit in fits]
-    covariance = np.linalg.inv(sum(information))
-    weighted = sum(part @ fit.known.theta for part, fit in zip(information, fits, strict=True))
+    told = [information(fit.known.covariance) for fit in fits]
+    covariance = information(np.sum(told, axis=0))
+    weighted = sum(part @ fit.known.theta for part, fit in zip(told, fits, strict=True))
     return Known(covariance @ weighted, covariance, np.max([fit.known.bias for fit in fits], axis=0))
 
 

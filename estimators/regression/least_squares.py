@@ -123,38 +123,30 @@ def jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Array, Arra
 
     A fit follows the clusters that tell it most, whose residuals then look too small. Each cluster's score is what it
     is without its own pull, (I - X'X B)^-1 X'e with B = (phi' phi)^-1, so that few clusters do not feign certainty.
-    In columns that are orthonormal over all clusters, B is the identity and the matrix symmetric.
     """
     size = np.linalg.norm(phi, axis=0)
     size[size == 0] = 1.0
-    squares, directions = np.linalg.eigh(np.transpose(phi / size) @ (phi / size))
-    seen = squares > 1e-12 * squares.max(initial=0.0)
-    root = directions[:, seen] / np.sqrt(squares[seen])  # root root' = B
-    white = (phi / size) @ root
+    phi = phi / size
+    bread = np.linalg.pinv(phi.T @ phi, rcond=1e-12, hermitian=True)
     count = int(clusters.max()) + 1
-    alone, told = np.empty((count, root.shape[1])), np.empty((count, len(root)))
-    for cluster in range(count):
-        rows = clusters == cluster
-        alone[cluster] = _alone(white[rows], residual[rows])
-        told[cluster] = np.square(white[rows] @ root.T).sum(axis=0)
-    half = root @ alone.T
-    covariance = (count - 1) / count * half @ half.T
+    parts = [(phi[rows], residual[rows]) for rows in (clusters == cluster for cluster in range(count))]
+    grams = np.array([own.T @ own for own, _ in parts])
+    if max(len(own) for own, _ in parts) < len(bread):  # the same by matrices as small as the clusters are
+        alone = np.array([_alone(own, left, np.asarray(bread)) for own, left in parts])
+    else:
+        scores = np.array([own.T @ left for own, left in parts])
+        kept = np.eye(len(bread)) - grams @ bread
+        alone = (np.linalg.pinv(kept, rcond=1e-6) @ scores[:, :, None])[:, :, 0]
+    told = np.einsum("ij,kji->ki", bread, grams @ bread)
+    meat = alone.T @ alone
+    covariance = (count - 1) / count * bread @ meat @ bread
     return np.asarray(covariance / np.outer(size, size)), told
 
 
-def _alone(phi: Array, residual: Array) -> Array:
-    """Score (P,) of a cluster's rows (R, P) without its own pull, of columns that are orthonormal over all clusters."""
-    if 0 < len(phi) < phi.shape[1]:  # the same by a matrix as small as the cluster is
-        return np.asarray(phi.T @ _divided(np.eye(len(phi)) - phi @ phi.T, residual))
-    return _divided(np.eye(phi.shape[1]) - phi.T @ phi, phi.T @ residual)
-
-
-def _divided(gram: Array, y: Array) -> Array:
-    """Solution (P,) of symmetric equations gram x = y; zero in directions of which the others tell nothing."""
-    factor = _factor(gram)
-    if factor is None:
-        return np.asarray(np.linalg.pinv(gram, rcond=1e-6, hermitian=True) @ y)
-    return np.asarray(dpotrs(factor, y)[0])
+def _alone(phi: Array, residual: Array, bread: Array) -> Array:
+    """Score (P,) of a cluster's rows (R, P) without its own pull, phi' (I - phi B phi')^-1 e."""
+    kept = np.eye(len(phi)) - phi @ bread @ phi.T
+    return np.asarray(phi.T @ (np.linalg.pinv(kept, rcond=1e-6, hermitian=True) @ residual))
 
 
 def within_bounds(
