@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from agents import multisine
-from agents.knowledge import COUNT, NOMINAL, SLOW, log_det
-from agents.observer import CONSTRAINTS, EPISODE, TICK, Batch, Constraint, read
+from agents.observer import CONSTRAINTS, COUNT, EPISODE, NOMINAL, SLOW, TICK, Batch, Constraint, log_det, read
 from pendulum_env._typing import Array, Mask
 from pendulum_env.excitation import excitation
 from pendulum_env.lookup import find

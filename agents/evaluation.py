@@ -13,13 +13,13 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from agents.baselines import rows
 from agents.design_env import RATE, ExcitationDesignVector
-from agents.knowledge import COUNT, NOMINAL, log_det
-from agents.observer import TICK
+from agents.observer import COUNT, NOMINAL, TICK, log_det
 from estimators.online import OnlineEstimator
 from estimators.progress import Progress
 from estimators.schemes.six import scheme
@@ -90,11 +90,9 @@ def compare(
     plants: int,
     *,
     seed: int = 0,
-    effects: Sequence[str] = (),
-    task: Mapping[str, float] = MappingProxyType({}),
-    scheme_id: str = "filtered_dynamic",
     executor: Executor | None = None,
     tell: Progress | None = None,
+    **setting: Any,
 ) -> dict[str, Outcome]:
     """Let every policy excite the same fresh plants for 10 s.
 
@@ -105,16 +103,13 @@ def compare(
         constraint: of the torque.
         plants: number of them.
         seed: of plants, noise and signals.
-        effects: hidden in the plants.
-        task: further arguments of `ExcitationDesignVector`, `spread`, `max_speed` or `max_turns`.
-        scheme_id: of the estimator.
         executor: workers, here or on a cluster; None does it here.
         tell: called with the progress, as text and as a share.
+        setting: of all, see `observe`.
     """
     sizes = [min(PART, plants - first) for first in range(0, plants, PART)]
-    alike = partial(observe, constraint=constraint, effects=tuple(effects), task=dict(task), scheme_id=scheme_id)
     jobs = [
-        partial(alike, contender, plants=size, seed=seed + 4 * FRESH * part)
+        partial(observe, contender, constraint, size, seed=seed + 4 * FRESH * part, **setting)
         for contender in contenders.values()
         for part, size in enumerate(sizes)
     ]
@@ -140,7 +135,8 @@ def observe(
 ) -> Outcome:
     """Let a policy excite fresh plants for 10 s, the online estimator beside it at 1 kHz.
 
-    The same seed gives the same plants and the same noise to every policy.
+    The same seed gives the same plants and the same noise to every policy. Effects are hidden in the plants; `task` has
+    further arguments of `ExcitationDesignVector`: `spread`, `max_speed` or `max_turns`.
     """
     policy = contender(seed)
     env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, **task)  # type: ignore[arg-type]

@@ -11,9 +11,8 @@ from functools import partial
 import numpy as np
 
 from agents.baselines import foresee
-from agents.knowledge import COUNT, NOMINAL, PRIOR, log_det
 from agents.multisine import FOUND, FREQUENCIES, signal
-from agents.observer import CONSTRAINTS, Constraint
+from agents.observer import CONSTRAINTS, COUNT, NOMINAL, PRIOR, Constraint, log_det
 from estimators.progress import Progress
 from pendulum_env._typing import Array
 

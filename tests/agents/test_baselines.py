@@ -6,8 +6,7 @@ import pytest
 from agents import multisine
 from agents.baselines import BASELINES, baseline, foresee
 from agents.design_env import ExcitationDesignVector
-from agents.knowledge import NOMINAL, log_det
-from agents.observer import CONSTRAINTS
+from agents.observer import CONSTRAINTS, NOMINAL, log_det
 from benchmarks.multisine import PAPER, optimise, taught
 
 
