@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from agents.observer import BOUND, DECADES, Batch
-from agents.task import Task, TaskVector
+from agents.task import Seen, Task, TaskVector
 from estimators.arms.excitation import PRIOR, Moving, objection, to_rest
 from estimators.arms.limits import Limits, limits_of
 from estimators.arms.reference import HOLD, Reference
@@ -91,9 +91,9 @@ class ArmExcitationDesignVector(TaskVector):
         self.limits = limits_of(self.body, max_angle, max_speed, TORQUE if max_torque is None else max_torque)
         self._seconds, self._draw = seconds, draw
         self._moving = Moving(self.body, self.limits, num_envs)
-        super().__init__(num_envs, self._observe().shape[1], len(self.body.joints), autoreset_mode)
+        super().__init__(num_envs, observe(self._moving, 1.0).shape[1], len(self.body.joints), autoreset_mode)
 
-    def _begin(self) -> dict[str, Any]:
+    def _begin(self, options: dict[str, Any]) -> Seen:
         limits, rng = self.limits, self.np_random
         if self._draw:
             angle, speed, torque = (rng.uniform(*share, (self.num_envs, 1)) for share in SHARES.values())
@@ -102,20 +102,15 @@ class ArmExcitationDesignVector(TaskVector):
             limits = Limits(low, high, limits.speed * speed, limits.torque * torque, limits.acceleration * speed)
         seconds = rng.uniform(*SECONDS) if self._seconds is None else self._seconds
         self._moving, self._left = Moving(self.body, limits, self.num_envs), round(seconds / HOLD)
-        return self._info()
+        return self._seen()
 
-    def _go(self, shares: Array) -> dict[str, Any]:
+    def _go(self, shares: Array) -> Seen:
         self._moving.go(np.clip(shares, -1.0, 1.0))
-        return self._info()
+        return self._seen()
 
-    def _observe(self) -> Batch:
-        return observe(self._moving, self._left * HOLD)
-
-    def _known(self) -> Array:
-        return self._moving.worth
-
-    def _info(self) -> dict[str, Any]:
-        return {"speed": self._moving.speed, "variances": self._moving.variances}
+    def _seen(self) -> Seen:
+        info = {"speed": self._moving.speed, "variances": self._moving.variances}
+        return observe(self._moving, self._left * HOLD), self._moving.worth, info
 
 
 class ArmExcitationDesign(Task):

@@ -13,8 +13,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from agents.observer import CONSTRAINTS, EPISODE, TICK, Batch, Observer, log_det
-from agents.task import Task, TaskVector
+from agents.observer import CONSTRAINTS, EPISODE, TICK, Observer, log_det
+from agents.task import Seen, Task, TaskVector
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
@@ -88,28 +88,22 @@ class ExcitationDesignVector(TaskVector):
         )
         self._spread = Spread(self.pendulums.model, spread)
 
-    def _begin(self, plant: Array | None = None) -> dict[str, Any]:
+    def _begin(self, options: dict[str, Any]) -> Seen:
+        plant = options.get("plant")
         if plant is None:
             plant = self._spread.draw(self.np_random, self.num_envs)
         plant = np.reshape(plant, (-1, self.num_envs))
         _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options={"theta": plant})
         self._left = self.observer.ticks
         self.observer.start(info["position"], info["velocity"])
-        none = np.zeros((self.num_envs, self.observer.held))
-        start = none + info["position"][:, None]
-        return self._info(np.zeros(self.num_envs), start, none) | {"plant": plant.T}
+        none = np.zeros((self.observer.held, self.num_envs))
+        return self._seen(np.zeros(self.num_envs), none + info["position"], none, plant=plant.T)
 
-    def _go(self, shares: Array) -> dict[str, Any]:
+    def _go(self, shares: Array) -> Seen:
         torque = self.observer.allow(shares[:, 0])
         positions, torques = self._hold(torque)
         self.observer.take(positions, torques)
-        return self._info(torque, positions.T, torques.T)
-
-    def _observe(self) -> Batch:
-        return self.observer.observe()
-
-    def _known(self) -> Array:
-        return log_det(self.observer.information)
+        return self._seen(torque, positions, torques)
 
     def _hold(self, torque: Array) -> tuple[Array, Array]:
         """Measured positions and torques (held, B) while a torque is held."""
@@ -120,9 +114,11 @@ class ExcitationDesignVector(TaskVector):
             positions[k], torques[k] = info["position"], info["torque"]
         return positions, torques
 
-    def _info(self, torque: Array, positions: Array, torques: Array) -> dict[str, Any]:
-        learnt = {"information": self.observer.information, "estimates": self.observer.estimates}
-        return {"torque": torque, "positions": positions, "torques": torques, **learnt}
+    def _seen(self, torque: Array, positions: Array, torques: Array, **more: Array) -> Seen:
+        observer = self.observer
+        info = {"torque": torque, "positions": positions.T, "torques": torques.T}
+        info |= {"information": observer.information, "estimates": observer.estimates, **more}
+        return observer.observe(), log_det(observer.information), info
 
 
 class ExcitationDesign(Task):
@@ -132,6 +128,7 @@ class ExcitationDesign(Task):
     truncated after `seconds`, 10 s or 500 steps by default; none terminates.
     """
 
+    _batch: ExcitationDesignVector
     metadata = {"render_modes": list(MODES), "render_fps": round(1 / TICK)}  # noqa: RUF012  (Gymnasium's own interface)
 
     def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:

@@ -10,6 +10,7 @@ that each nominal parameter takes. It is that of Bayes from a prior around the n
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -18,8 +19,10 @@ from numpy.typing import NDArray
 
 from pendulum_env._typing import Array, Index
 from pendulum_env.interface import MAX_TORQUE, check_positive
+from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.plant import PAPER
+from pendulum_env.policy import Policy, State
 
 NOMINAL = np.array(list(PAPER.values()))  # inertia, gravity, viscous, coulomb
 SLOW = 0.2  # [rad/s]; slower than this nothing is learnt: near stick information rises and real errors do not fall
@@ -200,3 +203,55 @@ class Observer:
     def _outwards(self) -> Array:
         """Share of the way to the limit on turns (B,), signed; 0 where there is none."""
         return np.zeros_like(self._position) if self._max_angle is None else self._position / self._max_angle
+
+
+class Pilot:
+    """Drives any pendulum, simulated or real, by a policy of `ExcitationDesign`; a `pendulum_env.policy.Controller`.
+
+    It is given `info` of each step, whatever the backend, and answers with the torque of the next. It holds a torque
+    for 20 ms, keeps to its constraint, and begins anew at time 0.
+    """
+
+    def __init__(
+        self, policy: Policy, constraint: str = "peak", seconds: float = EPISODE, rate: float = 1000.0
+    ) -> None:
+        """Take a policy, the constraint it is to keep to, the length of a run [s], and the samples per second [Hz].
+
+        Raises:
+            ValueError: if the constraint is unknown, or the rate is no multiple of 50 Hz.
+        """
+        self.policy, self.rate = policy, rate
+        self.constraint = find("constraint", constraint, CONSTRAINTS)
+        self.observer = Observer(self.constraint, seconds, rate)
+        self._samples: list[tuple[float, float]] | None = None
+
+    @property
+    def amplitude(self) -> float:
+        """Bound of |torque| [N m]."""
+        return self.constraint.peak
+
+    def torque(self, info: Mapping[str, Any]) -> float:
+        """Torque for the period that begins now [N m].
+
+        Args:
+            info: `time` [s], `position` [rad] unwrapped, `velocity` [rad/s], and `torque` [N m] over the period that
+                has just ended, as measured.
+        """
+        if self._samples is None or info["time"] == 0:
+            self.observer.start(*(np.array([info[name]], dtype=float) for name in ("position", "velocity")))
+            self._state: State = None
+            self._decide(first=True)
+            return self._torque
+        self._samples.append((info["position"], info["torque"]))
+        if len(self._samples) == self.observer.held:
+            positions, torques = np.array(self._samples).T[..., None]
+            self.observer.take(positions, torques)
+            self._decide()
+        return self._torque
+
+    def _decide(self, first: bool = False) -> None:
+        share, self._state = self.policy.predict(
+            self.observer.observe(), self._state, np.array([first]), deterministic=True
+        )
+        self._torque = float(self.observer.allow(np.asarray(share, dtype=float)[:, 0])[0])
+        self._samples = []

@@ -19,6 +19,7 @@ from pendulum_env._typing import Array
 from pendulum_env.lookup import find
 
 Bools = NDArray[np.bool_]
+Seen = tuple[Batch, Array, dict[str, Any]]  # observations (B, N), what is known (B,) [nat], and the info
 
 
 class TaskVector(VectorEnv[Batch, Batch, Array]):
@@ -38,20 +39,12 @@ class TaskVector(VectorEnv[Batch, Batch, Array]):
         self.action_space = batch_space(self.single_action_space, num_envs)
 
     @abstractmethod
-    def _begin(self, **options: Any) -> dict[str, Any]:
-        """Begin episodes, of `_left` actions; the info."""
+    def _begin(self, options: dict[str, Any]) -> Seen:
+        """Begin episodes of `_left` actions."""
 
     @abstractmethod
-    def _go(self, shares: Array) -> dict[str, Any]:
-        """Act by shares of the largest (B, A); the info."""
-
-    @abstractmethod
-    def _observe(self) -> Batch:
-        """What is seen now (B, N)."""
-
-    @abstractmethod
-    def _known(self) -> Array:
-        """What is known by now (B,) [nat]."""
+    def _go(self, shares: Array) -> Seen:
+        """Act by shares of the largest (B, A)."""
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -64,7 +57,7 @@ class TaskVector(VectorEnv[Batch, Batch, Array]):
         super().reset(seed=seed[0] if isinstance(seed, list) else seed)
         for name in options or {}:
             find("option of reset", name, dict.fromkeys(self.options))
-        return self._look(self._begin(**(options or {})))
+        return self._look(self._begin(options or {}))
 
     def step(  # type: ignore[override]  # Gymnasium types the flags like the rewards
         self, actions: Batch
@@ -79,22 +72,22 @@ class TaskVector(VectorEnv[Batch, Batch, Array]):
             raise ValueError(f"actions are {self.action_space.shape} numbers, not {actions}")
         nobody = np.zeros(self.num_envs, dtype=bool)
         if self._left <= 0 and self.autoreset is AutoresetMode.NEXT_STEP:
-            observation, info = self._look(self._begin())
+            observation, info = self._look(self._begin({}))
             return observation, np.zeros(self.num_envs), nobody, nobody.copy(), info
-        before = self._known()
-        self._left -= 1
+        before, self._left = self._known, self._left - 1
         observation, info = self._look(self._go(shares))
-        reward = self._known() - before
+        reward = self._known - before
         truncated = np.full(self.num_envs, self._left <= 0)
         if self._left <= 0 and self.autoreset is AutoresetMode.SAME_STEP:
             final = {"final_obs": observation, "_final_obs": truncated, "final_info": info, "_final_info": truncated}
-            observation, info = self._look(self._begin())
+            observation, info = self._look(self._begin({}))
             info |= final
         return observation, reward, nobody, truncated, info
 
-    def _look(self, info: dict[str, Any]) -> tuple[Batch, dict[str, Any]]:
+    def _look(self, seen: Seen) -> tuple[Batch, dict[str, Any]]:
+        observation, self._known, info = seen
         everyone = np.ones(self.num_envs, dtype=bool)
-        return self._observe(), info | {f"_{name}": everyone for name in info}
+        return observation, info | {f"_{name}": everyone for name in info}
 
 
 class Task(gym.Env[Batch, Batch]):

@@ -7,6 +7,7 @@ everything that the rest depends on, pendulums and random numbers included.
 from __future__ import annotations
 
 import random
+from copy import copy
 from dataclasses import asdict, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -64,6 +65,7 @@ class LearntOn(InLevels):
     environment enforces it anyway, but an agent that spends it at once learns little of what came later.
     """
 
+    env: ExcitationDesignVector
     scale = 100.0  # decisions; keeps rewards as large as they were
 
     def __init__(self, env: ExcitationDesignVector, config: Config) -> None:
@@ -194,17 +196,14 @@ def rescaled(network: Network, config: Config, plants: int = 64) -> Network:
 
 def _keep(path: Path, model: PPO, config: Config) -> None:
     """Write a checkpoint, whole or not at all."""
-    logger, model._logger = model._logger, None  # type: ignore[assignment]  # open files, opened anew when resumed
-    try:
-        state = {
-            "config": asdict(config),
-            "model": model,  # with its pendulums
-            "random": (random.getstate(), np.random.get_state(), torch.get_rng_state()),  # noqa: NPY002  (of SB3)
-        }
-        packed = cloudpickle.dumps(state)
-    finally:
-        model._logger = logger
-    write_whole(path, packed, private=True)
+    bare = copy(model)
+    bare._logger = None  # type: ignore[assignment]  # open files, opened anew when resumed
+    state = {
+        "config": asdict(config),
+        "model": bare,  # with its pendulums
+        "random": (random.getstate(), np.random.get_state(), torch.get_rng_state()),  # noqa: NPY002  (of SB3)
+    }
+    write_whole(path, cloudpickle.dumps(state), private=True)
 
 
 def _restore(path: Path, config: Config) -> PPO:

@@ -1,4 +1,4 @@
-"""Find the multisines of `agents.multisine` anew, by CMA-ES: python -m benchmarks.multisine.
+"""Find the multisines of `agents.baselines` anew, by CMA-ES: python -m benchmarks.multisine.
 
 Source: Hansen, The CMA Evolution Strategy: A Tutorial, arXiv 1604.00772.
 """
@@ -10,8 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from agents.baselines import foresee
-from agents.multisine import FOUND, FREQUENCIES, signal
+from agents.baselines import FOUND, FREQUENCIES, foresee, signal
 from agents.observer import CONSTRAINTS, COUNT, NOMINAL, PRIOR, Constraint, log_det
 from estimators.progress import Progress
 from pendulum_env._typing import Array
