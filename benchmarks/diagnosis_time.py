@@ -1,4 +1,4 @@
-"""Seconds and memory that a diagnosis needs, of a pendulum and of an arm, and how both grow; six schemes beside it.
+"""Seconds and memory that a diagnosis needs, of a pendulum and of an arm, and how both grow.
 
 python -m benchmarks.diagnosis_time
 """
@@ -14,7 +14,7 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks import schemes, six_joint
+from benchmarks import six_joint
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from benchmarks.parallel import each, peak_memory
 from estimators import diagnose
@@ -104,10 +104,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     terminal.heading(f"An arm of six joints, 20 s at {six_joint.RATE:g} Hz, {every} effects at each, aim {ARM_AIM:g} s")
     rows = [(t.label, f"{t.took:.1f}", f"{t.memory:.0f}", "+".join(t.selected) or "nothing") for t in by_size]
     terminal.table(("", "time [s]", "memory [MB]", "selected"), rows, left=("selected",))
-    if len(by_effect) + len(by_length) + len(by_size) < len(PLANTS) + len(LENGTHS) + len(arms):
-        return 130
-    terminal.heading("Six schemes")
-    return schemes.main()
+    done = len(by_effect) + len(by_length) + len(by_size) == len(PLANTS) + len(LENGTHS) + len(arms)
+    return 0 if done else 130
 
 
 if __name__ == "__main__":
