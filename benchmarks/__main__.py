@@ -14,7 +14,7 @@ SHORT = (  # about two minutes on two cores
 )
 COMMANDS = (
     "environments", "joint_state", "watching", "diagnosis_time", "hidden_effects", "known_truth",
-    "cramer_rao", "ambiguity", "fleet", "reproducibility", "rig", "rig_faults",
+    "cramer_rao", "ambiguity", "fleet", "rig", "rig_faults",
     "servos", "sim_to_real", "six_joint", "survey", "sysid", "timing",
 )  # fmt: skip
 
