@@ -115,7 +115,14 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
         OSError: if the folder cannot be written to.
     """
     torch.set_num_threads(1)  # small networks gain nothing from more, and results then repeat
-    model = _begin(config, folder, resume)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    if folder is None or not (folder / CHECKPOINT).exists():
+        model = make_model(config)
+    elif resume:
+        model = _restore(folder / CHECKPOINT, config)
+    else:
+        raise CheckpointError(f"{folder}: holds a training already: resume it (--resume), or name another folder")
     if model.num_timesteps < config.steps:
         log = None if folder is None or find_spec("tensorboard") is None else str(folder / "tensorboard")
         model.tensorboard_log = log
@@ -124,19 +131,6 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
     network = export(model, config)
     constraint = CONSTRAINTS.get(config.constraint)
     return network if constraint is None or constraint.rms is None else rescaled(network, config)
-
-
-def _begin(config: Config, folder: Path | None, resume: bool) -> PPO:
-    """A new training, or the one in the folder."""
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        if (folder / CHECKPOINT).exists():
-            if not resume:
-                raise CheckpointError(
-                    f"{folder}: holds a training already: resume it (--resume), or name another folder"
-                )
-            return _restore(folder / CHECKPOINT, config)
-    return make_model(config)
 
 
 def make_model(config: Config) -> PPO:
