@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -65,16 +64,6 @@ class Outcome:
     def close(self) -> Array:
         """Time from which on all four stay within each of `CLOSE` (C, N) [s]; inf if they do not."""
         return np.array([stays_within(self.worst, bound) for bound in CLOSE])
-
-    @property
-    def peak(self) -> Array:
-        """Largest |torque| (N,) [N m]."""
-        return np.asarray(np.abs(self.torque).max(axis=0))
-
-    @property
-    def rms(self) -> Array:
-        """Root mean square of the torque (N,) [N m]."""
-        return np.sqrt((self.torque**2).mean(axis=0))
 
     @staticmethod
     def join(parts: Sequence[Outcome]) -> Outcome:
@@ -130,7 +119,7 @@ def observe(
     *,
     seed: int = 0,
     effects: Sequence[str] = (),
-    task: Mapping[str, float] = MappingProxyType({}),
+    task: Mapping[str, float] | None = None,
     scheme_id: str = "filtered_dynamic",
 ) -> Outcome:
     """Let a policy excite fresh plants for 10 s, the online estimator beside it at 1 kHz.
@@ -139,7 +128,7 @@ def observe(
     further arguments of `ExcitationDesignVector`: `spread`, `max_speed` or `max_turns`.
     """
     policy = contender(seed)
-    env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, **task)  # type: ignore[arg-type]
+    env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, **(task or {}))  # type: ignore[arg-type]
     estimator = OnlineEstimator(RATE, BASE, [scheme(scheme_id)], batch=plants)
     observation, info = env.reset(seed=FRESH + seed)
     truth = info["plant"][:, :COUNT]
@@ -241,8 +230,8 @@ def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
         "cramer_rao": dict(zip(moments, map(_quartiles, outcome.bound), strict=True)),
         "time_to": dict(zip(bounds, map(_quartiles, outcome.close), strict=True)),
         "gain": gains,
-        "torque_peak": float(outcome.peak.max()),
-        "torque_rms": _quartiles(outcome.rms),
+        "torque_peak": float(np.abs(outcome.torque).max()),
+        "torque_rms": _quartiles(np.sqrt((outcome.torque**2).mean(axis=0))),
         "speed": _quartiles(outcome.speed),
         "turns": _quartiles(np.ptp(outcome.position, axis=0) / (2 * np.pi)),  # between the outermost angles
         "seconds_per_action": outcome.seconds_per_action,

@@ -76,11 +76,9 @@ class LearntOn(InLevels):
         self._per_rms, self._rate = (0.0, 0.0) if rms is None else (peak / rms, config.price_rate)
         self.price = 0.0  # [nat], of a torque of the budget's size over a decision
 
-    def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+    def reset(self, **given: Any) -> tuple[Any, dict[str, Any]]:
         """Reset, and see it forwards."""
-        observation, info = self.env.reset(seed=seed, options=options)
+        observation, info = self.env.reset(**given)
         return self._see(observation), info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:

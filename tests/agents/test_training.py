@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from agents import Network, load
-from agents.config import Config, read_settings
+from agents.config import Config
 from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS
 from agents.training import CheckpointError, LearntOn, export, make_model, train
+from pendulum_env.reading import read_toml
 from workbench.cli import main
 
 SMALL = {"steps": 288, "pendulums": 8, "rollout": 12, "batch": 48, "epochs": 2, "checkpoint": 96}
@@ -102,7 +103,7 @@ def test_the_price_of_torque_rises_while_too_much_is_commanded():
 def test_a_configuration_is_read_from_a_file(tmp_path):
     path = tmp_path / "config.toml"
     path.write_text("steps = 100\nlevels = [-1, 1]\n")
-    assert Config.of(read_settings(path)) == Config(steps=100, levels=(-1, 1))
+    assert Config.of(read_toml(path)) == Config(steps=100, levels=(-1, 1))
 
 
 @pytest.mark.parametrize(
