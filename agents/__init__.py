@@ -1,7 +1,7 @@
 """What chooses the torque: signals, planning and learning agents, and how they compare."""
 
 from agents.network import Network, load
-from agents.pilot import Pilot
+from agents.observer import Pilot
 from pendulum_env.registration import ARM_DESIGN, DESIGN
 
 __all__ = ["ARM_DESIGN", "DESIGN", "Network", "Pilot", "load"]

@@ -9,15 +9,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
-from numpy.typing import NDArray
+from gymnasium.vector import AutoresetMode
 
-from agents.design_env import single
-from agents.knowledge import DECADES
-from agents.observer import BOUND, Batch
+from agents.observer import BOUND, DECADES, Batch
+from agents.task import Seen, Task, TaskVector
 from estimators.arms.excitation import PRIOR, Moving, objection, to_rest
 from estimators.arms.limits import Limits, limits_of
 from estimators.arms.reference import HOLD, Reference
@@ -27,7 +23,6 @@ from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.excitation import USUAL_SPEED
-from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.policy import Policy, State
 
@@ -35,8 +30,6 @@ SECONDS = (2.0, 10.0)  # length of an episode, where nobody says
 SHARES = {"angle": (0.2, 1.0), "speed": (0.3, 1.5), "torque": (0.8, 1.2)}  # of the limits, likewise
 TORQUE = 12.0  # [N m], the bound where neither file nor argument has one
 PACE = 5.0  # [s], by which the time left is divided in the observation
-
-Bools = NDArray[np.bool_]
 
 
 def observe(moving: Moving, left: float) -> Batch:
@@ -51,7 +44,7 @@ def observe(moving: Moving, left: float) -> Batch:
     return np.clip(seen, -BOUND, BOUND).astype(np.float32)
 
 
-class ArmExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
+class ArmExcitationDesignVector(TaskVector):
     """B motions of an arm whose parameters are to be learnt; made by `gymnasium.make_vec`.
 
     Action (B, n): speeds of the joints at the next knot, 0.1 s later, as shares of the largest, in [-1, 1]; they are
@@ -96,26 +89,11 @@ class ArmExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
             raise Mistake(f"an episode cannot last {seconds:g} s: give {HOLD:g} s or more")
         self.body = body_in(PlanarArm()) if robot is None else read_body(robot)
         self.limits = limits_of(self.body, max_angle, max_speed, TORQUE if max_torque is None else max_torque)
-        self.num_envs, self.render_mode, self._seconds, self._draw = num_envs, None, seconds, draw
-        self.autoreset = AutoresetMode(autoreset_mode)
-        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset}
-        self._moving, self._left = Moving(self.body, self.limits, num_envs), 0
-        inputs = observe(self._moving, 1.0).shape[1]
-        self.single_observation_space = gym.spaces.Box(-BOUND, BOUND, (inputs,), dtype=np.float32)
-        self.single_action_space = gym.spaces.Box(-1.0, 1.0, (len(self.body.joints),), dtype=np.float32)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._seconds, self._draw = seconds, draw
+        self._moving = Moving(self.body, self.limits, num_envs)
+        super().__init__(num_envs, observe(self._moving, 1.0).shape[1], len(self.body.joints), autoreset_mode)
 
-    def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Batch, dict[str, Any]]:
-        """Begin motions at rest; the seed draws limits and length."""
-        super().reset(seed=seed[0] if isinstance(seed, list) else seed)
-        for name in options or {}:
-            find("option of reset", name, {})
-        return self._begin()
-
-    def _begin(self) -> tuple[Batch, dict[str, Any]]:
+    def _begin(self, options: dict[str, Any]) -> Seen:
         limits, rng = self.limits, self.np_random
         if self._draw:
             angle, speed, torque = (rng.uniform(*share, (self.num_envs, 1)) for share in SHARES.values())
@@ -124,62 +102,25 @@ class ArmExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
             limits = Limits(low, high, limits.speed * speed, limits.torque * torque, limits.acceleration * speed)
         seconds = rng.uniform(*SECONDS) if self._seconds is None else self._seconds
         self._moving, self._left = Moving(self.body, limits, self.num_envs), round(seconds / HOLD)
-        return self._look()
+        return self._seen()
 
-    def _look(self) -> tuple[Batch, dict[str, Any]]:
-        everyone = np.ones(self.num_envs, dtype=bool)
-        info = {"speed": self._moving.speed, "variances": self._moving.variances}
-        return observe(self._moving, self._left * HOLD), info | {f"_{name}": everyone for name in info}
-
-    def step(  # type: ignore[override]  # Gymnasium types the flags like the rewards
-        self, actions: Batch
-    ) -> tuple[Batch, Array, Bools, Bools, dict[str, Any]]:
-        """Go on to the next knot with shares of the largest speeds (B, n).
-
-        Raises:
-            ValueError: if an action is no number, or there is not one for each joint.
-        """
-        shares = np.asarray(actions, dtype=float)
-        if shares.shape != self.action_space.shape or not np.isfinite(shares).all():
-            raise ValueError(f"actions are {self.action_space.shape} numbers, not {actions}")
-        nobody = np.zeros(self.num_envs, dtype=bool)
-        if self._left <= 0 and self.autoreset is AutoresetMode.NEXT_STEP:
-            observation, info = self._begin()
-            return observation, np.zeros(self.num_envs), nobody, nobody.copy(), info
-        before = self._moving.worth
+    def _go(self, shares: Array) -> Seen:
         self._moving.go(np.clip(shares, -1.0, 1.0))
-        self._left -= 1
-        reward = self._moving.worth - before
-        truncated = np.full(self.num_envs, self._left <= 0)
-        observation, info = self._look()
-        if self._left <= 0 and self.autoreset is AutoresetMode.SAME_STEP:
-            final = {"final_obs": observation, "_final_obs": truncated, "final_info": info, "_final_info": truncated}
-            observation, info = self._begin()
-            info |= final
-        return observation, reward, nobody, truncated, info
+        return self._seen()
+
+    def _seen(self) -> Seen:
+        info = {"speed": self._moving.speed, "variances": self._moving.variances}
+        return observe(self._moving, self._left * HOLD), self._moving.worth, info
 
 
-class ArmExcitationDesign(gym.Env[Batch, Batch]):
+class ArmExcitationDesign(Task):
     """One motion of an arm: `ArmExcitationDesignVector` with a batch of one, without its first axis."""
 
     metadata = {"render_modes": []}  # noqa: RUF012  (Gymnasium's own interface)
 
     def __init__(self, **arguments: Any) -> None:
         """Make it; the arguments are those of the batch but for the number of motions."""
-        self._batch = ArmExcitationDesignVector(1, **arguments)
-        self.observation_space = self._batch.single_observation_space
-        self.action_space = self._batch.single_action_space
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Batch, dict[str, Any]]:
-        """Begin a motion at rest."""
-        super().reset(seed=seed)
-        observation, info = self._batch.reset(seed=seed, options=options)
-        return observation[0], single(info)
-
-    def step(self, action: Batch) -> tuple[Batch, float, bool, bool, dict[str, Any]]:
-        """Go on to the next knot with shares of the largest speeds (n,)."""
-        observation, reward, _, truncated, info = self._batch.step(np.asarray(action)[None])
-        return observation[0], float(reward[0]), False, bool(truncated[0]), single(info)
+        super().__init__(ArmExcitationDesignVector(1, **arguments))
 
 
 def plan(policy: Policy, body: Body, limits: Limits, seconds: float) -> Reference:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from pendulum_env.lookup import find
-from pendulum_env.reading import Value, read_toml, several, within
+from pendulum_env.reading import Value, several, within
 
 ROLLOUT = 50_000_000  # decisions of all pendulums between two updates, of some 100 bytes each
 USUAL: dict[str, dict[str, Any]] = {  # what a constraint changes
@@ -78,13 +77,3 @@ class Config:
         if config.batch > decisions:
             raise ValueError(f"batch ({config.batch}) has to be within the {decisions} decisions of a rollout")
         return config
-
-
-def read_settings(path: str | Path) -> dict[str, Any]:
-    """Settings of a TOML file.
-
-    Raises:
-        Unreadable: if it cannot be read, or is no TOML.
-    """
-    settings = read_toml(path)
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in settings.items()}

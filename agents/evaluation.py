@@ -12,14 +12,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
-from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from agents.baselines import rows
 from agents.design_env import RATE, ExcitationDesignVector
-from agents.knowledge import COUNT, NOMINAL, log_det
-from agents.observer import TICK
+from agents.observer import COUNT, NOMINAL, TICK, log_det
 from estimators.online import OnlineEstimator
 from estimators.progress import Progress
 from estimators.schemes.six import scheme
@@ -66,16 +65,6 @@ class Outcome:
         """Time from which on all four stay within each of `CLOSE` (C, N) [s]; inf if they do not."""
         return np.array([stays_within(self.worst, bound) for bound in CLOSE])
 
-    @property
-    def peak(self) -> Array:
-        """Largest |torque| (N,) [N m]."""
-        return np.asarray(np.abs(self.torque).max(axis=0))
-
-    @property
-    def rms(self) -> Array:
-        """Root mean square of the torque (N,) [N m]."""
-        return np.sqrt((self.torque**2).mean(axis=0))
-
     @staticmethod
     def join(parts: Sequence[Outcome]) -> Outcome:
         """Outcomes of one policy on several lots of plants, as one."""
@@ -90,11 +79,9 @@ def compare(
     plants: int,
     *,
     seed: int = 0,
-    effects: Sequence[str] = (),
-    task: Mapping[str, float] = MappingProxyType({}),
-    scheme_id: str = "filtered_dynamic",
     executor: Executor | None = None,
     tell: Progress | None = None,
+    **setting: Any,
 ) -> dict[str, Outcome]:
     """Let every policy excite the same fresh plants for 10 s.
 
@@ -105,16 +92,13 @@ def compare(
         constraint: of the torque.
         plants: number of them.
         seed: of plants, noise and signals.
-        effects: hidden in the plants.
-        task: further arguments of `ExcitationDesignVector`, `spread`, `max_speed` or `max_turns`.
-        scheme_id: of the estimator.
         executor: workers, here or on a cluster; None does it here.
         tell: called with the progress, as text and as a share.
+        setting: of all, see `observe`.
     """
     sizes = [min(PART, plants - first) for first in range(0, plants, PART)]
-    alike = partial(observe, constraint=constraint, effects=tuple(effects), task=dict(task), scheme_id=scheme_id)
     jobs = [
-        partial(alike, contender, plants=size, seed=seed + 4 * FRESH * part)
+        partial(observe, contender, constraint, size, seed=seed + 4 * FRESH * part, **setting)
         for contender in contenders.values()
         for part, size in enumerate(sizes)
     ]
@@ -135,15 +119,16 @@ def observe(
     *,
     seed: int = 0,
     effects: Sequence[str] = (),
-    task: Mapping[str, float] = MappingProxyType({}),
+    task: Mapping[str, float] | None = None,
     scheme_id: str = "filtered_dynamic",
 ) -> Outcome:
     """Let a policy excite fresh plants for 10 s, the online estimator beside it at 1 kHz.
 
-    The same seed gives the same plants and the same noise to every policy.
+    The same seed gives the same plants and the same noise to every policy. Effects are hidden in the plants; `task` has
+    further arguments of `ExcitationDesignVector`: `spread`, `max_speed` or `max_turns`.
     """
     policy = contender(seed)
-    env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, **task)  # type: ignore[arg-type]
+    env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, **(task or {}))  # type: ignore[arg-type]
     estimator = OnlineEstimator(RATE, BASE, [scheme(scheme_id)], batch=plants)
     observation, info = env.reset(seed=FRESH + seed)
     truth = info["plant"][:, :COUNT]
@@ -245,8 +230,8 @@ def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
         "cramer_rao": dict(zip(moments, map(_quartiles, outcome.bound), strict=True)),
         "time_to": dict(zip(bounds, map(_quartiles, outcome.close), strict=True)),
         "gain": gains,
-        "torque_peak": float(outcome.peak.max()),
-        "torque_rms": _quartiles(outcome.rms),
+        "torque_peak": float(np.abs(outcome.torque).max()),
+        "torque_rms": _quartiles(np.sqrt((outcome.torque**2).mean(axis=0))),
         "speed": _quartiles(outcome.speed),
         "turns": _quartiles(np.ptp(outcome.position, axis=0) / (2 * np.pi)),  # between the outermost angles
         "seconds_per_action": outcome.seconds_per_action,

@@ -88,8 +88,8 @@ class Network:
 
     @classmethod
     def _of(cls, arrays: Mapping[str, NDArray[Any]]) -> Network:
-        layers = range(max(1, sum(name.startswith("weight") for name in arrays)))
-        names = [*(f"weight{k}" for k in layers), *(f"bias{k}" for k in layers), "levels"]
+        count = max(1, sum(name.startswith("weight") for name in arrays))
+        names = [f"{kind}{k}" for kind in ("weight", "bias") for k in range(count)] + ["levels"]
         for name in [*names, "constraint"]:
             if name not in arrays:
                 raise ValueError(f"it lacks {name}")
@@ -100,7 +100,7 @@ class Network:
             if own.dtype.kind not in "iuf" or not own.size or not _bounded(own):
                 raise ValueError(f"{name} holds something else than numbers up to {LARGEST_WEIGHT:g}")
         *parameters, levels = (arrays[name].astype(float) for name in names)
-        weights, biases = parameters[: len(layers)], parameters[len(layers) :]
+        weights, biases = parameters[:count], parameters[count:]
         seen, constraint = weights[0].shape[-1], str(arrays["constraint"])
         of_arm, outputs = constraint == ARM, biases[-1].size
         inputs = seen if of_arm or seen == INPUTS + 1 else INPUTS  # one more with limited turns

@@ -1,21 +1,36 @@
 """What an agent sees of pendulums, and what it may do to them: samples in, observations out, shares made torques.
 
-One definition serves the environment in which policies learn and the rig on which they act.
+One definition serves the environment in which policies learn and the rig on which they act. What is learnt is
+in nominal units: parameters as shares of the nominal ones, so that x = 1 is the nominal plant, and rows as the torque
+that each nominal parameter takes. It is that of Bayes from a prior around the nominal plant:
+
+    M = M0 + sum phi phi'        information, P times P, in units of the noise
+    x = M^-1 (M0 1 + sum phi y)  estimates
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.knowledge import FEATURES, NOMINAL, SLOW, Knowledge, recall
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Index
 from pendulum_env.interface import MAX_TORQUE, check_positive
+from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
+from pendulum_env.plant import PAPER
+from pendulum_env.policy import Policy, State
 
+NOMINAL = np.array(list(PAPER.values()))  # inertia, gravity, viscous, coulomb
+SLOW = 0.2  # [rad/s]; slower than this nothing is learnt: near stick information rises and real errors do not fall
+PRIOR = 0.1  # of the information: (noise / spread)^2 with 0.1 N m of noise on a tick and plants within some 30 %
+DECADES = 10.0  # by which log information is divided, for it to be about 1 in the end
+COUNT = len(NOMINAL)
+PAIRS: tuple[Index, Index] = np.triu_indices(COUNT, 1)
+FEATURES = 2 * COUNT + len(PAIRS[0])
 EPISODE = 10.0  # [s], the usual length of one
 TICK = 0.02  # [s], over which a torque is held: decisions at 50 Hz
 FAST = 10.0  # [rad/s], by which velocity is divided in the observation
@@ -56,10 +71,19 @@ class Seen(NamedTuple):
 def read(observation: Array | Batch) -> Seen:
     """Meaning of observations (B, N)."""
     o = np.asarray(observation, dtype=float)
-    information, estimates = recall(o[:, 3 : 3 + FEATURES])
+    own, upper, deviations = np.split(o[:, 3 : 3 + FEATURES], [COUNT, FEATURES - COUNT], axis=1)
+    scale = np.sqrt(PRIOR * np.exp(DECADES * own))
+    correlations = np.tile(np.eye(COUNT), (len(o), 1, 1))
+    correlations[:, PAIRS[0], PAIRS[1]] = correlations[:, PAIRS[1], PAIRS[0]] = upper
+    information = correlations * scale[:, :, None] * scale[:, None, :]
     time_left, budget_left, stuck = o[:, 3 + FEATURES : INPUTS].T
     position = np.arctan2(o[:, 0], o[:, 1])
-    return Seen(position, FAST * o[:, 2], information, estimates, time_left, budget_left, stuck)
+    return Seen(position, FAST * o[:, 2], information, 1.0 + deviations, time_left, budget_left, stuck)
+
+
+def log_det(information: Array) -> Array:
+    """Logarithm of determinants (...) of (..., P, P) [nat]: what D-optimality counts (Fedorov 1972)."""
+    return np.linalg.slogdet(information).logabsdet
 
 
 def mirrored(observation: Any) -> tuple[Array, Array]:
@@ -80,7 +104,7 @@ class Observer:
         held: samples in a tick.
         ticks: of an episode.
         tick: that begins now.
-        knowledge: what has been learnt.
+        information: M (B, P, P).
     """
 
     def __init__(
@@ -114,7 +138,8 @@ class Observer:
         """Begin an episode at positions [rad] and velocities [rad/s] (B,)."""
         batch = len(position)
         self.tick = 0
-        self.knowledge = Knowledge.none(batch)
+        self.information = np.tile(PRIOR * np.eye(COUNT), (batch, 1, 1))
+        self._moment = np.full((batch, COUNT), PRIOR)  # M0 1 + sum phi y
         self._position, self._velocity, self._torque = position, velocity, np.zeros(batch)
         self._stuck = np.ones(batch, dtype=bool)
         self._left = np.full(batch, self._budget)
@@ -138,24 +163,38 @@ class Observer:
         way = np.concatenate([self._position[None], positions])
         velocity = np.concatenate([self._velocity[None], self.rate * np.diff(way, axis=0)])
         fast = (np.abs(velocity) >= SLOW).all(axis=0) & (np.ptp(np.sign(velocity), axis=0) == 0)
-        rows = [
+        parts = [
             (velocity[-1] - velocity[0]) / TICK,
             np.sin(way).mean(axis=0),
             (way[-1] - way[0]) / TICK,
             np.sign(velocity[-1]),
         ]
         mean = torques.mean(axis=0) + 0.5 * (self._torque - torques[-1]) / self.held
-        self.knowledge.take(np.stack(rows, axis=1) * NOMINAL, mean, fast)
+        rows = np.stack(parts, axis=1) * NOMINAL * fast[:, None]
+        self.information = self.information + rows[:, :, None] * rows[:, None, :]
+        self._moment = self._moment + rows * mean[:, None]
         self._position, self._velocity, self._torque = positions[-1], velocity[-1], torques[-1]
         self._stuck = (np.abs(velocity) < SLOW).all(axis=0)
         self.tick += 1
+
+    @property
+    def estimates(self) -> Array:
+        """Parameters as shares of the nominal ones (B, P)."""
+        return np.asarray(np.linalg.solve(self.information, self._moment[..., None])[..., 0], dtype=np.float64)
+
+    def features(self) -> Array:
+        """Log information of each parameter, correlations, deviation of the estimates from nominal (B, FEATURES)."""
+        diagonal = np.einsum("bii->bi", self.information)
+        scale = np.sqrt(diagonal)
+        correlations = (self.information / scale[:, :, None] / scale[:, None, :])[:, PAIRS[0], PAIRS[1]]
+        return np.concatenate([np.log(diagonal / PRIOR) / DECADES, correlations, self.estimates - 1.0], axis=1)
 
     def observe(self) -> Batch:
         """Observations (B, inputs)."""
         q, batch = self._position, len(self._position)
         time_left = np.full(batch, max(0.0, 1.0 - self.tick / self.ticks))
         budget_left = np.ones(batch) if np.isinf(self._budget) else self._left / self._budget
-        parts = np.stack([np.sin(q), np.cos(q), self._velocity / FAST]), self.knowledge.features().T
+        parts = np.stack([np.sin(q), np.cos(q), self._velocity / FAST]), self.features().T
         rest = np.stack([time_left, budget_left, self._stuck])
         if self._max_angle is not None:
             rest = np.concatenate([rest, self._outwards()[None]])
@@ -164,3 +203,55 @@ class Observer:
     def _outwards(self) -> Array:
         """Share of the way to the limit on turns (B,), signed; 0 where there is none."""
         return np.zeros_like(self._position) if self._max_angle is None else self._position / self._max_angle
+
+
+class Pilot:
+    """Drives any pendulum, simulated or real, by a policy of `ExcitationDesign`; a `pendulum_env.policy.Controller`.
+
+    It is given `info` of each step, whatever the backend, and answers with the torque of the next. It holds a torque
+    for 20 ms, keeps to its constraint, and begins anew at time 0.
+    """
+
+    def __init__(
+        self, policy: Policy, constraint: str = "peak", seconds: float = EPISODE, rate: float = 1000.0
+    ) -> None:
+        """Take a policy, the constraint it is to keep to, the length of a run [s], and the samples per second [Hz].
+
+        Raises:
+            ValueError: if the constraint is unknown, or the rate is no multiple of 50 Hz.
+        """
+        self.policy, self.rate = policy, rate
+        self.constraint = find("constraint", constraint, CONSTRAINTS)
+        self.observer = Observer(self.constraint, seconds, rate)
+        self._samples: list[tuple[float, float]] | None = None
+
+    @property
+    def amplitude(self) -> float:
+        """Bound of |torque| [N m]."""
+        return self.constraint.peak
+
+    def torque(self, info: Mapping[str, Any]) -> float:
+        """Torque for the period that begins now [N m].
+
+        Args:
+            info: `time` [s], `position` [rad] unwrapped, `velocity` [rad/s], and `torque` [N m] over the period that
+                has just ended, as measured.
+        """
+        if self._samples is None or info["time"] == 0:
+            self.observer.start(*(np.array([info[name]], dtype=float) for name in ("position", "velocity")))
+            self._state: State = None
+            self._decide(first=True)
+            return self._torque
+        self._samples.append((info["position"], info["torque"]))
+        if len(self._samples) == self.observer.held:
+            positions, torques = np.array(self._samples).T[..., None]
+            self.observer.take(positions, torques)
+            self._decide()
+        return self._torque
+
+    def _decide(self, first: bool = False) -> None:
+        share, self._state = self.policy.predict(
+            self.observer.observe(), self._state, np.array([first]), deterministic=True
+        )
+        self._torque = float(self.observer.allow(np.asarray(share, dtype=float)[:, 0])[0])
+        self._samples = []

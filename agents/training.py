@@ -7,13 +7,18 @@ everything that the rest depends on, pendulums and random numbers included.
 from __future__ import annotations
 
 import random
+from copy import copy
 from dataclasses import asdict, replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import cloudpickle
+import gymnasium as gym
 import numpy as np
 import torch
+from gymnasium.vector import VectorWrapper
+from gymnasium.vector.utils import batch_space
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
@@ -21,8 +26,7 @@ from agents.arm_env import ArmExcitationDesignVector
 from agents.config import Config
 from agents.design_env import ExcitationDesignVector
 from agents.network import Network
-from agents.observer import ARM, CONSTRAINTS
-from agents.tasks import InLevels, LearntOn
+from agents.observer import ARM, CONSTRAINTS, mirrored
 from agents.vec_env import BatchedVecEnv
 from estimators.progress import Progress
 from pendulum_env.files import write_whole
@@ -36,6 +40,62 @@ SCALES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)
 
 class CheckpointError(Mistake):
     """A folder that holds another training than the one asked for, or one that was not to be resumed."""
+
+
+class InLevels(VectorWrapper):
+    """Actions in levels, as a `Network` chooses them: places among those of the configuration (B, n)."""
+
+    def __init__(self, env: Any, config: Config) -> None:
+        """Take the environment; the configuration has the levels."""
+        super().__init__(env)
+        self._levels = np.array(config.levels)
+        self.single_action_space = gym.spaces.MultiDiscrete([len(config.levels)] * env.single_action_space.shape[0])
+        self.action_space = batch_space(self.single_action_space, env.num_envs)
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Play levels (B, n)."""
+        return self.env.step(self._levels[actions])
+
+
+class LearntOn(InLevels):
+    """Torque in levels, seen as if the arm turned forwards, as a `Network` sees it, and paid by its worth in the end.
+
+    Rewards grow with t: as log det grows like log t, a row is then worth what it adds to log det in the end. Under a
+    budget of torque, the square of the command has a price, that rises until the mean command keeps the budget: the
+    environment enforces it anyway, but an agent that spends it at once learns little of what came later.
+    """
+
+    env: ExcitationDesignVector
+    scale = 100.0  # decisions; keeps rewards as large as they were
+
+    def __init__(self, env: ExcitationDesignVector, config: Config) -> None:
+        """Take the environment; the configuration has levels, head start and the rate of the price."""
+        super().__init__(env, config)
+        self._head_start, self._tick = config.head_start, 0
+        peak, rms = env.constraint.peak, env.constraint.rms
+        self._per_rms, self._rate = (0.0, 0.0) if rms is None else (peak / rms, config.price_rate)
+        self.price = 0.0  # [nat], of a torque of the budget's size over a decision
+
+    def reset(self, **given: Any) -> tuple[Any, dict[str, Any]]:
+        """Reset, and see it forwards."""
+        observation, info = self.env.reset(**given)
+        return self._see(observation), info
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Play levels (B, 1), weigh the reward, charge for the command, and adjust the price."""
+        share = self._sign[:, None] * self._levels[actions]
+        observation, reward, terminated, truncated, info = self.env.step(share)
+        excess = (self._per_rms * share[:, 0]) ** 2 - 1.0
+        reward = reward * (self._head_start + self._tick) / self.scale - self.price * excess
+        self._tick = 0 if truncated.all() else self._tick + 1
+        self.price = max(0.0, self.price + self._rate * float(excess.mean()))
+        if "final_obs" in info:
+            info["final_obs"] = mirrored(info["final_obs"])[0].astype(np.float32)
+        return self._see(observation), reward, terminated, truncated, info
+
+    def _see(self, observation: Any) -> Any:
+        turned, self._sign = mirrored(observation)
+        return turned.astype(np.float32)
 
 
 def train(config: Config, tell: Progress | None = None, folder: Path | None = None, resume: bool = False) -> Network:
@@ -53,7 +113,14 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
         OSError: if the folder cannot be written to.
     """
     torch.set_num_threads(1)  # small networks gain nothing from more, and results then repeat
-    model = _begin(config, folder, resume)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    if folder is None or not (folder / CHECKPOINT).exists():
+        model = make_model(config)
+    elif resume:
+        model = _restore(folder / CHECKPOINT, config)
+    else:
+        raise CheckpointError(f"{folder}: holds a training already: resume it (--resume), or name another folder")
     if model.num_timesteps < config.steps:
         log = None if folder is None or find_spec("tensorboard") is None else str(folder / "tensorboard")
         model.tensorboard_log = log
@@ -62,19 +129,6 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
     network = export(model, config)
     constraint = CONSTRAINTS.get(config.constraint)
     return network if constraint is None or constraint.rms is None else rescaled(network, config)
-
-
-def _begin(config: Config, folder: Path | None, resume: bool) -> PPO:
-    """A new training, or the one in the folder."""
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        if (folder / CHECKPOINT).exists():
-            if not resume:
-                raise CheckpointError(
-                    f"{folder}: holds a training already: resume it (--resume), or name another folder"
-                )
-            return _restore(folder / CHECKPOINT, config)
-    return make_model(config)
 
 
 def make_model(config: Config) -> PPO:
@@ -97,14 +151,11 @@ def make_model(config: Config) -> PPO:
     return model
 
 
-def _task(config: Config) -> LearntOn | InLevels:
-    if config.constraint != ARM:
-        design = ExcitationDesignVector(config.pendulums, constraint=config.constraint, autoreset_mode="SameStep")
-        return LearntOn(design, config)
-    robot = config.robot or None
-    return InLevels(
-        ArmExcitationDesignVector(config.pendulums, robot=robot, draw=True, autoreset_mode="SameStep"), config
-    )
+def _task(config: Config) -> InLevels:
+    many: dict[str, Any] = {"num_envs": config.pendulums, "autoreset_mode": "SameStep"}
+    if config.constraint == ARM:
+        return InLevels(ArmExcitationDesignVector(robot=config.robot or None, draw=True, **many), config)
+    return LearntOn(ExcitationDesignVector(constraint=config.constraint, **many), config)
 
 
 def export(model: PPO, config: Config) -> Network:
@@ -137,17 +188,14 @@ def rescaled(network: Network, config: Config, plants: int = 64) -> Network:
 
 def _keep(path: Path, model: PPO, config: Config) -> None:
     """Write a checkpoint, whole or not at all."""
-    logger, model._logger = model._logger, None  # type: ignore[assignment]  # open files, opened anew when resumed
-    try:
-        state = {
-            "config": asdict(config),
-            "model": model,  # with its pendulums
-            "random": (random.getstate(), np.random.get_state(), torch.get_rng_state()),  # noqa: NPY002  (of SB3)
-        }
-        packed = cloudpickle.dumps(state)
-    finally:
-        model._logger = logger
-    write_whole(path, packed, private=True)
+    bare = copy(model)
+    bare._logger = None  # type: ignore[assignment]  # open files, opened anew when resumed
+    state = {
+        "config": asdict(config),
+        "model": bare,  # with its pendulums
+        "random": (random.getstate(), np.random.get_state(), torch.get_rng_state()),  # noqa: NPY002  (of SB3)
+    }
+    write_whole(path, cloudpickle.dumps(state), private=True)
 
 
 def _restore(path: Path, config: Config) -> PPO:
@@ -179,26 +227,25 @@ class _Watch(BaseCallback):
         self._gained: list[float] = []
 
     def _on_training_start(self) -> None:
-        self._kept = self._reported = self.num_timesteps
+        self._kept = self.num_timesteps
 
     def _on_step(self) -> bool:
         self._gained.append(float(self.locals["rewards"].mean()))
         return True
 
     def _on_rollout_start(self) -> None:  # what was learnt from the rollout before is in the model now
-        self._look()
+        if self._gained:
+            self._look()
 
     def _on_training_end(self) -> None:
         self._look(at_end=True)
 
     def _look(self, at_end: bool = False) -> None:
-        done, config = self.num_timesteps, self._config
-        if at_end or done - self._reported >= config.pendulums * config.rollout:
-            mean = float(np.mean(self._gained)) if self._gained else 0.0
-            self._reported, self._gained = done, []
-            self.logger.record("rollout/reward", mean)
-            if self._tell is not None:
-                self._tell(f"{done:,} decisions, reward {mean:.4f} each", min(1.0, done / config.steps))
+        done, config, mean = self.num_timesteps, self._config, float(np.mean(self._gained))
+        self._gained = []
+        self.logger.record("rollout/reward", mean)
+        if self._tell is not None:
+            self._tell(f"{done:,} decisions, reward {mean:.4f} each", min(1.0, done / config.steps))
         if self._folder is not None and (at_end or done // config.checkpoint > self._kept // config.checkpoint):
             assert isinstance(self.model, PPO)
             self._kept = done

@@ -79,8 +79,6 @@ class BatchedVecEnv(VecEnv):
     def env_is_wrapped(self, wrapper_class: type[Any], indices: VecEnvIndices = None) -> list[bool]:
         """Whether the vector environment is wrapped so, for each of the pendulums asked for."""
         layer: Any = self.env
-        while layer is not layer.unwrapped:
-            if isinstance(layer, wrapper_class):
-                break
+        while layer is not layer.unwrapped and not isinstance(layer, wrapper_class):
             layer = layer.env
         return [isinstance(layer, wrapper_class) for _ in self._get_indices(indices)]

@@ -8,13 +8,13 @@ import sys
 from workbench.terminal import Terminal
 
 SHORT = (  # about two minutes on two cores
-    ("environments", ("1000000",)),
+    ("environments", ()),
     ("diagnosis_time", ()),
     ("hidden_effects", ("--n", "24")),
 )
 COMMANDS = (
-    "environments", "schemes", "joint_state", "watching", "diagnosis_time", "hidden_effects", "known_truth",
-    "cramer_rao", "ambiguity", "fleet", "independent_plant", "mutations", "reproducibility", "rig", "rig_faults",
+    "environments", "joint_state", "watching", "diagnosis_time", "hidden_effects", "known_truth",
+    "cramer_rao", "ambiguity", "fleet", "rig", "rig_faults",
     "servos", "sim_to_real", "six_joint", "survey", "sysid", "timing",
 )  # fmt: skip
 

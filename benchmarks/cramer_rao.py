@@ -23,9 +23,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, random_case, simulate
+from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 from benchmarks.parallel import each
-from benchmarks.scoring import positive, rate, take_workers
+from benchmarks.scoring import positive, take_workers
 from benchmarks.truth import Truth
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.motion import SEGMENT
@@ -39,26 +39,6 @@ Array = NDArray[np.float64]
 
 AIM = 1.2  # times the bound
 INTERVAL = 1.96  # standard errors, 95 % of a normal distribution
-RATES = (200.0, 500.0, 1000.0, 2000.0)  # [Hz]
-COVERED = (  # effects whose law and parameters are those of the library, with or without shape parameters
-    "torque_offset",
-    "gravity_tilt",
-    "viscous_asymmetry",
-    "stribeck",
-    "quadratic_drag",
-    "load_dependent_friction",
-    "position_dependent_friction",
-    "cogging",
-    "torque_ripple",
-    "spring",
-    "actuator_lag",
-    "torque_saturation",
-    "friction_drift",
-    "payload_change",
-    "periodic_disturbance",
-    "encoder_eccentricity",
-)
-EVERY: tuple[tuple[str, ...], ...] = ((), *((id,) for id in COVERED))
 
 
 @dataclass(frozen=True)
@@ -226,77 +206,15 @@ def tell_bound(study: Study, realisations: int, workers: int, terminal: Terminal
     terminal.table(("parameter", "truth", *heads), rows)
 
 
-# ------------------------------------------------------------------------------------------------------------ coverage
-
-
-@dataclass(frozen=True)
-class Deviation:
-    """An estimate minus the truth in standard errors."""
-
-    rate: float
-    effect: str
-    parameter: str
-    windows: float
-
-
-def deviations(case: tuple[Truth, Recording]) -> list[Deviation]:
-    """How far the fit of the true terms is from the truth."""
-    truth, recording = case
-    model = fit_windows(PreparedData.of([recording]), truth.hidden)
-    return [
-        Deviation(truth.rate, truth.label, name, (value.value - truth.parameters[name]) / value.std)
-        for name, value in model.estimates.items()
-        if name in truth.parameters and value.std > 0
-    ]
-
-
-def random_cases(count: int, seed: int) -> list[tuple[Truth, Recording]]:
-    """Random plants with one effect each, or none, recorded at every rate."""
-    rng, runs = np.random.default_rng(seed), []
-    for hertz in RATES:
-        for j in range(count):
-            hidden = EVERY[j % len(EVERY)]
-            sensors = {"counts": int(rng.choice([65_536, 1_024_000])), "torque_noise": float(rng.choice([0.02, 0.05]))}
-            case = random_case(rng, hidden, rate=hertz, seconds=12.0, **sensors)
-            runs.append((case.plant, case.train))
-    recordings = simulate(runs)
-    return [
-        (Truth.of(f"{j}", r.truth), Recording(f"{j}", r.time, r.position, r.torque)) for j, r in enumerate(recordings)
-    ]
-
-
-def tell_coverage(count: int, seed: int, workers: int, terminal: Terminal) -> None:
-    """Print how often 95 % intervals hold the truth."""
-    found = each(deviations, random_cases(count, seed), workers=workers, title="coverage", terminal=terminal)
-    every = [deviation for some in found for deviation in some]
-    base = {term.id for term in BASE}
-
-    def covered(some: list[Deviation]) -> str:
-        return rate(sum(abs(d.windows) < INTERVAL for d in some), len(some))
-
-    groups = {"base terms": [d for d in every if d.parameter in base]}
-    groups |= {"effects": [d for d in every if d.parameter not in base]}
-    for hertz in RATES:
-        some = [d for d in every if d.rate == hertz]
-        groups |= {f"base terms at {hertz:g} Hz": [d for d in some if d.parameter in base]}
-        groups |= {f"effects at {hertz:g} Hz": [d for d in some if d.parameter not in base]}
-    groups |= {f"with {id}": [d for d in every if d.effect == id] for id in ("nothing", *COVERED)}
-    terminal.heading(f"95 % intervals of the fit over windows that hold the truth: {count} random plants at each rate")
-    terminal.table(("parameters", "within"), [(name, covered(some)) for name, some in groups.items()], left=("within",))
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.cramer_rao", description=__doc__.splitlines()[0])
     parser.add_argument("--n", type=positive, default=100, help="realisations of each study (default %(default)s)")
-    parser.add_argument("--plants", type=positive, default=64, help="random plants at each rate (default %(default)s)")
-    parser.add_argument("--seed", type=int, default=1, help="of the random plants")
     take_workers(parser)
     arguments = parser.parse_args(argv)
     terminal = Terminal()
     for study in STUDIES:
         tell_bound(study, arguments.n, arguments.workers, terminal)
     terminal.say(f"aim: within {AIM:g} of the bound")
-    tell_coverage(arguments.plants, arguments.seed, arguments.workers, terminal)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Seconds and memory that a diagnosis needs, of a pendulum and of an arm, and how both grow; six schemes beside it.
+"""Seconds and memory that a diagnosis of a pendulum needs, and how both grow; `six_joint` tells an arm's.
 
 python -m benchmarks.diagnosis_time
 """
@@ -14,15 +14,13 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks import schemes, six_joint
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from benchmarks.parallel import each, peak_memory
 from estimators import diagnose
-from pendulum_env.arms.joints import arm_base, joint_effects
 from pendulum_env.recording import Recording
 from workbench.terminal import Terminal
 
-AIM, ARM_AIM = 5.0, 30.0  # [s], for 20 s at 1 kHz, and for six joints
+AIM = 5.0  # [s], for 20 s at 1 kHz
 SECONDS, RATE = 20.0, 1000.0  # [s], [Hz]
 LENGTHS = (10.0, 20.0, 40.0, 80.0, 160.0)  # [s]
 GROWING = "stribeck"  # the plant whose recordings grow
@@ -59,16 +57,6 @@ def time_diagnosis(case: tuple[str, Recording]) -> Timing:
     return Timing(label, recording.duration, perf_counter() - begin, peak_memory(), found.selected)
 
 
-def time_arm(case: tuple[str, float, int]) -> Timing:
-    """Diagnose an arm of six joints with Stribeck friction hidden at the first, by some of the library's effects."""
-    label, seconds, count = case
-    body, recording = six_joint.body(), six_joint.simulate(100, six_joint.Hidden("stribeck", 0), seconds)
-    library = dict(list(joint_effects().items())[:count])
-    begin = perf_counter()
-    found = diagnose(recording, (), arm_base(body), library=library)
-    return Timing(label, seconds, perf_counter() - begin, peak_memory(), found.selected)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.diagnosis_time", description=__doc__.splitlines()[0])
     parser.parse_args(argv)
@@ -98,16 +86,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if len(by_length) > 1:
         power = np.polyfit(np.log([t.seconds for t in by_length]), np.log([t.took for t in by_length]), 1)[0]
         terminal.say(f"time grows as length to the power {power:.2f}, aim 1")
-    every = len(joint_effects())
-    arms = [("half of the effects", 20.0, every // 2), ("half as long", 10.0, every), ("all of it", 20.0, every)]
-    by_size = partial(each, time_arm, workers=1, fresh=True, terminal=terminal)(arms, title="diagnosing an arm")
-    terminal.heading(f"An arm of six joints, 20 s at {six_joint.RATE:g} Hz, {every} effects at each, aim {ARM_AIM:g} s")
-    rows = [(t.label, f"{t.took:.1f}", f"{t.memory:.0f}", "+".join(t.selected) or "nothing") for t in by_size]
-    terminal.table(("", "time [s]", "memory [MB]", "selected"), rows, left=("selected",))
-    if len(by_effect) + len(by_length) + len(by_size) < len(PLANTS) + len(LENGTHS) + len(arms):
-        return 130
-    terminal.heading("Six schemes")
-    return schemes.main()
+    return 0 if len(by_effect) + len(by_length) == len(PLANTS) + len(LENGTHS) else 130
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import gymnasium as gym
 import numpy as np
@@ -114,40 +114,6 @@ def batches() -> list[tuple[str, float, str]]:
     return rows
 
 
-def stability(updates: int, terminal: Terminal) -> str:
-    """One recursion of six schemes, equation after equation: motion, stick, and stretches that tell nothing new.
-
-    Every thousand equations: theta and P finite, P symmetric and positive definite. Parameters may wander and are
-    forgotten, which is what makes P grow.
-    """
-    rng = np.random.default_rng(0)
-    squares = SquareRootLeastSquares((1, 6), 4, forgetting=0.9999)
-    truth = np.array([0.09, 2.0, 0.36, 0.92])
-    least, largest = np.inf, 0.0
-    block = 1000
-    with terminal.progress("updating") as tell:
-        for start in range(0, updates // 6, block):
-            phi = rng.normal(size=(block, 1, 6, 4)) * [20.0, 0.7, 5.0, 1.0]
-            kind = rng.integers(4)
-            if kind == 1:  # steady turning: nothing accelerates, and dry friction is a constant
-                phi[..., 0], phi[..., 3] = 0.0, 1.0
-            if kind == 2:  # the same row over and over
-                phi[:] = phi[:1]
-            y = phi @ truth + 0.05 * rng.normal(size=phi.shape[:-1])
-            usable = np.full((block, 1, 6), kind != 3)  # stick
-            for row in zip(phi, y, usable, strict=True):
-                squares.take(*row)
-            if rng.random() < 0.1:
-                squares.widen(np.full((1, 6, 4), 1e-6))
-            P = squares.P
-            values = np.linalg.eigvalsh(P)
-            least, largest = min(least, float(values.min())), max(largest, float(values.max()))
-            tell(f"{6 * start:,}", 6 * start / updates)
-            if not (np.isfinite(squares.theta).all() and (P == P.swapaxes(-1, -2)).all() and least > 0):
-                return f"broken after {6 * start:,} updates"
-    return f"fine: eigenvalues of P ever from {least:.2g} to {largest:.2g}, theta {squares.theta[0, 0].round(3)}"
-
-
 def imports() -> list[tuple[str, float, str]]:
     def seconds(module: str) -> float:
         code = f"import time; t = time.perf_counter(); import {module}; print(time.perf_counter() - t)"
@@ -160,9 +126,7 @@ def imports() -> list[tuple[str, float, str]]:
     return [(f"import {module}", seconds(module), aim) for module, aim in aims.items()]
 
 
-def main(argv: list[str] | None = None) -> int:
-    arguments = sys.argv[1:] if argv is None else argv
-    updates = int(arguments[0]) if arguments else 10_000_000
+def main(argv: Sequence[str] = ()) -> int:
     terminal = Terminal()
     for title, unit, rows in (
         ("One environment", "us per step", environments()),
@@ -174,8 +138,6 @@ def main(argv: list[str] | None = None) -> int:
         terminal.table(
             ("what", unit, "note"), [(what, f"{value:.3g}", note) for what, value, note in rows], left=("note",)
         )
-    terminal.heading(f"{updates:,} updates of the square-root recursion in a row")
-    terminal.say(stability(updates, terminal))
     return 0
 
 

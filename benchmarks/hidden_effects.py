@@ -6,20 +6,15 @@ python -m benchmarks.hidden_effects --n 200
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
-from collections import Counter
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.figures import Confusion, Curve, write_page
-from benchmarks.independent_plant import OUTSIDE_LIBRARY, blind_set, simulate, write_case
-from benchmarks.parallel import each
+from benchmarks.independent_plant import blind_set, simulate, write_case
 from benchmarks.scoring import (
-    CLEAR,
+    Curve,
     Outcome,
     examine_all,
     positive,
@@ -29,9 +24,7 @@ from benchmarks.scoring import (
     tell_by_share,
     tell_totals,
 )
-from benchmarks.sparse_regression import Selection, is_installed, select_sparsely
 from benchmarks.truth import Truth, read_truth
-from estimators.diagnosis.result import Verdict
 from pendulum_env.physics import effects
 from workbench.terminal import Terminal
 
@@ -48,8 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--wide", action="store_true", help="plants half to twice the usual ranges")
     parser.add_argument("--variants", action="store_true", help="also less usual laws of the same effects")
     parser.add_argument("--misfits", action="store_true", help="each effect beside one that the library lacks")
-    parser.add_argument("--out", type=Path, help="folder for recordings and figure (default build/hidden_effects/...)")
-    parser.add_argument("--no-pysindy", action="store_true", help="skip the comparison with sparse regression")
+    parser.add_argument("--out", type=Path, help="folder for the recordings (default build/hidden_effects/...)")
     take_workers(parser)
     arguments = parser.parse_args(argv)
     terminal = Terminal()
@@ -63,16 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     truths = generate(folder, n, arguments.seed, counts, options, terminal)
     outcomes = examine_all(folder, truths, arguments.workers, terminal)
     tell(outcomes, terminal)
-    page = folder / "hidden_effects.html"
-    write_page(page, confusion(outcomes), power(outcomes), reliability(outcomes))
-    terminal.say(f"confusion matrix, power curve and reliability: {page}")
-    write_scores(folder / "scores.csv", outcomes)
-    terminal.say(f"scores and whether they were right, for calibration: {folder / 'scores.csv'}")
-    if len(outcomes) < len(truths):
-        return 130
-    if not arguments.no_pysindy:
-        compare_with_pysindy(folder, truths, outcomes, arguments.workers, terminal)
-    return 0
+    return 0 if len(outcomes) == len(truths) else 130
 
 
 def generate(
@@ -150,18 +133,6 @@ def reliability(outcomes: Sequence[Outcome]) -> Curve:
     return Curve.of("score", "right", SCORES, claims)
 
 
-def write_scores(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """Write score and whether it was right for every effect named, as CSV: what a calibration of scores needs."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(("case", "effect", "verdict", "score", "right"))
-        for outcome in sorted(outcomes, key=lambda outcome: outcome.truth.name):
-            for claim in outcome.claims:
-                verdict = Verdict.SELECTED if claim.is_selected else Verdict.AMBIGUOUS
-                row = (outcome.truth.name, claim.effect, verdict, f"{claim.score:.6g}", int(outcome.is_right(claim)))
-                table.writerow(row)
-
-
 def coverage(outcomes: Sequence[Outcome]) -> list[tuple[str, str]]:
     """Share of estimates within their 95 % intervals: of base terms, of effects, by sampling rate, by effect."""
     base: list[bool] = []
@@ -178,48 +149,6 @@ def coverage(outcomes: Sequence[Outcome]) -> list[tuple[str, str]]:
     groups |= {f"  at {hertz:g} Hz": by_rate[hertz] for hertz in sorted(by_rate)}
     groups |= {f"  {id}": by_effect[id] for id in effects() if id in by_effect}
     return [(name, rate(sum(group), len(group))) for name, group in groups.items()]
-
-
-def confusion(outcomes: Sequence[Outcome]) -> Confusion:
-    """What is hidden and selected counts for itself; what is missed is blamed on what is selected instead."""
-    counts: Counter[tuple[str, str]] = Counter()
-    for outcome in outcomes:
-        hidden = set(outcome.truth.hidden)
-        # a group that holds the truth stands for it
-        selected = hidden & effects().keys() if outcome.right else set(outcome.selected)
-        nothing = "failed" if outcome.failure else "unexplained" if outcome.unexplained else "nothing"
-        wrong = sorted(selected - hidden)
-        counts.update((id, id) for id in hidden & selected)
-        counts.update((id, other) for id in hidden - selected for other in wrong or [nothing])
-        if not hidden - selected:
-            counts.update(("nothing", other) for other in wrong or ([] if hidden else [nothing]))
-    rows, columns = {row for row, _ in counts}, {column for _, column in counts}
-    order = [*effects(), *OUTSIDE_LIBRARY, "nothing", "unexplained", "failed"]
-    return Confusion(tuple(id for id in order if id in rows), tuple(id for id in order if id in columns), dict(counts))
-
-
-def compare_with_pysindy(
-    folder: Path, truths: Sequence[Truth], outcomes: Sequence[Outcome], workers: int, terminal: Terminal
-) -> None:
-    """Print how often sparse regression over the same columns is right on the same recordings."""
-    if not is_installed():
-        terminal.say("comparison with sparse regression skipped: pip install pysindy")
-        return
-    work: Callable[[Truth], Selection] = partial(select_sparsely, folder=folder)
-    selections = each(work, truths, workers=workers, title="sparse regression", terminal=terminal)
-    named = [s for s in selections if set(s.truth.hidden) <= effects().keys()]  # it cannot say "unexplained"
-    right = {o.truth.name: o.right for o in outcomes}
-    subsets = {
-        "all but effects outside the library": named,
-        "nothing hidden": [s for s in named if not s.truth.hidden],
-        f"at least {CLEAR:.0%} of the torque": [s for s in named if (s.truth.share or 0.0) >= CLEAR],
-    }
-    rows = [
-        (label, rate(sum(right[s.truth.name] for s in some), len(some)), rate(sum(s.right for s in some), len(some)))
-        for label, some in subsets.items()
-    ]
-    terminal.heading("Right, beside sparse regression (pysindy) over the same columns")
-    terminal.table(("", "diagnosis", "sparse regression"), rows, left=("diagnosis", "sparse regression"))
 
 
 if __name__ == "__main__":

@@ -5,17 +5,13 @@
 While the joint slides one way the right-hand side is smooth and a classical Runge-Kutta step is as good as exact. Where
 the velocity would change sign inside a step, the step is cut at the zero; there the joint sticks if the torques at rest
 are within the dry friction, and otherwise slides on in the direction they push. The steps are machine code (Numba).
-
-    python -m benchmarks.independent_plant OUT --n 60 --seed 1        # a blind set: recordings and truth.json
 """
 
 from __future__ import annotations
 
-import argparse
 import difflib
 import gzip
 import json
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -824,37 +820,3 @@ def blind_set(
         }
         cases.append(random_case(rng, effects, **(sensors | options)))
     return cases
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.independent_plant", description=blind_set.__doc__)
-    parser.add_argument("out", type=Path, help="folder for the recordings and truth.json")
-    parser.add_argument("--n", type=int, default=60, help="cases in all (default 60)")
-    parser.add_argument("--nulls", type=int, default=10, help="cases with nothing hidden (default 10)")
-    parser.add_argument("--pairs", type=int, default=8, help="cases with two effects (default 8)")
-    parser.add_argument("--outside", type=int, default=0, help="cases with an effect the library lacks (default 0)")
-    parser.add_argument(
-        "--misfits", type=int, default=0, help="cases with a library effect and one it lacks (default 0)"
-    )
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--wide", action="store_true", help="plants half to twice the usual ranges")
-    parser.add_argument("--variants", action="store_true", help="also less usual laws of the same effects")
-    args = parser.parse_args(argv)
-    rng = np.random.default_rng(args.seed)
-    try:
-        options = {"wide": args.wide, "variants": args.variants, "seconds": args.seconds}
-        cases = blind_set(rng, args.n, args.nulls, args.pairs, args.outside, args.misfits, **options)
-    except ValueError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    runs = [(case.plant, experiment) for case in cases for experiment in (case.train, case.holdout)]
-    recordings = simulate(runs)
-    for j in range(len(cases)):
-        write_case(args.out, f"case_{j:03d}", recordings[2 * j], recordings[2 * j + 1])
-    print(f"{len(cases)} cases in {args.out}")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

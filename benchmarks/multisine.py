@@ -1,4 +1,4 @@
-"""Find the multisines of `agents.multisine` anew, by CMA-ES: python -m benchmarks.multisine.
+"""Find the multisines of `agents.baselines` anew, by CMA-ES: python -m benchmarks.multisine.
 
 Source: Hansen, The CMA Evolution Strategy: A Tutorial, arXiv 1604.00772.
 """
@@ -10,10 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from agents.baselines import foresee
-from agents.knowledge import COUNT, NOMINAL, PRIOR, log_det
-from agents.multisine import FOUND, FREQUENCIES, signal
-from agents.observer import CONSTRAINTS, Constraint
+from agents.baselines import FOUND, FREQUENCIES, foresee, signal
+from agents.observer import CONSTRAINTS, COUNT, NOMINAL, PRIOR, Constraint, log_det
 from estimators.progress import Progress
 from pendulum_env._typing import Array
 

@@ -18,7 +18,6 @@ from benchmarks.parallel import each, peak_memory
 from benchmarks.truth import Truth, read_pair
 from estimators.diagnosis.result import Diagnosis, Verdict
 from estimators.diagnosis.run import diagnose
-from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Errors
 from pendulum_env.physics import effects
 from workbench.terminal import Terminal
@@ -143,12 +142,12 @@ def compare(
     return Exact.AMBIGUOUS if swapped else Exact.NO
 
 
-def examine(truth: Truth, folder: Path, criterion: Criterion | None = None) -> Outcome:
+def examine(truth: Truth, folder: Path) -> Outcome:
     """Diagnose one pair of recordings; an exception is an outcome, too."""
     try:
         train, holdout = read_pair(folder, truth.name)
         begin = perf_counter()
-        found = diagnose([train], [holdout], criterion=criterion)
+        found = diagnose([train], [holdout])
         seconds = perf_counter() - begin
     except Exception as error:  # the other cases still count
         return Outcome(truth, failure=f"{type(error).__name__}: {error}")
@@ -210,6 +209,38 @@ def rate(hits: int, count: int) -> str:
         return "none"
     low, high = wilson(hits, count)
     return f"{hits} of {count}, {hits / count:.0%} ({100 * low:.0f} to {high:.0%})"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Share of successes among cases, by bins of some quantity.
+
+    Attributes:
+        quantity, success: what the cases are sorted by, and what counts.
+        bins: lower and upper edge, number of successes and of cases, and mean of the quantity, empty bins left out.
+    """
+
+    quantity: str
+    success: str
+    bins: tuple[tuple[float, float, int, int, float], ...]
+
+    @classmethod
+    def of(cls, quantity: str, success: str, edges: Sequence[float], cases: Sequence[tuple[float, bool]]) -> Curve:
+        """Sort cases (quantity, success) into bins between the edges."""
+        bins = []
+        for low, high in pairwise(edges):
+            some = [case for case in cases if low <= case[0] < high]
+            if some:
+                mean = sum(value for value, _ in some) / len(some)
+                bins.append((low, high, sum(success for _, success in some), len(some), mean))
+        return cls(quantity, success, tuple(bins))
+
+    @property
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Range, mean and rate of each bin."""
+        return [
+            (f"{low:g} to {high:g}", f"{mean:.3g}", rate(hits, count)) for low, high, hits, count, mean in self.bins
+        ]
 
 
 def right_of(outcomes: Sequence[Outcome]) -> str:

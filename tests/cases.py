@@ -141,7 +141,6 @@ ONE_STOP = {"wall_k": 60.0, "wall_d": 0.3}
 JUMPY = run(9, 12.0, 250.0, counts=None)
 SPRING = {"spring": {"spring_k": 0.4, "spring_q0": 0.5}}
 DRAG_AND_TILT = {"quadratic_drag": {"drag": 0.05}, "gravity_tilt": {"tilt_cos": 0.3}}
-RUBBING = SINGLES["stribeck"].hidden
 BLOW = np.where(np.arange(6000) // 5 == 526, -185.0, 0.0)  # [N m] for 10 ms, once, as it moves at 10 rad/s
 BRISTLES = Plant(0.063, 2.43, 0.458, 1.055, {"presliding": {"dahl_sigma": 79.4}})
 GEARS = {"load_dependent_friction": {"load_mu": 0.1, "load_out": 0.2}, "stribeck": {"strib_d": 0.4, "strib_v": 0.6}}
@@ -161,10 +160,6 @@ SPECIAL = {  # of one test each
     "wide": Case(SPRING, experiment=run(51, 9.0, scale=0.8)),
     "struck": Case(experiment=run(71, 12.0), command=a_swing() + BLOW),
     "picked up": Case({"payload_change": {"pay_I": 0.03, "pay_mgl": 0.7, "pay_t": 5.0}}, experiment=run(61, 12.0)),
-    **{
-        f"rubbing {seed}": Case(RUBBING, experiment=run(seed, 6.0, excitation=kind))
-        for seed, kind in enumerate(["two_tone", "prbs", "steps"])
-    },
     **{f"bristles {seed}": Case(plant=BRISTLES, experiment=run(seed, 10.0, 1000.0, counts=65_536)) for seed in (1, 2)},
     **{f"gears {seed}": Case(GEARS, experiment=run(seed, 9.0, 200.0, excitation="pd_loop")) for seed in (41, 42, 43)},
     "creep": Case(plant=CREEPING, experiment=run(3, 16.0), command=in_creep()),

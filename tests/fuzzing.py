@@ -25,13 +25,14 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from agents.config import Config, read_settings
+from agents.config import Config
 from agents.network import SHIPPED, Network
 from benchmarks.two_link import TwoLink
 from pendulum_env.arms import read_body
 from pendulum_env.backends.hardware.config import load as load_rig
 from pendulum_env.physics import Model, library, plugin
 from pendulum_env.plant import hide, paper_plant
+from pendulum_env.reading import read_toml
 from pendulum_env.recording import Recording, read_recording, write_recording
 from pendulum_env.recording.columns import named_column
 from pendulum_env.recording.study import read_sources
@@ -69,7 +70,7 @@ DIAGNOSIS = {"schema": "pendulum-ident/diagnosis@1", "suggestion": SUGGESTION, "
 
 
 def train(path: Path) -> Config:
-    return Config.of(read_settings(path))
+    return Config.of(read_toml(path))
 
 
 def read_plugin(path: Path) -> object:

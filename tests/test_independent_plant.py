@@ -11,7 +11,16 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from benchmarks import independent_plant
-from benchmarks.independent_plant import EFFECTS, Experiment, Plant, effect_share, random_case, simulate
+from benchmarks.independent_plant import (
+    EFFECTS,
+    Experiment,
+    Plant,
+    blind_set,
+    effect_share,
+    random_case,
+    simulate,
+    write_case,
+)
 from tests.runge_kutta import stick_and_slip
 
 EXACT = {"counts": None, "torque_noise": 0.0}
@@ -154,8 +163,8 @@ def test_every_effect_has_a_share_and_nothing_hidden_has_none() -> None:
 
 
 def test_blind_set_is_written_with_its_truth(tmp_path: Path) -> None:
-    arguments = [str(tmp_path), "--n", "4", "--nulls", "1", "--pairs", "1", "--outside", "1", "--seconds", "1"]
-    assert independent_plant.main(arguments) == 0
+    for k, case in enumerate(blind_set(np.random.default_rng(1), 4, 1, 1, 1, seconds=1.0)):
+        write_case(tmp_path, f"case_{k}", *simulate([(case.plant, case.train), (case.plant, case.holdout)]))
     truth = json.loads((tmp_path / "truth.json").read_text())
     assert sorted(len(case["hidden"]) for case in truth.values()) == [0, 1, 1, 2]
     for name, case in truth.items():

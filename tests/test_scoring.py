@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from benchmarks import known_truth
-from benchmarks.figures import Curve
-from benchmarks.hidden_effects import reliability, write_scores
+from benchmarks.hidden_effects import reliability
 from benchmarks.independent_plant import random_case, simulate, write_case
-from benchmarks.scoring import Claim, Exact, Outcome, compare, wilson
+from benchmarks.scoring import Claim, Curve, Exact, Outcome, compare, wilson
 from benchmarks.truth import Truth
 
 OFFSETS = ("torque_offset", "coulomb_asymmetry")
@@ -48,18 +47,11 @@ def test_curve_sorts_cases_into_bins() -> None:
     assert curve.bins == ((0.0, 1.0, 1, 2, 0.6), (2.0, 3.0, 1, 1, 2.0))
 
 
-def test_a_score_is_right_if_its_effect_or_one_of_its_group_is_hidden(tmp_path: Path) -> None:
+def test_a_score_is_right_if_its_effect_or_one_of_its_group_is_hidden() -> None:
     truth = Truth("one", ("coulomb_asymmetry",), {}, 500.0, None, 0.02)
     claims = Claim("torque_offset", 0.97), Claim("coulomb_asymmetry", 0.4, is_selected=False), Claim("spring", 0.6)
     outcome = Outcome(truth, ("torque_offset", "spring"), (OFFSETS,), claims=claims)
     assert reliability([outcome]).bins == ((0.5, 0.7, 0, 1, 0.6), (0.95, 0.99, 1, 1, 0.97))
-    write_scores(tmp_path / "scores.csv", [outcome])
-    assert (tmp_path / "scores.csv").read_text().splitlines() == [
-        "case,effect,verdict,score,right",
-        "one,torque_offset,selected,0.97,1",
-        "one,coulomb_asymmetry,ambiguous,0.4,1",
-        "one,spring,selected,0.6,0",
-    ]
 
 
 @pytest.mark.slow

@@ -7,10 +7,9 @@ from typing import Any, Self
 import gymnasium as gym
 import numpy as np
 
-from agents import multisine
+from agents.baselines import separating
 from agents.network import load
-from agents.observer import CONSTRAINTS, EPISODE
-from agents.pilot import Pilot
+from agents.observer import CONSTRAINTS, EPISODE, Pilot
 from estimators.wrappers.options import smoothing_of
 from pendulum_env.backends.hardware import config
 from pendulum_env.backends.hardware.config import RigConfig
@@ -120,7 +119,7 @@ def _experiment(
         return suggestion.signal, arguments.seconds or suggestion.seconds
     seconds = arguments.seconds or (SECONDS if arguments.until is None else LONGEST)
     if arguments.until is not None and kind is None:
-        return multisine.separating(arguments.amplitude), seconds
+        return separating(arguments.amplitude), seconds
     return excitation(kind or USUAL, rng, seconds, arguments.amplitude), seconds
 
 

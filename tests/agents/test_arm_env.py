@@ -3,10 +3,9 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from agents import ARM_DESIGN, Network, load
-from agents.arm_env import TORQUE, ArmExcitationDesignVector, plan
+from agents.arm_env import TORQUE, plan
 from agents.config import Config
 from agents.training import train
 from benchmarks import six_joint
@@ -21,10 +20,6 @@ from workbench.cli import main
 SMALL = {"constraint": "arm", "steps": 400, "pendulums": 8, "rollout": 10, "batch": 40, "epochs": 1, "checkpoint": 200}
 
 
-def test_it_keeps_gymnasiums_contract():
-    check_env(gym.make(ARM_DESIGN, seconds=1.0).unwrapped, skip_render_check=True)
-
-
 def test_the_reward_is_the_fall_of_the_standard_errors_and_an_episode_ends():
     env = gym.make(ARM_DESIGN, seconds=3.0)
     env.reset(seed=0)
@@ -35,39 +30,6 @@ def test_the_reward_is_the_fall_of_the_standard_errors_and_an_episode_ends():
         assert not terminated
     assert steps == round(3.0 / HOLD)
     assert paid == pytest.approx(-0.5 * np.log(info["variances"].mean() * PRIOR))
-
-
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_a_batch_is_its_motions_one_by_one_and_begins_anew(mode):
-    batch = gym.make_vec(ARM_DESIGN, 3, vectorization_mode="vector_entry_point", seconds=1.0, autoreset_mode=mode)
-    single = gym.make(ARM_DESIGN, seconds=1.0)
-    first, _ = batch.reset(seed=0)
-    single.reset(seed=0)
-    for k in range(10):
-        actions = np.random.default_rng(k).uniform(-1, 1, (3, 2)).astype(np.float32)
-        observations, rewards, _, truncated, info = batch.step(actions)
-        own, reward, _, ended, _ = single.step(actions[1])
-        assert rewards[1] == pytest.approx(reward) and truncated[1] == ended == (k == 9)
-        last = info["final_obs"] if "final_obs" in info else observations
-        np.testing.assert_allclose(last[1], own, atol=1e-6)
-    if mode == "NextStep":
-        observations, rewards, *_ = batch.step(actions)
-        assert (rewards == 0).all()
-    np.testing.assert_allclose(observations, first)
-
-
-def test_limits_and_lengths_are_drawn_by_the_seed():
-    drawn = [ArmExcitationDesignVector(4, draw=True).reset(seed=seed)[0] for seed in (0, 0, 1)]
-    np.testing.assert_array_equal(drawn[0], drawn[1])
-    assert (drawn[0] != drawn[2]).any() and (drawn[0][0] != drawn[0][1]).any()
-
-
-@pytest.mark.parametrize("action", [[0.0], [np.nan, 0.0]])
-def test_an_action_that_is_none_is_refused(action):
-    env = gym.make(ARM_DESIGN, disable_env_checker=True)
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"actions are \(1, 2\) numbers"):
-        env.unwrapped.step(np.array(action))
 
 
 def test_a_training_ends_in_a_policy_that_plays_whole_motions(tmp_path):

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from agents import multisine
-from agents.baselines import BASELINES, baseline, foresee
+from agents.baselines import BASELINES, FREQUENCIES, baseline, foresee, separating, shipped, signal
 from agents.design_env import ExcitationDesignVector
-from agents.knowledge import NOMINAL, log_det
-from agents.observer import CONSTRAINTS
+from agents.observer import CONSTRAINTS, NOMINAL, log_det
 from benchmarks.multisine import PAPER, optimise, taught
 
 
@@ -72,12 +70,12 @@ def test_looking_ahead_learns_more_than_the_papers_signal():
 @pytest.mark.parametrize("constraint", CONSTRAINTS)
 def test_a_multisine_found_in_advance_teaches_more_than_the_papers_tones(constraint):
     theta = NOMINAL * (1 + np.random.default_rng(99).uniform(-0.3, 0.3, (20, 4)))  # other plants than it was found on
-    paper = np.zeros(2 * len(multisine.FREQUENCIES))
+    paper = np.zeros(2 * len(FREQUENCIES))
     paper[list(PAPER)] = 1.0
-    signals = np.column_stack([paper, multisine.shipped(constraint)])
+    signals = np.column_stack([paper, shipped(constraint)])
     first, better = taught(signals, theta, CONSTRAINTS[constraint])
     assert better > first + 0.3
-    torque = multisine.signal(signals, CONSTRAINTS[constraint])
+    torque = signal(signals, CONSTRAINTS[constraint])
     assert np.abs(torque).max() <= CONSTRAINTS[constraint].peak + 1e-9
     if constraint == "rms":
         assert np.sqrt(np.mean(torque**2, axis=0)) == pytest.approx(3.0)
@@ -85,10 +83,10 @@ def test_a_multisine_found_in_advance_teaches_more_than_the_papers_tones(constra
 
 def test_the_multisine_that_tells_effects_apart_is_bounded_and_begins_again():
     time = 0.01 + 0.02 * np.arange(1000)  # [s], twice its length
-    torque = multisine.separating(2.5).signal(time)
+    torque = separating(2.5).signal(time)
     assert np.abs(torque).max() == pytest.approx(2.5)
     np.testing.assert_array_equal(torque[:500], torque[500:])
-    np.testing.assert_allclose(multisine.separating().signal(time), torque * 6.0 / 2.5)
+    np.testing.assert_allclose(separating().signal(time), torque * 6.0 / 2.5)
 
 
 def test_optimising_repeats_and_climbs():

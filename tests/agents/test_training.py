@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from agents import Network, load
-from agents.config import Config, read_settings
+from agents.config import Config
 from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS
-from agents.tasks import LearntOn
-from agents.training import CheckpointError, export, make_model, train
+from agents.training import CheckpointError, LearntOn, export, make_model, train
+from pendulum_env.reading import read_toml
 from workbench.cli import main
 
 SMALL = {"steps": 288, "pendulums": 8, "rollout": 12, "batch": 48, "epochs": 2, "checkpoint": 96}
@@ -73,7 +73,7 @@ def test_a_policy_acts_as_the_one_that_was_trained():
     observation = np.random.default_rng(0).uniform(-1, 1, (50, 20)).astype(np.float32)
     observation[:, 2] = np.abs(observation[:, 2])  # turning forwards
     choice, _ = model.predict(observation, deterministic=True)
-    np.testing.assert_allclose(network.predict(observation)[0][:, 0], np.array(config.levels)[choice], atol=1e-6)
+    np.testing.assert_allclose(network.predict(observation)[0][:, 0], np.array(config.levels)[choice[:, 0]], atol=1e-6)
 
 
 @pytest.mark.parametrize("constraint", CONSTRAINTS)
@@ -92,18 +92,18 @@ def test_the_price_of_torque_rises_while_too_much_is_commanded():
     env = LearntOn(ExcitationDesignVector(4, constraint="rms"), config)
     env.reset(seed=0)
     for _ in range(3):
-        reward = env.step(np.ones(4, dtype=int))[1]
+        reward = env.step(np.ones((4, 1), dtype=int))[1]
     assert env.price == pytest.approx(3 * 0.01 * 24)
     assert (reward < 0).all()
     for _ in range(100):
-        env.step(np.zeros(4, dtype=int))
+        env.step(np.zeros((4, 1), dtype=int))
     assert env.price == 0.0
 
 
 def test_a_configuration_is_read_from_a_file(tmp_path):
     path = tmp_path / "config.toml"
     path.write_text("steps = 100\nlevels = [-1, 1]\n")
-    assert Config.of(read_settings(path)) == Config(steps=100, levels=(-1, 1))
+    assert Config.of(read_toml(path)) == Config(steps=100, levels=(-1, 1))
 
 
 @pytest.mark.parametrize(

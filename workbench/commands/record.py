@@ -5,8 +5,7 @@ import argparse
 import numpy as np
 
 from agents.network import NAMES as SHIPPED
-from agents.observer import EPISODE
-from agents.pilot import Pilot
+from agents.observer import EPISODE, Pilot
 from estimators.wrappers.options import smoothing_of
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE, record

@@ -4,8 +4,9 @@ import argparse
 from importlib.util import find_spec
 from pathlib import Path
 
-from agents.config import USUAL, Config, read_settings
+from agents.config import USUAL, Config
 from agents.observer import ARM
+from pendulum_env.reading import read_toml
 from workbench.inputs import check_outputs, one_of, whole, wrote
 from workbench.mistakes import InputError, Interrupted
 from workbench.terminal import Terminal
@@ -69,7 +70,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def _config(arguments: argparse.Namespace) -> Config:
     given = {name: getattr(arguments, name) for name in ("constraint", "robot", "seed", "steps")}
     given = {name: value for name, value in given.items() if value is not None}
-    settings = {} if arguments.config is None else read_settings(arguments.config)
+    settings = {} if arguments.config is None else read_toml(arguments.config)
     try:
         return Config.of(settings | given)
     except ValueError as error:

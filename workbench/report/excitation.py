@@ -5,8 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from agents.evaluation import MOMENTS, Outcome
-from agents.knowledge import COUNT
-from agents.observer import TICK
+from agents.observer import COUNT, TICK
 from pendulum_env._typing import JSON
 from workbench.report.figure import Figure, Section, axis, line, numbers, segment
 from workbench.report.page import assemble

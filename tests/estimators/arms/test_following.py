@@ -49,13 +49,6 @@ def test_the_arm_keeps_near_its_reference_and_its_parameters_are_found(body, mot
     assert estimates["mz@shoulder"].value == pytest.approx(first_moment, rel=0.005)
 
 
-def test_bounds_of_angle_and_torque_make_a_smaller_motion(body):
-    bounded = design_excitation(body, 3.0, max_angle=0.8, max_torque=6.0)
-    q, v, a = bounded(np.linspace(0, bounded.seconds, 4001))
-    assert np.abs(q).max() <= 0.8 and np.abs(v).max() <= 4.0
-    assert np.abs(body.torque(q, v, a) @ body.values).max() <= 6.0
-
-
 def test_torque_limits_are_kept_whatever_the_error(body, motion):
     controller = Follow(motion, np.array([2.0, 0.5]))
     asked = controller.torque({"time": 0.0, "position": np.array([3.0, -3.0]), "velocity": np.zeros(2)})

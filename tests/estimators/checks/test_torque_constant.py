@@ -115,14 +115,6 @@ def test_the_torque_constant_is_right_whatever_friction_does_under_load(law, see
     assert found.loads == len(LOADS)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("excitation", ["two_tone", "filtered_noise"])
-def test_a_planned_current_tells_the_torque_constant(excitation):
-    scale = {"two_tone": 0.7, "filtered_noise": 1.0}[excitation]
-    found = torque_constant(bench("motor", LOADS[:5], excitation=excitation, scale=scale, rate=500.0))
-    assert found.value == pytest.approx(K, rel=0.01)
-
-
 def test_what_a_voltage_and_a_motor_that_always_drives_leave_open_is_said():
     (run,) = bench(loads=LOADS[2:3], seconds=5.0)
     always = replace(run, torque=np.sign(np.gradient(run.position)), torque_unit="V")

@@ -127,16 +127,6 @@ def test_of_one_blow_that_turns_the_joint_round_nothing_is_learnt():
     assert with_impacts(prepared, BASE, repeated=1)[0].data.impacts == 1  # it was seen
 
 
-@pytest.mark.slow
-def test_a_simulation_without_noise_hides_nothing():
-    period = 2e-3
-    time = period * np.arange(4000)
-    torque = 3 * np.sin(12.07 * time) + 3 * np.sin(2.25 * time)
-    position = plain().simulate(period, torque, 0.0, 0.0).position[:-1, 0]
-    found = diagnosed([Recording("exact", time, position, torque)])
-    assert found.selected == found.unexplained == ()
-
-
 def test_the_ringing_of_a_transmission_is_followed_into_the_end_that_is_held_out():
     """The link swings on for seconds: where a recording is split, the state at the cut is known from before."""
     link = 0.06

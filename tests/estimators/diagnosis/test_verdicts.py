@@ -100,19 +100,15 @@ def test_an_unusual_exponent_of_stribeck_friction_is_found_and_a_usual_one_is_no
     assert Model.from_json(usual.json()) == usual
 
 
-def test_what_no_effect_of_the_library_explains_is_reported_with_its_place_and_forced_into_none():
-    found = diagnosed("knocks")
+@pytest.mark.parametrize(
+    ("name", "where"), slow.but_first([("knocks", "the joint needs"), ("cubic_damping", "grows as |q'|^3")])
+)
+def test_what_no_effect_of_the_library_explains_is_reported_with_its_place_and_forced_into_none(name, where):
+    found = diagnosed(name)
     assert found.selected == () and found.unexplained
     told = found.json()["unexplained"]
-    assert told["present"] is True and "the joint needs" in told["where"]
+    assert told["present"] is True and where in told["where"]
     assert found.steps[-1].errors["holdout"].torque_rms > 2 * found.noise_floor
-
-
-@pytest.mark.slow
-def test_damping_with_a_cube_is_unexplained_and_no_pair_of_named_frictions():
-    found = diagnosed("cubic_damping")
-    assert found.selected == ()
-    assert "grows as |q'|^3" in found.json()["unexplained"]["where"]
 
 
 @pytest.mark.slow
@@ -172,13 +168,6 @@ def test_a_base_model_that_has_the_effect_already_needs_nothing_more():
     assert found.selected == ()
     assert found.model.estimates["stribeck.stribeck_velocity"].value == pytest.approx(0.6, rel=0.05)
     assert "stribeck" not in {c.effect for c in found.candidates}
-
-
-@pytest.mark.slow
-def test_several_recordings_are_fitted_jointly_and_confirmed_on_another():
-    found = diagnosed(["rubbing 0", "rubbing 1"], "rubbing 2")
-    assert found.selected == ("stribeck",)
-    assert found.model.estimates["stribeck"].value == pytest.approx(0.45, rel=0.03)
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.online import Estimates, OnlineEstimator
+from estimators.online.estimator import RECURSIONS
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.regression.recursive import PRIOR, history
 from estimators.schemes import six
@@ -60,6 +61,29 @@ def test_online_equals_offline(terms, paper_run):
             np.testing.assert_allclose(now.theta[0, s], course.theta[k], rtol=1e-9, atol=1e-12)
             scale = np.sqrt(np.outer(*2 * [np.diag(course.P[k])]))
             np.testing.assert_allclose(now.P[0, s] / scale, course.P[k] / scale, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("options", "close"),
+    [
+        ({}, 1e-8),
+        ({"random_walk": 0.05}, 1e-8),
+        ({"random_walk": [0.005, 0.1, 0.0, 0.05]}, 1e-8),
+        ({"forgetting": 0.998, "prior": 1e9}, 1e-6),  # where ours is still far from returning to P(0)
+    ],
+    ids=["all", "wandering", "wandering each", "forgetting"],
+)
+def test_filterpys_kalman_filter_finds_the_same_theta_and_covariances(options, close):
+    (run,) = simulate([(Plant(), Experiment(rate=500.0, seconds=2.5, seed=1))])
+    both = [fed(OnlineEstimator(500.0, recursion=name, **options), run) for name in RECURSIONS]
+    for k in (700, 1249):
+        ours, theirs = (estimates[k] for estimates in both)
+        np.testing.assert_allclose(theirs.theta, ours.theta, rtol=close)
+        np.testing.assert_allclose(theirs.error, ours.error, rtol=100 * close, atol=close)
+        for mine, other in ((ours.P, theirs.P), (ours.covariance, theirs.covariance)):
+            scale = np.sqrt(np.einsum("bsii->bsi", mine))
+            scale = scale[..., None] * scale[..., None, :]
+            np.testing.assert_allclose(other / scale, mine / scale, atol=close)
 
 
 @pytest.mark.parametrize("id", slow.but_first(["actuator_lag", "presliding", "dead_time", "joint_flexibility"]))
@@ -144,6 +168,19 @@ def test_many_are_estimated_as_one_a_reset_forgets_one_of_them_and_a_copy_goes_o
     np.testing.assert_allclose(after.covariance[0], steady.covariance[0], rtol=1e-6)
     np.testing.assert_array_equal(fed(copy, [paper_run] * 2, 2000, 4000)[-1].theta, after.theta)
     np.testing.assert_array_equal(early.theta, theta)  # as it was handed out
+
+
+def test_a_copy_of_the_kalman_filter_goes_on_alike_and_what_was_handed_out_stays(paper_run):
+    estimator = OnlineEstimator(paper_run.rate, recursion="KalmanFilter")
+    before = fed(estimator, paper_run, last=600)[-1]
+    theta, P = before.theta.copy(), before.spread().copy()
+    copy = pickle.loads(pickle.dumps(estimator))
+    one, other = (fed(each, paper_run, 600, 900)[-1].theta for each in (estimator, copy))
+    np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(before.theta, theta)
+    np.testing.assert_array_equal(before.spread(), P)
+    estimator.reset()
+    assert (fed(estimator, paper_run, last=1)[-1].theta == 0).all()
 
 
 def test_nothing_is_told_across_a_gap_or_a_lost_sample(paper_run):
