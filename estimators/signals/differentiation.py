@@ -34,8 +34,8 @@ def white_noise(series: Array) -> float:
 def rounding(series: Array) -> float:
     """Step to multiples of which a signal was rounded; 0 where its least change is none.
 
-    A command that is held has a least change, too, and was not rounded to that: at rest most of the time, it changes by
-    more than that at once, or only switches between two or three values.
+    A command that is held has a least change, too, and was not rounded to that: at rest for three quarters of the time,
+    it changes by more than that at once, or only switches between two or three values.
     """
     changes = np.abs(np.diff(series))
     changes = changes[changes > 1e-12]
@@ -43,7 +43,7 @@ def rounding(series: Array) -> float:
         return 0.0
     step = float(changes.min())
     values = np.unique(np.rint((series - series[0]) / step))
-    is_held = 2 * len(changes) < len(series) and np.quantile(changes, 0.95) > 1.5 * step
+    is_held = 4 * len(changes) < len(series) and np.quantile(changes, 0.95) > 1.5 * step
     return 0.0 if is_held or len(values) <= 3 else step
 
 
