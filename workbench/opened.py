@@ -14,8 +14,8 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import TorqueConstant
-from pendulum_env.recording.study import Source
-from workbench.inputs import check_outputs, given, read_all, read_model
+from pendulum_env.recording.study import Source, read_as
+from workbench.inputs import given, read_all, read_model
 from workbench.mistakes import InputError
 from workbench.robot import Logs, RobotFile, held_text, meaning, straying
 from workbench.terminal import Terminal
@@ -53,19 +53,17 @@ def opened(
     Raises:
         InputError, ModelError, RecordingError, StudyError; of an arm also BodyError, IdentificationError.
     """
+    sources, path = given(arguments, outputs), getattr(arguments, "model", None) or ""
     if arguments.robot is not None:
-        return _opened_arm(arguments, outputs, terminal)
-    asked = given(arguments)
-    check_outputs(outputs, asked.files)
-    path = getattr(arguments, "model", None) or ""
+        return _opened_arm(arguments, sources, path, terminal)
     model = read_model(path) if path else Model()
-    asked = asked.read_as(model.log_format, path)
-    for source in (*asked.fitted, *asked.held_out):  # also those that are not read
+    sources = tuple(read_as(source, model.log_format, path) for source in sources)
+    for source in sources:  # also those that are not read
         if not os.path.exists(source.file):
             raise InputError(f"{source.file}: there is no such file: check the path")
-    fitted = read_all(asked.fitted, terminal, Source.read)
-    held_out = read_all(asked.held_out if holdout else (), terminal, Source.read)
-    return Opened(model, asked.fitted, fitted, held_out)
+    recordings = read_all([own for own in sources if holdout or own.role == "fit"], terminal, Source.read)
+    fitted = tuple(own for own in sources if own.role == "fit")
+    return Opened(model, fitted, recordings[: len(fitted)], recordings[len(fitted) :])
 
 
 def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Terminal) -> Preprocessed:
@@ -84,13 +82,10 @@ def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Termina
     return timed if align else given
 
 
-def _opened_arm(arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal) -> Opened:
+def _opened_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: str, terminal: Terminal) -> Opened:
     """What a command was given of an arm, read: in N m, and without known loads, which tell gains of currents."""
-    asked, path = given(arguments), getattr(arguments, "model", None) or ""
-    check_outputs(outputs, [*asked.files, arguments.robot])
     made = Asked.of_model(path) if path else Asked()
-    asked = asked.read_as(made.log_format, path)
-    sources = (*asked.fitted, *asked.held_out)
+    sources = [read_as(source, made.log_format, path) for source in sources]
     robot = robot_of(arguments, sources, made)
     robot.body()  # what is wrong with it comes first
     recordings = read_all(sources, terminal, robot.read)
@@ -104,7 +99,7 @@ def _opened_arm(arguments: argparse.Namespace, outputs: Sequence[str | None], te
     terminal.torque_unit = logs.torques.unit
     for text in meaning(logs.torques.recordings, body):
         terminal.say(f"warning: {text}", style="yellow")
-    fitted = tuple(_with_gains(source, logs.torques.gains) for source in asked.fitted)
+    fitted = tuple(_with_gains(source, logs.torques.gains) for source in sources if source.role == "fit")
     train, unseen = logs.bare
     return Opened(model, fitted, [*train], [*unseen], robot.read)
 

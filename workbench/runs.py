@@ -1,7 +1,15 @@
-"""Runs of a pendulum: the torque that drives it, what answers step by step, and recording the rig row by row."""
+"""Runs of a pendulum: the torque that drives it, what answers step by step, and recording the rig row by row.
+
+A run may go on until a verdict stands: the online diagnosis is beside it, for a motor in a process of its own.
+"""
+
+from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from multiprocessing.connection import Connection
 from typing import Any, Self
 
 import gymnasium as gym
@@ -11,27 +19,35 @@ from agents import multisine
 from agents.network import load
 from agents.observer import CONSTRAINTS, EPISODE
 from agents.pilot import Pilot
+from estimators.online import Diagnoser, OnlineDiagnosis
+from estimators.signals.measurements import Smoothing
 from estimators.wrappers.options import smoothing_of
 from pendulum_env.backends.hardware import config
 from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import DriveError
+from pendulum_env.backends.hardware.process import ordinary
 from pendulum_env.excitation import Excitation, excitation
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.physics import Model
 from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.registration import PENDULUM
+from pendulum_env.words import listing, name
 from pendulum_env.wrappers import RecordMeasurements
 from workbench.inputs import plant_of, read_suggestion, wrote
 from workbench.mistakes import InputError, Interrupted
+from workbench.processes import Done, Failed, Worker, attend
 from workbench.terminal import Terminal
-from workbench.until import LONGEST, Apart, verdict_text
 
 STALE = 0.03  # [s], how late a sample may be: what is interpolated over more than that is no measurement
 SECONDS = 30.0  # length of a recording
 USUAL = "paper"  # excitation
 SUGGESTED = "suggested"  # excitation that a diagnosis holds
 LEARNT = "rl"  # excitation that a policy chooses while the arm moves
+DIAGNOSED = "diagnosed"  # what a recording may go on until
+LONGEST = 20.0  # [s] of a run without a verdict
+
+Sample = tuple[float, float, float]  # time [s], position [rad], torque over the period that ends with it [N m]
 
 
 @dataclass(frozen=True)
@@ -99,9 +115,9 @@ def _experiment(
 ) -> tuple[Excitation | Pilot, float]:
     """Torque command and length [s]: drawn, as a diagnosis suggests, or by a policy; raises as `Plan.of`."""
     kind = arguments.excitation
-    for name, only in (("policy", LEARNT), ("diagnosis", SUGGESTED)):
-        if getattr(arguments, name) is not None and kind != only:
-            raise InputError(f"--{name} goes with --excitation {only} only")
+    for option, only in (("policy", LEARNT), ("diagnosis", SUGGESTED)):
+        if getattr(arguments, option) is not None and kind != only:
+            raise InputError(f"--{option} goes with --excitation {only} only")
     if kind in (LEARNT, SUGGESTED) and arguments.amplitude is not None:
         bound = "the policy decides as the arm moves" if kind == LEARNT else "`diagnose --max-torque` bounds its torque"
         raise InputError(f"--amplitude does not go with --excitation {kind}: {bound}")
@@ -189,3 +205,102 @@ def describe(recording: Recording, terminal: Terminal) -> None:
     turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
     terminal.say(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")
     terminal.say(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")
+
+
+class Here:
+    """Diagnoses sample by sample, as the run waits; a verdict stands once its first effect has led for a while."""
+
+    steady = 2.0  # [s]
+
+    def __init__(self, rate: float, smoothing: Smoothing) -> None:
+        """Take the samples per second [Hz], and the smoothing of the measurement."""
+        self._diagnoser = Diagnoser(rate, smoothing=smoothing)
+        self._leader, self._since = "", np.inf  # effect, and time since when it leads [s]
+
+    def stands(self, info: dict[str, Any]) -> bool:
+        """Take in a sample; whether a verdict stands."""
+        return self.take([(info["time"], info["position"], info["torque"])])
+
+    def take(self, samples: Sequence[Sample]) -> bool:
+        """Take in samples; whether a verdict stands."""
+        for time, position, torque in samples:
+            (found,) = self._diagnoser.take(*(np.array([value]) for value in (time, position, torque)))
+            leader = found.group[0] if found.kind == "missing" else ""
+            if leader != self._leader:
+                self._leader, self._since = leader, time if leader else np.inf
+        return bool(samples and time - self._since >= self.steady)
+
+    def close(self) -> OnlineDiagnosis:
+        """What was said in the end."""
+        return self._diagnoser.said[0]
+
+
+class Apart:
+    """Diagnoses in a process of its own: a motor does not wait for a grid that is refined."""
+
+    together = 50  # samples that are sent at once
+    ready = 60.0  # [s] in which the process has to be there
+
+    def __init__(self, rate: float, smoothing: Smoothing) -> None:
+        """Start the process; takes what `Here` does.
+
+        Raises OSError if it does not come up.
+        """
+        self._worker = Worker("diagnosis")
+        self._worker.send(partial(_judge, rate, smoothing))
+        if not self._worker.connection.poll(self.ready) or isinstance(self._worker.hear(), Failed):
+            self._worker.end()
+            raise OSError("the process that diagnoses did not start: try again on a machine that does less")
+        self._waiting: list[Sample] = []
+        self._stands = False
+
+    def stands(self, info: dict[str, Any]) -> bool:
+        """Take in a sample; whether a verdict stood some samples ago."""
+        self._waiting.append((info["time"], info["position"], info["torque"]))
+        if len(self._waiting) >= self.together and not self._stands:
+            self._worker.send(self._waiting)
+            self._waiting = []
+            while self._worker.connection.poll():
+                self._stands = self._worker.hear() is True or self._stands
+        return self._stands
+
+    def close(self) -> OnlineDiagnosis:
+        """What was said in the end; waits until all has been taken in.
+
+        Raises OSError if the process has died.
+        """
+        if not self._stands:
+            self._worker.send(self._waiting)
+        self._worker.send(None)
+        while not isinstance(word := self._worker.hear(), Done | Failed):
+            pass
+        self._worker.end()
+        if isinstance(word, Failed):
+            raise OSError(f"what was measured has no verdict: {word.why}")
+        found: OnlineDiagnosis = word.result
+        return found
+
+
+def _judge(rate: float, smoothing: Smoothing, connection: Connection[Any, Any]) -> OnlineDiagnosis:
+    attend()
+    ordinary()  # a motor's loop, which began this, may be more urgent
+    judge = Here(rate, smoothing)
+    connection.send(False)
+    while (samples := connection.recv()) is not None:
+        connection.send(judge.take(samples))
+    return judge.close()
+
+
+def verdict_text(found: OnlineDiagnosis, stands: bool) -> str:
+    """The verdict in words, and what was not tried, which may look like what was."""
+    after = f"after {found.motion:.1f} s of motion"
+    if found.kind == "calibrating":
+        return "too short to tell what is missing: record some seconds more of motion"
+    verdict = f"nothing is surely missing {after}"
+    if found.kind == "missing":
+        standing = "the verdict stands" if stands else "the verdict does not stand yet"
+        verdict = f"missing: {listing([name(id) for id in found.group], 'or')} ({standing}, {after})"
+    if not found.not_run:
+        return verdict
+    others = listing([name(id) for id in found.not_run], "and")
+    return f"{verdict}\nnot tried, as only `diagnose` on the recording does: {others}"

@@ -34,10 +34,10 @@ from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import named_twice
 from workbench.app import uploads
 from workbench.app.uploads import safe_name
-from workbench.inputs import ids as effects_of
-from workbench.inputs import known as values_of
-from workbench.inputs import ranges
 from workbench.mistakes import InputError
+from workbench.options import ids as effects_of
+from workbench.options import known as values_of
+from workbench.options import ranges
 from workbench.report.case import Case
 from workbench.robot import Logs, RobotFile, meaning, straying
 

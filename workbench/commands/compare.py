@@ -8,43 +8,34 @@ from estimators.show.story import of_comparison
 from pendulum_env.arms.joints import links_of
 from pendulum_env.files import write_whole
 from workbench.arms import carried, of_payload
-from workbench.inputs import KINDS, READING, ROBOT, check_outputs, take, take_robot, write_json, wrote
+from workbench.inputs import check_outputs, write_json, wrote
 from workbench.mistakes import InputError
 from workbench.opened import opened, tell_preprocessed
+from workbench.options import KINDS, READING, ROBOT, declare, take_robot
 from workbench.story import tell
 from workbench.terminal import Terminal
-
-LAST = ""  # joint of a payload, if none is named
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, recordings and output."""
-    take(parser, "model")
-    take(parser, "recordings", help=f"{KINDS}; each compared with the model")
-    take(parser, *READING, "--drive", "--align", "--report")
-    parser.add_argument(
-        "--loop",
-        action="store_true",
-        help="simulate whole recordings in closed loop from their reference, which needs --drive or a study with "
-        "[drive]; if a drive is known, these errors are given anyway",
+    declare(
+        parser,
+        f"""
+        model
+        recordings  {KINDS}; each compared with the model
+        {READING} --drive --align --report
+        --loop  simulate whole recordings in closed loop from their reference, which needs --drive or a study with
+            [drive]; if a drive is known, these errors are given anyway
+        {ROBOT}
+        --payload JOINT  with --robot: identify the load that the arm carries in these recordings, at the link behind
+            JOINT (default: the last)
+        --without RECORDING  with --payload: a recording without the load (may be repeated), to which the model is
+            refitted
+        --json FILE  write errors, profiles and regions
+        """,
+        payload={"nargs": "?", "const": ""},  # no joint is named
+        without={"action": "append", "default": []},
     )
-    take(parser, *ROBOT)
-    parser.add_argument(
-        "--payload",
-        metavar="JOINT",
-        nargs="?",
-        const=LAST,
-        help="with --robot: identify the load that the arm carries in these recordings, at the link behind JOINT "
-        "(default: the last)",
-    )
-    parser.add_argument(
-        "--without",
-        metavar="RECORDING",
-        action="append",
-        default=[],
-        help="with --payload: a recording without the load (may be repeated), to which the model is refitted",
-    )
-    parser.add_argument("--json", metavar="FILE", help="write errors, profiles and regions")
     take_robot(parser, arms=("payload", "without"), pendulums=("align", "loop", "drive"))
 
 
@@ -65,20 +56,19 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         recordings = list(given.recordings)
     with terminal.progress("comparing"):
         found = compare(model, recordings)
-    payload, suspected = None, None
+    payload, is_asked = None, arguments.payload is not None
     if asked.body is not None:
         payload = carried(arguments, asked, recordings, terminal)
-        payload, suspected = (None, payload) if arguments.payload is None else (payload, None)
-    write_json(arguments.json, found.json() | ({} if payload is None else {"payload": payload.json()}))
+    write_json(arguments.json, found.json() | ({"payload": payload.json()} if payload is not None and is_asked else {}))
     if arguments.report is not None:
         from workbench.report import render_comparison  # plotly takes a while to import
 
         with terminal.progress("writing the report"):
             write_whole(arguments.report, render_comparison(found))
     tell(of_comparison(found), terminal)
-    if payload is not None:
+    if payload is not None and is_asked:
         tell(of_payload(payload, links_of(model.terms)), terminal)
-    if suspected is not None and suspected.stands_out:
-        mass = suspected.estimates["m"].text
-        terminal.say(f"\nA payload of {mass} kg behind {suspected.joint} would explain most of it: see --payload")
+    elif payload is not None and payload.stands_out:
+        mass = payload.estimates["m"].text
+        terminal.say(f"\nA payload of {mass} kg behind {payload.joint} would explain most of it: see --payload")
     wrote(outputs, terminal)

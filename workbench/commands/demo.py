@@ -27,7 +27,8 @@ from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.words import listing
-from workbench.inputs import check_outputs, take, whole, wrote
+from workbench.inputs import check_outputs, wrote
+from workbench.options import declare
 from workbench.story import tell_diagnosis
 from workbench.terminal import Terminal
 
@@ -50,14 +51,16 @@ class Hidden(NamedTuple):
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare seed and output."""
-    parser.add_argument("--robot", choices=("two-link",), help="an arm instead of a pendulum (needs the extra arms)")
-    parser.add_argument("--seed", type=whole(0), default=0, help="another seed hides another effect (default 0)")
-    take(parser, "--verbose")
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="FOLDER/report.html",
-        help=f"report to write, with the recordings beside it (default {FOLDER / 'report.html'})",
+    declare(
+        parser,
+        f"""
+        --robot  an arm instead of a pendulum (needs the extra arms)
+        --seed  another seed hides another effect (default 0)
+        --verbose
+        -o, --output FOLDER/report.html  report to write, with the recordings beside it (default
+            {FOLDER / "report.html"})
+        """,
+        robot={"choices": ("two-link",), "metavar": None},
     )
 
 

@@ -16,7 +16,6 @@ from estimators.selection.errors import Step
 from pendulum_env import words
 from pendulum_env.files import write_whole
 from workbench.report import arm
-from workbench.report.candidates import candidates, next_experiment
 from workbench.report.case import Case
 from workbench.report.comparison import comparison
 from workbench.report.errors import errors
@@ -26,7 +25,7 @@ from workbench.report.loop import loop, of_diagnosis
 from workbench.report.method import method
 from workbench.report.parameters import parameters
 from workbench.report.schemes import schemes
-from workbench.report.story import story
+from workbench.report.story import candidates, next_experiment, story
 
 SECTIONS: tuple[Callable[[Case], Section | None], ...] = (  # of a diagnosis, in the order in which they are read
     story,

@@ -18,7 +18,7 @@ from workbench.report.figure import DRAWING, Figure, Section, axis, line, number
 from workbench.report.page import assemble
 from workbench.survey.dataset import STATUSES, VERDICTS
 from workbench.survey.fleet import CHANCE, DAY, Fleet, Missing, Series
-from workbench.survey.tables import courses_table, drifting_table, effects_table, jumping_table, odd_table, pooled_table
+from workbench.survey.tables import tables
 
 COLORS = ("--final", "--base", "--scheme-1", "--scheme-3", "--low", "--high")
 ORDER = (*STATUSES[:2], *VERDICTS)  # of cases
@@ -98,7 +98,8 @@ def _labels(found: Sequence[Missing | Series]) -> list[str]:
 
 def missing(fleet: Fleet) -> Section:
     """Which effect is missing where, and what is weak in each case but in all of a group."""
-    content = {"effects": effects_table(fleet), "shared": pooled_table(fleet), "chance": CHANCE}
+    told = tables(fleet)
+    content = {"effects": told["missing"], "shared": told["shared"], "chance": CHANCE}
     return Section("missing", "Missing", "What is missing where", content)
 
 
@@ -106,12 +107,12 @@ def courses(fleet: Fleet) -> Section | None:
     """Parameters over time, and which of them drift; nothing where no case was diagnosed."""
     if not fleet.series:
         return None
-    telling = [one.parameter for one in (*fleet.drifting, *fleet.jumping)]
+    telling, told = [one.parameter for one in (*fleet.drifting, *fleet.jumping)], tables(fleet)
     content = {
-        "drifting": drifting_table(fleet),
-        "jumping": jumping_table(fleet),
+        "drifting": told["drifting"],
+        "jumping": told["jumping"],
         "figures": [over_time(fleet, name, k) for k, name in enumerate(_parameters(fleet, telling, DRAWING.courses))],
-        "all": courses_table(fleet),
+        "all": told["courses"],
         "sigmas": DRAWING.sigmas,
         "level": LEVEL,
     }
@@ -125,7 +126,7 @@ def siblings(fleet: Fleet) -> Section | None:
         return None
     telling = [one.parameter for one in fleet.odd]
     content = {
-        "odd": odd_table(fleet),
+        "odd": tables(fleet)["odd"],
         "figures": [means(fleet, name, k) for k, name in enumerate(_parameters(fleet, telling, DRAWING.means))],
         "sigmas": DRAWING.sigmas,
     }

@@ -20,7 +20,7 @@ from workbench.app.session import Session
 from workbench.app.stage import Action, Form, Stage
 from workbench.app.state import WEIGHTLESS, Loaded, State
 from workbench.app.uploads import STUDY
-from workbench.inputs import FORMATS
+from workbench.options import FORMATS
 from workbench.report.figure import Figure, line, stacked, thin
 from workbench.robot import held_text
 
