@@ -18,8 +18,7 @@ from tests.workbench.pages import Page
 from workbench.cli import main
 
 ARM = TwoLink()
-
-
+MOVING = ("--joints", "torso,shoulder,elbow")
 STUDY = """
 [columns]
 position_elbow = "position_elbow:rad"
@@ -40,6 +39,7 @@ def folder(tmp_path_factory):
     (folder / "arm.urdf").write_text(ARM.urdf())
     (folder / "study.toml").write_text(STUDY)
     (folder / "loaded.toml").write_text('[[recording]]\nfile = "plain.csv"\nload = {mass = 1.0, length = 0.1}\n')
+    (folder / "arm.toml").write_text('joints = ["elbow"]\n[[recording]]\nfile = "plain.csv"\n')
     for name, offset in (("plain", 0.0), ("hidden", 0.3)):
         write_recording(recorded(ARM, seconds=8.0, offset=(0.0, offset)), folder / f"{name}.csv")
     return folder
@@ -169,10 +169,10 @@ def lift(tmp_path_factory):
         ("empty", "torso"),
     ):
         (folder / f"{name}.toml").write_text(f'joints = {json.dumps(joints)}\n[[recording]]\nfile = "run.csv"\n')
+    assert (
+        main([*map(str, of_arm(folder, "identify", "run.csv", *MOVING, "--scheme", "energy", "-o", "held.json"))]) == 0
+    )
     return folder
-
-
-MOVING = ("--joints", "torso,shoulder,elbow")
 
 
 def test_joints_that_do_not_move_are_held_where_the_recording_has_them(done, lift):
@@ -207,32 +207,6 @@ def test_a_diagnosis_names_what_is_missing_where_a_joint_slides_in_its_units(don
     assert re.search(r"^error held out: torso \S+ -> \S+ N \(.*\), shoulder \S+ -> \S+ N m \(", out, re.M)
     value = json.loads((lift / "better.json").read_text())["theta"]["torque_offset@torso"]
     assert value["value"] == pytest.approx(12.0, rel=0.05) and value["unit"] == "N"
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (
-            "identify run.csv",
-            "there is none for left among .*: name them torque_left and so on.* naming those that move",
-        ),
-        ("identify run.csv --joints torso,sholder", "unknown joint 'sholder': did you mean shoulder"),
-        ("identify run.csv --joints torso,,elbow", "names of joints with commas"),
-        ("identify empty.toml", "'joints' is 'torso': it has to be a list"),
-        ("identify study.toml --joints torso", "told in two ways"),
-        (
-            "record -o x.csv --joints torso,shoulder,elbow --backend pymunk",
-            "'torso' does not turn in .* --backend mujoco",
-        ),
-        ("record -o x.csv --joints torso,shoulder,elbow --effect cogging@torso", "cogging is of joints that turn"),
-        ("add model.json cogging@torso run.csv", "cogging is of joints that turn: it cannot be at 'torso'"),
-        ("compare model.json run.csv --joints shoulder,elbow", "is of an arm with joints torso, shoulder"),
-    ],
-)
-def test_mistakes_about_joints_are_one_line(done, refused, lift, words, told):
-    if not (lift / "model.json").exists():
-        done(*of_arm(lift, "identify", "run.csv", *MOVING, "--scheme", "energy", "-o", "model.json"))
-    assert re.search(told, refused(*of_arm(lift, *words.split())))
 
 
 def test_a_base_that_floats_is_taken_for_fixed_only_if_that_is_said(done, refused, folder, tmp_path):
@@ -270,9 +244,8 @@ def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(done
     assert abs(dry["value"] - PAPER["coulomb"]) < 4 * dry["std"] and dry["std"] < 0.02 * PAPER["coulomb"]
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
+MISTAKES = {
+    "folder": [
         ("record -o x.csv --effect stribeck", "'stribeck' should say at which joint"),
         ("record -o x.csv --theta inertia=1", "--theta is for pendulums"),
         ("record -o x.csv --backend simulated", "arms know pymunk and mujoco alone"),
@@ -284,27 +257,30 @@ def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(done
         ("diagnose plain.csv --experiment x.csv", "--experiment is for pendulums"),
         (
             "identify plain.csv --columns torque_shoulder=torque_elbow,torque_elbow=torque_elbow:mNm",
-            "column 'torque_elbow' is given for torque_shoulder and for torque_elbow: which is it?",
+            "column 'torque_elbow' is given for torque_shoulder and for torque_elbow: which is it",
         ),
         ("identify loaded.toml", "plain.csv: a load of an arm is told by mass and center"),
         ("compare none.json plain.csv", "none.json"),
     ],
-)
-def test_mistakes_are_one_line(refused, folder, words, told):
-    assert told in refused(*of_arm(folder, *words.split()))
-
-
-@pytest.mark.parametrize("words", ["record -o x.csv", "add arm.json stribeck@elbow plain.csv", "compare a.json b.csv"])
-def test_without_pinocchio_the_pip_command_is_told(refused, folder, monkeypatch, words):
-    monkeypatch.setitem(sys.modules, "pinocchio", None)
-    assert "pip install 'pendulum-ident[arms]'" in refused(*of_arm(folder, *words.split()))
-
-
-def test_a_pendulums_command_knows_no_joints(capsys, folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    (folder / "arm.toml").write_text('joints = ["elbow"]\n[[recording]]\nfile = "plain.csv"\n')
-    for words, told in (
-        ("diagnose hidden.csv --only coupling", ""),  # a pendulum has no two joints
+    "lift": [
+        (
+            "identify run.csv",
+            "there is none for left among .*: name them torque_left and so on.* naming those that move",
+        ),
+        ("identify run.csv --joints torso,sholder", "unknown joint 'sholder': did you mean shoulder"),
+        ("identify run.csv --joints torso,,elbow", "names of joints with commas"),
+        ("identify empty.toml", "'joints' is 'torso': it has to be a list"),
+        ("identify study.toml --joints torso", "told in two ways"),
+        (
+            "record -o x.csv --joints torso,shoulder,elbow --backend pymunk",
+            "'torso' does not turn in .* --backend mujoco",
+        ),
+        ("record -o x.csv --joints torso,shoulder,elbow --effect cogging@torso", "cogging is of joints that turn"),
+        ("add held.json cogging@torso run.csv", "cogging is of joints that turn: it cannot be at 'torso'"),
+        ("compare held.json run.csv --joints shoulder,elbow", "is of an arm with joints torso, shoulder"),
+    ],
+    "": [  # of a pendulum
+        ("diagnose hidden.csv --only coupling", ""),  # it has no two joints
         ("record --effect stribeck@elbow -o x.csv", "is an effect at a joint of an arm, which takes --robot"),
         ("add m.json stribeck@elbow plain.csv", "is an effect at a joint of an arm"),
         ("diagnose plain.csv --only stribeck@elbow", "is an effect at a joint of an arm"),
@@ -315,9 +291,22 @@ def test_a_pendulums_command_knows_no_joints(capsys, folder, monkeypatch):
         ("identify plain.csv --rotors", "--rotors is of an arm"),
         ("identify arm.toml", "its study names joints of an arm"),
         ("identify plain.csv --columns torque_elbow=torque_elbow", "columns are named for"),
-    ):
-        assert main(words.split()) == 2
-        assert told in capsys.readouterr().err
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("place", "words", "told"), [(place, *mistake) for place, mistakes in MISTAKES.items() for mistake in mistakes]
+)
+def test_mistakes_are_one_line(request, refused, monkeypatch, place, words, told):
+    monkeypatch.chdir(request.getfixturevalue(place or "folder"))
+    assert re.search(told, refused(*words.split(), *(["--robot", "arm.urdf"] if place else [])))
+
+
+@pytest.mark.parametrize("words", ["record -o x.csv", "add arm.json stribeck@elbow plain.csv", "compare a.json b.csv"])
+def test_without_pinocchio_the_pip_command_is_told(refused, folder, monkeypatch, words):
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    assert "pip install 'pendulum-ident[arms]'" in refused(*of_arm(folder, *words.split()))
 
 
 def test_currents_at_every_joint_are_per_ampere_of_one_in_every_command(done, refused, folder):

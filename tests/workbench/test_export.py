@@ -23,7 +23,7 @@ from tests.pendulum_env.physics.test_table import KINDS, in_model
 from tests.terms import Table
 from tests.workbench.exported import in_mujoco, library, module, needs_compiler, off
 from workbench.cli import main
-from workbench.export import FORMATS, ExportError, Request, export
+from workbench.export import ExportError, Request, export
 from workbench.export.arm import G
 
 TORQUE = np.r_[0.0, np.where(np.arange(600) % 300 < 150, 3.0, -2.5), np.zeros(300)]  # [N m], comes to rest in the end
@@ -317,27 +317,3 @@ def test_a_model_of_a_current_says_what_its_masses_are():
     with pytest.raises(ExportError, match="a torque in A: masses and inertias are those per A"):
         export(model, "sdf")
     assert "torque [A]" in export(model, "c").content
-
-
-def test_a_format_without_its_library_names_the_extra(tmp_path, monkeypatch, refused):
-    plant().save(tmp_path / "model.json")
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert "pip install 'pendulum-ident[export]'" in refused(
-        "export", tmp_path / "model.json", "--to", "mjcf", "-o", tmp_path / "out"
-    )
-
-
-def test_mistakes_are_one_sentence(tmp_path, refused):
-    model = tmp_path / "model.json"
-    plant("cogging").save(model)
-    own = json.loads(model.read_text())
-    assert set(FORMATS) >= {"mjcf", "urdf", "sdf", "python", "c"} and own["terms"]
-    for arguments, said in (
-        (["--to", "mjcf"], "cannot hold cogging"),
-        (["--to", "c", "--check", "run.csv"], "--check goes with mjcf and urdf, not with c"),
-        (["--to", "fmu"], "invalid choice"),
-        (["--to", "c", "--mass", "1"], "--mass goes with mjcf, urdf and sdf, not with c"),
-        (["--to", "c", "-o", str(model)], "is one of the inputs"),
-        (["--to", "c", "--step", "0"], "should be a number"),
-    ):
-        assert said in refused("export", model, *arguments)

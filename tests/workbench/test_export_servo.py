@@ -258,17 +258,8 @@ def test_an_export_proves_itself_in_the_loop(recorded, done):
     )
 
 
-def test_mistakes_about_servos_are_one_sentence(recorded, refused):
+def test_a_step_that_is_no_part_of_what_is_compared_is_told(recorded, refused):
     pytest.importorskip("mujoco")
-    for arguments, said in (
-        (["--to", "mjlab"], "say its controller with --drive"),
-        (["--to", "python", "--drive", "output=duty,kp=0.5,gain=1"], "a duty is a share of the bus: say its voltage"),
-        (["--to", "mjlab", "--drive", "output=duty,kp=0.5,gain=1"], "a duty is a share of the bus: say its voltage"),
-        (["--to", "urdf", "--drive", "output=torque,kp=4"], "--drive goes with mjcf, python, c, isaaclab and mjlab"),
-        (["--to", "c", "--callback", "a.py"], "--callback goes with mjcf"),
-        (["--to", "mjcf", "--callback", "a.txt"], "should end in .py or .c"),
-        (["--to", "mjcf", "--callback", str(recorded / "servo.json")], "is one of the inputs"),
-        (["--to", "mjcf", "--drive", "output=torque,kp=4", "--step", "0.003", "--approximate", "--check",
-          str(recorded / "study.toml")], "--step should be a whole part of it"),
-    ):  # fmt: skip
-        assert said in refused("export", recorded / "servo.json", *arguments)
+    asked = ["--to", "mjcf", "--drive", "output=torque,kp=4", "--step", "0.003", "--approximate", "--check"]
+    told = refused("export", recorded / "servo.json", *asked, recorded / "study.toml")
+    assert "--step should be a whole part of it" in told

@@ -477,14 +477,6 @@ def test_ctrl_c_or_a_kill_ends_all_processes_and_keeps_what_is_done(tmp_path, sw
         assert "what is done is kept" in told and 0 < len(dataset.rows(["name"])) < 169
 
 
-def test_what_cannot_be_is_one_line(tmp_path, refused):
-    (tmp_path / "empty").mkdir()
-    assert "holds no recording" in refused("survey", tmp_path / "empty", "-o", tmp_path / "out")
-    (tmp_path / "table.csv").write_text("file\n\0\n")
-    assert "row 2: names no file" in refused("survey", tmp_path / "table.csv", "-o", tmp_path / "out")
-    assert "there is no such folder or file" in refused("survey", tmp_path / "nothere", "-o", tmp_path / "out")
-
-
 def test_folders_without_end_are_one_line(tmp_path, monkeypatch, capsys):
     with monkeypatch.context() as patch:
         patch.chdir(tmp_path)
