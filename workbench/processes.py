@@ -29,7 +29,6 @@ from workbench.mistakes import MISTAKES, InputError, sentence
 
 LOST = "the work ended unexpectedly: try again"
 LIBRARIES = ("workbench.cli", "estimators.diagnosis.addition", "workbench.app.live")  # what tasks of the app need
-DRAIN = 0.02  # [s] between two looks at a process that is about to end
 
 
 Task = Callable[[Progress], Any]  # of the app; it travels to another process, and so does what it returns
@@ -123,7 +122,7 @@ class Worker:
             with suppress(EOFError, OSError):
                 while self.connection.poll():
                     self.connection.recv()  # else it could wait for somebody to listen
-            self.process.join(DRAIN)
+            self.process.join(0.02)  # [s] between two looks at a process that is about to end
         if self.process.is_alive():
             self.process.terminate()
         self.process.join()

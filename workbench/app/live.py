@@ -42,7 +42,6 @@ UNSEEN = 8.0  # [s] after which a run that no page asks about stops
 UNSEEN_RIG = 3.0  # [s], of a motor that nobody watches
 GRACE = 2.5  # [s] in which a motor has to be let go of, once that was asked for, and again before it is ended
 LOST_RIG = "the program that ran the motor ended unexpectedly: the drive's watchdog has taken its torque away"
-REFUSALS = (*MISTAKES, ValueError, DriveError)
 SETTLED = 0.5  # [s] from the start, before which standard errors mean nothing
 
 Row = tuple[float, float, float]  # time [s], position [rad], torque from then on [N m]
@@ -86,7 +85,7 @@ def go(options: Sequence[str], connection: Connection[Any, Any]) -> str:
             truth = {name: e.value for name, e in plant.model.estimates.items()} if plant.simulated else {}
             connection.send(Begun(rate, smoothing_of(env, rate), truth, run.rig is not None, run.remark))
             return _told(transitions(env, run.controller(rate), arguments.seed), run.seconds, rate, connection)
-    except REFUSALS as mistake:
+    except (*MISTAKES, ValueError, DriveError) as mistake:
         raise InputError(sentence(mistake)) from None
 
 

@@ -5,8 +5,7 @@ import argparse
 from estimators.diagnosis.addition import add
 from estimators.show.story import of_addition
 from pendulum_env.physics.library import addition
-from workbench.inputs import write_model, wrote
-from workbench.opened import opened
+from workbench.inputs import opened, write_model, wrote
 from workbench.options import LIMITS, READING, ROBOT, argument, declare, known_effect, take_robot
 from workbench.story import tell
 from workbench.terminal import Terminal

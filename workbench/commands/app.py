@@ -11,9 +11,8 @@ from threading import Timer
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.recording import Source
 from pendulum_env.recording.record import ColumnError
-from workbench.inputs import given, read_all
+from workbench.inputs import given, read_all, robot_of
 from workbench.mistakes import InputError
-from workbench.opened import robot_of
 from workbench.options import KINDS, READING, ROBOT, declare, take_robot, whole
 from workbench.processes import interrupts_wait
 from workbench.survey.cases import is_survey

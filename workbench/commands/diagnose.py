@@ -9,8 +9,7 @@ from estimators.diagnosis.run import diagnose
 from pendulum_env.arms.recording import of_arms
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
-from workbench.inputs import write_json, write_model, wrote
-from workbench.opened import opened
+from workbench.inputs import opened, write_json, write_model, write_page, wrote
 from workbench.options import LIMITS, READING, ROBOT, declare, number, take_robot
 from workbench.story import MORE, tell_diagnosis
 from workbench.terminal import Terminal
@@ -47,8 +46,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the story, write what is asked for."""
-    from workbench.report import write_report  # plotly takes a while to import
-
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
     asked = opened(arguments, outputs, terminal)
     given = asked.preprocessed(terminal)
@@ -67,9 +64,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     between = find_transmissions(of_arms(asked.recordings), body.sliding) if body is not None else ()
     more = {"transmissions": [one.json() for one in between]} if between else {}
     write_json(arguments.json, found.json() | more)
-    if arguments.report is not None:
-        with terminal.progress("writing the report"):
-            write_report(arguments.report, found)
+    write_page(arguments.report, terminal, "workbench.report:render", found)
     for one in between:
         terminal.say(one.text)
     hint = MORE if arguments.report is None else ""

@@ -13,9 +13,8 @@ from agents.network import Network, load
 from agents.observer import CONSTRAINTS
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
-from pendulum_env.files import write_whole
 from workbench.cluster import connected
-from workbench.inputs import check_outputs, write_json, wrote
+from workbench.inputs import check_outputs, write_json, write_page, wrote
 from workbench.mistakes import InputError
 from workbench.options import declare, number, one_of, whole
 from workbench.terminal import Terminal
@@ -81,11 +80,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     figures = evaluation_json(outcomes, BASELINE, list(dict.fromkeys(files)), **setting)
     show(figures, terminal)
     write_json(arguments.json, figures)
-    if arguments.report is not None:
-        from workbench.report.excitation import render  # plotly takes a while to import
-
-        with terminal.progress("writing the report"):
-            write_whole(arguments.report, render(figures, outcomes))
+    write_page(arguments.report, terminal, "workbench.report.excitation:render", figures, outcomes)
     wrote(outputs, terminal)
 
 

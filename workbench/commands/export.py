@@ -13,9 +13,8 @@ from pendulum_env.recording.study import Source, read_as
 from pendulum_env.words import listing
 from workbench.export import FORMATS, Exported, Request, export
 from workbench.export.request import Language
-from workbench.inputs import check_outputs, read_all, read_model, sources_of, wrote
+from workbench.inputs import check_outputs, read_all, read_arm_model, read_model, sources_of, wrote
 from workbench.mistakes import InputError
-from workbench.opened import read_arm_model
 from workbench.options import DRIVEN, READING, ROBOT, declare, number, take_robot
 from workbench.terminal import Terminal
 

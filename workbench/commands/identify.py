@@ -9,8 +9,7 @@ from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.show.story import TRUST, schemes_table
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, Model
-from workbench.inputs import write_json, write_model, wrote
-from workbench.opened import opened
+from workbench.inputs import opened, write_json, write_model, wrote
 from workbench.options import LIMITS, READING, ROBOT, argument, declare, take_robot
 from workbench.terminal import Terminal
 

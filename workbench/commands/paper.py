@@ -6,7 +6,7 @@ from itertools import product
 from estimators.paper import PARAMETERS, TABLE_2, WAYS, Experiment, paper_experiment
 from estimators.paper.experiment import RUNS, SECONDS
 from pendulum_env.plant import paper_plant
-from workbench.inputs import check_outputs, write_json, wrote
+from workbench.inputs import check_outputs, write_json, write_page, wrote
 from workbench.options import declare, number, whole
 from workbench.terminal import Terminal
 
@@ -34,11 +34,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     with terminal.progress("the paper's experiment") as progress:
         experiment = paper_experiment(arguments.runs, arguments.seconds, arguments.seed, progress=progress)
     write_json(arguments.json, experiment.json())
-    if arguments.report is not None:
-        from workbench.report.paper import write_paper_report  # plotly takes a while to import
-
-        with terminal.progress("writing the report"):
-            write_paper_report(arguments.report, experiment)
+    write_page(arguments.report, terminal, "workbench.report.paper:render", experiment)
     tell(experiment, terminal)
     wrote(outputs, terminal)
 

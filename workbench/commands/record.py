@@ -28,6 +28,7 @@ from workbench.runs import (
     Here,
     Plan,
     describe,
+    record_arm,
     record_rig,
     verdict_text,
 )
@@ -102,10 +103,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(f"{arguments.output}: the name should end in {', '.join(WRITERS)}")
     rng = np.random.default_rng(arguments.seed)
     if arguments.robot is not None:
-        from workbench import arms  # Pinocchio is imported by who needs it
-
         seconds = arguments.seconds or SECONDS
-        arms.record(arguments, seconds, _samples(seconds, arguments.rate), rng, terminal)
+        record_arm(arguments, seconds, _samples(seconds, arguments.rate), rng, terminal)
         return
     plan = Plan.of(arguments, rng)
     samples = _samples(plan.seconds, plan.rate)

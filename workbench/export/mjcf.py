@@ -23,7 +23,6 @@ from workbench.export.program import ACTUATOR, JOINT, program
 from workbench.export.request import Exported, ExportError, Language, Request, comment, keep, load_mujoco, title
 from workbench.export.servo import Servo
 
-BODY = tuple(id for id in EVERY if id != "back_emf")  # a motor that is off does not brake
 BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects that its joints have, beside what every format holds,
 ASKED = ("torque_offset", "coulomb_asymmetry", "actuator_lag", "dead_time")  # and its motors
 # Impedance of the stop: MuJoCo's lower bound of 0.0001. A constraint with impedance d replaces the share d of what else
@@ -104,7 +103,8 @@ def _add(parent: Any, name: str, body: Body) -> Any:
 def _with_callback(model: Model, held: Collection[str], request: Request, language: Language) -> Exported:
     """The body alone in XML, driven by a motor, and a program with the rest: dry friction, actuation, and the drive."""
     stop = Stop.of(model)
-    bodily = {*BODY, *held} - ({"hard_stop"} if stop.missing else set())
+    # a motor that is off does not brake
+    bodily = ({*EVERY, *held} - {"back_emf"}) - ({"hard_stop"} if stop.missing else set())
     terms = tuple(term for term in model.terms if term.id in bodily)
     others = [term for term in model.terms if term.id == "coulomb" or term not in terms]
     estimates = {name: model.estimates[name] for name in model.estimates if name.partition(".")[0] in bodily}

@@ -9,8 +9,6 @@ from pendulum_env._typing import Array
 from workbench.report.case import Case
 from workbench.report.figure import DRAWING, Figure, Section, band, broken, joined, line, stacked, thin, views
 
-PER_SEGMENT = (10, 80)  # points of each simulated window, fewer where there are many
-
 
 def comparison(case: Case) -> Section:
     """Both comparisons for every held-out recording, those with the largest errors first."""
@@ -56,7 +54,8 @@ def position_figure(case: Case, id: str, each: Sequence[Segments]) -> Figure:
     `each` are segments of the recording as each of the case's models starts them.
     """
     segments = each[0]
-    points = int(np.clip(2 * DRAWING.points // len(segments.first), *PER_SEGMENT))
+    # of each simulated window, fewer where there are many
+    points = int(np.clip(2 * DRAWING.points // len(segments.first), 10, 80))
     step = max(1, (len(segments.position) - 1) // points)
     at = np.arange(0, len(segments.position), step)
     recording = segments.windows.recording

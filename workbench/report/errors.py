@@ -12,7 +12,6 @@ from workbench.report.case import Case
 from workbench.report.figure import Figure, Section, axis, line
 
 PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))
-BROADEST = 14  # characters of a label's line
 
 
 def errors(case: Case) -> Section:
@@ -70,7 +69,7 @@ def ladder(case: Case, quantity: str, title: str, floor: float | None) -> Figure
         "xaxis": axis(
             "",
             tickvals=list(range(len(steps))),
-            ticktext=["<br>".join(wrap(label, BROADEST)) for label in labels],
+            ticktext=["<br>".join(wrap(label, 14)) for label in labels],  # characters of a label's line
             ticklabeloverflow="allow",
             range=[-0.3, len(steps) - 0.7],
             showgrid=False,

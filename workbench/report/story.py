@@ -13,9 +13,6 @@ from pendulum_env.words import listing, name, number
 from workbench.report.case import Case
 from workbench.report.figure import Figure, Section, axis, line
 
-TELLING = 0.01  # share of a parameter, from which an error is worth a word
-SURE = 3.0  # standard errors
-
 
 @dataclass(frozen=True)
 class Change:
@@ -77,7 +74,8 @@ def misled(diagnosis: Diagnosis) -> list[str]:
         if right is None or right.value == 0:
             continue
         share, off = wrong.value / right.value - 1.0, abs(wrong.value - right.value)
-        if abs(share) >= TELLING and off > SURE * float(np.hypot(wrong.std, right.std)):
+        # an error is worth a word from one per cent of the parameter and three standard errors on
+        if abs(share) >= 0.01 and off > 3.0 * float(np.hypot(wrong.std, right.std)):  # standard errors
             wrong_by.append(f"{name(parameter)} {number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}")
     return wrong_by
 

@@ -22,7 +22,6 @@ from workbench.survey.tables import tables
 
 COLORS = ("--final", "--base", "--scheme-1", "--scheme-3", "--low", "--high")
 ORDER = (*STATUSES[:2], *VERDICTS)  # of cases
-MARKS = {"missing": "selected", "unexplained": "ambiguous"}  # classes of the page's style
 
 
 def render(fleet: Fleet, folder: Path, home: str | None = None) -> str:
@@ -149,7 +148,7 @@ def _case(row: JSON, survey: Path, folder: Path) -> dict[str, Any]:
         "link": quote(Path(os.path.relpath(page, folder)).as_posix()) if page is not None and page.exists() else None,
         "label": " / ".join(filter(None, (row["robot"], row["joint"]))) or "–",
         "verdict": verdict,
-        "mark": MARKS.get(verdict, ""),
+        "mark": {"missing": "selected", "unexplained": "ambiguous"}.get(verdict, ""),  # classes of the page's style
         "order": ORDER.index(verdict),
         "told": row["headline"] if done else row["reason"],
     }

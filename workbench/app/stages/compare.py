@@ -36,7 +36,6 @@ HINT = "Drag a box in any of the plots, or choose a region: the same moments lig
 MAP, PHASE, TIME = "map", "phase", "time"
 VIEWS = (MAP, PHASE, TIME)
 LIT = 1500  # points of a selection that are drawn in one view
-GLOW = "--brush"
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +133,7 @@ def lit(points: Points, selected: Mask, shown: int) -> dict[str, list[JSON]]:
     q, v = x.position[at], x.velocity[at]
 
     def dots(x: Array, y: Array, **more: object) -> JSON:
-        return _dots(x, y, GLOW, 4, hoverinfo="skip", name="selected", **more)
+        return _dots(x, y, "--brush", 4, hoverinfo="skip", name="selected", **more)
 
     return {
         MAP: [dots(wrapped(q), v)],

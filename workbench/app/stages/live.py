@@ -28,12 +28,10 @@ from workbench.report.schemes import convergence_figure, stroke
 RIG = "dm1015b"  # backend that is offered where a configuration was given on the command line
 NAMES = {"replay": "a recording", RIG: "the rig", "mujoco": "MuJoCo"}  # of backends
 RATE = 500.0  # [Hz], of a simulated pendulum
-BEAT = 250  # [ms] between two looks
 PARAMETERS = tuple(column.name for term in BASE for column in term.columns)
 PLOTS = [f"live-{k}" for k in range(len(PARAMETERS))]
 EVIDENCE, LABEL = "live-evidence", "Evidence that the model lacks something, over time, with alarms"
 HEIGHT = 190  # [px], of its plot
-SHOWN = 6  # effects
 FLOOR, ROOF = -5.0, 60.0  # [nat], between which evidence is drawn
 
 
@@ -46,7 +44,7 @@ def show(session: Session) -> list[Component]:
         button("Keep as a recording", "live-keep", disabled=session.run is None),
     ]
     return [
-        dcc.Interval(id="live-beat", interval=BEAT, disabled=not running),
+        dcc.Interval(id="live-beat", interval=250, disabled=not running),  # [ms] between two looks
         dcc.Store(id="live-motion"),
         panel(
             "Watch it learn",
@@ -162,7 +160,7 @@ def _bars(said: OnlineDiagnosis) -> Component | str:
     if not said.ranking:
         return ""
     rows = [_bar("Nothing", said.none, "")]
-    for one in said.ranking[:SHOWN]:
+    for one in said.ranking[:6]:  # effects
         rows.append(_bar(opening(name(one.effect)), one.probability, f"{one.gain:+.0f} ± {one.error:.0f} nat"))
     return html.Table(html.Tbody(rows))
 
