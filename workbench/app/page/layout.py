@@ -181,15 +181,12 @@ def connect(app: Dash, sessions: Sessions, fleet: str | None) -> None:
 
 def _connect_page(app: Dash, sessions: Sessions, fleet: str | None) -> None:
     """Wire what is drawn anew when the session or the address changes, and the progress of jobs."""
+    # who leaves a stage at once takes the button away that would have told of its job
+    inputs = Input("session", "data"), Input("url", "hash"), Input("version", "data")
 
     @app.callback(
-        Output("nav", "children"),
-        Output("story", "children"),
-        Output("notice", "children"),
-        Output("stage", "children"),
-        Input("session", "data"),
-        Input("url", "hash"),
-        Input("version", "data"),
+        *(Output(part, "children") for part in ("nav", "story", "notice", "stage")),
+        *inputs,
     )
     def draw(id: str | None, hash: str | None, _: int) -> tuple[Any, ...]:
         if id is None:
@@ -210,13 +207,11 @@ def _connect_page(app: Dash, sessions: Sessions, fleet: str | None) -> None:
         Output("job", "children"),
         Output("poll", "disabled"),
         VERSION,
-        Input("session", "data"),
+        *inputs,
         Input("poll", "n_intervals"),
-        Input("version", "data"),
-        Input("url", "hash"),  # who leaves a stage at once takes the button away that would have told of its job
         prevent_initial_call="initial_duplicate",
     )
-    def watch(id: str | None, _: int, version: int, __: str | None) -> tuple[Any, ...]:
+    def watch(id: str | None, _: str | None, version: int, __: int) -> tuple[Any, ...]:
         """The one owner of the progress bar, so that no late answer can bring it back."""
         if id is None:
             raise PreventUpdate
