@@ -46,7 +46,7 @@ from pendulum_env.words import listing, name
 from pendulum_env.wrappers import RecordMeasurements
 from workbench.inputs import plant_of, read_suggestion, robot_of, tell_held, wrote
 from workbench.mistakes import InputError, Interrupted
-from workbench.processes import Done, Failed, Worker, attend
+from workbench.processes import End, Worker, attend
 from workbench.terminal import Terminal
 
 SECONDS = 30.0  # length of a recording
@@ -321,7 +321,7 @@ class Apart:
         """
         self._worker = Worker("diagnosis")
         self._worker.send(partial(_judge, rate, smoothing))
-        if not self._worker.connection.poll(self.ready) or isinstance(self._worker.hear(), Failed):
+        if not self._worker.connection.poll(self.ready) or isinstance(self._worker.hear(), End):
             self._worker.end()
             raise OSError("the process that diagnoses did not start: try again on a machine that does less")
         self._waiting: list[Sample] = []
@@ -345,12 +345,12 @@ class Apart:
         if not self._stands:
             self._worker.send(self._waiting)
         self._worker.send(None)
-        while not isinstance(word := self._worker.hear(), Done | Failed):
+        while not isinstance(word := self._worker.hear(), End):
             pass
         self._worker.end()
-        if isinstance(word, Failed):
+        if word.why:
             raise OSError(f"what was measured has no verdict: {word.why}")
-        found: OnlineDiagnosis = word.result
+        found: OnlineDiagnosis = word.came
         return found
 
 

@@ -2,20 +2,26 @@ import json
 import re
 import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from benchmarks import six_joint
 from benchmarks.two_link import TwoLink
+from estimators import Diagnosis, diagnose
+from estimators.selection.errors import Step
 from pendulum_env.arms.body import read_body
+from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.recording import read_arm_recording
+from pendulum_env.physics import Model
 from pendulum_env.plant import PAPER
 from pendulum_env.recording import write_recording
-from tests import robots
+from tests import robots, slow
 from tests.two_link import recorded
 from tests.workbench.pages import Page
 from workbench.cli import main
+from workbench.commands import demo
 
 ARM = TwoLink()
 MOVING = ("--joints", "torso,shoulder,elbow")
@@ -352,3 +358,85 @@ def test_a_model_of_currents_keeps_the_gains_that_known_weights_told(done, tmp_p
     assert re.search(r"torque gain of shoulder: (9\.0|8\.9)", out)
     out = done(*of_arm(tmp_path, "compare", "model.json", "empty.csv"))
     assert re.search(r"torque_shoulder=i1:A\*(9|8\.9)[\d.]*,", out)
+
+
+ROBOTS = {  # three with grippers and one with a torso that slides, and their joints that move
+    "parallel": ("shoulder", "elbow"),
+    "angular": ("shoulder", "elbow", "wrist"),
+    "driven": ("shoulder", "jaw"),
+    "torso": ("torso", "shoulder", "elbow"),
+}
+
+
+@pytest.mark.parametrize("robot", slow.but_first(["torso", "parallel", "angular", "driven"]))
+def test_a_robot_goes_through_all_commands(robot, tmp_path, done, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    joints, at = ROBOTS[robot], ROBOTS[robot][-1]
+    (tmp_path / "robot.urdf").write_text(robots.urdf(getattr(robots, robot.upper())))
+    asked = ["--robot", "robot.urdf"]
+    moving = [*asked, "--joints", ",".join(joints)]
+
+    usual = ("--seconds", "10", "--rate", "250", "--backend", "mujoco")
+    done("record", *moving, *usual, "-o", "plain.csv")
+    out = done("record", *moving, *usual, "--seed", "1", "--effect", f"torque_offset@{at}=1.5", "-o", "hidden.csv")
+    assert f"hidden: torque_offset@{at}" in out and ("held: left at zero" in out) == (robot != "driven")
+    done("identify", "plain.csv", *moving, "--scheme", "filtered_dynamic", "-o", "model.json")
+    out = done("compare", "model.json", "hidden.csv", *moving, "--report", "compared.html")
+    assert re.search(rf"^{at} ", out, re.M)
+    found = ("--only", "torque_offset,quadratic_drag", "--report", "found.html", "-o", "better.json")
+    assert f"Missing: torque_offset@{at}" in done("diagnose", "hidden.csv", *moving, *found)
+    theta = json.loads((tmp_path / "better.json").read_text())["theta"]
+    assert theta[f"torque_offset@{at}"]["value"] == pytest.approx(1.5, rel=0.02)
+    looked = ("--only", f"spring@{at}", "--json", "again.json")
+    done("diagnose", "hidden.csv", *moving, "--model", "better.json", *looked)
+    candidates = json.loads((tmp_path / "again.json").read_text())["candidates"]
+    assert [one["effect"] for one in candidates] == [f"spring@{at}"]
+    assert "lowers" in done("add", "model.json", f"torque_offset@{at}", "hidden.csv", *moving)
+    for form in ("mjcf", "urdf"):
+        done("export", "model.json", *asked, "--to", form, "-o", f"model.{form}")
+    out = done("compare", "model.json", "plain.csv", "--robot", "model.urdf")  # what moved in the first one
+    assert all(float(line.split()[-2]) < 5 for line in out.splitlines() if line.endswith(" %"))
+
+
+def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, monkeypatch, done):
+    few = ("load_dependent_friction", "stribeck", "spring")  # else it takes long
+    monkeypatch.setattr(demo, "diagnose", partial(diagnose, only=few))
+    monkeypatch.setattr(demo, "SECONDS", 5.0)
+    report, files = tmp_path / "r.html", [tmp_path / f"r.{part}.csv" for part in ("train", "holdout")]
+    told = done("demo", "--robot", "two-link", "--seed", "2", "-o", report)
+    hidden = "load_dependent_friction@elbow"  # of which the elbow shows nothing: its links' parameters imitate it there
+    assert f"Missing: {hidden}" in told and f"hidden was {hidden}: (mu |tau| + mu_o |w sin q|) sgn q'" in told
+    assert "\nfound\n" in told
+    rows = {line.split()[0]: line.split() for line in told.splitlines() if "@" in line and "±" in line}
+    for name in ("mz@shoulder", "Iyy@elbow", "coulomb@elbow"):  # the file has other masses
+        assert float(rows[name][2]) == pytest.approx(float(rows[name][1]), rel=0.01)
+    assert all(len(read_arm_recording(file, ("shoulder", "elbow"))) == 5000 for file in files)
+    assert report.stat().st_size > 0
+
+
+def test_every_effect_that_may_be_hidden_can_be_simulated():
+    seen = set()
+    for seed in range(60):
+        hidden = demo.hide_somewhere(np.random.default_rng(seed))
+        PlanarArm(effects=[hidden]).reset()
+        seen.add(hidden.partition("@")[0])
+    assert len(seen) > 12
+
+
+@pytest.mark.parametrize(
+    ("selected", "ambiguous", "told"),
+    [
+        (("spring@elbow",), (), "found"),
+        (
+            ("stribeck@elbow",),
+            (("stribeck@elbow", "spring@elbow"),),
+            "found as one of a group that looks the same: spring@elbow and stribeck@",
+        ),
+        (("stribeck@elbow",), (), "NOT found as it is: the diagnosis says stribeck@elbow"),
+        ((), (), "NOT found as it is: the diagnosis says nothing"),
+        (("spring@elbow", "stribeck@elbow"), (), "NOT found as it is"),
+    ],
+)
+def test_the_verdict_is_honest(selected, ambiguous, told):
+    found = Diagnosis(tuple(Step(one, Model(), {}) for one in (None, *selected)), (), ambiguous, (), 0.0, ())
+    assert demo.verdict(["spring@elbow"], found).startswith(told)

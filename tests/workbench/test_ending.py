@@ -32,7 +32,7 @@ if __name__ == "__main__":
 """,
     "cluster": """
 import time
-from workbench.cluster import connected
+from workbench.processes import connected
 if __name__ == "__main__":
     with connected(None, 1) as client:
         client.wait_for_workers(1)

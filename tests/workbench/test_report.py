@@ -11,11 +11,11 @@ from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics import BASE, Model, Samples
-from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.table import Extent, TorqueByAngle
 from pendulum_env.recording import Recording
 from pendulum_env.words import number
 from tests.cases import diagnosed
+from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values, whole
 from workbench.report import render
 from workbench.report.case import Case
@@ -24,28 +24,18 @@ from workbench.report.figure import broken, numbers, thin
 from workbench.report.page import SECTIONS
 from workbench.report.parameters import of_models
 
-PLANT = Model.build((*BASE, Stribeck(0.6)), [0.09, 2.0, 0.35, 0.7, 0.4])
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
 REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "for q from 0.1 to 0.2 rad the joint needs <more>")
 
 
-def recorded(name, seed: int, seconds: float = 6.0, plant: Model = PLANT) -> Recording:
-    rng = np.random.default_rng(seed)
-    time = np.arange(round(500 * seconds)) / 500
-    torque = 3 * np.sin(12.07 * time + rng.uniform(0, 6)) + 3 * np.sin(2.25 * time + rng.uniform(0, 6))
-    path = plant.simulate(1 / 500, torque, 0.0, 0.0)
-    position = np.round(path.position[:-1, 0] * 1024000 / (2 * np.pi)) * 2 * np.pi / 1024000
-    return Recording(name, time, position, torque + rng.normal(0, 0.02, len(time)))
-
-
 @pytest.fixture(scope="module")
 def train() -> Recording:
-    return recorded("run one", 1)
+    return recorded("run one", 1, 6.0)
 
 
 @pytest.fixture(scope="module")
 def holdout() -> Recording:
-    return recorded("run two", 2)
+    return recorded("run two", 2, 6.0)
 
 
 @pytest.fixture(scope="module")

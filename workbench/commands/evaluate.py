@@ -13,10 +13,10 @@ from agents.network import Network, load
 from agents.observer import CONSTRAINTS
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
-from workbench.cluster import connected
 from workbench.inputs import check_outputs, write_json, write_page, wrote
 from workbench.mistakes import InputError
 from workbench.options import declare, number, one_of, whole
+from workbench.processes import connected
 from workbench.terminal import Terminal
 
 SHIPPED = "agent"  # the policy that ships for the constraint

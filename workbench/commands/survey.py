@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 from estimators.arguments import chosen_effects, within_limits
 from pendulum_env.physics import BASE
-from workbench.cluster import connected
 from workbench.inputs import check_outputs, read_model, wrote
 from workbench.mistakes import InputError, Interrupted
 from workbench.options import LIMITS, READING, declare, number, whole
+from workbench.processes import connected
 from workbench.survey.cases import find_cases, joints
 from workbench.survey.dataset import Dataset
 from workbench.survey.fleet import Fleet

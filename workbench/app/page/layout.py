@@ -14,8 +14,7 @@ from pendulum_env.words import listing, name, number, opening
 from workbench.app import uploads
 from workbench.app.card import COLUMN
 from workbench.app.parts import LINKED, PLOT, SPEC, aria, button, saves
-from workbench.app.session import Session, Sessions
-from workbench.app.stage import Form, Stage
+from workbench.app.session import Form, Session, Sessions, Stage
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work

@@ -22,8 +22,7 @@ from pendulum_env.physics import Samples, effect
 from pendulum_env.recording import Recording
 from pendulum_env.words import number, opening
 from workbench.app.parts import LINKED, dropdown, effects_to_choose, field, graph, labelled, panel
-from workbench.app.session import Session, Sessions
-from workbench.app.stage import Stage
+from workbench.app.session import Session, Sessions, Stage
 from workbench.app.state import State as Work
 from workbench.report.arm import strips
 from workbench.report.case import Case, ends

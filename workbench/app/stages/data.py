@@ -16,8 +16,7 @@ from pendulum_env.recording import Recording
 from pendulum_env.words import listing, name, number, opening, percent
 from workbench.app import card, recorder, uploads
 from workbench.app.parts import UNWRAP, aria, button, drop, field, graph, labelled, number_field, panel, saves, table
-from workbench.app.session import Session
-from workbench.app.stage import Action, Form, Stage
+from workbench.app.session import Action, Form, Session, Stage
 from workbench.app.state import WEIGHTLESS, Loaded, State
 from workbench.app.uploads import STUDY
 from workbench.options import FORMATS

@@ -13,8 +13,7 @@ from pendulum_env.words import listing
 from workbench import options
 from workbench.app import recorder
 from workbench.app.parts import KEPT, button, effects_to_choose, field, fragment, labelled, panel
-from workbench.app.session import Session
-from workbench.app.stage import Stage
+from workbench.app.session import Session, Stage
 from workbench.app.stages.add import calls
 from workbench.app.stages.data import timing
 from workbench.app.state import NOTHING, Asked

@@ -20,8 +20,7 @@ from pendulum_env.recording.study import format_of
 from workbench.app.parts import panel, saves
 from workbench.app.recorder import DIAGNOSIS
 from workbench.app.saved import pack, study
-from workbench.app.session import Session, Sessions
-from workbench.app.stage import Stage
+from workbench.app.session import Session, Sessions, Stage
 from workbench.app.state import State, ids
 from workbench.app.uploads import STUDY
 from workbench.mistakes import InputError

@@ -19,8 +19,7 @@ from pendulum_env.recording import Source, write_recording
 from pendulum_env.words import estimate, listing, name, number, opening, unit
 from workbench.app import live, recorder
 from workbench.app.parts import KEPT, aria, button, dropdown, field, graph, labelled, panel, spec, table
-from workbench.app.session import Session, Sessions
-from workbench.app.stage import Action, Form, Stage
+from workbench.app.session import Action, Form, Session, Sessions, Stage
 from workbench.mistakes import InputError
 from workbench.report.figure import Figure, axis, line, segment
 from workbench.report.schemes import convergence_figure, stroke
