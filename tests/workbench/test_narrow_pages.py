@@ -15,8 +15,8 @@ from tests.workbench.app.plants import recorded
 from workbench.cli import main
 from workbench.report import render, render_comparison
 from workbench.report.case import Case
-from workbench.report.errors import ladder
 from workbench.report.figure import Figure, Section, axis, line
+from workbench.report.numbers import ladder
 from workbench.report.page import assemble
 from workbench.survey import Fleet
 from workbench.survey.page import write_fleet_report

@@ -21,8 +21,8 @@ from workbench.report import render
 from workbench.report.case import Case
 from workbench.report.failures import profile_figure
 from workbench.report.figure import broken, numbers, thin
+from workbench.report.numbers import of_models
 from workbench.report.page import SECTIONS
-from workbench.report.parameters import of_models
 
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
 REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "for q from 0.1 to 0.2 rad the joint needs <more>")

@@ -18,7 +18,7 @@ from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
 from workbench.mistakes import InputError
 from workbench.report.arm import joints
-from workbench.report.errors import errors
+from workbench.report.numbers import errors
 
 
 def show(session: Session) -> list[Component]:

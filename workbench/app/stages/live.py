@@ -22,7 +22,7 @@ from workbench.app.parts import KEPT, aria, button, dropdown, field, graph, labe
 from workbench.app.session import Action, Form, Session, Sessions, Stage
 from workbench.mistakes import InputError
 from workbench.report.figure import Figure, axis, line, segment
-from workbench.report.schemes import convergence_figure, stroke
+from workbench.report.numbers import convergence_figure, stroke
 
 RIG = "dm1015b"  # backend that is offered where a configuration was given on the command line
 NAMES = {"replay": "a recording", RIG: "the rig", "mujoco": "MuJoCo"}  # of backends

@@ -13,8 +13,7 @@ from workbench.app.uploads import unpack
 from workbench.inputs import read_model
 from workbench.report import arm
 from workbench.report.case import ends
-from workbench.report.parameters import parameters
-from workbench.report.schemes import schemes
+from workbench.report.numbers import parameters, schemes
 
 
 def show(session: Session) -> list[Component]:
