@@ -84,7 +84,9 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
             recording = read(source)
         terminal.say(f"{source.file}: {recording.summary}")
         if source.said_by:
-            terminal.say(f"  read as {source.said_by} says: {format_told(source)}")
+            columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
+            others = (f"with its {key}" for key in source.format if key != "columns")
+            terminal.say(f"  read as {source.said_by} says: {listing([*columns, *others])}")
         for note in recording.notes:
             terminal.say(f"  {note}", style="yellow" if note.startswith(WARNING) else None)
         if recording.origin is not None and recording.origin.slides:
@@ -93,12 +95,6 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
             )
         recordings.append(recording)
     return recordings
-
-
-def format_told(source: Source) -> str:
-    """How a source is read, in a line."""
-    columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
-    return listing([*columns, *(f"with its {key}" for key in source.format if key != "columns")])
 
 
 def read_model(path: str) -> Model:

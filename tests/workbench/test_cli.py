@@ -40,18 +40,6 @@ def test_version_and_commands_are_said(done):
     assert all(name in done("--help") for name in COMMANDS)
 
 
-def test_what_is_chosen_and_fixed_on_the_command_line_is_what_is_fitted(runs, tmp_path, done):
-    train, holdout, model = runs / "train.csv", runs / "holdout.csv", tmp_path / "model.json"
-    chosen = ["--only", "stribeck,quadratic_drag,temperature_dependent_friction", "--fix", "gravity=2.01"]
-    chosen += ["--bound", "viscous=0:0.5,stribeck=:0.6"]
-    out = done("diagnose", train, "--holdout", holdout, *chosen, "--all", "-o", model)
-    assert "fit of what was held out: torque 9" in out and re.search(r"^quadratic_drag +rejected", out, re.M)
-    saved = Model.load(model)
-    assert saved.estimates["gravity"].value == 2.01 and saved.covariance is not None
-    out = done("identify", train, "--scheme", "energy", "--fix", "gravity=2.01", "--fix", "inertia=0.09")
-    assert re.search(r"^energy +0\.09 +2\.01 ", out, re.M)
-
-
 def test_record_writes_what_can_be_read_says_what_is_hidden_and_repeats_itself_with_the_same_seed(tmp_path, done):
     one, again, other = (tmp_path / f"{name}.csv" for name in ("one", "again", "other"))
     asked = "record --seconds 2 --rate 500 --excitation prbs --theta inertia=0.1 --noise 0.1".split()
@@ -121,18 +109,6 @@ def test_compare_says_how_far_off_and_where_and_writes_a_report(runs, tmp_path, 
     assert {item["axis"] for item in data["profiles"]} == {"position", "velocity", "torque", "time", "frequency"}
     told = page.read_text(encoding="utf-8")
     assert "The model is off by" in told and "base model" not in told and "Where it fails" in told
-
-
-def test_add_lowers_the_held_out_error_with_the_right_effect_and_says_plainly_that_a_wrong_one_does_not(
-    runs, tmp_path, done
-):
-    given = [runs / "train.csv", "--holdout", runs / "holdout.csv", "-o", tmp_path / "model2.json"]
-    assert "stribeck lowers the held-out errors" in done("add", runs / "model.json", "stribeck", *given)
-    added = Model.load(tmp_path / "model2.json")
-    assert added.effects == ("stribeck",)
-    assert added.estimates["stribeck"].value == pytest.approx(0.4, rel=0.1)
-    out = done("add", runs / "model.json", "torque_offset", *given)
-    assert "no reason to keep it" in out or "no more than chance would" in out
 
 
 def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, tmp_path, few_effects, monkeypatch, done):

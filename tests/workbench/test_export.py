@@ -22,7 +22,6 @@ from pendulum_env.plant import PAPER, hide, paper_plant
 from tests.pendulum_env.physics.test_table import KINDS, in_model
 from tests.terms import Table
 from tests.workbench.exported import in_mujoco, library, module, needs_compiler, off
-from workbench.cli import main
 from workbench.export import ExportError, Request, export
 from workbench.export.arm import G
 
@@ -106,9 +105,9 @@ def test_python_steps_a_batch_as_it_steps_each(hidden):
         np.testing.assert_allclose(np.broadcast_to(values, one_by_one.shape), one_by_one, rtol=1e-9, atol=1e-12)
 
 
-def test_python_needs_no_numpy_for_numbers(tmp_path):
-    text = export(plant("stribeck", "dead_time=0.0043"), "python").content
-    (tmp_path / "arm.py").write_text(text)
+def test_python_needs_no_numpy_for_numbers(tmp_path, done):
+    plant("stribeck", "dead_time=0.0043").save(tmp_path / "model.json")
+    (tmp_path / "arm.py").write_text(done("export", tmp_path / "model.json", "--to", "python"))
     code = "import arm, sys; arm.step(arm.start(0.1), 2.5); print('numpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
     assert done.stdout.split() == ["False"]
@@ -270,21 +269,6 @@ def test_a_known_armature_is_part_of_the_inertia():
     text = export(plant(), "mjcf", Request(armature=0.03)).content
     world = mujoco.MjModel.from_xml_string(text)
     assert (world.dof_armature[0], world.dof_M0[0]) == pytest.approx((0.03, PAPER["inertia"]), rel=1e-5)
-
-
-def test_the_command_writes_and_checks(tmp_path, capsys, done):
-    pytest.importorskip("mujoco")
-    model, run, out = tmp_path / "model.json", tmp_path / "run.csv", tmp_path / "model.xml"
-    hidden = ["actuator_lag", "dead_time=0.0043"]
-    plant(*hidden).save(model)
-    told = [part for text in hidden for part in ("--effect", text)]
-    assert main(["record", "--seconds", "6", "--seed", "1", "-o", str(run), *told]) == 0
-    capsys.readouterr()
-    said = done("export", model, "--to", "mjcf", "-o", out, "--check", run)
-    assert out.read_text().startswith("<mujoco") and f"wrote {out}" in said
-    errors = [float(line.split()[-2]) for line in said.splitlines() if line.endswith("%")]  # of the motion, in percent
-    assert len(errors) == 3 and max(errors) < 1.0
-    assert "def step(" in done("export", model, "--to", "python")
 
 
 REFUSED = {

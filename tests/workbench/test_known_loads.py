@@ -54,16 +54,6 @@ def test_a_torque_constant_is_identified_kept_and_used(bench, tmp_path, capsys: 
 
 
 @pytest.mark.slow
-def test_a_diagnosis_says_the_torque_constant(bench, tmp_path, done):
-    diagnosis, page = tmp_path / "diagnosis.json", tmp_path / "page.html"
-    assert FOUND.search(done("diagnose", bench / "all.toml", "--json", diagnosis, "--report", page))
-    data = json.loads(diagnosis.read_text())
-    assert data["selected"] == ["load_dependent_friction"]
-    assert data["torque_constant"]["loads"] == 3
-    assert FOUND.search(page.read_text())
-
-
-@pytest.mark.slow
 def test_without_loads_that_differ_nothing_is_said_in_newton_metres(bench, tmp_path, done):
     study, model, page = str(bench / "one.toml"), str(tmp_path / "model.json"), tmp_path / "page.html"
     told = []

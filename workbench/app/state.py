@@ -87,11 +87,6 @@ class Loaded:
         """Whether it is kept for checking."""
         return self.source.role == "holdout"
 
-    @property
-    def is_plain(self) -> bool:
-        """Whether the file is read whole and as it is, so that no study has to tell how."""
-        return not (self.source.columns or self.source.unwrap or self.source.range or self.source.load)
-
 
 @dataclass(frozen=True)
 class Asked:

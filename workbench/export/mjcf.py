@@ -37,7 +37,9 @@ def export(model: Model, request: Request) -> Exported:
     extra `export` is not installed.
     """
     mujoco = load_mujoco()
-    link = next((term for term in model.terms if isinstance(term, JointFlexibility) and _holds(model, term)), None)
+    links = [term for term in model.terms if isinstance(term, JointFlexibility)]
+    # there is a motor and a link, each with an inertia of its own
+    link = next((own for own in links if 0.0 < value(model, own.id) < value(model, "inertia")), None)
     held = {*BODILY, *([] if link is None else [link.id])}
     if value(model, "quadratic_drag") < 0:  # MuJoCo's dampers brake
         held.remove("quadratic_drag")
@@ -84,11 +86,6 @@ def export(model: Model, request: Request) -> Exported:
     _actuate(mujoco, spec, model, request)
     spec.compile()
     return Exported(spec.to_xml(), notes)
-
-
-def _holds(model: Model, link: JointFlexibility) -> bool:
-    """Whether there is a motor and a link in the model, each with an inertia of its own."""
-    return 0.0 < value(model, link.id) < value(model, "inertia")
 
 
 def _add(parent: Any, name: str, body: Body) -> Any:

@@ -119,7 +119,8 @@ def moves(state: State) -> list[str]:
 
 def _needs_study(state: State) -> bool:
     """Whether a study has to say how the recordings are read, or which joints move."""
-    return state.robot is not None or not all(one.is_plain for one in state.loaded)
+    sources = [one.source for one in state.loaded]
+    return state.robot is not None or any(own.columns or own.unwrap or own.range or own.load for own in sources)
 
 
 def snippet(state: State) -> str:
