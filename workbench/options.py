@@ -32,8 +32,8 @@ ROBOT = "--robot --rotors --joints --base --no-gravity"
 LIMITS = "--fix --bound"  # parameters that are known or bounded
 
 
-def argument(convert: Callable[[str], T]) -> Callable[[str], T]:
-    """Converter for argparse that hands on the message of a ValueError; argparse itself would drop it."""
+def _telling(convert: Callable[[str], T]) -> Callable[[str], T]:
+    """Converter that hands on the message of a ValueError; argparse itself would drop it."""
 
     def converted(text: str) -> T:
         try:
@@ -72,7 +72,7 @@ def one_of(kind: str, known: Iterable[str]) -> Callable[[str], str]:
         find(kind, text, names)
         return text
 
-    return argument(converted)
+    return converted
 
 
 def _effect(text: str) -> str:
@@ -254,6 +254,8 @@ def _declared(text: str, settings: dict[str, Any]) -> Iterator[Declared]:
             own["type"], own["default"] = setting if isinstance(setting, tuple) else (setting, None)
         elif usage.startswith("-") and "metavar" not in own:
             own["action"] = "store_true"
+        if "type" in own:
+            own["type"] = _telling(own["type"])
         yield names, own
 
 
@@ -263,21 +265,21 @@ OPTIONS = {
         SHARED,
         {
             "recordings": {"nargs": "+"},
-            "effect": {"dest": "effects", "action": "append", "type": argument(_effect), "default": []},
-            "theta": argument(lambda text: paper_plant(read_parameters(text))),
+            "effect": {"dest": "effects", "action": "append", "type": _effect, "default": []},
+            "theta": lambda text: paper_plant(read_parameters(text)),
             "holdout": {"action": "append", "default": []},
-            "columns": argument(_columns),
+            "columns": _columns,
             "max_size": (number(1.0, 1e6), LARGEST / 1e6),
-            "drive": argument(_drive),
-            "joints": argument(_names),
+            "drive": _drive,
+            "joints": _names,
             "base": {"choices": ("fixed",)},
-            "only": argument(ids),
-            "without": (argument(ids), []),
-            "fix": {"dest": "fixed", "type": argument(known), "action": Gather, "default": {}},
-            "bound": {"dest": "bounds", "type": argument(ranges), "action": Gather, "default": {}},
+            "only": ids,
+            "without": (ids, []),
+            "fix": {"dest": "fixed", "type": known, "action": Gather, "default": {}},
+            "bound": {"dest": "bounds", "type": ranges, "action": Gather, "default": {}},
             "instruments": {"choices": ("reference",)},
             "seed": (whole(0), 0),
-            "report": argument(_page),
+            "report": _page,
             "workers": (whole(1, 1000), 1),
         },
     )
