@@ -11,11 +11,9 @@ from benchmarks import six_joint
 from benchmarks.two_link import TwoLink
 from estimators import Diagnosis, diagnose
 from estimators.selection.errors import Step
-from pendulum_env.arms.body import read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.recording import read_arm_recording
 from pendulum_env.physics import Model
-from pendulum_env.plant import PAPER
 from pendulum_env.recording import write_recording
 from tests import robots, slow
 from tests.two_link import recorded
@@ -205,16 +203,6 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(done, lif
     assert titles[:2] == ["position q [m]", "velocity q' [m/s]"] and titles[3] == "angle q [rad]"
 
 
-def test_a_diagnosis_names_what_is_missing_where_a_joint_slides_in_its_units(done, lift):
-    columns = robots.simulate(robots.TORSO, {}, seed=4, hidden={"torso": lambda velocity: -12.0})
-    robots.write({name: values for name, values in columns.items() if "left" not in name}, lift / "hidden.csv")
-    out = done(*of_arm(lift, "diagnose", "hidden.csv", *MOVING, "--only", "torque_offset", "-o", "better.json"))
-    assert "Missing: torque_offset@torso" in out
-    assert re.search(r"^error held out: torso \S+ -> \S+ N \(.*\), shoulder \S+ -> \S+ N m \(", out, re.M)
-    value = json.loads((lift / "better.json").read_text())["theta"]["torque_offset@torso"]
-    assert value["value"] == pytest.approx(12.0, rel=0.05) and value["unit"] == "N"
-
-
 def test_a_base_that_floats_is_taken_for_fixed_only_if_that_is_said(done, refused, folder, tmp_path):
     text = (folder / "arm.urdf").read_text().replace('<link name="base"/>', '<link name="world"/><link name="base"/>')
     root = '<joint name="root" type="floating"><parent link="world"/><child link="base"/></joint></robot>'
@@ -236,18 +224,6 @@ def test_record_an_arm_with_an_effect_at_a_joint(done, folder):
     arguments = ("--joints", "shoulder", "--seconds", "3", "--rate", "250", "-o", "one.csv")
     out = done(*of_arm(folder, "record", *arguments))
     assert "1 joint" in out and len(read_arm_recording(folder / "one.csv", ("shoulder",))) == 750
-
-
-def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(done, tmp_path):
-    (tmp_path / "arm.urdf").write_text(six_joint.urdf())
-    done(*of_arm(tmp_path, "record", "--seconds", "5", "--rate", "250", "-o", "run.csv"))
-    done(*of_arm(tmp_path, "identify", "run.csv", "--scheme", "filtered_dynamic", "-o", "found.json"))
-    theta = json.loads((tmp_path / "found.json").read_text())["theta"]
-    body = read_body(tmp_path / "arm.urdf")
-    for name, value in zip(body.names, body.values.tolist(), strict=True):
-        assert abs(theta[name]["value"] - value) < max(4 * theta[name]["std"], 0.005 * abs(value)), name
-    dry = theta["coulomb@base"]  # a fiftieth of the torque that this motion takes
-    assert abs(dry["value"] - PAPER["coulomb"]) < 4 * dry["std"] and dry["std"] < 0.02 * PAPER["coulomb"]
 
 
 MISTAKES = {
@@ -376,7 +352,8 @@ def test_a_robot_goes_through_all_commands(robot, tmp_path, done, monkeypatch):
     asked = ["--robot", "robot.urdf"]
     moving = [*asked, "--joints", ",".join(joints)]
 
-    usual = ("--seconds", "10", "--rate", "250", "--backend", "mujoco")
+    usual = ("--seconds", "10", "--rate", "250")
+    usual += () if robot == "torso" else ("--backend", "mujoco")  # which is taken where no plane holds all joints
     done("record", *moving, *usual, "-o", "plain.csv")
     out = done("record", *moving, *usual, "--seed", "1", "--effect", f"torque_offset@{at}=1.5", "-o", "hidden.csv")
     assert f"hidden: torque_offset@{at}" in out and ("held: left at zero" in out) == (robot != "driven")

@@ -51,20 +51,6 @@ def test_record_writes_what_can_be_read_says_what_is_hidden_and_repeats_itself_w
     assert one.read_bytes() == again.read_bytes() != other.read_bytes()
 
 
-def test_backends_record_the_same_pendulum_and_a_replay_what_it_plays(tmp_path, done):
-    """pymunk's body against the batched simulator, to a few encoder counts; a replay loses only the last sample."""
-    paths = {name: tmp_path / f"{name}.csv" for name in ("simulated", "pymunk", "replay")}
-    common = ["record", "--seconds", "3", "--noise", "0", "--effect", "stribeck"]
-    for name in ("simulated", "pymunk"):
-        done(*common, "--backend", name, "-o", paths[name])
-    said = done("record", "--backend", "replay", "--replay", paths["pymunk"], "-o", paths["replay"])
-    body, batch, again = (read_recording(paths[name]) for name in ("pymunk", "simulated", "replay"))
-    assert np.sqrt(np.mean((body.position - batch.position) ** 2)) < 2e-5
-    np.testing.assert_allclose(body.torque, batch.torque, atol=1e-6)
-    np.testing.assert_array_equal(again.position, body.position[:-1])
-    assert "2.999 s at 1000 Hz, 2999 samples" in said
-
-
 @pytest.mark.slow
 def test_late_torque_is_said_by_every_command_and_corrected_where_asked(runs, tmp_path, done):
     good, late = read_recording(runs / "train.csv"), tmp_path / "late.csv"

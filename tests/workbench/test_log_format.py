@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.two_link import TwoLink
 from pendulum_env.physics import Model
 from pendulum_env.recording import read_recording
 from workbench.cli import main
@@ -74,26 +73,6 @@ def test_mistakes_about_studies_are_one_line(bench, refused, words, match, monke
     before = Path("monday.csv").read_bytes()
     assert match in refused(*words.split())
     assert Path("monday.csv").read_bytes() == before
-
-
-def test_the_next_log_of_an_arm_is_read_alike(tmp_path, capsys, done, refused):
-    pytest.importorskip("pinocchio", reason="arms need the extra arms")
-    robot = ("--robot", str(tmp_path / "arm.urdf"))
-    (tmp_path / "arm.urdf").write_text(TwoLink().urdf())
-    assert main(["record", *robot, "--seconds", "10", "--rate", "500", "-o", str(tmp_path / "plain.csv")]) == 0
-    rows = np.loadtxt(tmp_path / "plain.csv", delimiter=",", skiprows=1)
-    rows[:, 2] = np.degrees(rows[:, 2])
-    odd, model, added = (str(tmp_path / name) for name in ("odd.csv", "arm.json", "added.json"))
-    np.savetxt(odd, rows, delimiter=",", header="clock,a,b,c,d", comments="", fmt="%.12g")
-    columns = "time=clock,position_shoulder=a,position_elbow=b:deg,torque_shoulder=c,torque_elbow=d"
-    assert main(["identify", odd, *robot, "--columns", columns, "--scheme", "filtered_dynamic", "-o", model]) == 0
-    capsys.readouterr()
-    assert f"read as {model} says: time=clock" in done("compare", model, odd, *robot)
-    assert main(["add", model, "spring@elbow", odd, *robot, "-o", added]) == 0
-    kept = [json.loads(Path(path).read_text())["log_format"] for path in (model, added)]
-    assert kept[0] == kept[1] and kept[0]["columns"]["position_elbow"] == "b:deg"
-    Path(model).write_text(json.dumps(json.loads(Path(model).read_text()) | {"log_format": "clock"}))
-    assert "'log_format' of the model is 'clock'" in refused("compare", model, odd, *robot, "--columns", columns)
 
 
 def test_the_next_log_of_the_format_is_read_alike(bench, tmp_path, done):

@@ -18,7 +18,6 @@ from tests.cases import diagnosed
 from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values, whole
 from workbench.report import render
-from workbench.report.case import Case
 from workbench.report.failures import profile_figure
 from workbench.report.figure import broken, numbers, thin
 from workbench.report.numbers import of_models
@@ -180,13 +179,6 @@ def test_a_table_of_a_model_is_drawn_with_its_band():
 def test_a_diagnosis_that_was_read_from_a_file_has_no_report(diagnosis):
     with pytest.raises(ValueError, match="the diagnosis has no data"):
         render(replace(diagnosis, data=None))
-
-
-def test_what_knocked_the_joint_is_among_the_windows_of_a_report(bouncing):
-    found = diagnosed([bouncing])
-    assert found.data.impacts_beside is not None
-    told, drawn = found.steps[-1].errors["train"], Case(found).data.parts[0].errors(found.model)
-    assert drawn.torque_rms == pytest.approx(told.torque_rms, rel=1e-6)
 
 
 def test_the_residual_of_a_joint_that_turns_is_drawn_over_one_turn():

@@ -85,15 +85,6 @@ def test_an_upload_lies_in_its_folder_whatever_its_name(tmp_path, name):
     assert safe_name("Montag früh (1).csv.gz") == "Montag früh (1).csv.gz"
 
 
-def test_a_broken_file_is_named_without_the_folder_and_does_not_stay(session, tmp_path, monkeypatch, refused):
-    broken = b"time,position,torque\n0,0,0\n0.001,nan,0\n"
-    upload(session, "broken.csv", broken)
-    (tmp_path / "broken.csv").write_bytes(broken)
-    monkeypatch.chdir(tmp_path)
-    assert refused("identify", "broken.csv") == f"pendulum-ident: {session.notice}\n"
-    assert files_of(session) == [] and session.state.loaded == ()
-
-
 def test_uploads_that_are_too_large_or_damaged_are_refused(session, monkeypatch):
     limited(monkeypatch, upload=1000)
     upload(session, "run.csv", b"x" * 1001)
