@@ -1,7 +1,5 @@
 """What commands read and write, of a pendulum or of an arm whose links `--robot` names, and what they say of it."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

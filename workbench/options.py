@@ -1,7 +1,5 @@
 """Options of commands, told by texts like those of `--help`, and what becomes of what is typed."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import re
@@ -30,6 +28,7 @@ DRIVEN = f"as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KE
 READING = "--columns --unwrap --max-size"  # how recordings are to be read
 ROBOT = "--robot --rotors --joints --base --no-gravity"
 LIMITS = "--fix --bound"  # parameters that are known or bounded
+OF_PENDULUMS = f"--drive --theta --align --instruments {LIMITS}"  # which say nothing of an arm
 
 
 def _telling(convert: Callable[[str], T]) -> Callable[[str], T]:
@@ -87,18 +86,6 @@ def _page(text: str) -> str:
         name = Path(text).with_suffix(".html")
         raise ValueError(f"a report is one HTML page, not {suffix}: name it {name}, a browser prints it to PDF")
     return text
-
-
-def take_robot(parser: argparse.ArgumentParser, arms: Sequence[str] = (), pendulums: Sequence[str] = ()) -> None:
-    """Declare, once all options are, which of them are of an arm, beside those of `ROBOT`, or say nothing of one.
-
-    `cli.parse` refuses these where they do not belong.
-    """
-    of_arms = [one for one in parser._actions if one.dest in arms or {*one.option_strings} & {*ROBOT.split()[1:]}]
-    of_pendulums = [one for one in parser._actions if one.dest in pendulums]
-    for action in of_pendulums:
-        action.help = f"{action.help} [not with --robot]"
-    parser.set_defaults(of_arms=of_arms, of_pendulums=of_pendulums)
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -286,15 +273,28 @@ OPTIONS = {
 }
 
 
-def declare(parser: argparse.ArgumentParser, text: str, **settings: Any) -> None:
+def declare(
+    parser: argparse.ArgumentParser, text: str, arms: Sequence[str] = (), pendulums: Sequence[str] = (), **settings: Any
+) -> None:
     """Declare options by a text like that of `--help`: names, what is taken, two spaces, and what it is for.
 
     One that takes nothing is a switch. Names alone are of options that several commands have, see `OPTIONS`, and what
     is said of one of these without what it takes stands for what is said there. A setting, by what the option is
     called, is what converts a text, perhaps with what is taken by default, or further arguments of `add_argument`.
+
+    Of a command that takes arms, some options are of `arms` alone, beside those of `ROBOT`, or of `pendulums`, beside
+    `OF_PENDULUMS`: `cli.parse` refuses them where they do not belong.
     """
     for names, own in _declared(text, settings):
         if names[-1] in OPTIONS and "metavar" not in own:
             names, shared = OPTIONS[names[-1]]
             own = shared | {key: value for key, value in own.items() if key != "action"}
         parser.add_argument(*names, **own)
+    if "--rotors" not in parser._option_string_actions:
+        return
+    kinds = (("of_arms", arms, ROBOT.split()[1:]), ("of_pendulums", pendulums, OF_PENDULUMS.split()))
+    for kind, dests, shared in kinds:
+        marked = [one for one in parser._actions if one.dest in dests or not {*one.option_strings}.isdisjoint(shared)]
+        parser.set_defaults(**{kind: marked})
+    for action in parser.get_default("of_pendulums"):
+        action.help = f"{action.help} [not with --robot]"

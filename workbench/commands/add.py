@@ -6,7 +6,7 @@ from estimators.diagnosis.addition import add
 from estimators.show.story import of_addition
 from pendulum_env.physics.library import addition
 from workbench.inputs import opened, write_model, wrote
-from workbench.options import LIMITS, READING, ROBOT, declare, known_effect, take_robot
+from workbench.options import LIMITS, READING, ROBOT, declare, known_effect
 from workbench.story import tell
 from workbench.terminal import Terminal
 
@@ -23,7 +23,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         """,
         effect=_effect,
     )
-    take_robot(parser, pendulums=("align", "fixed", "bounds", "drive"))
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -13,7 +13,7 @@ from pendulum_env.recording import Source
 from pendulum_env.recording.record import ColumnError
 from workbench.inputs import given, read_all, robot_of
 from workbench.mistakes import InputError
-from workbench.options import KINDS, READING, ROBOT, declare, take_robot, whole
+from workbench.options import KINDS, READING, ROBOT, declare, whole
 from workbench.processes import interrupts_wait
 from workbench.survey.cases import is_survey
 from workbench.terminal import Terminal
@@ -34,7 +34,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         recordings={"nargs": "*"},
         port=(whole(0, 65535), 8050),
     )
-    take_robot(parser)
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -27,7 +27,7 @@ from workbench.inputs import (
     wrote,
 )
 from workbench.mistakes import InputError
-from workbench.options import KINDS, READING, ROBOT, declare, take_robot
+from workbench.options import KINDS, READING, ROBOT, declare
 from workbench.story import tell
 from workbench.terminal import Terminal
 
@@ -49,10 +49,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
             refitted
         --json FILE  write errors, profiles and regions
         """,
+        arms=("payload", "without"),
+        pendulums=("loop",),
         payload={"nargs": "?", "const": ""},  # no joint is named
         without={"action": "append", "default": []},
     )
-    take_robot(parser, arms=("payload", "without"), pendulums=("align", "loop", "drive"))
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

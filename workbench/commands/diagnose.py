@@ -10,7 +10,7 @@ from pendulum_env.arms.recording import of_arms
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from workbench.inputs import opened, write_json, write_model, write_page, wrote
-from workbench.options import LIMITS, READING, ROBOT, declare, number, take_robot
+from workbench.options import LIMITS, READING, ROBOT, declare, number
 from workbench.story import MORE, tell_diagnosis
 from workbench.terminal import Terminal
 
@@ -36,12 +36,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         --report
         -o, --output MODEL.json  write the final model
         """,
+        pendulums=("max_torque", "max_angle", "max_speed", "experiment"),
         max_torque=number(0.1, MOST_TORQUE),
         max_angle=number(0.01, math.inf),
         max_speed=number(0.01, math.inf),
     )
-    of_pendulums = ("max_torque", "max_angle", "max_speed", "experiment", "fixed", "bounds", "instruments", "drive")
-    take_robot(parser, pendulums=of_pendulums)
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -15,7 +15,7 @@ from workbench.export import FORMATS, Exported, Request, export
 from workbench.export.request import Language
 from workbench.inputs import check_outputs, read_all, read_arm_model, read_model, sources_of, wrote
 from workbench.mistakes import InputError
-from workbench.options import DRIVEN, READING, ROBOT, declare, number, take_robot
+from workbench.options import DRIVEN, READING, ROBOT, declare, number
 from workbench.terminal import Terminal
 
 
@@ -42,12 +42,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         --robot  the model is of an arm with these links, URDF or MJCF (needs the extra arms): mjcf and urdf
         {ROBOT.partition(" ")[2]}
         """,
+        pendulums=("mass", "armature", "callback", "check"),
         to={"required": True, "choices": tuple(FORMATS)},
         step=(number(1e-6, 0.1), Request.step),
         mass=number(1e-6),
         armature=(number(0.0), 0.0),
     )
-    take_robot(parser, pendulums=("mass", "armature", "drive", "callback", "check"))
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -10,7 +10,7 @@ from estimators.show.story import TRUST, schemes_table
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, Model
 from workbench.inputs import opened, write_json, write_model, wrote
-from workbench.options import LIMITS, READING, ROBOT, declare, take_robot
+from workbench.options import LIMITS, READING, ROBOT, declare
 from workbench.terminal import Terminal
 
 SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
@@ -29,7 +29,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         """,
         scheme=(lambda text: SETS.get(text) or [scheme(id.strip()) for id in text.split(",")], SCHEMES),
     )
-    take_robot(parser, pendulums=("align", "instruments", "fixed", "bounds", "drive"))
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -18,7 +18,7 @@ from pendulum_env.recording.checks import BOUNDS
 from pendulum_env.recording.storage import WRITERS
 from workbench.inputs import check_outputs, wrote
 from workbench.mistakes import InputError
-from workbench.options import OPTIONS, ROBOT, declare, number, one_of, take_robot, whole
+from workbench.options import OPTIONS, ROBOT, declare, number, one_of, whole
 from workbench.runs import (
     DIAGNOSED,
     LEARNT,
@@ -75,6 +75,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         --seed
         -o, --output FILE  {", ".join(WRITERS)}
         """,
+        arms=("max_angle", "max_speed", "max_acceleration"),
+        pendulums=("until", "diagnosis", "replay", "config"),
         seconds=number(BOUNDS.shortest, MOST / BOUNDS.slowest),
         excitation=one_of("excitation", (*EXCITATIONS, SUGGESTED, LEARNT)),
         until={"choices": (DIAGNOSED,)},
@@ -87,11 +89,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         counts=(whole(0, 2**32), COUNTS),
         noise=(number(0.0, MOST_TORQUE), TORQUE_NOISE),
         output={"required": True},
-    )
-    take_robot(
-        parser,
-        arms=("max_angle", "max_speed", "max_acceleration"),
-        pendulums=("until", "diagnosis", "replay", "config", "theta"),
     )
 
 
