@@ -293,8 +293,8 @@ def declare(
     if "--rotors" not in parser._option_string_actions:
         return
     kinds = (("of_arms", arms, ROBOT.split()[1:]), ("of_pendulums", pendulums, OF_PENDULUMS.split()))
-    for kind, dests, shared in kinds:
-        marked = [one for one in parser._actions if one.dest in dests or not {*one.option_strings}.isdisjoint(shared)]
+    for kind, dests, every in kinds:
+        marked = [one for one in parser._actions if one.dest in dests or not {*one.option_strings}.isdisjoint(every)]
         parser.set_defaults(**{kind: marked})
     for action in parser.get_default("of_pendulums"):
         action.help = f"{action.help} [not with --robot]"

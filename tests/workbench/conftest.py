@@ -23,13 +23,17 @@ def browser():
         browser.close()
 
 
+def words(argv):
+    return argv[0].split() if len(argv) == 1 and isinstance(argv[0], str) else [str(part) for part in argv]
+
+
 @pytest.fixture
 def done(capsys):
-    """Run a command that must succeed: returns what it printed."""
+    """Run a command, of words or one text, that must succeed: returns what it printed."""
 
     def run(*argv):
         capsys.readouterr()
-        assert main([str(part) for part in argv]) == 0
+        assert main(words(argv)) == 0
         return capsys.readouterr().out
 
     return run
@@ -49,7 +53,7 @@ def refused(capsys, tmp_path):
         capsys.readouterr()
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            assert main([str(part) for part in argv]) == 2
+            assert main(words(argv)) == 2
         out = capsys.readouterr()
         assert out.err.count("\n") == 1 and out.err.startswith("pendulum-ident: ")
         assert "Traceback" not in out.err + out.out and len(out.err) <= LONGEST + len("pendulum-ident: \n")

@@ -190,7 +190,7 @@ def test_a_document_that_cannot_be_is_refused_with_file_and_key(refused, argv, n
 def test_words_that_make_no_sense_are_refused_with_one_line(refused, words, reason):
     for library in (name for word, name in (("mjcf", "mujoco"), ("app ", "dash")) if word in words):
         pytest.importorskip(library)
-    assert reason in refused(*words.split())
+    assert reason in refused(words)
 
 
 def test_a_port_that_is_taken_and_an_extra_that_is_not_there_are_told(refused, monkeypatch):
