@@ -246,31 +246,26 @@ def _declared(text: str, settings: dict[str, Any]) -> Iterator[Declared]:
         yield names, own
 
 
-OPTIONS = {
-    names[-1]: (names, own)
-    for names, own in _declared(
-        SHARED,
-        {
-            "recordings": {"nargs": "+"},
-            "effect": {"dest": "effects", "action": "append", "type": _effect, "default": []},
-            "theta": lambda text: paper_plant(read_parameters(text)),
-            "holdout": {"action": "append", "default": []},
-            "columns": _columns,
-            "max_size": (number(1.0, 1e6), LARGEST / 1e6),
-            "drive": _drive,
-            "joints": _names,
-            "base": {"choices": ("fixed",)},
-            "only": ids,
-            "without": (ids, []),
-            "fix": {"dest": "fixed", "type": known, "action": Gather, "default": {}},
-            "bound": {"dest": "bounds", "type": ranges, "action": Gather, "default": {}},
-            "instruments": {"choices": ("reference",)},
-            "seed": (whole(0), 0),
-            "report": _page,
-            "workers": (whole(1, 1000), 1),
-        },
-    )
+SETTINGS: dict[str, Any] = {  # of these, see `declare`
+    "recordings": {"nargs": "+"},
+    "effect": {"dest": "effects", "action": "append", "type": _effect, "default": []},
+    "theta": lambda text: paper_plant(read_parameters(text)),
+    "holdout": {"action": "append", "default": []},
+    "columns": _columns,
+    "max_size": (number(1.0, 1e6), LARGEST / 1e6),
+    "drive": _drive,
+    "joints": _names,
+    "base": {"choices": ("fixed",)},
+    "only": ids,
+    "without": (ids, []),
+    "fix": {"dest": "fixed", "type": known, "action": Gather, "default": {}},
+    "bound": {"dest": "bounds", "type": ranges, "action": Gather, "default": {}},
+    "instruments": {"choices": ("reference",)},
+    "seed": (whole(0), 0),
+    "report": _page,
+    "workers": (whole(1, 1000), 1),
 }
+OPTIONS = {names[-1]: (names, own) for names, own in _declared(SHARED, SETTINGS)}
 
 
 def declare(
@@ -286,7 +281,7 @@ def declare(
     `OF_PENDULUMS`: `cli.parse` refuses them where they do not belong.
     """
     for names, own in _declared(text, settings):
-        if names[-1] in OPTIONS and "metavar" not in own:
+        if not own or (names[-1] in OPTIONS and "metavar" not in own):
             names, shared = OPTIONS[names[-1]]
             own = shared | {key: value for key, value in own.items() if key != "action"}
         parser.add_argument(*names, **own)
