@@ -54,7 +54,7 @@ def held(name):
 
 def test_version_and_commands_are_said(done):
     assert re.fullmatch(r"pendulum-ident (\d+\.\d+\S*|\(not installed\))\n", done("--version"))
-    assert all(name in done("--help") for name in COMMANDS)
+    assert all(name in done("--help") and "--plugin FILE.py" in done(f"{name} --help") for name in COMMANDS)
 
 
 def test_record_writes_what_can_be_read_says_what_is_hidden_and_repeats_itself_with_the_same_seed(done):
