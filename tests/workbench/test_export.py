@@ -293,3 +293,15 @@ def test_what_a_format_does_not_hold_is_refused_in_a_sentence(why):
 
 def test_a_model_of_a_current_is_of_currents():
     assert "torque [A]" in export(paper_plant().per("A"), "c").content
+
+
+def test_the_command_writes_and_checks(tmp_path, done):
+    pytest.importorskip("mujoco")
+    model, run, out = (tmp_path / name for name in ("model.json", "run.csv", "model.xml"))
+    plant("actuator_lag", "dead_time=0.0043").save(model)
+    hidden = ("--effect", "actuator_lag", "--effect", "dead_time=0.0043")
+    done("record", "--seconds", 6, "--seed", 1, "-o", run, *hidden)
+    said = done("export", model, "--to", "mjcf", "-o", out, "--check", run)
+    assert out.read_text().startswith("<mujoco") and f"wrote {out}" in said
+    errors = [float(line.split()[-2]) for line in said.splitlines() if line.endswith("%")]  # of the motion, in percent
+    assert len(errors) == 3 and max(errors) < 1.0
