@@ -223,7 +223,7 @@ recordings RECORDING  {KINDS}; fitted jointly
 
 
 def _declared(text: str, settings: dict[str, Any]) -> Iterator[Declared]:
-    """Entries of a text, see `declare`; of one that only names options, these one by one, each of nothing."""
+    """Names and arguments of each option in a text, see `declare`; without arguments where a line only names options."""
     for entry in re.split(r"\n(?! )", cleandoc(text)):
         usage, _, about = entry.partition("  ")
         words = usage.split()
@@ -271,14 +271,14 @@ OPTIONS = {names[-1]: (names, own) for names, own in _declared(SHARED, SETTINGS)
 def declare(
     parser: argparse.ArgumentParser, text: str, arms: Sequence[str] = (), pendulums: Sequence[str] = (), **settings: Any
 ) -> None:
-    """Declare options by a text like that of `--help`: names, what is taken, two spaces, and what it is for.
+    """Declare options by a text like that of `--help`: names, what the option takes, two spaces, what it is for.
 
-    One that takes nothing is a switch. Names alone are of options that several commands have, see `OPTIONS`, and what
-    is said of one of these without what it takes stands for what is said there. A setting, by what the option is
-    called, is what converts a text, perhaps with what is taken by default, or further arguments of `add_argument`.
+    An option that takes nothing is a switch. A line of names alone declares options that several commands share, see
+    `OPTIONS`; a name with a new description replaces the shared one. Each setting, by the name of the option, is a
+    converter, a converter and a default, or further arguments of `add_argument`.
 
-    Of a command that takes arms, some options are of `arms` alone, beside those of `ROBOT`, or of `pendulums`, beside
-    `OF_PENDULUMS`: `cli.parse` refuses them where they do not belong.
+    `arms` and `pendulums` name options that make sense for one of them only, beside those of `ROBOT` and of
+    `OF_PENDULUMS`; `cli.parse` refuses them for the other.
     """
     for names, own in _declared(text, settings):
         if not own or (names[-1] in OPTIONS and "metavar" not in own):
