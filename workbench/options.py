@@ -31,7 +31,7 @@ LIMITS = "--fix --bound"  # parameters that are known or bounded
 OF_PENDULUMS = f"--drive --theta --align --instruments {LIMITS}"  # which say nothing of an arm
 
 
-def _telling(convert: Callable[[str], T]) -> Callable[[str], T]:
+def _with_message(convert: Callable[[str], T]) -> Callable[[str], T]:
     """Converter that hands on the message of a ValueError; argparse itself would drop it."""
 
     def converted(text: str) -> T:
@@ -223,7 +223,7 @@ recordings RECORDING  {KINDS}; fitted jointly
 
 
 def _declared(text: str, settings: dict[str, Any]) -> Iterator[Declared]:
-    """Names and arguments of each option in a text, see `declare`; without arguments where a line only names options."""
+    """Names and arguments of each option in a text, see `declare`; none where a line only names options."""
     for entry in re.split(r"\n(?! )", cleandoc(text)):
         usage, _, about = entry.partition("  ")
         words = usage.split()
@@ -242,7 +242,7 @@ def _declared(text: str, settings: dict[str, Any]) -> Iterator[Declared]:
         elif usage.startswith("-") and "metavar" not in own:
             own["action"] = "store_true"
         if "type" in own:
-            own["type"] = _telling(own["type"])
+            own["type"] = _with_message(own["type"])
         yield names, own
 
 

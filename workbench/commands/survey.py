@@ -114,12 +114,12 @@ def _show(dataset: Dataset, report: str | None, terminal: Terminal) -> None:
     fleet = Fleet.of(dataset)
     if not fleet.joints:
         terminal.say("no case could be diagnosed")
-    told = tables(fleet)
+    by_name = tables(fleet)
     for heading, name, otherwise in TABLES if fleet.joints else ():
-        if told[name].rows or otherwise:
+        if by_name[name].rows or otherwise:
             terminal.heading(heading)
-        if told[name].rows:
-            terminal.table(*told[name])
+        if by_name[name].rows:
+            terminal.table(*by_name[name])
         elif otherwise:
             terminal.say(otherwise)
     if report is not None:

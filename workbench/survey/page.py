@@ -97,8 +97,8 @@ def _labels(found: Sequence[Missing | Series]) -> list[str]:
 
 def missing(fleet: Fleet) -> Section:
     """Which effect is missing where, and what is weak in each case but in all of a group."""
-    told = tables(fleet)
-    content = {"effects": told["missing"], "shared": told["shared"], "chance": CHANCE}
+    by_name = tables(fleet)
+    content = {"effects": by_name["missing"], "shared": by_name["shared"], "chance": CHANCE}
     return Section("missing", "Missing", "What is missing where", content)
 
 
@@ -106,12 +106,12 @@ def courses(fleet: Fleet) -> Section | None:
     """Parameters over time, and which of them drift; nothing where no case was diagnosed."""
     if not fleet.series:
         return None
-    telling, told = [one.parameter for one in (*fleet.drifting, *fleet.jumping)], tables(fleet)
+    telling, by_name = [one.parameter for one in (*fleet.drifting, *fleet.jumping)], tables(fleet)
     content = {
-        "drifting": told["drifting"],
-        "jumping": told["jumping"],
+        "drifting": by_name["drifting"],
+        "jumping": by_name["jumping"],
         "figures": [over_time(fleet, name, k) for k, name in enumerate(_parameters(fleet, telling, DRAWING.courses))],
-        "all": told["courses"],
+        "all": by_name["courses"],
         "sigmas": DRAWING.sigmas,
         "level": LEVEL,
     }
