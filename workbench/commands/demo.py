@@ -27,7 +27,7 @@ from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.words import listing
-from workbench.inputs import check_outputs, wrote
+from workbench.inputs import check_outputs, write_page, wrote
 from workbench.options import declare
 from workbench.story import tell_diagnosis
 from workbench.terminal import Terminal
@@ -72,8 +72,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     files = [report.with_name(f"{report.stem}.{part}.csv") for part in ("train", "holdout")]
     robots = [report.with_name(f"{report.stem}.{part}.urdf") for part in ("robot", "truth")] if arguments.robot else []
     check_outputs([str(path) for path in (report, *files, *robots)])
-    from workbench.report import write_report  # plotly takes a while to import
-
     rng = np.random.default_rng(arguments.seed)
     hidden = hidden_arm(robots[0], robots[1], rng) if robots else hidden_pendulum(rng)
     terminal.heading(hidden.title)
@@ -87,8 +85,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     with terminal.progress("diagnosing") as progress:
         found = diagnose(train, holdout, hidden.terms, progress)
     tell_diagnosis(found, terminal, arguments.verbose, more="")
-    with terminal.progress("writing the report"):
-        write_report(report, found)
+    write_page(str(report), terminal, "workbench.report:render", found)
     reveal(hidden, found, terminal)
     wrote([report, *robots, *files], terminal)
     kind, how = ("pendulum", "") if arguments.robot is None else ("arm", f" --robot {arguments.robot}")
