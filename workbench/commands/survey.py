@@ -14,7 +14,7 @@ from workbench.inputs import check_outputs, read_model, wrote
 from workbench.mistakes import InputError, Interrupted
 from workbench.options import LIMITS, READING, declare, number, whole
 from workbench.processes import connected
-from workbench.survey.cases import find_cases
+from workbench.survey.cases import find_cases, joints
 from workbench.survey.dataset import Dataset
 from workbench.survey.fleet import Fleet
 from workbench.survey.run import Tally, survey
@@ -69,8 +69,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(f"{dataset.folder}: is a file: name a folder for the dataset")
     settings = _settings(arguments)
     cases = find_cases(arguments.recordings, arguments, arguments.names)
-    joints = {(case.robot, case.joint) for case in cases}
-    terminal.say(f"recordings: {len(cases)}, joints: {len(joints)}")
+    terminal.say(f"recordings: {len(cases)}, joints: {joints(cases)}")
     with ExitStack() as stack, terminal.progress("diagnosing", timed=True) as tell:
 
         def connect() -> Client:

@@ -7,7 +7,7 @@ import csv
 import os
 import re
 from argparse import Namespace
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -222,3 +222,8 @@ def file_time(file: Path) -> datetime:
         return datetime.fromtimestamp(file.stat().st_mtime, UTC)
     except (OSError, ValueError, OverflowError):
         return datetime.fromtimestamp(0, UTC)
+
+
+def joints(cases: Iterable[Case]) -> int:
+    """Number of joints among cases."""
+    return len({(case.robot, case.joint) for case in cases})
