@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.survey import GROWTH, HIDDEN, Meter, Plan, cases_of, day, measured, record
-from workbench.cluster import connected
+from workbench.processes import connected
 from workbench.survey import Dataset, Fleet
 from workbench.survey.cases import joints
 from workbench.terminal import Terminal

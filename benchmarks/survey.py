@@ -29,8 +29,8 @@ from pendulum_env._typing import JSON, Array
 from pendulum_env.excitation import excitation
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.vector_env import DirectDrivePendulumVector
-from workbench.cluster import connected
 from workbench.commands.survey import configure
+from workbench.processes import connected
 from workbench.survey import Case, Dataset, Fleet, Settings, Tally, find_cases, look, survey
 from workbench.survey.page import render
 from workbench.survey.work import Look, content_hash

@@ -1,93 +1,36 @@
-"""Arguments that several commands share, and the files behind them."""
-
-from __future__ import annotations
+"""What commands read and write, of a pendulum or of an arm whose links `--robot` names, and what they say of it."""
 
 import argparse
 import json
-import math
 import os
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
 from estimators.arguments import model_that_moves
 from estimators.diagnosis.result import SCHEMA
 from estimators.diagnosis.suggestion import Suggestion
+from estimators.preprocessing import Preprocessed
 from pendulum_env._typing import JSON
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import arm_base, body_of
+from pendulum_env.arms.model import ArmModel, Asked
+from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.files import check_output, write_whole
-from pendulum_env.lookup import find
-from pendulum_env.physics import Model, ModelError, Term, nameable
-from pendulum_env.plant import hide, paper_plant, read_parameters
-from pendulum_env.reading import DIGITS, LARGE, LARGEST, Unreadable, Value, read_json, shown
+from pendulum_env.physics import Model, ModelError
+from pendulum_env.plant import hide, paper_plant
+from pendulum_env.reading import Unreadable, Value, read_json
 from pendulum_env.recording import Recording, Source
-from pendulum_env.recording.columns import refuse_unknown_quantity
-from pendulum_env.recording.record import WARNING
+from pendulum_env.recording.record import WARNING, TorqueConstant
 from pendulum_env.recording.study import format_of, named_twice, read_as, read_sources
-from pendulum_env.recording.vocabulary import TOLD
-from pendulum_env.servo.drive import KEYS, Drive
 from pendulum_env.words import listing, plus_minus
 from workbench.mistakes import InputError
+from workbench.robot import Logs, RobotFile, held_text, meaning, straying
 from workbench.terminal import Terminal
 
-T = TypeVar("T")
-Number = TypeVar("Number", int, float)
 Logged = TypeVar("Logged", bound=Recording)
-COUPLING = "coupling"  # of two joints: no effect of a pendulum
-FORMATS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag"
-KINDS = f"{FORMATS}, or a study.toml (several recordings, known loads)"
-DRIVEN = f"as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KEYS)}"
-
-
-def argument(convert: Callable[[str], T]) -> Callable[[str], T]:
-    """Converter for argparse that hands on the message of a ValueError; argparse itself would drop it."""
-
-    def converted(text: str) -> T:
-        try:
-            return convert(text)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
-
-    return converted
-
-
-def number(low: float, high: float = LARGE) -> Callable[[str], float]:
-    """Converter for argparse: a number from low to high."""
-    return _within(float, low, high, f"a number from {low:g} to {high:g}")
-
-
-def whole(low: int, high: int = 10**DIGITS) -> Callable[[str], int]:
-    """Converter for argparse: a whole number from low to high."""
-    return _within(int, low, high, f"a whole number from {low} to {high}")
-
-
-def _within(kind: Callable[[str], Number], low: Number, high: Number, asked: str) -> Callable[[str], Number]:
-    def converted(text: str) -> Number:
-        with suppress(ValueError):
-            if low <= (value := kind(text)) <= high:
-                return value
-        raise argparse.ArgumentTypeError(f"{shown(text)} should be {asked}")
-
-    return converted
-
-
-def one_of(kind: str, known: Iterable[str]) -> Callable[[str], str]:
-    """Converter for argparse: one of the names that are known."""
-    names = dict.fromkeys(known)
-
-    def converted(text: str) -> str:
-        find(kind, text, names)
-        return text
-
-    return argument(converted)
-
-
-def take(parser: argparse.ArgumentParser, *options: str, **other: Any) -> None:
-    """Declare options that several commands have, see `OPTIONS`, with what is other than there."""
-    for name in options:
-        parser.add_argument(*(["-v", name] if name == "--verbose" else [name]), **(OPTIONS[name] | other))
 
 
 def plant_of(arguments: argparse.Namespace) -> Model:
@@ -98,268 +41,22 @@ def plant_of(arguments: argparse.Namespace) -> Model:
     return plant
 
 
-def _effect(text: str) -> str:
-    hide(paper_plant(), re.sub("@[^=:]*", "", text, count=1))  # at whatever joint
-    return text
+def given(arguments: argparse.Namespace, outputs: Sequence[str | None] = ()) -> tuple[Source, ...]:
+    """The recordings that the arguments name, alone or in studies, still unread: first those that are fitted.
 
-
-def _page(text: str) -> str:
-    """Name of a report's file; raises ValueError if it asks for another format than HTML."""
-    suffix = Path(text).suffix.lower()
-    if suffix not in ("", ".html", ".htm"):
-        name = Path(text).with_suffix(".html")
-        raise ValueError(f"a report is one HTML page, not {suffix}: name it {name}, a browser prints it to PDF")
-    return text
-
-
-def take_robot(parser: argparse.ArgumentParser, arms: Sequence[str] = (), pendulums: Sequence[str] = ()) -> None:
-    """Declare, once all options are, which of them are of an arm, beside those of `ROBOT`, or say nothing of one.
-
-    `cli.parse` refuses these where they do not belong.
-    """
-    of_arms = [one for one in parser._actions if one.dest in arms or {*one.option_strings} & {*ROBOT[1:]}]
-    of_pendulums = [one for one in parser._actions if one.dest in pendulums]
-    for action in of_pendulums:
-        action.help = f"{action.help} [not with --robot]"
-    parser.set_defaults(of_arms=of_arms, of_pendulums=of_pendulums)
-
-
-def _names(text: str) -> tuple[str, ...]:
-    names = tuple(name.strip() for name in text.split(","))
-    if not all(names):
-        raise InputError(f"{shown(text)} should be names of joints with commas between them")
-    return names
-
-
-class Gather(argparse.Action):
-    """Option that may be repeated and names several things: all are gathered in one dictionary."""
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
-    ) -> None:
-        """Add to what was named before."""
-        setattr(namespace, self.dest, {**getattr(namespace, self.dest), **values})
-
-
-def ids(text: str) -> list[str]:
-    """Ids of effects in a list with commas, perhaps at joints (`stribeck@elbow`); raises ValueError if one is unknown.
-
-    What follows `coupling@elbow,` is its second joint, as long as it is no effect.
-    """
-    found: list[str] = []
-    for id in filter(None, (word.strip() for word in text.split(","))):
-        if found and found[-1].startswith(f"{COUPLING}@") and "," not in found[-1] and "@" not in id:
-            found[-1] += f",{id}"
-        else:
-            found.append(known_effect(id.partition("@")[0]) + "".join(id.partition("@")[1:]))
-    return found
-
-
-def known_effect(id: str, known: Callable[[str], type[Term]] | None = None) -> str:
-    """Id of an effect, by default of those that may be named, or of the one that only arms have.
-
-    Raises ValueError if there is none; the message names the nearest.
-    """
-    return id if id == COUPLING else (find("effect", id, nameable()) if known is None else known(id)).id
-
-
-def known(text: str) -> dict[str, float]:
-    """Values by parameter, of `gravity=2.01,...`; raises ValueError if it is something else."""
-    return {name: _bound(value) for name, value in _pairs(text, "NAME=VALUE, such as gravity=2.01")}
-
-
-def ranges(text: str) -> dict[str, tuple[float, float]]:
-    """Bounds by parameter, of `viscous=0:0.5,...`; raises ValueError if it is something else."""
-    bounds, asked = {}, "NAME=LOW:HIGH, such as viscous=0:0.5"
-    for name, both in _pairs(text, asked):
-        low, colon, high = (word.strip() for word in both.partition(":"))
-        if not colon:
-            raise InputError(f"{shown(f'{name}={both}')} should be {asked}")
-        bounds[name] = (_bound(low or "-inf"), _bound(high or "inf"))
-    return bounds
-
-
-def _pairs(text: str, asked: str) -> Iterator[tuple[str, str]]:
-    """Names and what is said of each, of `NAME=VALUE,...`; raises InputError, which says what was asked for."""
-    for part in text.split(","):
-        name, equals, value = (word.strip() for word in part.partition("="))
-        if not (name and equals):
-            raise InputError(f"{shown(part)} should be {asked}")
-        yield name, value
-
-
-def _bound(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (abs(value) <= LARGE or math.isinf(value)):
-        raise InputError(f"{shown(text)} should be a number from {-LARGE:g} to {LARGE:g}, or left out")
-    return value
-
-
-def _drive(text: str) -> Drive:
-    """A drive, of `preset=xl330,kp=200`; raises ValueError if it is none."""
-    pairs = _pairs(text, "KEY=VALUE, such as kp=200")
-    words = ("preset", "control", "output")
-    return Drive.of({name: value if name in words else _bound(value) for name, value in pairs})
-
-
-def _columns(text: str) -> dict[str, str]:
-    """What is said of columns, by quantity; a comma is part of a name unless another `QUANTITY=` follows."""
-    columns: dict[str, str] = {}
-    for part in re.split(r",(?=\s*\w+\s*=)", text):
-        quantity, equals, name = (word.strip() for word in part.partition("="))
-        if not (quantity and equals and name):
-            raise ValueError(
-                f"'{part}' should be QUANTITY=NAME:UNIT*GAIN, such as position=ANGLE:deg or torque=current:A*0.091"
-            )
-        refuse_unknown_quantity(quantity, of_arm=True)
-        if quantity in columns:
-            raise ValueError(f"{quantity} is named twice in '{text}'")
-        columns[quantity] = name
-    return columns
-
-
-# Options that several commands have, as `add_argument` takes them.
-OPTIONS: dict[str, dict[str, Any]] = {
-    "model": {"metavar": "MODEL.json", "help": "what identify, diagnose or add wrote with -o"},
-    "recordings": {"metavar": "RECORDING", "nargs": "+", "help": f"{KINDS}; fitted jointly"},
-    "--effect": {
-        "dest": "effects",
-        "action": "append",
-        "type": argument(_effect),
-        "default": [],
-        "metavar": "ID[=VALUE,...]",
-        "help": "hide an effect: ID alone, ID=VALUE,... in the order of `effects`, or ID:name=value,... "
-        "(may be repeated)",
-    },
-    "--theta": {
-        "type": argument(lambda text: paper_plant(read_parameters(text))),
-        "metavar": "NAME=VALUE,...",
-        "help": "inertia, gravity, viscous, coulomb of the plant, where they differ from the paper's",
-    },
-    "--holdout": {
-        "metavar": "RECORDING",
-        "action": "append",
-        "default": [],
-        "help": "recording to confirm the result on (may be repeated; default: the last 30 %% of each recording)",
-    },
-    "--columns": {
-        "type": argument(_columns),
-        "metavar": "QUANTITY=NAME[:UNIT][*GAIN]...,...",
-        "help": "columns of time, position, torque, velocity, reference, segment, supply, enabled, temperature and "
-        "link_position whose names are not known, with unit and conversion, e.g. time=clock:ms,"
-        "position=-motor:deg/6+90,torque=current:A*0.091,velocity=unused; "
-        f"units: {'; '.join(TOLD[quantity] for quantity in ('time', 'position', 'velocity', 'torque'))} (default: SI)",
-    },
-    "--unwrap": {"action": "store_true", "help": "undo jumps of 2 pi in position"},
-    "--max-size": {
-        "type": number(1.0, 1e6),
-        "default": LARGEST / 1e6,
-        "metavar": "MB",
-        "help": f"largest recording that is read, unpacked (default {LARGEST / 1e6:g} MB)",
-    },
-    "--drive": {
-        "type": argument(_drive),
-        "metavar": "KEY=VALUE,...",
-        "help": f"the controller that followed the reference, {DRIVEN}; "
-        "diagnose, add and compare then simulate the closed loop",
-    },
-    "--robot": {
-        "metavar": "ARM.urdf",
-        "help": "recordings are of an arm with these links, URDF or MJCF (needs the extra arms), with columns time, "
-        "position_JOINT and torque_JOINT, or numbered",
-    },
-    "--rotors": {
-        "action": "store_true",
-        "help": "with --robot: identify the motors' own inertia (default: if the MJCF has any)",
-    },
-    "--joints": {
-        "type": argument(_names),
-        "metavar": "A,B,...",
-        "help": "with --robot: joints that move (default: all); others, such as a gripper's, are held where the "
-        "recording has them, or at zero",
-    },
-    "--base": {"choices": ("fixed",), "help": "with --robot: fix the floating base of the file"},
-    "--no-gravity": {
-        "action": "store_true",
-        "help": "with --robot: the logged torque is without gravity compensation, which the driver subtracts",
-    },
-    "--only": {"type": argument(ids), "metavar": "ID,...", "help": "look for these effects only"},
-    "--without": {"type": argument(ids), "default": [], "metavar": "ID,...", "help": "do not look for these effects"},
-    "--fix": {
-        "dest": "fixed",
-        "type": argument(known),
-        "action": Gather,
-        "default": {},
-        "metavar": "NAME=VALUE,...",
-        "help": "known values of parameters, as gravity=2.01 (may be repeated)",
-    },
-    "--bound": {
-        "dest": "bounds",
-        "type": argument(ranges),
-        "action": Gather,
-        "default": {},
-        "metavar": "NAME=LOW:HIGH,...",
-        "help": "bounds of parameters, as viscous=0:0.5 or cogging.order=10:14 (may be repeated)",
-    },
-    "--align": {
-        "action": "store_true",
-        "help": "correct torque that is logged late or through a low-pass filter",
-    },
-    "--instruments": {
-        "choices": ("reference",),
-        "help": "fit the base model with instrumental variables made of the controller's reference: removes the bias "
-        "from feedback",
-    },
-    "--report": {
-        "type": argument(_page),
-        "metavar": "FILE.html",
-        "help": "write a report with plots, one file to share",
-    },
-    "--verbose": {
-        "action": "store_true",
-        "help": "print errors, parameters and candidates as tables, and all remarks",
-    },
-}
-READING = ("--columns", "--unwrap", "--max-size")  # how recordings are to be read
-ROBOT = ("--robot", "--rotors", "--joints", "--base", "--no-gravity")
-LIMITS = ("--fix", "--bound")  # parameters that are known or bounded
-
-
-@dataclass(frozen=True)
-class Given:
-    """The recordings that a command was given, still unread."""
-
-    fitted: tuple[Source, ...]
-    held_out: tuple[Source, ...]
-    files: tuple[str, ...]  # all that must not be written to
-
-    def read_as(self, log_format: Mapping[str, Any], path: str) -> Given:
-        """The same, of which a model file says what nobody else did."""
-
-        def known(part: tuple[Source, ...]) -> tuple[Source, ...]:
-            return tuple(read_as(source, log_format, path) for source in part)
-
-        return replace(self, fitted=known(self.fitted), held_out=known(self.held_out))
-
-
-def given(arguments: argparse.Namespace) -> Given:
-    """The recordings that the arguments name, alone or in studies.
-
-    Raises InputError if one is named twice, or none is to be fitted, and StudyError if a study makes no sense.
+    Raises InputError if one is named twice, or none is to be fitted, StudyError if a study makes no sense, and as
+    `check_outputs`, of outputs that would destroy what is read.
     """
     names, held = list(arguments.recordings), list(getattr(arguments, "holdout", []))
     sources = [source for name in names for source in sources_of(name, arguments)]
     sources += [replace(source, role="holdout") for name in held for source in sources_of(name, arguments)]
     if (twice := named_twice(sources)) is not None:
         raise InputError(f"{twice.file}: is named twice: a recording that is held out must not be fitted as well")
-    fitted = tuple(source for source in sources if source.role == "fit")
-    if names and not fitted:
+    sources.sort(key=lambda source: source.role == "holdout")
+    if names and sources[0].role == "holdout":
         raise InputError(f'{names[0]}: holds every recording out: give one of them role = "fit"')
-    held_out = tuple(source for source in sources if source.role == "holdout")
-    return Given(fitted, held_out, (*names, *held, *(str(source.file) for source in sources)))
+    check_outputs(outputs, [*names, *held, *filter(None, [arguments.robot]), *(str(source.file) for source in sources)])
+    return tuple(sources)
 
 
 def sources_of(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
@@ -385,7 +82,9 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
             recording = read(source)
         terminal.say(f"{source.file}: {recording.summary}")
         if source.said_by:
-            terminal.say(f"  read as {source.said_by} says: {format_told(source)}")
+            columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
+            others = (f"with its {key}" for key in source.format if key != "columns")
+            terminal.say(f"  read as {source.said_by} says: {listing([*columns, *others])}")
         for note in recording.notes:
             terminal.say(f"  {note}", style="yellow" if note.startswith(WARNING) else None)
         if recording.origin is not None and recording.origin.slides:
@@ -394,12 +93,6 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
             )
         recordings.append(recording)
     return recordings
-
-
-def format_told(source: Source) -> str:
-    """How a source is read, in a line."""
-    columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
-    return listing([*columns, *(f"with its {key}" for key in source.format if key != "columns")])
 
 
 def read_model(path: str) -> Model:
@@ -412,6 +105,119 @@ def read_model(path: str) -> Model:
         return model_that_moves(model)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
+
+
+@dataclass(frozen=True)
+class Opened:
+    """What a command was given, read."""
+
+    model: Model  # that is named, or else one without parameters to start from
+    fitted: tuple[Source, ...]  # sources of what is fitted
+    recordings: list[Recording]  # to fit
+    holdout: list[Recording]  # to hold out
+    read: Callable[[Source], Recording] = Source.read  # how another recording is read
+
+    @property
+    def body(self) -> Body | None:
+        """The links of an arm; None of a pendulum."""
+        return body_of(self.model.terms)
+
+    def preprocessed(self, terminal: Terminal, align: bool | None = None) -> Preprocessed:
+        """Recordings in torque where known loads tell the torque constant, see `tell_preprocessed`."""
+        if self.body is not None:  # those of an arm are by now
+            return Preprocessed(tuple(self.recordings), tuple(self.holdout))
+        return tell_preprocessed(Preprocessed.of(self.recordings, self.holdout), align, terminal)
+
+
+def opened(
+    arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, holdout: bool = True
+) -> Opened:
+    """Refuse what could not be written; read the model, if one is named, and recordings in the format it knows.
+
+    Raises:
+        InputError, ModelError, RecordingError, StudyError; of an arm also BodyError, IdentificationError.
+    """
+    sources, path = given(arguments, outputs), getattr(arguments, "model", None) or ""
+    if arguments.robot is not None:
+        return _opened_arm(arguments, sources, path, terminal)
+    model = read_model(path) if path else Model()
+    sources = tuple(read_as(source, model.log_format, path) for source in sources)
+    for source in sources:  # also those that are not read
+        if not os.path.exists(source.file):
+            raise InputError(f"{source.file}: there is no such file: check the path")
+    recordings = read_all([own for own in sources if holdout or own.role == "fit"], terminal, Source.read)
+    fitted = tuple(own for own in sources if own.role == "fit")
+    return Opened(model, fitted, recordings[: len(fitted)], recordings[len(fitted) :])
+
+
+def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Terminal) -> Preprocessed:
+    """Say the torque constant if it is known, else we speak of currents; say what is logged late, and correct it.
+
+    With `align`, torque that is logged late or filtered is corrected, else only said; with None, or where a controller
+    asked for it, nobody looks.
+    """
+    if given.constant is not None:
+        terminal.say(given.constant.text)
+    terminal.torque_unit = given.unit
+    align = align if all(own.has_logged_torque for own in given.recordings) else None
+    timed = given if align is None else given.timed()
+    for text in timed.timing_texts(True):
+        terminal.say(f"{text}: corrected" if align else f"warning: {text}: correct it with --align", style="yellow")
+    return timed if align else given
+
+
+def _opened_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: str, terminal: Terminal) -> Opened:
+    """What a command was given of an arm, read: in N m, and without known loads, which tell gains of currents."""
+    made = Asked.of_model(path) if path else Asked()
+    sources = [read_as(source, made.log_format, path) for source in sources]
+    robot = robot_of(arguments, sources, made)
+    robot.body()  # what is wrong with it comes first
+    recordings = read_all(sources, terminal, robot.read)
+    body = robot.body(made.held) if made.held else robot.holding(recordings)
+    tell_held(body, recordings, terminal)
+    model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
+    held_out = [source.role == "holdout" for source in sources]
+    logs = Logs.of(recordings, held_out, body, model.torque_unit if path else None)
+    for text in logs.texts:
+        terminal.say(text)
+    terminal.torque_unit = logs.torques.unit
+    for text in meaning(logs.torques.recordings, body):
+        terminal.say(f"warning: {text}", style="yellow")
+    fitted = tuple(_with_gains(source, logs.torques.gains) for source in sources if source.role == "fit")
+    train, unseen = logs.bare
+    return Opened(model, fitted, [*train], [*unseen], robot.read)
+
+
+def read_arm_model(arguments: argparse.Namespace) -> ArmModel:
+    """The model of a robot that the arguments name; raises ModelError, BodyError as `RobotFile.body`."""
+    made = Asked.of_model(arguments.model)
+    return ArmModel.load(arguments.model, robot_of(arguments, made=made).body(made.held))
+
+
+def _with_gains(source: Source, gains: Mapping[str, TorqueConstant]) -> Source:
+    """A source read with the gains of currents that known weights gave, as the next log of the arm has to be."""
+    found = {f"torque_{joint}": f"{gain.value:.6g}" for joint, gain in gains.items()}
+    columns = {name: text.replace("?", found.get(name, "?")) for name, text in source.columns.items()}
+    return replace(source, columns=columns)
+
+
+def robot_of(arguments: argparse.Namespace, sources: Sequence[Source] = (), made: Asked | None = None) -> RobotFile:
+    """The robot as the arguments, or else a study or the model that was `made` of it, ask for it."""
+    made = made or Asked()  # of a robot, where no model says what it was made of
+    named = {arguments.joints, *(source.joints for source in sources)} - {None}
+    if len(named) > 1:
+        raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
+    joints, rotors = named.pop() if named else made.joints, True if arguments.rotors else made.rotors
+    light = arguments.no_gravity or made.weightless
+    return RobotFile(Path(arguments.robot), joints, arguments.base is not None, rotors, light)
+
+
+def tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal) -> None:
+    """Say which joints are held, and where recordings have them elsewhere."""
+    if text := held_text(body):
+        terminal.say(text)
+    for text in straying(body, recordings):
+        terminal.say(f"warning: {text}", style="yellow")
 
 
 def read_suggestion(path: str) -> Suggestion:
@@ -480,6 +286,18 @@ def write_json(path: str | None, content: JSON) -> None:
     """Write plain data for programs, if that was asked for."""
     if path is not None:
         write_whole(path, json.dumps(content, indent=1) + "\n")
+
+
+def write_page(path: str | None, terminal: Terminal, page: str, *shown: Any) -> None:
+    """Write a page, if that was asked for: `page` names the module that makes it and the function.
+
+    Plotly, which pages need, takes a while to import.
+    """
+    if path is not None:
+        module, _, name = page.partition(":")
+        render = getattr(import_module(module), name)
+        with terminal.progress("writing the report"):
+            write_whole(path, render(*shown))
 
 
 def wrote(paths: Sequence[str | Path | None], terminal: Terminal) -> None:

@@ -6,6 +6,7 @@ die of it with a traceback. So a worker is begun with the signal blocked, which 
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -16,20 +17,23 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
+from importlib.util import find_spec
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from estimators.progress import Progress
 from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import fault, plugins
 from workbench.mistakes import MISTAKES, InputError, sentence
 
+if TYPE_CHECKING:
+    import distributed
+
 LOST = "the work ended unexpectedly: try again"
 LIBRARIES = ("workbench.cli", "estimators.diagnosis.addition", "workbench.app.live")  # what tasks of the app need
-DRAIN = 0.02  # [s] between two looks at a process that is about to end
 
 
 Task = Callable[[Progress], Any]  # of the app; it travels to another process, and so does what it returns
@@ -70,29 +74,25 @@ def _follow(parent: BaseProcess) -> None:
 
 
 @dataclass(frozen=True)
-class Done:
-    """The last word of a task that came to something."""
+class End:
+    """The last word of a task: what it came to, or a sentence on why that is nothing."""
 
-    result: Any
-
-
-@dataclass(frozen=True)
-class Failed:
-    """The last word of a task that came to nothing; `why` is a sentence."""
-
-    why: str
+    came: Any = None
+    why: str = ""
 
     @property
     def result(self) -> Any:
-        """There is none; raises InputError always."""
-        raise InputError(self.why)
+        """What it came to; raises InputError if that is nothing."""
+        if self.why:
+            raise InputError(self.why)
+        return self.came
 
 
 class Worker:
     """A process that does one task, at the other end of a pipe; its libraries are loaded while it waits for the task.
 
-    The task is called with its end of the pipe and may talk through it; what it returns is sent as `Done`, a user's
-    mistake as `Failed`. It should call `attend` if nothing has to be brought to an end once this process is killed.
+    The task is called with its end of the pipe and may talk through it; what it returns, or a user's mistake, is sent
+    as `End`. It should call `attend` if nothing has to be brought to an end once this process is killed.
     """
 
     def __init__(self, name: str, libraries: Sequence[str] = ()) -> None:
@@ -110,11 +110,11 @@ class Worker:
             self.connection.send(message)
 
     def hear(self) -> Any:
-        """The next thing that it tells, whenever that comes; `Failed` if the process has died."""
+        """The next thing that it tells, whenever that comes; an `End` if the process has died."""
         try:
             return self.connection.recv()
         except (EOFError, OSError):
-            return Failed(LOST)
+            return End(why=LOST)
 
     def end(self, grace: float = 0.0) -> None:
         """See to it that the process ends: by itself within a time [s], else whatever it does."""
@@ -123,7 +123,7 @@ class Worker:
             with suppress(EOFError, OSError):
                 while self.connection.poll():
                     self.connection.recv()  # else it could wait for somebody to listen
-            self.process.join(DRAIN)
+            self.process.join(0.02)  # [s] between two looks at a process that is about to end
         if self.process.is_alive():
             self.process.terminate()
         self.process.join()
@@ -136,19 +136,18 @@ def _work(connection: Connection[Any, Any], files: Sequence[Path], libraries: Se
     for library in libraries:
         import_module(library)
     with suppress(EOFError, OSError):  # whoever asked is gone
-        word: Done | Failed
         try:
             for file in files:
                 load_plugin(file)
-            word = Done(connection.recv()(connection))
+            word = End(connection.recv()(connection))
         except (EOFError, BrokenPipeError):
             return
         except MISTAKES as mistake:
-            word = Failed(sentence(mistake))
+            word = End(why=sentence(mistake))
         except BaseException as error:
             if (of_plugin := fault(error)) is None:
                 raise
-            word = Failed(sentence(of_plugin))
+            word = End(why=sentence(of_plugin))
         connection.send(word)
 
 
@@ -184,7 +183,7 @@ class Workers:
 class Job:
     """One task in a worker, which begins at once."""
 
-    def __init__(self, title: str, task: Task, workers: Workers, ended: Callable[[Job, Done | Failed], None]) -> None:
+    def __init__(self, title: str, task: Task, workers: Workers, ended: Callable[[Job, End], None]) -> None:
         """Take the task, who does it, and what is told how it ended."""
         self.title = title  # what it does, as a heading
         self.what, self.share = "starting", 0.0  # what is being done, and how much of all is done
@@ -206,7 +205,7 @@ class Job:
         self.over.set()
 
     def _listen(self) -> None:
-        while not isinstance(word := self._worker.hear(), Done | Failed):
+        while not isinstance(word := self._worker.hear(), End):
             self.what, self.share = word
         try:
             if self.running:
@@ -222,3 +221,47 @@ def _do(task: Task, connection: Connection[Any, Any]) -> Any:
     """Do a task in a process of its own, which tells its progress."""
     attend()
     return task(lambda what, share: connection.send((what, share)))
+
+
+@contextmanager
+def connected(address: str | None, workers: int, memory: float | None = None) -> Iterator[distributed.Client]:
+    """Client of the cluster at an address, or of one that lives as long as this: no process is left behind.
+
+    Args:
+        address: of a scheduler, as `tcp://host:8786`; None starts processes here.
+        workers: number of processes to start here.
+        memory: that each of them may take [MB]; an equal share of this computer's if it is not given.
+
+    Raises InputError if Dask is not installed, or there is no such cluster.
+    """
+    if find_spec("distributed") is None:
+        raise InputError("several processes need Dask, of the extra fleet: pip install 'pendulum-ident[fleet]'")
+    import dask
+    from distributed import Client
+    from distributed.utils import silence_logging_cmgr
+
+    if address is not None:
+        try:
+            client = Client(address, timeout=10)
+        except (OSError, ValueError) as error:
+            raise InputError(f"there is no Dask cluster at {address}: {error}") from None
+        with silence_logging_cmgr(logging.CRITICAL), client:
+            yield client
+        return
+    with dask.config.set({"distributed.worker.profile.enabled": False}):  # 200 MB in each that nobody looks at
+        with interrupts_wait():  # a cluster that is half begun cannot be closed
+            client = Client(
+                n_workers=workers,
+                threads_per_worker=1,  # the work computes in Python most of the time
+                memory_limit="auto" if memory is None else int(1e6 * memory),
+                preload=__name__,
+                dashboard_address="127.0.0.1:0",  # for nobody else, and beside other clusters
+                silence_logs=logging.CRITICAL,  # what went wrong is told by who asked for the work
+            )
+        with client:
+            yield client
+
+
+def dask_setup(worker: distributed.Worker) -> None:
+    """Called by Dask in each worker that is begun here: Ctrl-C is left to the command, which ends its workers."""
+    attend()

@@ -19,7 +19,6 @@ from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import read_sources
 from pendulum_env.words import listing
 
-AWAY = 0.01  # [rad] or [m], from where a joint is held: beyond, there is a warning
 FORMATS = (".urdf", ".xml", ".mjcf")
 
 
@@ -137,7 +136,8 @@ def straying(body: Body, recordings: Sequence[ArmRecording]) -> list[str]:
     """Joints that are held and that recordings have elsewhere, a sentence each."""
     found = []
     for recording, (joint, q) in product(recordings, body.held.items()):
-        if (off := np.max(np.abs(recording.still.get(joint, q) - q))) > AWAY:
+        # [rad] or [m], beyond which there is a warning
+        if (off := np.max(np.abs(recording.still.get(joint, q) - q))) > 0.01:
             away = f"{joint} gets {off:.2g} {body.worded(joint, 'rad')} away from there in {recording.name}"
             found.append(f"{away}: name it in --joints if it moves")
     return found

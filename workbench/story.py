@@ -9,7 +9,6 @@ from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import Table
 from workbench.terminal import Terminal
 
-REMARKS = 2  # that are made without being asked for
 MORE = "more: -v lists candidates and all that was found, --report FILE.html draws it"
 ALL = ": --all shows them"
 
@@ -43,7 +42,7 @@ def tell_diagnosis(
     first = found.unexplained[:1] if found.body is None else found.unexplained  # of an arm, one a joint
     lines += [f"left: {found.told_of(region)}" for region in first if region.text != found.next_step]
     lines += [f"{one.text}, and is not fitted: diagnose it on its own" for one in found.disagreements]
-    lines += [f"note: {remark}" for remark in found.remarks[: None if verbose else REMARKS]]
+    lines += [f"note: {remark}" for remark in found.remarks[: None if verbose else 2]]
     terminal.heading(found.headline)
     for line in (*lines, f"next: {found.next_step}"):
         terminal.say(line)

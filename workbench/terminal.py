@@ -15,7 +15,6 @@ from rich.table import Table
 
 from pendulum_env.words import per
 
-PROSE = 24  # characters that a column of words, which may be broken, has at least
 PLAIN_WIDTH = 1000  # characters; a pipe has no width of its own, and lines are better not broken there
 
 
@@ -58,7 +57,8 @@ class Terminal:
             table.add_row(*row)
         prose = max((len(row[words]) for row in rows), default=0) if words is not None else 0
         wide = self._out.options.update_width(PLAIN_WIDTH)
-        if Measurement.get(self._out, wide, table).maximum - max(0, prose - PROSE) <= self._out.width:
+        # a column of words, which may be broken, has 24 characters at least
+        if Measurement.get(self._out, wide, table).maximum - max(0, prose - 24) <= self._out.width:
             self._out.print(table)
         else:
             self._stacked(headers, rows)

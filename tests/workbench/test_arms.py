@@ -2,24 +2,27 @@ import json
 import re
 import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from benchmarks import six_joint
 from benchmarks.two_link import TwoLink
-from pendulum_env.arms.body import read_body
+from estimators import Diagnosis, diagnose
+from estimators.selection.errors import Step
+from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.recording import read_arm_recording
-from pendulum_env.plant import PAPER
+from pendulum_env.physics import Model
 from pendulum_env.recording import write_recording
-from tests import robots
+from tests import robots, slow
 from tests.two_link import recorded
 from tests.workbench.pages import Page
 from workbench.cli import main
+from workbench.commands import demo
 
 ARM = TwoLink()
-
-
+MOVING = ("--joints", "torso,shoulder,elbow")
 STUDY = """
 [columns]
 position_elbow = "position_elbow:rad"
@@ -40,6 +43,7 @@ def folder(tmp_path_factory):
     (folder / "arm.urdf").write_text(ARM.urdf())
     (folder / "study.toml").write_text(STUDY)
     (folder / "loaded.toml").write_text('[[recording]]\nfile = "plain.csv"\nload = {mass = 1.0, length = 0.1}\n')
+    (folder / "arm.toml").write_text('joints = ["elbow"]\n[[recording]]\nfile = "plain.csv"\n')
     for name, offset in (("plain", 0.0), ("hidden", 0.3)):
         write_recording(recorded(ARM, seconds=8.0, offset=(0.0, offset)), folder / f"{name}.csv")
     return folder
@@ -169,10 +173,10 @@ def lift(tmp_path_factory):
         ("empty", "torso"),
     ):
         (folder / f"{name}.toml").write_text(f'joints = {json.dumps(joints)}\n[[recording]]\nfile = "run.csv"\n')
+    assert (
+        main([*map(str, of_arm(folder, "identify", "run.csv", *MOVING, "--scheme", "energy", "-o", "held.json"))]) == 0
+    )
     return folder
-
-
-MOVING = ("--joints", "torso,shoulder,elbow")
 
 
 def test_joints_that_do_not_move_are_held_where_the_recording_has_them(done, lift):
@@ -199,42 +203,6 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(done, lif
     assert titles[:2] == ["position q [m]", "velocity q' [m/s]"] and titles[3] == "angle q [rad]"
 
 
-def test_a_diagnosis_names_what_is_missing_where_a_joint_slides_in_its_units(done, lift):
-    columns = robots.simulate(robots.TORSO, {}, seed=4, hidden={"torso": lambda velocity: -12.0})
-    robots.write({name: values for name, values in columns.items() if "left" not in name}, lift / "hidden.csv")
-    out = done(*of_arm(lift, "diagnose", "hidden.csv", *MOVING, "--only", "torque_offset", "-o", "better.json"))
-    assert "Missing: torque_offset@torso" in out
-    assert re.search(r"^error held out: torso \S+ -> \S+ N \(.*\), shoulder \S+ -> \S+ N m \(", out, re.M)
-    value = json.loads((lift / "better.json").read_text())["theta"]["torque_offset@torso"]
-    assert value["value"] == pytest.approx(12.0, rel=0.05) and value["unit"] == "N"
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (
-            "identify run.csv",
-            "there is none for left among .*: name them torque_left and so on.* naming those that move",
-        ),
-        ("identify run.csv --joints torso,sholder", "unknown joint 'sholder': did you mean shoulder"),
-        ("identify run.csv --joints torso,,elbow", "names of joints with commas"),
-        ("identify empty.toml", "'joints' is 'torso': it has to be a list"),
-        ("identify study.toml --joints torso", "told in two ways"),
-        (
-            "record -o x.csv --joints torso,shoulder,elbow --backend pymunk",
-            "'torso' does not turn in .* --backend mujoco",
-        ),
-        ("record -o x.csv --joints torso,shoulder,elbow --effect cogging@torso", "cogging is of joints that turn"),
-        ("add model.json cogging@torso run.csv", "cogging is of joints that turn: it cannot be at 'torso'"),
-        ("compare model.json run.csv --joints shoulder,elbow", "is of an arm with joints torso, shoulder"),
-    ],
-)
-def test_mistakes_about_joints_are_one_line(done, refused, lift, words, told):
-    if not (lift / "model.json").exists():
-        done(*of_arm(lift, "identify", "run.csv", *MOVING, "--scheme", "energy", "-o", "model.json"))
-    assert re.search(told, refused(*of_arm(lift, *words.split())))
-
-
 def test_a_base_that_floats_is_taken_for_fixed_only_if_that_is_said(done, refused, folder, tmp_path):
     text = (folder / "arm.urdf").read_text().replace('<link name="base"/>', '<link name="world"/><link name="base"/>')
     root = '<joint name="root" type="floating"><parent link="world"/><child link="base"/></joint></robot>'
@@ -258,21 +226,8 @@ def test_record_an_arm_with_an_effect_at_a_joint(done, folder):
     assert "1 joint" in out and len(read_arm_recording(folder / "one.csv", ("shoulder",))) == 750
 
 
-def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(done, tmp_path):
-    (tmp_path / "arm.urdf").write_text(six_joint.urdf())
-    done(*of_arm(tmp_path, "record", "--seconds", "5", "--rate", "250", "-o", "run.csv"))
-    done(*of_arm(tmp_path, "identify", "run.csv", "--scheme", "filtered_dynamic", "-o", "found.json"))
-    theta = json.loads((tmp_path / "found.json").read_text())["theta"]
-    body = read_body(tmp_path / "arm.urdf")
-    for name, value in zip(body.names, body.values.tolist(), strict=True):
-        assert abs(theta[name]["value"] - value) < max(4 * theta[name]["std"], 0.005 * abs(value)), name
-    dry = theta["coulomb@base"]  # a fiftieth of the torque that this motion takes
-    assert abs(dry["value"] - PAPER["coulomb"]) < 4 * dry["std"] and dry["std"] < 0.02 * PAPER["coulomb"]
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
+MISTAKES = {
+    "folder": [
         ("record -o x.csv --effect stribeck", "'stribeck' should say at which joint"),
         ("record -o x.csv --theta inertia=1", "--theta is for pendulums"),
         ("record -o x.csv --backend simulated", "arms know pymunk and mujoco alone"),
@@ -284,27 +239,30 @@ def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(done
         ("diagnose plain.csv --experiment x.csv", "--experiment is for pendulums"),
         (
             "identify plain.csv --columns torque_shoulder=torque_elbow,torque_elbow=torque_elbow:mNm",
-            "column 'torque_elbow' is given for torque_shoulder and for torque_elbow: which is it?",
+            "column 'torque_elbow' is given for torque_shoulder and for torque_elbow: which is it",
         ),
         ("identify loaded.toml", "plain.csv: a load of an arm is told by mass and center"),
         ("compare none.json plain.csv", "none.json"),
     ],
-)
-def test_mistakes_are_one_line(refused, folder, words, told):
-    assert told in refused(*of_arm(folder, *words.split()))
-
-
-@pytest.mark.parametrize("words", ["record -o x.csv", "add arm.json stribeck@elbow plain.csv", "compare a.json b.csv"])
-def test_without_pinocchio_the_pip_command_is_told(refused, folder, monkeypatch, words):
-    monkeypatch.setitem(sys.modules, "pinocchio", None)
-    assert "pip install 'pendulum-ident[arms]'" in refused(*of_arm(folder, *words.split()))
-
-
-def test_a_pendulums_command_knows_no_joints(capsys, folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    (folder / "arm.toml").write_text('joints = ["elbow"]\n[[recording]]\nfile = "plain.csv"\n')
-    for words, told in (
-        ("diagnose hidden.csv --only coupling", ""),  # a pendulum has no two joints
+    "lift": [
+        (
+            "identify run.csv",
+            "there is none for left among .*: name them torque_left and so on.* naming those that move",
+        ),
+        ("identify run.csv --joints torso,sholder", "unknown joint 'sholder': did you mean shoulder"),
+        ("identify run.csv --joints torso,,elbow", "names of joints with commas"),
+        ("identify empty.toml", "'joints' is 'torso': it has to be a list"),
+        ("identify study.toml --joints torso", "told in two ways"),
+        (
+            "record -o x.csv --joints torso,shoulder,elbow --backend pymunk",
+            "'torso' does not turn in .* --backend mujoco",
+        ),
+        ("record -o x.csv --joints torso,shoulder,elbow --effect cogging@torso", "cogging is of joints that turn"),
+        ("add held.json cogging@torso run.csv", "cogging is of joints that turn: it cannot be at 'torso'"),
+        ("compare held.json run.csv --joints shoulder,elbow", "is of an arm with joints torso, shoulder"),
+    ],
+    "": [  # of a pendulum
+        ("diagnose hidden.csv --only coupling", ""),  # it has no two joints
         ("record --effect stribeck@elbow -o x.csv", "is an effect at a joint of an arm, which takes --robot"),
         ("add m.json stribeck@elbow plain.csv", "is an effect at a joint of an arm"),
         ("diagnose plain.csv --only stribeck@elbow", "is an effect at a joint of an arm"),
@@ -315,9 +273,22 @@ def test_a_pendulums_command_knows_no_joints(capsys, folder, monkeypatch):
         ("identify plain.csv --rotors", "--rotors is of an arm"),
         ("identify arm.toml", "its study names joints of an arm"),
         ("identify plain.csv --columns torque_elbow=torque_elbow", "columns are named for"),
-    ):
-        assert main(words.split()) == 2
-        assert told in capsys.readouterr().err
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("place", "words", "told"), [(place, *mistake) for place, mistakes in MISTAKES.items() for mistake in mistakes]
+)
+def test_mistakes_are_one_line(request, refused, monkeypatch, place, words, told):
+    monkeypatch.chdir(request.getfixturevalue(place or "folder"))
+    assert re.search(told, refused(*words.split(), *(["--robot", "arm.urdf"] if place else [])))
+
+
+@pytest.mark.parametrize("words", ["record -o x.csv", "add arm.json stribeck@elbow plain.csv", "compare a.json b.csv"])
+def test_without_pinocchio_the_pip_command_is_told(refused, folder, monkeypatch, words):
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    assert "pip install 'pendulum-ident[arms]'" in refused(*of_arm(folder, *words.split()))
 
 
 def test_currents_at_every_joint_are_per_ampere_of_one_in_every_command(done, refused, folder):
@@ -363,3 +334,86 @@ def test_a_model_of_currents_keeps_the_gains_that_known_weights_told(done, tmp_p
     assert re.search(r"torque gain of shoulder: (9\.0|8\.9)", out)
     out = done(*of_arm(tmp_path, "compare", "model.json", "empty.csv"))
     assert re.search(r"torque_shoulder=i1:A\*(9|8\.9)[\d.]*,", out)
+
+
+ROBOTS = {  # three with grippers and one with a torso that slides, and their joints that move
+    "parallel": ("shoulder", "elbow"),
+    "angular": ("shoulder", "elbow", "wrist"),
+    "driven": ("shoulder", "jaw"),
+    "torso": ("torso", "shoulder", "elbow"),
+}
+
+
+@pytest.mark.parametrize("robot", slow.but_first(["torso", "parallel", "angular", "driven"]))
+def test_a_robot_goes_through_all_commands(robot, tmp_path, done, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    joints, at = ROBOTS[robot], ROBOTS[robot][-1]
+    (tmp_path / "robot.urdf").write_text(robots.urdf(getattr(robots, robot.upper())))
+    asked = ["--robot", "robot.urdf"]
+    moving = [*asked, "--joints", ",".join(joints)]
+
+    usual = ("--seconds", "10", "--rate", "250")
+    usual += () if robot == "torso" else ("--backend", "mujoco")  # which is taken where no plane holds all joints
+    done("record", *moving, *usual, "-o", "plain.csv")
+    out = done("record", *moving, *usual, "--seed", "1", "--effect", f"torque_offset@{at}=1.5", "-o", "hidden.csv")
+    assert f"hidden: torque_offset@{at}" in out and ("held: left at zero" in out) == (robot != "driven")
+    done("identify", "plain.csv", *moving, "--scheme", "filtered_dynamic", "-o", "model.json")
+    out = done("compare", "model.json", "hidden.csv", *moving, "--report", "compared.html")
+    assert re.search(rf"^{at} ", out, re.M)
+    found = ("--only", "torque_offset,quadratic_drag", "--report", "found.html", "-o", "better.json")
+    assert f"Missing: torque_offset@{at}" in done("diagnose", "hidden.csv", *moving, *found)
+    theta = json.loads((tmp_path / "better.json").read_text())["theta"]
+    assert theta[f"torque_offset@{at}"]["value"] == pytest.approx(1.5, rel=0.02)
+    looked = ("--only", f"spring@{at}", "--json", "again.json")
+    done("diagnose", "hidden.csv", *moving, "--model", "better.json", *looked)
+    candidates = json.loads((tmp_path / "again.json").read_text())["candidates"]
+    assert [one["effect"] for one in candidates] == [f"spring@{at}"]
+    assert "lowers" in done("add", "model.json", f"torque_offset@{at}", "hidden.csv", *moving)
+    for form in ("mjcf", "urdf"):
+        done("export", "model.json", *asked, "--to", form, "-o", f"model.{form}")
+    out = done("compare", "model.json", "plain.csv", "--robot", "model.urdf")  # what moved in the first one
+    assert all(float(line.split()[-2]) < 5 for line in out.splitlines() if line.endswith(" %"))
+
+
+def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, monkeypatch, done):
+    few = ("load_dependent_friction", "stribeck", "spring")  # else it takes long
+    monkeypatch.setattr(demo, "diagnose", partial(diagnose, only=few))
+    monkeypatch.setattr(demo, "SECONDS", 5.0)
+    report, files = tmp_path / "r.html", [tmp_path / f"r.{part}.csv" for part in ("train", "holdout")]
+    told = done("demo", "--robot", "two-link", "--seed", "2", "-o", report)
+    hidden = "load_dependent_friction@elbow"  # of which the elbow shows nothing: its links' parameters imitate it there
+    assert f"Missing: {hidden}" in told and f"hidden was {hidden}: (mu |tau| + mu_o |w sin q|) sgn q'" in told
+    assert "\nfound\n" in told
+    rows = {line.split()[0]: line.split() for line in told.splitlines() if "@" in line and "±" in line}
+    for name in ("mz@shoulder", "Iyy@elbow", "coulomb@elbow"):  # the file has other masses
+        assert float(rows[name][2]) == pytest.approx(float(rows[name][1]), rel=0.01)
+    assert all(len(read_arm_recording(file, ("shoulder", "elbow"))) == 5000 for file in files)
+    assert report.stat().st_size > 0
+
+
+def test_every_effect_that_may_be_hidden_can_be_simulated():
+    seen = set()
+    for seed in range(60):
+        hidden = demo.hide_somewhere(np.random.default_rng(seed))
+        PlanarArm(effects=[hidden]).reset()
+        seen.add(hidden.partition("@")[0])
+    assert len(seen) > 12
+
+
+@pytest.mark.parametrize(
+    ("selected", "ambiguous", "told"),
+    [
+        (("spring@elbow",), (), "found"),
+        (
+            ("stribeck@elbow",),
+            (("stribeck@elbow", "spring@elbow"),),
+            "found as one of a group that looks the same: spring@elbow and stribeck@",
+        ),
+        (("stribeck@elbow",), (), "NOT found as it is: the diagnosis says stribeck@elbow"),
+        ((), (), "NOT found as it is: the diagnosis says nothing"),
+        (("spring@elbow", "stribeck@elbow"), (), "NOT found as it is"),
+    ],
+)
+def test_the_verdict_is_honest(selected, ambiguous, told):
+    found = Diagnosis(tuple(Step(one, Model(), {}) for one in (None, *selected)), (), ambiguous, (), 0.0, ())
+    assert demo.verdict(["spring@elbow"], found).startswith(told)

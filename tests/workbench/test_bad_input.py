@@ -1,13 +1,15 @@
 """Input that once ended a command in a traceback, a hang, gigabytes or a wrong result: now one line and exit 2."""
 
 import json
+import socket
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from pendulum_env.plant import paper_plant
+from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording, write_recording
 from workbench.cli import main
 from workbench.mistakes import LONGEST, InputError, sentence
@@ -63,15 +65,97 @@ TRAININGS = [
     ("pendulums = 100_000\nrollout = 1000", "pendulums times rollout is 100000000, at most 50000000 decisions"),
     ("levels = [[1.0], 2.0]", "'levels[0]' is [1.0]: it has to be a finite number"),
 ]
-OPTIONS = [
-    (["evaluate", "--plants", "9" * 5000], "should be a whole number from 2 to 10000"),
-    (["record", "--amplitude", "nan", "-o", "x.csv"], "'nan' should be a number"),
-    (["record", "--counts", "9" * 400, "-o", "x.csv"], "should be a whole number from 0 to 4294967296"),
-    (["record", "--theta", "inertia=1e308", "-o", "x.csv"], "inertia of a plant cannot be 1e+308"),
-    (["record", "--effect", "stribeck=1e308", "-o", "x.csv"], "stribeck of stribeck cannot be 1e+308"),
-    (["record", "--effect", "x" * 100_000, "-o", "x.csv"], "unknown effect 'xxx"),
-    (["identify", "run.csv", "--bound", "inertia=1e308:"], "'1e308' should be a number from -1e+09 to 1e+09"),
-    (["identify", "run.csv", "--fix", "gravity=nan"], "'nan' should be a number from -1e+09 to 1e+09"),
+WORDS = [  # with files of `folder`
+    ("", "COMMAND"),
+    ("diagnos", "unknown command 'diagnos': did you mean diagnose?"),
+    ("report run.csv", "with --report FILE.html"),
+    ("diagnose", "RECORDING"),
+    ("identify run.csv --scheme hamiltonia", "did you mean hamiltonian?"),
+    ("identify run.csv --shceme all", "did you mean --scheme? (see pendulum-ident identify --help)"),
+    ("--shceme identify run.csv", "--shceme"),
+    ("identify run.csv --columns time", "'time' should be QUANTITY=NAME"),
+    ("diagnose run.csv --columns time=t,angle=q", "not for 'angle'"),
+    ("compare m.json run.csv --columns time=t,time=ms:ms", "time is named twice"),
+    ("add model.json stribek run.csv", "did you mean stribeck?"),
+    ("record -o run.txt", "should end in .csv"),
+    ("record --excitation chrip -o x.csv", "did you mean chirp?"),
+    ("record --effect cogging --effect cogging -o x.csv", "cogging"),
+    ("record --theta coulomb=100 --seconds 1.5 -o x.csv", "the arm never moves"),
+    ("record --counts 1 --seconds 1.5 -o x.csv", "or turn it by less than one of the 1 --counts"),
+    ("record --backend dm1015b -o x.csv", "--backend dm1015b and --config FILE belong together"),
+    ("record --backend gazebo -o x.csv", "unknown backend 'gazebo'"),
+    ("record --seconds 0.2 -o x.csv", "should be a number from 1 to"),
+    ("record --seconds 1e5 -o x.csv", "samples are asked for"),
+    ("record --amplitude 0 -o x.csv", "amplitude above zero"),
+    ("record --amplitude nan -o x.csv", "'nan' should be a number"),
+    ("record --counts " + "9" * 400 + " -o x.csv", "should be a whole number from 0 to 4294967296"),
+    ("record --theta inertia=1e308 -o x.csv", "inertia of a plant cannot be 1e+308"),
+    ("record --effect stribeck=1e308 -o x.csv", "stribeck of stribeck cannot be 1e+308"),
+    ("record --effect " + "x" * 100_000 + " -o x.csv", "unknown effect 'xxx"),
+    ("record --seed -1 -o x.csv", "whole number"),
+    ("record --excitation suggested -o x.csv", "needs --diagnosis FILE"),
+    ("record --diagnosis d.json -o x.csv", "goes with --excitation suggested only"),
+    ("record --excitation suggested --diagnosis d.json --amplitude 2 -o x.csv", "`diagnose --max-torque` bounds"),
+    ("record --backend replay -o x.csv", "--replay FILE belong together"),
+    ("record --backend pymunk --replay x.csv -o y.csv", "--replay FILE belong together"),
+    ("record --replay x.csv -o y.csv", "--replay FILE belong together"),
+    ("record --backend replay --replay x.csv -o y.csv", "there is no such file"),
+    ("record --until diagnosed --backend simulated -o x.csv", "needs a backend that answers step by step"),
+    ("evaluate --plants " + "9" * 5000, "should be a whole number from 2 to 10000"),
+    ("paper --report p.html --json p.html", "two outputs"),
+    ("paper run.csv", "run.csv"),
+    ("diagnose run.csv --fix gravity", "NAME=VALUE"),
+    ("diagnose run.csv --bound gravity=1", "NAME=LOW:HIGH"),
+    ("identify run.csv --fix gravity=much", "should be a number"),
+    ("identify run.csv --fix gravity=nan", "'nan' should be a number from -1e+09 to 1e+09"),
+    ("identify run.csv --bound inertia=1e308:", "'1e308' should be a number from -1e+09 to 1e+09"),
+    ("diagnose run.csv --only stribek", "did you mean stribeck"),
+    ("diagnose run.csv --report report.pdf", "name it"),
+    ("effects --plugin mine.py", "no Python file"),
+    ("effects backlahs", "did you mean backlash?"),
+    ("record -o nowhere/run.csv", "there is no folder"),
+    ("identify run.csv -o nowhere/model.json", "there is no folder"),
+    ("compare model.json run.csv --json nowhere/c.json", "there is no folder"),
+    ("diagnose run.csv --report nowhere/d.html", "there is no folder"),
+    ("add model.json stribeck run.csv -o nowhere/m.json", "there is no folder"),
+    ("demo -o nowhere/report.html", "there is no folder"),
+    ("paper --json nowhere/paper.json", "there is no folder"),
+    ("identify run.csv -o run.csv", "is one of the inputs"),
+    ("diagnose run.csv --holdout model.json --json run.csv", "is one of the inputs"),
+    ("diagnose run.csv --json x.json -o x.json", "two outputs"),
+    ("diagnose run.csv --json empty", "is a folder"),
+    ("compare none.json run.csv", "lacks the term inertia"),
+    ("diagnose run.csv --model none.json", "lacks the term inertia"),
+    ("add run.csv stribeck run.csv", "is not JSON"),
+    ("identify run.csv", "run.csv: no column for"),
+    ("identify none.csv -o x.json", "none.csv: there is no such file"),
+    ("compare model.json none.csv --json x.json", "none.csv: there is no such file"),
+    ("diagnose none.csv --report x.html", "none.csv: there is no such file"),
+    ("add model.json stribeck run.csv --holdout none.csv -o x.json", "none.csv: there is no such file"),
+    ("export model.json --to mjcf", "cannot hold cogging"),
+    ("export model.json --to c --check run.csv", "--check goes with mjcf and urdf, not with c"),
+    ("export model.json --to fmu", "invalid choice"),
+    ("export model.json --to c --mass 1", "--mass goes with mjcf, urdf and sdf, not with c"),
+    ("export model.json --to c -o model.json", "is one of the inputs"),
+    ("export model.json --to c --step 0", "should be a number"),
+    ("export model.json --to mjlab", "say its controller with --drive"),
+    ("export model.json --to python --drive output=duty,kp=0.5,gain=1", "is a share of the bus: say its voltage"),
+    ("export model.json --to mjlab --drive output=duty,kp=0.5,gain=1", "is a share of the bus: say its voltage"),
+    ("export model.json --to urdf --drive output=torque,kp=4", "--drive goes with mjcf, python, c, isaaclab and mjlab"),
+    ("export model.json --to c --callback a.py", "--callback goes with mjcf"),
+    ("export model.json --to mjcf --callback a.txt", "should end in .py or .c"),
+    ("export model.json --to mjcf --callback model.json", "is one of the inputs"),
+    ("app none.csv --no-browser", "there is no such file"),
+    ("app --port -1", "should be a whole number"),
+    ("app --port 99999 --no-browser", "'99999' should be a whole number from 0 to 65535"),
+    ("app --no-browser --port 0 --config none.toml", "none.toml: cannot be read"),
+    *(
+        (f"app --no-browser --port 0 --fleet {name}", f"{name}: holds no survey: name what `survey` wrote with -o")
+        for name in ("empty", "run.csv", "nowhere")
+    ),
+    ("survey empty -o out", "holds no recording"),
+    ("survey table.csv -o out", "row 2: names no file"),
+    ("survey nowhere -o out", "there is no such folder or file"),
 ]
 PLAYED = ["record", "--excitation", "suggested", "--diagnosis", "d.json", "-o", "x.csv"]
 FILES = [
@@ -84,8 +168,13 @@ FILES = [
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """The folder in which commands run."""
+    """The folder in which commands run, with files that are no recording, a model, and one without inertia."""
     monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text("this is a letter\nand no recording\n")
+    Path("table.csv").write_text("file\n\0\n")
+    Path("empty").mkdir()
+    hide(paper_plant(), "cogging").save("model.json")
+    Path("none.json").write_text(json.dumps({**MODEL, "terms": []}))
 
 
 @pytest.mark.parametrize(("argv", "name", "content", "reason"), FILES, ids=range(len(FILES)))
@@ -97,9 +186,37 @@ def test_a_document_that_cannot_be_is_refused_with_file_and_key(refused, argv, n
     assert name in error and reason in error
 
 
-@pytest.mark.parametrize(("argv", "reason"), OPTIONS, ids=range(len(OPTIONS)))
-def test_options_have_upper_ends_that_are_told(refused, argv, reason):
-    assert reason in refused(*argv)
+@pytest.mark.parametrize(("words", "reason"), WORDS, ids=range(len(WORDS)))
+def test_words_that_make_no_sense_are_refused_with_one_line(refused, words, reason):
+    for library in (name for word, name in (("mjcf", "mujoco"), ("app ", "dash")) if word in words):
+        pytest.importorskip(library)
+    assert reason in refused(words)
+
+
+def test_a_port_that_is_taken_and_an_extra_that_is_not_there_are_told(refused, monkeypatch):
+    pytest.importorskip("dash")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        assert f"port {port} is taken" in refused("app", "--port", port, "--no-browser")
+    monkeypatch.setattr("workbench.commands.app.find_spec", lambda name: None)
+    assert "pip install 'pendulum-ident[app]'" in refused("app", "--no-browser")
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert "pip install 'pendulum-ident[export]'" in refused("export", "model.json", "--to", "mjcf", "-o", "out")
+
+
+def write(**columns):
+    np.savetxt("run.csv", np.column_stack([*columns.values()]), "%.15g", ",", header=",".join(columns), comments="")
+
+
+def test_a_joint_that_only_sticks_and_angles_that_are_wrapped_are_told(refused, done):
+    time = np.arange(0, 8, 1e-3)
+    write(time=time, position=1e-3 * (time > 4), torque=0.1 * np.sin(time))
+    for command in ("identify", "diagnose"):
+        assert "motion" in refused(command, "run.csv", "-o", "out.json")
+    position = np.angle(np.exp(1j * (3 * time + np.sin(5 * time))))
+    write(time=time, position=position, torque=2 + 3 * np.sin(5 * time + 1))
+    assert "--unwrap" in refused("identify", "run.csv")
+    assert "unwrapped" in done("identify", "--unwrap", "run.csv", "--scheme", "filtered_power")
 
 
 @pytest.mark.parametrize(
@@ -115,15 +232,14 @@ def test_numbers_that_nothing_measures_are_refused_with_their_row(refused, colum
     time = np.arange(300) / 100
     columns = {"time": time, "position": np.sin(3 * time), "torque": 2 + np.cos(time), "velocity": 3 * np.cos(3 * time)}
     columns[column][150] = value
-    np.savetxt("run.csv", np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    write(**columns)
     error = refused("identify", "run.csv")
     assert "run.csv" in error and reason in error
 
 
 def test_time_that_would_become_billions_of_samples_is_refused(refused):
     time = np.concatenate([np.arange(400) * 1e-7, 1.0 + 10.0 * np.arange(50)])
-    rows = np.column_stack([time, np.sin(time), np.cos(time)])
-    np.savetxt("run.csv", rows, "%.15g", delimiter=",", header="time,position,torque", comments="")
+    write(time=time, position=np.sin(time), torque=np.cos(time))
     assert "450 samples would become 4.91e+09 on uniform time" in refused("identify", "run.csv")
 
 

@@ -46,6 +46,12 @@ def torques(world, body, q, v, a):
     return np.array(found)
 
 
+@pytest.fixture
+def files(tmp_path):
+    """Names of an arm's file, of a model, and of what is exported."""
+    return tuple(str(tmp_path / name) for name in ("arm.urdf", "model.json", "new.xml"))
+
+
 def told(model, q, v, a, beside=()):
     """The model's own torques without dry friction."""
     body = model.body
@@ -55,8 +61,8 @@ def told(model, q, v, a, beside=()):
 
 
 @pytest.mark.parametrize("robot", ["six", "torso", "driven"])
-def test_mujoco_feels_the_torque_of_the_model(tmp_path, robot):
-    path, saved, xml = (str(tmp_path / name) for name in ("arm.urdf", "model.json", "arm.xml"))
+def test_mujoco_feels_the_torque_of_the_model(tmp_path, files, robot):
+    path, saved, xml = files
     more = ()
     if robot == "six":
         more = (lambda body: at_joint(Spring, "elbow"), lambda body: coupling("pitch,flange", body))
@@ -103,8 +109,8 @@ def test_a_robot_description_has_the_links_and_the_friction_that_were_found(tmp_
     assert main(["identify", "none.csv", "--robot", new]) == 2  # the file is read
 
 
-def test_what_is_no_form_of_an_arm_is_one_sentence(tmp_path, refused):
-    path, saved = (str(tmp_path / name) for name in ("arm.urdf", "model.json"))
+def test_what_is_no_form_of_an_arm_is_one_sentence(tmp_path, files, refused):
+    path, saved, _ = files
     model_of(tmp_path / "arm.urdf", robots.urdf(robots.TORSO)).save(saved)
     for more, said in (
         (["--to", "c"], "an arm is exported to mjcf and urdf, not to c"),
@@ -115,8 +121,8 @@ def test_what_is_no_form_of_an_arm_is_one_sentence(tmp_path, refused):
 
 
 @pytest.mark.parametrize("form", slow.but_first(["mjcf", "urdf"]))
-def test_links_that_no_body_has_are_exported_only_as_the_nearest(tmp_path, form, refused):
-    path, saved, new = (str(tmp_path / name) for name in ("arm.urdf", "model.json", "new.xml"))
+def test_links_that_no_body_has_are_exported_only_as_the_nearest(tmp_path, files, form, refused):
+    path, saved, new = files
     model = model_of(tmp_path / "arm.urdf", TwoLink().urdf())
     k = model.body.names.index("Iyy@elbow")
     theta = np.where(np.arange(len(model.theta)) == k, -model.theta, model.theta)

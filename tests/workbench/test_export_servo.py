@@ -47,15 +47,20 @@ def in_the_loop(model: Model, drive: Drive) -> np.ndarray:
     return follow(model.terms, model.theta[:, None], servos)[:, 0, 0]
 
 
+def in_python(model: Model, drive: Drive, **given: float) -> np.ndarray:
+    """The same by the program that is exported."""
+    program = module(export(model, "python", Request(drive=drive)).content)
+    state, path = program.start(), [0.0]
+    for goal, on in zip(GOAL.tolist(), ON.tolist(), strict=True):
+        state = program.step(state, goal, on=on, **given)
+        path.append(state.position)
+    return np.array(path)
+
+
 @pytest.mark.parametrize("name", DRIVES)
 def test_a_program_of_a_servo_is_the_simulator_in_the_loop(name):
     model = joint("load_dependent_friction:load_dependent_friction=0.1,output=0.2,weight=0.9", "back-EMF")
-    program = module(export(model, "python", Request(drive=DRIVES[name])).content)
-    state, path = program.start(), [0.0]
-    for goal, on in zip(GOAL.tolist(), ON.tolist(), strict=True):
-        state = program.step(state, goal, on=on)
-        path.append(state.position)
-    np.testing.assert_allclose(path, in_the_loop(model, DRIVES[name]), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(in_python(model, DRIVES[name]), in_the_loop(model, DRIVES[name]), rtol=0, atol=1e-9)
 
 
 def test_a_servo_at_room_temperature_needs_no_thermometer_and_rubs_otherwise_where_it_is_warm():
@@ -63,12 +68,8 @@ def test_a_servo_at_room_temperature_needs_no_thermometer_and_rubs_otherwise_whe
     rubbing = joint().add(TemperatureDependentFriction(), [0.0, 0.004])
     request = Request(drive=drive, callback="python")
     assert off(in_mujoco(export(rubbing, "mjcf", request), GOAL, ON), in_the_loop(joint(), drive)) < 0.01
-    program = module(export(rubbing, "python", Request(drive=drive)).content)
-    state, path = program.start(), [0.0]
-    for goal, on in zip(GOAL.tolist(), ON.tolist(), strict=True):
-        state = program.step(state, goal, temperature=45.0, on=on)
-        path.append(state.position)
     warm = Model.build(joint().terms, [*joint().theta[:3], joint().theta[3] + 20 * 0.004])
+    path = in_python(rubbing, drive, temperature=45.0)
     np.testing.assert_allclose(path, in_the_loop(warm, drive), rtol=0, atol=1e-9)
 
 
@@ -148,20 +149,20 @@ def test_the_callback_in_c_says_what_python_says(tmp_path):
     assert np.std(said, axis=0).min() > 1e-3
 
 
-def settings(text: str, monkeypatch, package: str) -> dict:
+DUTY = Drive(output="duty", kp=1.2, limit=0.8, supply=9.0, gain=0.5)
+
+
+def settings(model: Model, format: str, request: Request, monkeypatch) -> dict:
     """What a configuration gives the class of a package that is not installed here."""
-    fake = ModuleType(package)
+    fake = ModuleType(format)
     fake.__getattr__ = lambda name: lambda **values: {"name": name, **values}
-    monkeypatch.setitem(sys.modules, package.partition(".")[0], ModuleType(package.partition(".")[0]))
-    monkeypatch.setitem(sys.modules, package, fake)
-    return module(text).ACTUATOR
+    for name in (format, f"{format}.actuator", f"{format}.actuators"):
+        monkeypatch.setitem(sys.modules, name, fake)
+    return module(export(model, format, request).content).ACTUATOR
 
 
 def test_a_motor_of_isaac_lab_gives_the_torque_of_a_duty_with_back_emf(monkeypatch):
-    drive = Drive(output="duty", kp=1.2, kd=0.03, limit=0.8, supply=9.0, gain=0.5)
-    told = settings(
-        export(joint("back-EMF"), "isaaclab", Request(drive=drive)).content, monkeypatch, "isaaclab.actuators"
-    )
+    told = settings(joint("back-EMF"), "isaaclab", Request(drive=replace(DUTY, kd=0.03)), monkeypatch)
     assert told["name"] == "DCMotorCfg"
     assert (told["friction"], told["viscous_friction"]) == pytest.approx((PLANT["coulomb"], PLANT["viscous"]))
     error, speed = (part.ravel() for part in np.meshgrid(np.linspace(-2, 2, 41), np.linspace(-40, 40, 41)))
@@ -174,16 +175,14 @@ def test_a_motor_of_isaac_lab_gives_the_torque_of_a_duty_with_back_emf(monkeypat
 
 
 def test_a_motor_of_isaac_lab_that_follows_a_speed_is_braked_by_its_joint_alone(monkeypatch):
-    drive = Drive(control="velocity", output="duty", kp=0.3, limit=0.8, supply=9.0, gain=0.5)
-    request = Request(drive=drive, approximate=True)
-    told = settings(export(joint("back-EMF"), "isaaclab", request).content, monkeypatch, "isaaclab.actuators")
+    request = Request(drive=replace(DUTY, control="velocity", kp=0.3), approximate=True)
+    told = settings(joint("back-EMF"), "isaaclab", request, monkeypatch)
     assert told["name"] == "IdealPDActuatorCfg"
     assert (told["damping"], told["effort_limit"]) == pytest.approx((0.3 * 4.5, 0.8 * 4.5))
     assert told["viscous_friction"] == pytest.approx(PLANT["viscous"] + 0.05)
     slow = joint("back-EMF", "stribeck:stribeck=0.4")
     slow = replace(slow, estimates=slow.estimates | {"viscous": replace(slow.estimates["viscous"], value=0.0)})
-    request = Request(drive=Drive(output="duty", kp=1.2, limit=0.8, supply=9.0, gain=0.5), approximate=True)
-    told = settings(export(slow, "isaaclab", request).content, monkeypatch, "isaaclab.actuators")
+    told = settings(slow, "isaaclab", Request(drive=DUTY, approximate=True), monkeypatch)
     assert told["viscous_friction"] >= 0.0  # no friction drives
 
 
@@ -202,7 +201,7 @@ def test_a_drive_is_in_the_unit_of_its_model(format):
 def test_an_actuator_of_mjlab_is_that_of_mujoco(name, monkeypatch):
     mujoco = pytest.importorskip("mujoco")
     drive = replace(DRIVES[name], ki=0.0, rate=None, cutoff=None)
-    told = settings(export(joint(), "mjlab", Request(drive=drive)).content, monkeypatch, "mjlab.actuator")
+    told = settings(joint(), "mjlab", Request(drive=drive), monkeypatch)
     world = mujoco.MjModel.from_xml_string(export(joint(), "mjcf", Request(drive=drive)).content)
     bias, limit = world.actuator_biasprm[0], world.actuator_forcerange[0, 1]
     assert (told.get("stiffness", 0.0), told["damping"], told["effort_limit"]) == pytest.approx(
@@ -246,29 +245,12 @@ def test_an_export_proves_itself_in_the_loop(recorded, done):
     own, exported, alone = (float(line.split()[-2]) for line in said.splitlines() if line.endswith("%"))
     assert max(own, exported) < 0.5 < 2.0 < alone  # per cent of the motion
     assert "before_step" in (recorded / "servo.py").read_text() and "<mujoco" in (recorded / "servo.xml").read_text()
-    assert (
-        len(
-            [
-                line
-                for line in done(*asked, "--approximate", "--check", recorded / "run.csv").splitlines()
-                if line.endswith("%")
-            ]
-        )
-        == 2
-    )
+    said = done(*asked, "--approximate", "--check", recorded / "run.csv")
+    assert sum(line.endswith("%") for line in said.splitlines()) == 2
 
 
-def test_mistakes_about_servos_are_one_sentence(recorded, refused):
+def test_a_step_that_is_no_part_of_what_is_compared_is_told(recorded, refused):
     pytest.importorskip("mujoco")
-    for arguments, said in (
-        (["--to", "mjlab"], "say its controller with --drive"),
-        (["--to", "python", "--drive", "output=duty,kp=0.5,gain=1"], "a duty is a share of the bus: say its voltage"),
-        (["--to", "mjlab", "--drive", "output=duty,kp=0.5,gain=1"], "a duty is a share of the bus: say its voltage"),
-        (["--to", "urdf", "--drive", "output=torque,kp=4"], "--drive goes with mjcf, python, c, isaaclab and mjlab"),
-        (["--to", "c", "--callback", "a.py"], "--callback goes with mjcf"),
-        (["--to", "mjcf", "--callback", "a.txt"], "should end in .py or .c"),
-        (["--to", "mjcf", "--callback", str(recorded / "servo.json")], "is one of the inputs"),
-        (["--to", "mjcf", "--drive", "output=torque,kp=4", "--step", "0.003", "--approximate", "--check",
-          str(recorded / "study.toml")], "--step should be a whole part of it"),
-    ):  # fmt: skip
-        assert said in refused("export", recorded / "servo.json", *arguments)
+    asked = ["--to", "mjcf", "--drive", "output=torque,kp=4", "--step", "0.003", "--approximate", "--check"]
+    told = refused("export", recorded / "servo.json", *asked, recorded / "study.toml")
+    assert "--step should be a whole part of it" in told

@@ -1,4 +1,4 @@
-"""Logs of a bench: a study or a model file says how they are read, and the next one is read alike."""
+"""Logs of a bench: a study or a model file says how they are read, the next is read alike, and loads tell gains."""
 
 import html
 import json
@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.two_link import TwoLink
-from pendulum_env.physics import Model, ModelError
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from pendulum_env.physics import Model
 from pendulum_env.recording import read_recording
 from workbench.cli import main
 
 COLUMNS = "time=clock:ms,position=-Winkel [deg]-20,torque=i:A*0.5"
+TABLE = '[columns]\ntime = "clock:ms"\nposition = "-Winkel [deg]-20"\ntorque = "i:A*0.5"\n'  # the same in a study
 
 
 @pytest.fixture(scope="module")
@@ -30,12 +31,14 @@ def bench(tmp_path_factory):
         np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header="clock,Winkel [deg],i", comments="", fmt="%.12g")
     model = str(folder / "model.json")
     assert main(["identify", str(folder / "monday.csv"), "--columns", COLUMNS, "-o", model]) == 0
-    columns = "\n".join(f"{q} = {json.dumps(t)}" for q, t in (part.split("=", 1) for part in COLUMNS.split(",")))
     entries = '[[recording]]\nfile = "monday.csv"\n[[recording]]\nfile = "tuesday.csv"\nrole = "holdout"\n'
-    (folder / "study.toml").write_text(f"[columns]\n{columns}\n{entries}")
+    (folder / "study.toml").write_text(f"{TABLE}{entries}")
     (folder / "bad.toml").write_text("[[recording]]\nroll = 'fit'")
     (folder / "held.toml").write_text("[[recording]]\nfile = 'monday.csv'\nrole = 'holdout'")
     (folder / "gone.toml").write_text(entries.replace("tuesday", "gone"))
+    known = json.loads((folder / "model.json").read_text())
+    for name, kept in (("text", "clock"), ("number", {"columns": {"time": 3}}), ("drive", {"drive": {"preset": "x"}})):
+        (folder / f"{name}.json").write_text(json.dumps(known | {"log_format": kept}))
     return folder
 
 
@@ -61,6 +64,9 @@ def test_identify_fits_what_is_to_be_fitted_and_compare_takes_all_of_a_study(ben
         ("identify none.toml", "none.toml: cannot be read"),
         ("identify gone.toml", "gone.csv: there is no such file: check the path"),  # even if it is only held out
         ("identify monday.csv --columns time=clock:ms,torque=i", "torque cannot be column 'i' without a gain"),
+        ("compare text.json monday.csv", "text.json: 'log_format' of the model is 'clock': it has to be a table"),
+        ("compare number.json monday.csv", "log_format: 'columns.time' is 3: it has to be a text"),
+        ("compare drive.json monday.csv", "log_format: "),
     ],
 )
 def test_mistakes_about_studies_are_one_line(bench, refused, words, match, monkeypatch):
@@ -68,28 +74,6 @@ def test_mistakes_about_studies_are_one_line(bench, refused, words, match, monke
     before = Path("monday.csv").read_bytes()
     assert match in refused(*words.split())
     assert Path("monday.csv").read_bytes() == before
-
-
-def test_the_next_log_of_an_arm_is_read_alike(tmp_path, capsys, done, refused):
-    pytest.importorskip("pinocchio", reason="arms need the extra arms")
-    robot = ("--robot", str(tmp_path / "arm.urdf"))
-    (tmp_path / "arm.urdf").write_text(TwoLink().urdf())
-    assert main(["record", *robot, "--seconds", "10", "--rate", "500", "-o", str(tmp_path / "plain.csv")]) == 0
-    rows = np.loadtxt(tmp_path / "plain.csv", delimiter=",", skiprows=1)
-    rows[:, 2] = np.degrees(rows[:, 2])
-    odd, model, added = (str(tmp_path / name) for name in ("odd.csv", "arm.json", "added.json"))
-    np.savetxt(odd, rows, delimiter=",", header="clock,a,b,c,d", comments="", fmt="%.12g")
-    columns = "time=clock,position_shoulder=a,position_elbow=b:deg,torque_shoulder=c,torque_elbow=d"
-    assert main(["identify", odd, *robot, "--columns", columns, "--scheme", "filtered_dynamic", "-o", model]) == 0
-    capsys.readouterr()
-    assert f"read as {model} says: time=clock" in done("compare", model, odd, *robot)
-    assert main(["add", model, "spring@elbow", odd, *robot, "-o", added]) == 0
-    kept = [json.loads(Path(path).read_text())["log_format"] for path in (model, added)]
-    assert kept[0] == kept[1] and kept[0]["columns"]["position_elbow"] == "b:deg"
-    Path(model).write_text(json.dumps(json.loads(Path(model).read_text()) | {"log_format": "clock"}))
-    assert "'log_format' of the model is 'clock': it has to be a table" in refused(
-        "compare", model, odd, *robot, "--columns", columns
-    )
 
 
 def test_the_next_log_of_the_format_is_read_alike(bench, tmp_path, done):
@@ -123,12 +107,11 @@ def test_columns_that_are_said_count_and_a_log_that_does_not_fit_is_one_sentence
 
 
 def test_a_study_says_it_itself_and_what_is_alike_in_it_is_kept(bench, tmp_path):
-    columns = "\n".join(f"{q} = {json.dumps(t)}" for q, t in (part.split("=", 1) for part in COLUMNS.split(",")))
     load = "load = {inertia = 0.0, gravity = 0.0}"
     entries = [f"[[recording]]\nfile = {json.dumps(str(bench / f'{day}.csv'))}\n" for day in ("monday", "tuesday")]
     for name, told in (("alike", [load, load]), ("apart", [load, ""])):
         both = "\n".join(entry + more for entry, more in zip(entries, told, strict=True))
-        (tmp_path / f"{name}.toml").write_text(f"[columns]\n{columns}\n{both}\n")
+        (tmp_path / f"{name}.toml").write_text(f"{TABLE}{both}\n")
         model = tmp_path / f"{name}.json"
         assert main(["identify", str(tmp_path / f"{name}.toml"), "-o", str(model)]) == 0
     kept = {name: Model.load(tmp_path / f"{name}.json").log_format for name in ("alike", "apart")}
@@ -139,31 +122,10 @@ def test_a_study_says_it_itself_and_what_is_alike_in_it_is_kept(bench, tmp_path)
     assert main(["compare", str(bench / "model.json"), str(tmp_path / "alike.toml")]) == 0
 
 
-def test_what_needs_no_word_leaves_none_and_an_older_file_is_read(bench, tmp_path):
-    plain = tmp_path / "plain.json"
-    assert main(["identify", str(bench / "plain-monday.csv"), "-o", str(plain)]) == 0
-    data = json.loads(plain.read_text())
-    assert "log_format" not in data and Model.from_json(data).log_format == {}
-    assert main(["compare", str(plain), str(bench / "plain-tuesday.csv")]) == 0
-
-
-@pytest.mark.parametrize(
-    ("format", "reason"),
-    [
-        ("clock", "'log_format' of the model is 'clock': it has to be a table"),
-        ({"columns": {"time": 3}}, "log_format: 'columns.time' is 3: it has to be a text"),
-        ({"drive": {"preset": "x"}}, "log_format: "),
-    ],
-)
-def test_a_format_that_cannot_be_is_one_sentence(bench, tmp_path, refused, format, reason):
-    data = json.loads((bench / "model.json").read_text()) | {"log_format": format}
-    path = tmp_path / "model.json"
-    path.write_text(json.dumps(data))
-    error = refused("compare", path, bench / "tuesday.csv")
-    assert reason in error and str(path) in error
-    if not isinstance(format, dict):
-        with pytest.raises(ModelError, match="log_format"):
-            Model.from_json(data)
+def test_what_needs_no_word_leaves_none(bench, tmp_path, done):
+    done("identify", bench / "plain-monday.csv", "-o", tmp_path / "plain.json")
+    assert "log_format" not in json.loads((tmp_path / "plain.json").read_text())
+    done("compare", tmp_path / "plain.json", bench / "plain-tuesday.csv")
 
 
 @pytest.mark.slow
@@ -178,3 +140,67 @@ def test_what_a_diagnosis_says_of_columns_can_be_pasted(bench, tmp_path, done):
         assert pasted in html.unescape(page.read_text(encoding="utf-8"))
         option = shlex.split(pasted)
     assert "Nothing is missing" in done(*log, *option, "-o", tmp_path / "m.json")
+
+
+K = 0.873  # [N m/A]
+ARMS = ((0.0, 0.2), (0.5, 0.2), (1.0, 0.2))  # [kg] at [m]
+NEWTON_METRE = re.compile(r"(?:N|kg)(?: |\N{NO-BREAK SPACE}|&nbsp;|\\u00a0)m(?!/A)(?![a-z])")
+
+
+@pytest.fixture(scope="module")
+def weighed(tmp_path_factory) -> Path:
+    """Currents under three loads, of friction that grows with the load, and studies of all and of one."""
+    folder = tmp_path_factory.mktemp("weighed")
+    friction = {"load_dependent_friction": {"load_mu": 0.12}}
+    cases = [
+        (
+            Plant(0.03 + m * r * r, 0.6 + 9.81 * m * r, 0.15, 0.25, friction),
+            Experiment(500.0, 8.0, "two_tone", 0.7, seed, counts=65_536),
+        )
+        for seed, (m, r) in enumerate(ARMS)
+    ]
+    entries = []
+    for k, (run, (m, r)) in enumerate(zip(simulate(cases), ARMS, strict=True)):
+        rows = np.column_stack([run.time, run.position, run.torque / K])
+        np.savetxt(folder / f"load{k}.csv", rows, delimiter=",", header="t,q,i", comments="", fmt="%.9g")
+        entries.append(f'[[recording]]\nfile = "load{k}.csv"\nload = {{mass = {m}, length = {r}}}\n')
+    columns = '[columns]\ntorque = "i:A*?"\n'
+    (folder / "all.toml").write_text(columns + "".join(entries))
+    (folder / "one.toml").write_text(columns + entries[1])
+    return folder
+
+
+FOUND = re.compile(r"torque constant 0\.87\d* ± 0\.\d+ N m/A, from 3 known loads")
+
+
+def test_a_torque_constant_is_identified_kept_and_used(weighed, tmp_path, capsys: pytest.CaptureFixture[str], done):
+    study, model = str(weighed / "all.toml"), str(tmp_path / "model.json")
+    assert FOUND.search(done("identify", study, "-o", model, "--json", tmp_path / "identified.json"))
+    data = json.loads((tmp_path / "identified.json").read_text())
+    assert data["torque_constant"]["value"] == pytest.approx(K, rel=0.01)
+    saved = json.loads(Path(model).read_text())["torque_constant"]
+    assert saved["value"] == pytest.approx(K, rel=0.01) and 0 < saved["std"] < 0.01 and saved["unit"] == "N m/A"
+    assert main(["compare", model, str(weighed / "one.toml")]) == 0  # whose current alone would not tell it
+    told = capsys.readouterr().out
+    assert "torque constant 0.87" in told and "N m/A, of the model" in told and "torque [N m]" in told
+
+
+@pytest.mark.slow
+def test_without_loads_that_differ_nothing_is_said_in_newton_metres(weighed, tmp_path, done):
+    study, model, page = str(weighed / "one.toml"), str(tmp_path / "model.json"), tmp_path / "page.html"
+    told = []
+    for command in (
+        ["identify", study, "-o", model, "--json", str(tmp_path / "identified.json")],
+        ["compare", model, study, "--json", str(tmp_path / "compared.json")],
+        ["diagnose", study, "-v", "--json", str(tmp_path / "diagnosis.json"), "--report", str(page)],
+        ["add", model, "stribeck", study],
+    ):
+        told.append(done(*command))
+    for k in (0, 2, 3):
+        assert "the torque constant is not known, and every parameter is per A" in told[k]
+    assert "inertia [A s^2]" in told[0] and "torque [A]" in told[1] and "torque, fitted [A]" in told[2]
+    written = [file.read_text() for file in tmp_path.glob("*.json")]
+    shown = re.sub(r'<script type="application/gzip".*?</script>', "", page.read_text(), flags=re.S)
+    assert len(written) == 4
+    for text in (*told, *written, shown):
+        assert not NEWTON_METRE.search(text)

@@ -6,17 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimators import compare, fit, gather
+from estimators import compare
 from tests import slow
 from tests.cases import diagnosed
 from tests.patience import wait_until
 from tests.workbench.app.fleets import surveyed
-from tests.workbench.test_report import recorded
+from tests.workbench.app.plants import recorded
 from workbench.cli import main
 from workbench.report import render, render_comparison
 from workbench.report.case import Case
-from workbench.report.errors import ladder
 from workbench.report.figure import Figure, Section, axis, line
+from workbench.report.numbers import ladder
 from workbench.report.page import assemble
 from workbench.survey import Fleet
 from workbench.survey.page import write_fleet_report
@@ -38,16 +38,17 @@ CUT = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => {
 })"""
 
 
+def found():
+    return diagnosed([recorded("run one", 1, 6.0)], [recorded("run two", 2, 6.0)])
+
+
 def of_a_pendulum(folder: Path) -> str:
-    train, holdout = recorded("run one", 1), recorded("run two", 2)
-    diagnosis = diagnosed([train], [holdout])
-    return render(diagnosis)
+    return render(found())
 
 
 def of_many_curves(folder: Path) -> str:
     """A legend of ten names, and a ladder of four models with long names."""
-    train, holdout = recorded("run one", 1), recorded("run two", 2)
-    diagnosis = diagnosed([train], [holdout])
+    diagnosis = found()
     base, step = diagnosis.steps[:2]
     several = tuple(replace(step, added=id) for id in ("coulomb_asymmetry", "position_dependent_friction", "stribeck"))
     case = Case(replace(diagnosis, steps=(base, *several)))
@@ -59,9 +60,8 @@ def of_many_curves(folder: Path) -> str:
 
 
 def of_a_comparison(folder: Path) -> str:
-    train, holdout = recorded("run one", 1), recorded("run two", 2)
-    model = fit(*gather([train], [holdout])).model
-    return render_comparison(compare(model, [holdout]))
+    data = found().data
+    return render_comparison(compare(found().steps[0].model, data.holdout))
 
 
 def of_a_fleet(folder: Path) -> str:

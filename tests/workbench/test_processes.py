@@ -14,7 +14,7 @@ from pendulum_env.physics import plugin
 from tests.patience import PATIENCE, wait_until
 from workbench import processes
 from workbench.mistakes import InputError
-from workbench.processes import LOST, Done, Failed, Job, Workers
+from workbench.processes import LOST, End, Job, Workers
 
 PLUGIN = '''
 from dataclasses import dataclass
@@ -65,10 +65,10 @@ class Witness:
     """A job and what came of it."""
 
     def __init__(self, task: Any, workers: Workers) -> None:
-        self.outcome: list[Done | Failed] = []
+        self.outcome: list[End] = []
         self.job = Job("a job", task, workers, lambda _, word: self.outcome.append(word))
 
-    def wait(self) -> Done | Failed:
+    def wait(self) -> End:
         assert self.job.over.wait(PATIENCE)
         assert not self.job.running
         return self.outcome[0]
@@ -77,14 +77,14 @@ class Witness:
 def test_a_job_ends_with_its_result_or_with_a_sentence(workers):
     workers.warm()
     first = Witness(functools.partial(count, 3), workers)
-    assert first.wait() == Done(3) and first.job.what == "step 2"
-    assert Witness(refuse, workers).wait() == Failed("the data are too few")
-    assert Witness(vanish, workers).wait() == Failed(LOST)
+    assert first.wait() == End(3) and first.job.what == "step 2"
+    assert Witness(refuse, workers).wait() == End(why="the data are too few")
+    assert Witness(vanish, workers).wait() == End(why=LOST)
     workers.warm()
     assert workers._spare is not None
     workers._spare.process.kill()  # nor is one that dies while it waits any trouble
     workers._spare.process.join()
-    assert Witness(functools.partial(count, 1), workers).wait() == Done(1)
+    assert Witness(functools.partial(count, 1), workers).wait() == End(1)
 
 
 def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers):
@@ -100,7 +100,7 @@ def test_a_file_of_effects_that_has_gone_is_told(tmp_path, monkeypatch, workers)
     file = tmp_path / "gone.py"
     monkeypatch.setattr(plugin, "_loaded", {file: ()})
     told = Witness(functools.partial(count, 1), workers).wait()
-    assert isinstance(told, Failed) and told.why.startswith(f"{file}: ")
+    assert told.why.startswith(f"{file}: ")
     file.write_text(PLUGIN)
     workers.close()  # also the one that waits, and has read what was there
-    assert Witness(functools.partial(count, 1), workers).wait() == Done(1)
+    assert Witness(functools.partial(count, 1), workers).wait() == End(1)

@@ -1,51 +1,52 @@
+"""Pages: of a diagnosis, of the paper's experiment, and of excitation policies beside each other."""
+
 import html
+import json
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from agents import load
+from agents.evaluation import Outcome, evaluation_json
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.checks.residual import Region, profiles, stand_out
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
+from estimators.paper import TABLE_2, WAYS, Experiment
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics import BASE, Model, Samples
-from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.table import Extent, TorqueByAngle
 from pendulum_env.recording import Recording
 from pendulum_env.words import number
-from tests.cases import diagnosed
+from tests.cases import diagnosed, of_the_paper
+from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values, whole
+from workbench.cli import main
+from workbench.commands.evaluate import show
 from workbench.report import render
-from workbench.report.case import Case
+from workbench.report.excitation import render as render_excitation
 from workbench.report.failures import profile_figure
 from workbench.report.figure import broken, numbers, thin
+from workbench.report.numbers import of_models
 from workbench.report.page import SECTIONS
-from workbench.report.parameters import of_models
+from workbench.report.paper import SECTIONS as PAPER
+from workbench.report.paper import render as render_paper
+from workbench.terminal import Terminal
 
-PLANT = Model.build((*BASE, Stribeck(0.6)), [0.09, 2.0, 0.35, 0.7, 0.4])
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
 REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "for q from 0.1 to 0.2 rad the joint needs <more>")
 
 
-def recorded(name, seed: int, seconds: float = 6.0, plant: Model = PLANT) -> Recording:
-    rng = np.random.default_rng(seed)
-    time = np.arange(round(500 * seconds)) / 500
-    torque = 3 * np.sin(12.07 * time + rng.uniform(0, 6)) + 3 * np.sin(2.25 * time + rng.uniform(0, 6))
-    path = plant.simulate(1 / 500, torque, 0.0, 0.0)
-    position = np.round(path.position[:-1, 0] * 1024000 / (2 * np.pi)) * 2 * np.pi / 1024000
-    return Recording(name, time, position, torque + rng.normal(0, 0.02, len(time)))
-
-
 @pytest.fixture(scope="module")
 def train() -> Recording:
-    return recorded("run one", 1)
+    return recorded("run one", 1, 6.0)
 
 
 @pytest.fixture(scope="module")
 def holdout() -> Recording:
-    return recorded("run two", 2)
+    return recorded("run two", 2, 6.0)
 
 
 @pytest.fixture(scope="module")
@@ -192,13 +193,6 @@ def test_a_diagnosis_that_was_read_from_a_file_has_no_report(diagnosis):
         render(replace(diagnosis, data=None))
 
 
-def test_what_knocked_the_joint_is_among_the_windows_of_a_report(bouncing):
-    found = diagnosed([bouncing])
-    assert found.data.impacts_beside is not None
-    told, drawn = found.steps[-1].errors["train"], Case(found).data.parts[0].errors(found.model)
-    assert drawn.torque_rms == pytest.approx(told.torque_rms, rel=1e-6)
-
-
 def test_the_residual_of_a_joint_that_turns_is_drawn_over_one_turn():
     curves, time = [("base model", "--base")], np.arange(4000) * 0.005
     x = Samples(time, 1.5 * time, np.sin(time), np.cos(time))
@@ -209,3 +203,160 @@ def test_the_residual_of_a_joint_that_turns_is_drawn_over_one_turn():
     assert "wrapped" in drawn.layout["xaxis"]["title"]["text"] and np.abs(angle).max() <= np.pi
     assert np.corrcoef(drawn.data[-1]["y"], np.cos(7 * angle))[0, 1] > 0.98  # not smeared over all turns
     assert all(-np.pi <= stripe["x0"] < stripe["x1"] <= np.pi for stripe in drawn.layout["shapes"])
+
+
+@pytest.fixture(scope="module")
+def experiment() -> Experiment:
+    return of_the_paper()
+
+
+@pytest.fixture(scope="module")
+def paper(experiment: Experiment) -> str:
+    return render_paper(experiment)
+
+
+@pytest.fixture(scope="module")
+def figures(paper: str) -> dict[str, dict]:
+    """Figures by their id."""
+    found = Page(paper)
+    ids = [attrs["id"] for tag, attrs in found.tags if tag == "div" and "plot" in (attrs.get("class") or "").split()]
+    return dict(zip(ids, found.figures, strict=True))
+
+
+def curve(figure: dict, name: str) -> np.ndarray:
+    return next(np.array([t["x"], t["y"]], dtype=float) for t in figure["data"] if t["name"] == name)
+
+
+def test_the_paper_s_page_is_whole_and_loads_nothing_from_elsewhere(paper: str, figures: dict[str, dict]) -> None:
+    found = whole(paper)
+    assert len(paper.encode()) < 4_000_000
+    sections = [attrs["id"] for tag, attrs in found.tags if tag == "section"]
+    assert sections == list(PAPER) and {f"#{id}" for id in sections} <= set(values(found, "href"))
+    expected = {f"figure-{k}" for k in range(2, 8)}
+    assert set(figures) == expected | {"figure-8a", "figure-8b", "figure-9-printed", "figure-9-ours"}
+    assert all(f"Figure {k}" in found.text for k in range(2, 10))
+
+
+def test_table_holds_the_papers_values_and_ours(paper: str, experiment: Experiment) -> None:
+    text = Page(paper).text
+    for scheme, row in TABLE_2.items():
+        for shown in (value for value in row if value is not None):
+            assert f"{shown:.4f}" in text
+        for way in ("ours", "printed"):
+            assert all(f"{value:.4f}" in text for value in experiment.score(way, scheme).theta[1:])
+    for way in WAYS:
+        assert way.text[1:] in text
+
+
+@pytest.mark.parametrize(("number", "scheme"), [(2, "dynamic"), (7, "filtered_hamiltonian")])
+def test_convergence_is_drawn_with_truth_and_band(number, scheme, figures, experiment) -> None:
+    figure = figures[f"figure-{number}"]
+    course = experiment.found[0]["ours"][scheme].convergence
+    for k, place in enumerate(("", "2", "3", "4")):
+        panel = {"data": [trace for trace in figure["data"] if trace["yaxis"] == f"y{place}"]}
+        assert curve(panel, "truth")[1] == pytest.approx([experiment.truth[k]] * 2)
+        np.testing.assert_allclose(curve(panel, "ours")[1], course.theta[:, k], rtol=1e-3, atol=1e-4)
+        assert curve(panel, "ours, 95 % band")[1].size == 2 * len(course.time)
+        low, high = figure["layout"][f"yaxis{place}"]["range"]
+        assert low < experiment.truth[k] < high
+
+
+def test_a_missed_aim_is_said(monkeypatch: pytest.MonkeyPatch, experiment: Experiment) -> None:
+    monkeypatch.setattr("workbench.report.paper.TARGET", 1e-9)
+    text = Page(render_paper(experiment)).text
+    assert "Not every scheme finds the paper's pendulum" in text and "which misses the aim" in text
+
+
+def test_following_is_drawn_as_measured_and_as_simulated(figures, experiment) -> None:
+    position = figures["figure-8a"]
+    measured, simulated, error = (curve(position, n) for n in ("measured", "simulated", "simulated − measured"))
+    np.testing.assert_allclose(simulated[1] - measured[1], error[1], atol=2e-4)
+    assert np.abs(error[1]).max() < 0.02 < np.ptp(measured[1])
+    torque = figures["figure-8b"]
+    applied, jagged = curve(torque, "applied"), curve(torque, "calculated by backward differences")
+    assert np.std(jagged[1] - applied[1]) > 0.2  # the paper's peaks
+
+
+def test_norms_are_drawn_beside_that_of_the_truth(figures, experiment) -> None:
+    for way in ("printed", "ours"):
+        norms = experiment.norms(way)
+        models, truth = figures[f"figure-9-{way}"]["data"]
+        assert models["x"] == pytest.approx(list(norms.models.values()), rel=1e-4)
+        assert truth["x"] == pytest.approx([norms.truth] * 2, rel=1e-4)
+
+
+OPTIONS = ["--plants", "3", "--seed", "2"]
+
+
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory):
+    """Folder with `page.html` and `figures.json` of an evaluation of `policy.npz`."""
+    path = tmp_path_factory.mktemp("evaluation")
+    load("peak").save(path / "policy.npz")
+    outputs = ["--report", str(path / "page.html"), "--json", str(path / "figures.json")]
+    assert main(["evaluate", str(path / "policy.npz"), *OPTIONS, *outputs]) == 0
+    return path
+
+
+def test_the_page_is_complete_and_loads_nothing(evaluated):
+    text, told = (evaluated / "page.html").read_text(), json.loads((evaluated / "figures.json").read_text())
+    page = whole(text)
+    assert len(page.figures) == 4
+    assert list(told["policies"]) == ["two-tone", str(evaluated / "policy.npz")]
+    assert told["policies"]["two-tone"]["gain"]["information"]["ratio"] == pytest.approx(1.0)
+    for name, figures in told["policies"].items():
+        assert f"{name} " in page.text
+        for moment, (_, middle, _) in figures["error"].items():
+            assert f"{100 * middle:.3f}" in page.text, moment
+        assert f"{figures['gain']['information']['ratio']:.2f}" in page.text
+
+
+def test_curves_end_where_the_table_says(evaluated):
+    page, told = Page((evaluated / "page.html").read_text()), json.loads((evaluated / "figures.json").read_text())
+    curves = {trace["name"]: trace for trace in page.figures[1]["data"]}
+    assert list(curves) == list(told["policies"])
+    for name, figures in told["policies"].items():
+        assert curves[name]["x"][-1] == pytest.approx(10.0)
+        assert curves[name]["y"][-1] == pytest.approx(100 * figures["error"]["10 s"][1], rel=1e-3)
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_figures(evaluated):
+    distributed = pytest.importorskip("distributed")
+    quiet = {"dashboard_address": ":0", "processes": False, "protocol": "tcp://"}  # any port that is free
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, **quiet) as cluster:
+        path = evaluated / "there.json"
+        policy = str(evaluated / "policy.npz")
+        assert main(["evaluate", policy, *OPTIONS, "--dask", cluster.scheduler_address, "--json", str(path)]) == 0
+    here, there = (json.loads((evaluated / name).read_text()) for name in ("figures.json", "there.json"))
+    for name, figures in here["policies"].items():
+        assert {**figures, "seconds_per_action": 0} == {**there["policies"][name], "seconds_per_action": 0}
+
+
+def test_a_cluster_that_is_not_there_is_one_line(monkeypatch, refused):
+    distributed = pytest.importorskip("distributed")
+
+    def refuse(address: str, timeout: float) -> None:
+        raise OSError(f"timed out after {timeout:g} s")
+
+    monkeypatch.setattr(distributed, "Client", refuse)
+    there = "tcp://127.0.0.1:1"
+    assert f"there is no Dask cluster at {there}" in refused("evaluate", "prbs", "--plants", "2", "--dask", there)
+
+
+def test_several_trainings_are_told_with_their_median_and_worst(capsys):
+    def outcome(log_det: float, error: float) -> Outcome:
+        course, none = np.full((500, 4), error), np.zeros((500, 4))
+        return Outcome(course, course, none + log_det, np.full((3, 4), 1e-4), none, none, np.ones(4), 1e-3)
+
+    outcomes = {"two-tone": outcome(0, 2e-3), "a": outcome(4, 1e-3), "b": outcome(3, 4e-3), "c": outcome(2, 2e-2)}
+    figures = evaluation_json(
+        outcomes, "two-tone", ["a", "b", "c"], plants=4, constraint="peak", scheme="energy", effects=(), spread=0.3
+    )
+    gain = figures["trainings"]["gain"]
+    assert gain["information"] == pytest.approx({"median": np.exp(3 / 4), "worst": np.exp(2 / 4)})
+    assert gain["error 2 s"] == pytest.approx({"median": 0.5, "worst": 0.1})
+    assert gain["time to 1 %"]["worst"] == 0.0  # never reached
+    show(figures, Terminal())
+    assert "worst of the trainings" in capsys.readouterr().out
+    assert "Worst of 3 trainings" in render_excitation(figures, outcomes)

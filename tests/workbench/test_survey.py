@@ -26,7 +26,7 @@ from workbench.mistakes import InputError
 from workbench.survey import Dataset, Fleet, find_cases, survey, work
 from workbench.survey import dataset as stored
 from workbench.survey.page import write_fleet_report
-from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table, pooled_table
+from workbench.survey.tables import tables
 
 distributed = pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")  # comes with it
@@ -308,13 +308,14 @@ def fleet(tmp_path_factory, client):
 
 
 def test_drifts_onsets_odd_ones_and_what_all_share_are_found_and_nothing_else(fleet):
-    assert [row[:2] for row in drifting_table(fleet).rows] == [("arm1 / elbow", "coulomb")]
-    assert [row[:3] for row in jumping_table(fleet).rows] == [("arm4 / elbow", "inertia", "2026-03-02")]
-    assert list(effects_table(fleet).rows) == [("arm3 / wrist", "stribeck", "6 of 12", "since 2026-02-16", "")]
-    assert {row[:2] for row in odd_table(fleet).rows} == {("arm2 / wrist", "inertia")}
-    assert ("all elbow", "cogging") in {row[:2] for row in pooled_table(fleet).rows}
-    assert {row[1] for row in pooled_table(fleet).rows} == {"cogging"}
-    assert not {row[0] for row in pooled_table(fleet).rows} & {"all wrist", "arm0 / wrist"}
+    told = {name: table.rows for name, table in tables(fleet).items()}
+    assert [row[:2] for row in told["drifting"]] == [("arm1 / elbow", "coulomb")]
+    assert [row[:3] for row in told["jumping"]] == [("arm4 / elbow", "inertia", "2026-03-02")]
+    assert told["missing"] == [("arm3 / wrist", "stribeck", "6 of 12", "since 2026-02-16", "")]
+    assert {row[:2] for row in told["odd"]} == {("arm2 / wrist", "inertia")}
+    assert ("all elbow", "cogging") in {row[:2] for row in told["shared"]}
+    assert {row[1] for row in told["shared"]} == {"cogging"}
+    assert not {row[0] for row in told["shared"]} & {"all wrist", "arm0 / wrist"}
 
 
 def test_the_page_says_what_was_found_and_loads_nothing(fleet, tmp_path):
@@ -474,14 +475,6 @@ def test_ctrl_c_or_a_kill_ends_all_processes_and_keeps_what_is_done(tmp_path, sw
     assert psutil.wait_procs(children, timeout=PATIENCE)[1] == []
     if moment == "working":
         assert "what is done is kept" in told and 0 < len(dataset.rows(["name"])) < 169
-
-
-def test_what_cannot_be_is_one_line(tmp_path, refused):
-    (tmp_path / "empty").mkdir()
-    assert "holds no recording" in refused("survey", tmp_path / "empty", "-o", tmp_path / "out")
-    (tmp_path / "table.csv").write_text("file\n\0\n")
-    assert "row 2: names no file" in refused("survey", tmp_path / "table.csv", "-o", tmp_path / "out")
-    assert "there is no such folder or file" in refused("survey", tmp_path / "nothere", "-o", tmp_path / "out")
 
 
 def test_folders_without_end_are_one_line(tmp_path, monkeypatch, capsys):

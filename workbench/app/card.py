@@ -34,8 +34,6 @@ ASKED_OF_ARM = (
     "Time, and position and torque of each joint are needed: on the side of the joint, with the torque that holds the "
     "links up. What was logged of a motor before its gear has the ratio in the last column, a current its gain."
 )
-ROWS = 4  # that are shown
-POINTS = 300  # of a plot
 HINTS = {  # of what is done with a column
     "time": "*0.001",
     "position": "/6 or *-1 or +90",
@@ -242,7 +240,7 @@ def _row(card: Card, k: int) -> tuple[Any, ...]:
     header, choice, values = card.preview.headers[k], card.choices[k], card.preview.values[k]
     first, plot = "no numbers", None
     if values is not None:
-        first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:ROWS]) + ", …"
+        first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:4]) + ", …"  # that are shown
         plot = graph(_plot(k, header, values, card.seconds), kind=COLUMN, bar=False)
     roles = {"": "unused"} | {role: role for role in card.roles}
     unsaid = replace(choice, unit="").expression(header)
@@ -271,7 +269,7 @@ def _row(card: Card, k: int) -> tuple[Any, ...]:
 def _plot(k: int, header: str, values: Array, seconds: Array | None) -> Figure:
     """A column over time, over rows while there is no time."""
     x = seconds if seconds is not None and len(seconds) == len(values) else np.arange(len(values), dtype=float)
-    kept = thin(np.nan_to_num(values), POINTS)
+    kept = thin(np.nan_to_num(values), 300)  # of a plot
     bare = axis("", visible=False, fixedrange=True)
     layout = {
         "xaxis": bare,

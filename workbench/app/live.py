@@ -32,7 +32,7 @@ from pendulum_env.recording import Recording
 from pendulum_env.words import listing, name
 from workbench.cli import parse
 from workbench.mistakes import MISTAKES, InputError, sentence
-from workbench.processes import LOST, Done, Failed, Worker
+from workbench.processes import LOST, End, Worker
 from workbench.runs import Plan
 
 SLICE = 0.02  # [s] of the run between two looks at the clock
@@ -42,7 +42,6 @@ UNSEEN = 8.0  # [s] after which a run that no page asks about stops
 UNSEEN_RIG = 3.0  # [s], of a motor that nobody watches
 GRACE = 2.5  # [s] in which a motor has to be let go of, once that was asked for, and again before it is ended
 LOST_RIG = "the program that ran the motor ended unexpectedly: the drive's watchdog has taken its torque away"
-REFUSALS = (*MISTAKES, ValueError, DriveError)
 SETTLED = 0.5  # [s] from the start, before which standard errors mean nothing
 
 Row = tuple[float, float, float]  # time [s], position [rad], torque from then on [N m]
@@ -86,7 +85,7 @@ def go(options: Sequence[str], connection: Connection[Any, Any]) -> str:
             truth = {name: e.value for name, e in plant.model.estimates.items()} if plant.simulated else {}
             connection.send(Begun(rate, smoothing_of(env, rate), truth, run.rig is not None, run.remark))
             return _told(transitions(env, run.controller(rate), arguments.seed), run.seconds, rate, connection)
-    except REFUSALS as mistake:
+    except (*MISTAKES, ValueError, DriveError) as mistake:
         raise InputError(sentence(mistake)) from None
 
 
@@ -199,7 +198,7 @@ class Run:
         self._worker, self._stop = worker, Signal()
         worker.send(partial(go, options))
         begun = worker.hear()
-        if isinstance(begun, Failed):
+        if isinstance(begun, End):
             worker.end()
             raise InputError(begun.why)
         self.begun: Begun = begun  # what it told first
@@ -272,7 +271,7 @@ class Run:
         connection, until, word = self._worker.connection, np.inf, None
         patience = UNSEEN_RIG if self.begun.is_rig else UNSEEN
         try:
-            while not isinstance(word, Done | Failed) and time.monotonic() < until:
+            while not isinstance(word, End) and time.monotonic() < until:
                 if until == np.inf and (self._stop.is_set() or time.monotonic() - self._seen > patience):
                     until = time.monotonic() + GRACE
                     self._worker.send(None)
@@ -283,9 +282,7 @@ class Run:
         finally:
             self._worker.send(None)
             self._worker.end(GRACE)  # in which the rig takes the torque away
-        if isinstance(word, Done):
-            self.trouble = word.result
-        elif isinstance(word, Failed) and word.why != LOST:
-            self.trouble = word.why
+        if isinstance(word, End) and word.why != LOST:
+            self.trouble = word.why or word.came
         elif until == np.inf:
             self.trouble = LOST_RIG if self.begun.is_rig else LOST

@@ -1,15 +1,18 @@
-"""Sessions: what each browser tab works on, apart from all others, in a folder of its own."""
+"""Sessions: what each browser tab works on, apart from all others, in a folder of its own, and stages that show it."""
 
 import re
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from secrets import token_hex
 from threading import RLock
 from typing import Any
+
+from dash import Dash
+from dash.development.base_component import Component
 
 from pendulum_env.reading import amount
 from pendulum_env.recording import RecordingError, Source
@@ -21,7 +24,7 @@ from workbench.app.live import Run
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import unpack
 from workbench.mistakes import MISTAKES, InputError, sentence
-from workbench.processes import Done, Failed, Job, Task, Workers
+from workbench.processes import End, Job, Task, Workers
 from workbench.robot import RobotFile
 
 GRACE = 1.0  # [s] that an end waits for an answer that is being made
@@ -122,7 +125,7 @@ class Session:
     def work(self, title: str, task: Task, keep: Callable[[Any], None]) -> None:
         """Do a task in the background and keep what comes of it, unless the user lets go of it; called by `act`."""
 
-        def ended(job: Job, word: Done | Failed) -> None:
+        def ended(job: Job, word: End) -> None:
             with self.lock:
                 if self.job is job:
                     self.job = None
@@ -317,3 +320,23 @@ class Sessions:
             self._all.clear()
             self._root.cleanup()
         self.workers.close()
+
+
+Form = Mapping[str, Any]  # values of the controls on the page, or what files came, by name
+Action = Callable[[Session, str, Form], object]  # told what the button is of
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage of the workbench: a function that draws it from a session, and what its buttons do."""
+
+    id: str  # of the page's address, `#id`
+    title: str  # in the navigation
+    show: Callable[[Session], list[Component]]  # what it looks like now; it reads the session's state once
+    # What its buttons and files do, by the name that the button has
+    actions: Mapping[str, Action] = field(default_factory=dict)
+    # Registers callbacks that do nothing to the session, if it has some
+    connect: Callable[[Dash, Sessions], None] | None = None
+    needs_model: bool = True  # whether there is nothing to see before a model is fitted
+    # Kicker, headline and lead of a stage that is not about the loaded recordings
+    headline: tuple[str, str, str] | None = None

@@ -34,10 +34,10 @@ from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import named_twice
 from workbench.app import uploads
 from workbench.app.uploads import safe_name
-from workbench.inputs import ids as effects_of
-from workbench.inputs import known as values_of
-from workbench.inputs import ranges
 from workbench.mistakes import InputError
+from workbench.options import ids as effects_of
+from workbench.options import known as values_of
+from workbench.options import ranges
 from workbench.report.case import Case
 from workbench.robot import Logs, RobotFile, meaning, straying
 
@@ -86,11 +86,6 @@ class Loaded:
     def held_out(self) -> bool:
         """Whether it is kept for checking."""
         return self.source.role == "holdout"
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether the file is read whole and as it is, so that no study has to tell how."""
-        return not (self.source.columns or self.source.unwrap or self.source.range or self.source.load)
 
 
 @dataclass(frozen=True)

@@ -5,24 +5,24 @@ import argparse
 from estimators.diagnosis.addition import add
 from estimators.show.story import of_addition
 from pendulum_env.physics.library import addition
-from workbench.inputs import LIMITS, READING, ROBOT, argument, known_effect, take, take_robot, write_model, wrote
-from workbench.opened import opened
+from workbench.inputs import opened, write_model, wrote
+from workbench.options import LIMITS, READING, ROBOT, declare, known_effect
 from workbench.story import tell
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, effect, recordings and output."""
-    take(parser, "model")
-    parser.add_argument(
-        "effect",
-        metavar="EFFECT",
-        type=argument(_effect),
-        help="an id that `effects` lists, of an effect or a table; of an arm ID@JOINT",
+    declare(
+        parser,
+        f"""
+        model
+        effect EFFECT  an id that `effects` lists, of an effect or a table; of an arm ID@JOINT
+        recordings --holdout {READING} --drive {ROBOT} --align {LIMITS}
+        -o, --output MODEL.json  write the model with the effect
+        """,
+        effect=_effect,
     )
-    take(parser, "recordings", "--holdout", *READING, "--drive", *ROBOT, "--align", *LIMITS)
-    parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model with the effect")
-    take_robot(parser, pendulums=("align", "fixed", "bounds", "drive"))
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -11,35 +11,36 @@ from threading import Timer
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.recording import Source
 from pendulum_env.recording.record import ColumnError
-from workbench.inputs import KINDS, READING, ROBOT, given, read_all, take, take_robot, whole
+from workbench.inputs import given, read_all, robot_of
 from workbench.mistakes import InputError
-from workbench.opened import robot_of
+from workbench.options import KINDS, READING, ROBOT, declare, whole
 from workbench.processes import interrupts_wait
 from workbench.survey.cases import is_survey
 from workbench.terminal import Terminal
 
-PORT, HIGHEST = 8050, 65535
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings and where to listen."""
-    take(parser, "recordings", nargs="*", help=f"{KINDS}; to begin with")
-    take(parser, *READING, *ROBOT)
-    take_robot(parser)
-    parser.add_argument("--config", metavar="FILE", help="rig.toml of a rig, that the live view then offers, too")
-    parser.add_argument("--fleet", metavar="FOLDER", help="of a survey, whose page is then beside the stages")
-    parser.add_argument(
-        "--port", type=whole(0, HIGHEST), default=PORT, help=f"of this computer (default {PORT}); 0: any"
+    declare(
+        parser,
+        f"""
+        recordings  {KINDS}; to begin with
+        {READING} {ROBOT}
+        --config FILE  rig.toml of a rig, that the live view then offers, too
+        --fleet FOLDER  of a survey, whose page is then beside the stages
+        --port  of this computer (default 8050); 0: any
+        --no-browser  open none, only print the address
+        """,
+        recordings={"nargs": "*"},
+        port=(whole(0, 65535), 8050),
     )
-    parser.add_argument("--no-browser", action="store_true", help="open none, only print the address")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Serve until interrupted."""
     if find_spec("dash") is None:
         raise InputError("the workbench in a browser needs the extra app: pip install 'pendulum-ident[app]'")
-    asked = given(arguments)
-    recordings = (*asked.fitted, *asked.held_out)
+    recordings = given(arguments)
     robot = robot_of(arguments, recordings) if arguments.robot is not None else None
     if robot is not None:
         robot.body()  # complains now

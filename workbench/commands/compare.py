@@ -1,51 +1,59 @@
 """`compare`: a model against recordings."""
 
 import argparse
+from collections.abc import Sequence
 
+from estimators.arms.payload import Payload, find_payload
 from estimators.comparison import compare, in_units_of
 from estimators.in_loop.rollouts import are_driven
-from estimators.show.story import of_comparison
+from estimators.regression.equations import IdentificationError
+from estimators.show.story import Part, of_comparison
+from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import links_of
-from pendulum_env.files import write_whole
-from workbench.arms import carried, of_payload
-from workbench.inputs import KINDS, READING, ROBOT, check_outputs, take, take_robot, write_json, wrote
+from pendulum_env.arms.recording import of_arms
+from pendulum_env.recording import Recording
+from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.recording.study import read_as
+from pendulum_env.words import Table, listing
+from workbench.inputs import (
+    Opened,
+    check_outputs,
+    opened,
+    read_all,
+    sources_of,
+    tell_preprocessed,
+    write_json,
+    write_page,
+    wrote,
+)
 from workbench.mistakes import InputError
-from workbench.opened import opened, tell_preprocessed
+from workbench.options import KINDS, READING, ROBOT, declare
 from workbench.story import tell
 from workbench.terminal import Terminal
-
-LAST = ""  # joint of a payload, if none is named
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, recordings and output."""
-    take(parser, "model")
-    take(parser, "recordings", help=f"{KINDS}; each compared with the model")
-    take(parser, *READING, "--drive", "--align", "--report")
-    parser.add_argument(
-        "--loop",
-        action="store_true",
-        help="simulate whole recordings in closed loop from their reference, which needs --drive or a study with "
-        "[drive]; if a drive is known, these errors are given anyway",
+    declare(
+        parser,
+        f"""
+        model
+        recordings  {KINDS}; each compared with the model
+        {READING} --drive --align --report
+        --loop  simulate whole recordings in closed loop from their reference, which needs --drive or a study with
+            [drive]; if a drive is known, these errors are given anyway
+        {ROBOT}
+        --payload JOINT  with --robot: identify the load that the arm carries in these recordings, at the link behind
+            JOINT (default: the last)
+        --without RECORDING  with --payload: a recording without the load (may be repeated), to which the model is
+            refitted
+        --json FILE  write errors, profiles and regions
+        """,
+        arms=("payload", "without"),
+        pendulums=("loop",),
+        payload={"nargs": "?", "const": ""},  # no joint is named
+        without={"action": "append", "default": []},
     )
-    take(parser, *ROBOT)
-    parser.add_argument(
-        "--payload",
-        metavar="JOINT",
-        nargs="?",
-        const=LAST,
-        help="with --robot: identify the load that the arm carries in these recordings, at the link behind JOINT "
-        "(default: the last)",
-    )
-    parser.add_argument(
-        "--without",
-        metavar="RECORDING",
-        action="append",
-        default=[],
-        help="with --payload: a recording without the load (may be repeated), to which the model is refitted",
-    )
-    parser.add_argument("--json", metavar="FILE", help="write errors, profiles and regions")
-    take_robot(parser, arms=("payload", "without"), pendulums=("align", "loop", "drive"))
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -65,20 +73,47 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         recordings = list(given.recordings)
     with terminal.progress("comparing"):
         found = compare(model, recordings)
-    payload, suspected = None, None
+    payload, is_asked = None, arguments.payload is not None
     if asked.body is not None:
         payload = carried(arguments, asked, recordings, terminal)
-        payload, suspected = (None, payload) if arguments.payload is None else (payload, None)
-    write_json(arguments.json, found.json() | ({} if payload is None else {"payload": payload.json()}))
-    if arguments.report is not None:
-        from workbench.report import render_comparison  # plotly takes a while to import
-
-        with terminal.progress("writing the report"):
-            write_whole(arguments.report, render_comparison(found))
+    write_json(arguments.json, found.json() | ({"payload": payload.json()} if payload is not None and is_asked else {}))
+    write_page(arguments.report, terminal, "workbench.report:render_comparison", found)
     tell(of_comparison(found), terminal)
-    if payload is not None:
+    if payload is not None and is_asked:
         tell(of_payload(payload, links_of(model.terms)), terminal)
-    if suspected is not None and suspected.stands_out:
-        mass = suspected.estimates["m"].text
-        terminal.say(f"\nA payload of {mass} kg behind {suspected.joint} would explain most of it: see --payload")
+    elif payload is not None and payload.stands_out:
+        mass = payload.estimates["m"].text
+        terminal.say(f"\nA payload of {mass} kg behind {payload.joint} would explain most of it: see --payload")
     wrote(outputs, terminal)
+
+
+def carried(
+    arguments: argparse.Namespace, asked: Opened, recordings: Sequence[Recording], terminal: Terminal
+) -> Payload | None:
+    """What the arm carries in recordings beside a model; None where they do not tell and nobody asked."""
+    sources = [source for name in arguments.without for source in sources_of(name, arguments)]
+    sources = [read_as(own, asked.model.log_format, arguments.model) for own in sources]
+    without = of_arms(read_all(sources, terminal, asked.read))
+    try:
+        return find_payload(asked.model, of_arms(recordings), without, arguments.payload or None)
+    except IdentificationError:
+        if arguments.payload is not None:
+            raise
+        return None
+
+
+def of_payload(found: Payload, body: Body) -> list[Part]:
+    """What an arm carries, and what it explains."""
+    rows = [(name, one.text, one.unit) for name, one in found.estimates.items()]
+    rows += [(f"centre {axis}", one.text, one.unit) for axis, one in zip("xyz", found.center or (), strict=False)]
+    content: list[Table | str] = [Table(("parameter", "estimate", "unit"), rows, left=("unit",))]
+    if found.hidden:
+        content.append(f"{listing(found.hidden)}: no motion of the joints shows them")
+    if found.exists is False:
+        content.append("no body has these moments: something else changed as well, or the motion says too little")
+    left = [(at, f"{old:.4g}", f"{new:.4g}", body.worded(at, NEWTON_METRE)) for at, (old, new) in found.left.items()]
+    explained = Table(("joint", "without payload", "with it", "unit"), left, left=("unit",))
+    return [
+        Part(f"Payload at the link behind {found.joint}, in that joint's frame", content),
+        Part("Torque left, friction fitted anew", [explained]),
+    ]

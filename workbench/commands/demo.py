@@ -27,7 +27,8 @@ from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.words import listing
-from workbench.inputs import check_outputs, take, whole, wrote
+from workbench.inputs import check_outputs, write_page, wrote
+from workbench.options import declare
 from workbench.story import tell_diagnosis
 from workbench.terminal import Terminal
 
@@ -50,14 +51,16 @@ class Hidden(NamedTuple):
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare seed and output."""
-    parser.add_argument("--robot", choices=("two-link",), help="an arm instead of a pendulum (needs the extra arms)")
-    parser.add_argument("--seed", type=whole(0), default=0, help="another seed hides another effect (default 0)")
-    take(parser, "--verbose")
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="FOLDER/report.html",
-        help=f"report to write, with the recordings beside it (default {FOLDER / 'report.html'})",
+    declare(
+        parser,
+        f"""
+        --robot  an arm instead of a pendulum (needs the extra arms)
+        --seed  another seed hides another effect (default 0)
+        --verbose
+        -o, --output FOLDER/report.html  report to write, with the recordings beside it (default
+            {FOLDER / "report.html"})
+        """,
+        robot={"choices": ("two-link",), "metavar": None},
     )
 
 
@@ -69,8 +72,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     files = [report.with_name(f"{report.stem}.{part}.csv") for part in ("train", "holdout")]
     robots = [report.with_name(f"{report.stem}.{part}.urdf") for part in ("robot", "truth")] if arguments.robot else []
     check_outputs([str(path) for path in (report, *files, *robots)])
-    from workbench.report import write_report  # plotly takes a while to import
-
     rng = np.random.default_rng(arguments.seed)
     hidden = hidden_arm(robots[0], robots[1], rng) if robots else hidden_pendulum(rng)
     terminal.heading(hidden.title)
@@ -84,8 +85,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     with terminal.progress("diagnosing") as progress:
         found = diagnose(train, holdout, hidden.terms, progress)
     tell_diagnosis(found, terminal, arguments.verbose, more="")
-    with terminal.progress("writing the report"):
-        write_report(report, found)
+    write_page(str(report), terminal, "workbench.report:render", found)
     reveal(hidden, found, terminal)
     wrote([report, *robots, *files], terminal)
     kind, how = ("pendulum", "") if arguments.robot is None else ("arm", f" --robot {arguments.robot}")

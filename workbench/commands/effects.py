@@ -7,19 +7,14 @@ from pendulum_env.physics.library import addition
 from pendulum_env.physics.table import TABLES, Table
 from pendulum_env.plant import typical
 from pendulum_env.words import listing, name
-from workbench.inputs import argument
+from workbench.options import declare
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Take effects to tell more of."""
-    parser.add_argument(
-        "shown",
-        nargs="*",
-        type=argument(addition),
-        metavar="EFFECT",
-        help="describe how this one shows, and what reveals it",
-    )
+    what = "shown EFFECT  describe how this one shows, and what reveals it"
+    declare(parser, what, shown={"nargs": "*", "type": addition})
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

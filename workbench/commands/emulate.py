@@ -5,7 +5,8 @@ from pathlib import Path
 
 from pendulum_env.backends.emulators import MISHAPS, emulate
 from pendulum_env.backends.hardware.config import LINKS
-from workbench.inputs import check_outputs, number, plant_of, take, whole
+from workbench.inputs import check_outputs, plant_of
+from workbench.options import declare, number, whole
 from workbench.terminal import Terminal
 
 RATES = {"serial": 1000.0, "canopen402": 500.0, "nidaq": 250.0}  # [Hz], that each holds
@@ -13,22 +14,25 @@ RATES = {"serial": 1000.0, "canopen402": 500.0, "nidaq": 250.0}  # [Hz], that ea
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare kind, plant and outputs."""
-    parser.add_argument("kind", choices=list(LINKS), help="how the drive is reached")
-    parser.add_argument("-o", "--output", default="rig.toml", metavar="FILE", help="configuration (default rig.toml)")
-    take(parser, "--effect", "--theta")
-    parser.add_argument(
-        "--rate",
-        type=number(10.0, 5000.0),
-        help=f"of the loop [Hz] (default {', '.join(f'{kind} {rate:g}' for kind, rate in RATES.items())})",
-    )
-    parser.add_argument("--log", metavar="FILE", help="what the motor does, line by line with monotonic times")
-    parser.add_argument("--first-count", type=whole(0, 2**32 - 1), default=0, help="of the 32-bit counter (default 0)")
-    parser.add_argument("--realtime", action="store_true", help="ask for real-time priority, here and in the loop")
-    parser.add_argument(
-        "--watchdog", type=number(0.005, 5.0), default=0.08, help="the drive's, in the configuration [s]"
-    )
-    parser.add_argument(
-        "--reply", type=number(0.001, 5.0), default=0.25, help="to wait for the drive, in the configuration [s]"
+    declare(
+        parser,
+        f"""
+        kind  how the drive is reached
+        -o, --output FILE  configuration (default rig.toml)
+        --effect --theta
+        --rate  of the loop [Hz] (default {", ".join(f"{kind} {rate:g}" for kind, rate in RATES.items())})
+        --log FILE  what the motor does, line by line with monotonic times
+        --first-count  of the 32-bit counter (default 0)
+        --realtime  ask for real-time priority, here and in the loop
+        --watchdog  the drive's, in the configuration [s]
+        --reply  to wait for the drive, in the configuration [s]
+        """,
+        kind={"choices": list(LINKS)},
+        output={"default": "rig.toml"},
+        rate=number(10.0, 5000.0),
+        first_count=(whole(0, 2**32 - 1), 0),
+        watchdog=(number(0.005, 5.0), 0.08),
+        reply=(number(0.001, 5.0), 0.25),
     )
 
 

@@ -13,13 +13,12 @@ from agents.network import Network, load
 from agents.observer import CONSTRAINTS
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
-from pendulum_env.files import write_whole
-from workbench.cluster import connected
-from workbench.inputs import check_outputs, number, one_of, take, whole, write_json, wrote
+from workbench.inputs import check_outputs, write_json, write_page, wrote
 from workbench.mistakes import InputError
+from workbench.options import declare, number, one_of, whole
+from workbench.processes import connected
 from workbench.terminal import Terminal
 
-MOST = 10_000  # plants, which take a quarter of an hour for each policy
 SHIPPED = "agent"  # the policy that ships for the constraint
 PLANNER = "look-ahead"  # with which the agent's information and time are compared
 
@@ -27,35 +26,32 @@ PLANNER = "look-ahead"  # with which the agent's information and time are compar
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare policies, plants and output."""
     known = f"{SHIPPED} (which ships), {', '.join(BASELINES)}, or what `train` wrote"
-    parser.add_argument("policies", metavar="POLICY", nargs="*", help=f"{known}; all that have a name by default")
-    parser.add_argument(
-        "--constraint", type=one_of("constraint", CONSTRAINTS), default="peak", help=", ".join(CONSTRAINTS)
+    declare(
+        parser,
+        f"""
+        policies POLICY  {known}; all that have a name by default
+        --constraint  {", ".join(CONSTRAINTS)}
+        --plants  fresh plants (default 160)
+        --spread  within which they differ (default 0.3)
+        --max-speed RAD/S  beyond which no torque drives the arm on
+        --max-turns TURNS  likewise, to either side
+        --seed  of plants, noise and signals (default 0)
+        --scheme  of the estimator (default filtered_dynamic)
+        --effect  hide an effect in the plants (may be repeated)
+        --workers
+        --dask ADDRESS  scheduler of a Dask cluster to work on instead, as tcp://host:8786; one of your own, for what
+            it sends is unpickled
+        --report  write a page with plots
+        --json FILE  write all figures there
+        """,
+        policies={"nargs": "*"},
+        constraint=(one_of("constraint", CONSTRAINTS), "peak"),
+        plants=(whole(2, 10_000), 160),  # they take a quarter of an hour for each policy
+        spread=(number(0.0, 0.9), 0.3),
+        max_speed=number(0.1),
+        max_turns=number(0.01),
+        scheme=(one_of("scheme", [item.id for item in SCHEMES]), "filtered_dynamic"),
     )
-    parser.add_argument("--plants", type=whole(2, MOST), default=160, help="fresh plants (default 160)")
-    parser.add_argument("--spread", type=number(0.0, 0.9), default=0.3, help="within which they differ (default 0.3)")
-    parser.add_argument(
-        "--max-speed", type=number(0.1), metavar="RAD/S", help="beyond which no torque drives the arm on"
-    )
-    parser.add_argument("--max-turns", type=number(0.01), metavar="TURNS", help="likewise, to either side")
-    parser.add_argument("--seed", type=whole(0), default=0, help="of plants, noise and signals (default 0)")
-    parser.add_argument(
-        "--scheme",
-        type=one_of("scheme", [item.id for item in SCHEMES]),
-        default="filtered_dynamic",
-        help="of the estimator (default filtered_dynamic)",
-    )
-    take(parser, "--effect", help="hide an effect in the plants (may be repeated)")
-    parser.add_argument(
-        "--workers", type=whole(1, 1000), default=1, help="processes (default 1; for more: extra fleet)"
-    )
-    parser.add_argument(
-        "--dask",
-        metavar="ADDRESS",
-        help="scheduler of a Dask cluster to work on instead, as tcp://host:8786; one of your own, "
-        "for what it sends is unpickled",
-    )
-    take(parser, "--report", help="write a page with plots")
-    parser.add_argument("--json", metavar="FILE", help="write all figures there")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -84,11 +80,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     figures = evaluation_json(outcomes, BASELINE, list(dict.fromkeys(files)), **setting)
     show(figures, terminal)
     write_json(arguments.json, figures)
-    if arguments.report is not None:
-        from workbench.report.excitation import render  # plotly takes a while to import
-
-        with terminal.progress("writing the report"):
-            write_whole(arguments.report, render(figures, outcomes))
+    write_page(arguments.report, terminal, "workbench.report.excitation:render", figures, outcomes)
     wrote(outputs, terminal)
 
 

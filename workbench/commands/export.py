@@ -13,73 +13,41 @@ from pendulum_env.recording.study import Source, read_as
 from pendulum_env.words import listing
 from workbench.export import FORMATS, Exported, Request, export
 from workbench.export.request import Language
-from workbench.inputs import (
-    DRIVEN,
-    READING,
-    ROBOT,
-    check_outputs,
-    number,
-    read_all,
-    read_model,
-    sources_of,
-    take,
-    take_robot,
-    wrote,
-)
+from workbench.inputs import check_outputs, read_all, read_arm_model, read_model, sources_of, wrote
 from workbench.mistakes import InputError
-from workbench.opened import read_arm_model
+from workbench.options import DRIVEN, READING, ROBOT, declare, number
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, format, output and how."""
-    take(parser, "model")
-    forms = "; ".join(f"{name}, {form.what}" for name, form in FORMATS.items())
-    parser.add_argument("--to", required=True, choices=tuple(FORMATS), help=forms)
-    parser.add_argument("-o", "--output", metavar="FILE", help="write it there (default: print it, unless --check)")
-    parser.add_argument(
-        "--approximate",
-        action="store_true",
-        help="approximate or leave out what the format cannot hold, and say so in the file",
-    )
-    parser.add_argument(
-        "--step",
-        type=number(1e-6, 0.1),
-        default=Request.step,
-        metavar="SECONDS",
-        help=f"of python, c and mjcf (default {Request.step:g})",
-    )
-    parser.add_argument(
-        "--mass",
-        type=number(1e-6),
-        metavar="KG",
-        help="of the arm, where it is known: motion tells inertia and weight, not mass (default: a uniform rod)",
-    )
-    parser.add_argument(
-        "--armature",
-        type=number(0.0),
-        default=0.0,
-        metavar="KGM2",
-        help="inertia of the rotor about the joint, where it is known: motion tells its sum with the arm's (default 0)",
-    )
     what = "the controller of a servo, exported with its joint"
-    take(parser, "--drive", help=f"{what}, {DRIVEN}; it is then told a goal, not a torque")
-    parser.add_argument(
-        "--callback",
-        metavar="FILE",
-        help="with mjcf: a program beside it, in Python (.py) or C (.c), with what MuJoCo does not have: effects such "
-        "as Stribeck and load-dependent friction, rate and delay of the controller",
+    declare(
+        parser,
+        f"""
+        model
+        --to  {"; ".join(f"{name}, {form.what}" for name, form in FORMATS.items())}
+        -o, --output FILE  write it there (default: print it, unless --check)
+        --approximate  approximate or leave out what the format cannot hold, and say so in the file
+        --step SECONDS  of python, c and mjcf (default {Request.step:g})
+        --mass KG  of the arm, where it is known: motion tells inertia and weight, not mass (default: a uniform rod)
+        --armature KGM2  inertia of the rotor about the joint, where it is known: motion tells its sum with the arm's
+            (default 0)
+        --drive  {what}, {DRIVEN}; it is then told a goal, not a torque
+        --callback FILE  with mjcf: a program beside it, in Python (.py) or C (.c), with what MuJoCo does not have:
+            effects such as Stribeck and load-dependent friction, rate and delay of the controller
+        --check RECORDING  run it in MuJoCo against a recording or a study, in the loop where a drive is known: mjcf
+            and urdf
+        {READING}
+        --robot  the model is of an arm with these links, URDF or MJCF (needs the extra arms): mjcf and urdf
+        {ROBOT.partition(" ")[2]}
+        """,
+        pendulums=("mass", "armature", "callback", "check"),
+        to={"required": True, "choices": tuple(FORMATS)},
+        step=(number(1e-6, 0.1), Request.step),
+        mass=number(1e-6),
+        armature=(number(0.0), 0.0),
     )
-    parser.add_argument(
-        "--check",
-        metavar="RECORDING",
-        help="run it in MuJoCo against a recording or a study, in the loop where a drive is known: mjcf and urdf",
-    )
-    take(parser, *READING)
-    links = "the model is of an arm with these links, URDF or MJCF (needs the extra arms): mjcf and urdf"
-    take(parser, "--robot", help=links)
-    take(parser, *ROBOT[1:])
-    take_robot(parser, pendulums=("mass", "armature", "drive", "callback", "check"))
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

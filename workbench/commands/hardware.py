@@ -6,13 +6,20 @@ from pendulum_env.backends.hardware.check import CheckFailed, check
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.backends.hardware.drive import DriveError
 from workbench.mistakes import InputError
+from workbench.options import declare
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare what to do with which rig."""
-    parser.add_argument("what", choices=["check"], help="wiring, signs, zero and limits, step by step at low torque")
-    parser.add_argument("config", metavar="CONFIG", help="the rig's rig.toml, see docs/hardware.md")
+    declare(
+        parser,
+        """
+        what  wiring, signs, zero and limits, step by step at low torque
+        config CONFIG  the rig's rig.toml, see docs/hardware.md
+        """,
+        what={"choices": ["check"]},
+    )
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -9,8 +9,8 @@ from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.show.story import TRUST, schemes_table
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, Model
-from workbench.inputs import LIMITS, READING, ROBOT, argument, take, take_robot, write_json, write_model, wrote
-from workbench.opened import opened
+from workbench.inputs import opened, write_json, write_model, wrote
+from workbench.options import LIMITS, READING, ROBOT, declare
 from workbench.terminal import Terminal
 
 SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
@@ -18,17 +18,17 @@ SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, schemes and outputs."""
-    take(parser, "recordings", *READING, "--drive", "--align", *ROBOT, *LIMITS, "--instruments")
-    parser.add_argument(
-        "--scheme",
-        type=argument(lambda text: SETS.get(text) or [scheme(id.strip()) for id in text.split(",")]),
-        default=SCHEMES,
-        metavar="all|ID,...",
-        help=f"{', '.join(item.id for item in SCHEMES)}; all (default), or paper: all with the paper's own choices",
+    declare(
+        parser,
+        f"""
+        recordings {READING} --drive --align {ROBOT} {LIMITS} --instruments
+        --scheme all|ID,...  {", ".join(item.id for item in SCHEMES)}; all (default), or paper: all with the paper's
+            own choices
+        --json FILE  write estimates, warnings and how the estimates converge
+        -o, --output MODEL.json  write the model, fitted over windows
+        """,
+        scheme=(lambda text: SETS.get(text) or [scheme(id.strip()) for id in text.split(",")], SCHEMES),
     )
-    parser.add_argument("--json", metavar="FILE", help="write estimates, warnings and how the estimates converge")
-    parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model, fitted over windows")
-    take_robot(parser, pendulums=("align", "instruments", "fixed", "bounds", "drive"))
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -6,21 +6,25 @@ from itertools import product
 from estimators.paper import PARAMETERS, TABLE_2, WAYS, Experiment, paper_experiment
 from estimators.paper.experiment import RUNS, SECONDS
 from pendulum_env.plant import paper_plant
-from workbench.inputs import check_outputs, number, take, whole, write_json, wrote
+from workbench.inputs import check_outputs, write_json, write_page, wrote
+from workbench.options import declare, number, whole
 from workbench.terminal import Terminal
-
-SHORTEST, LONGEST = 5.0, 600.0  # [s] of a run
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare runs, seed and outputs."""
-    parser.add_argument("--runs", type=whole(1, 10_000), default=RUNS, help=f"with random phases (default {RUNS})")
-    parser.add_argument(
-        "--seconds", type=number(SHORTEST, LONGEST), default=SECONDS, help=f"length of each (default {SECONDS:g})"
+    declare(
+        parser,
+        f"""
+        --runs  with random phases (default {RUNS})
+        --seconds  length of each (default {SECONDS:g})
+        --seed  of phases and noise (default 0)
+        --report  write Table 2 and figures 2 to 9 as one page
+        --json FILE  write all numbers
+        """,
+        runs=(whole(1, 10_000), RUNS),
+        seconds=(number(5.0, 600.0), SECONDS),
     )
-    parser.add_argument("--seed", type=whole(0), default=0, help="of phases and noise (default 0)")
-    take(parser, "--report", help="write Table 2 and figures 2 to 9 as one page")
-    parser.add_argument("--json", metavar="FILE", help="write all numbers")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -30,11 +34,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     with terminal.progress("the paper's experiment") as progress:
         experiment = paper_experiment(arguments.runs, arguments.seconds, arguments.seed, progress=progress)
     write_json(arguments.json, experiment.json())
-    if arguments.report is not None:
-        from workbench.report.paper import write_paper_report  # plotly takes a while to import
-
-        with terminal.progress("writing the report"):
-            write_paper_report(arguments.report, experiment)
+    write_page(arguments.report, terminal, "workbench.report.paper:render", experiment)
     tell(experiment, terminal)
     wrote(outputs, terminal)
 

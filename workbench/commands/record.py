@@ -15,11 +15,23 @@ from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.checks import BOUNDS
 from pendulum_env.recording.storage import WRITERS
-from workbench.inputs import OPTIONS, ROBOT, check_outputs, number, one_of, take, take_robot, whole, wrote
+from workbench.inputs import check_outputs, wrote
 from workbench.mistakes import InputError
-from workbench.runs import LEARNT, SECONDS, SUGGESTED, Plan, describe, record_rig
+from workbench.options import OPTIONS, ROBOT, declare, number, one_of, whole
+from workbench.runs import (
+    DIAGNOSED,
+    LEARNT,
+    LONGEST,
+    SECONDS,
+    SUGGESTED,
+    Here,
+    Plan,
+    describe,
+    record_arm,
+    record_rig,
+    verdict_text,
+)
 from workbench.terminal import Terminal
-from workbench.until import DIAGNOSED, LONGEST, Here, verdict_text
 
 MOST = 5_000_000  # samples; simulating them takes some minutes
 BACKENDS = (
@@ -33,81 +45,50 @@ BACKENDS = (
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare plant, excitation, measurement and output."""
-    parser.add_argument(
-        "--seconds",
-        type=number(BOUNDS.shortest, MOST / BOUNDS.slowest),
-        help=f"length (default {SECONDS:g}, what the diagnosis suggests, or {EPISODE:g} with {LEARNT})",
-    )
-    parser.add_argument(
-        "--excitation",
-        type=one_of("excitation", (*EXCITATIONS, SUGGESTED, LEARNT)),
-        metavar="NAME",
-        help=f"{', '.join(EXCITATIONS)} (default paper; with --until, a multisine that was optimised to tell effects "
-        f"apart); {SUGGESTED}: the experiment that --diagnosis suggests; {LEARNT}: by a policy that "
-        "sees the motion and what it has taught so far; an arm follows a motion that is designed within the limits of "
-        f"its joints, with {LEARNT} by a policy for this arm",
-    )
-    parser.add_argument(
-        "--policy",
-        metavar="NAME",
-        help=f"{', '.join(SHIPPED)}, or a file that `train` wrote, for --excitation {LEARNT} (default peak, or "
-        "arm with --robot)",
-    )
-    parser.add_argument(
-        "--until",
-        choices=(DIAGNOSED,),
-        help=f"end once the online diagnosis names what the model lacks and stays with it, after {LONGEST:g} s at the "
-        "latest unless --seconds says so",
-    )
-    parser.add_argument(
-        "--diagnosis", metavar="FILE", help=f"what `diagnose --json` wrote, for --excitation {SUGGESTED}"
-    )
-    parser.add_argument(
-        "--amplitude",
-        type=number(0.0, MOST_TORQUE),
-        help="bound of the torque [N m]; each excitation has its own, an arm those of its file",
-    )
-    for name, unit, what, usual in (
-        ("--max-angle", "RAD", "angle to either side [rad]", "the file's, or pi"),
-        ("--max-speed", "RAD/S", "speed [rad/s]", f"the file's, or {USUAL_SPEED:g}"),
-        ("--max-acceleration", "RAD/S^2", "acceleration", "its largest speed in 0.2 s"),
-    ):
-        bound = f"with --robot: bound of each joint's designed {what} (default {usual})"
-        parser.add_argument(name, metavar=unit, type=number(0.01), help=bound)
-    _declare_plant(parser)
-    parser.add_argument("-o", "--output", required=True, metavar="FILE", help=", ".join(WRITERS))
-    take_robot(
+    bound = "with --robot: bound of each joint's designed"
+    declare(
         parser,
+        f"""
+        --seconds  length (default {SECONDS:g}, what the diagnosis suggests, or {EPISODE:g} with {LEARNT})
+        --excitation NAME  {", ".join(EXCITATIONS)} (default paper; with --until, a multisine that was optimised to
+            tell effects apart); {SUGGESTED}: the experiment that --diagnosis suggests; {LEARNT}: by a policy that sees
+            the motion and what it has taught so far; an arm follows a motion that is designed within the limits of its
+            joints, with {LEARNT} by a policy for this arm
+        --policy NAME  {", ".join(SHIPPED)}, or a file that `train` wrote, for --excitation {LEARNT} (default peak, or
+            arm with --robot)
+        --until  end once the online diagnosis names what the model lacks and stays with it, after {LONGEST:g} s at the
+            latest unless --seconds says so
+        --diagnosis FILE  what `diagnose --json` wrote, for --excitation {SUGGESTED}
+        --amplitude  bound of the torque [N m]; each excitation has its own, an arm those of its file
+        --max-angle RAD  {bound} angle to either side [rad] (default the file's, or pi)
+        --max-speed RAD/S  {bound} speed [rad/s] (default the file's, or {USUAL_SPEED:g})
+        --max-acceleration RAD/S^2  {bound} acceleration (default its largest speed in 0.2 s)
+        --backend NAME  {", ".join(BACKENDS)} (default simulated, which plays signals only; pymunk with {LEARNT})
+        --replay FILE  recording that --backend replay plays
+        --config FILE  rig.toml of the rig, for --backend dm1015b
+        --effect  {OPTIONS["--effect"][1]["help"]}; of an arm ID@JOINT and so on
+        --theta {ROBOT}
+        --rate  samples per second (default 1000)
+        --counts  of the encoder per turn (default {COUNTS})
+        --noise  of the torque [N m] (default {TORQUE_NOISE:g})
+        --seed
+        -o, --output FILE  {", ".join(WRITERS)}
+        """,
         arms=("max_angle", "max_speed", "max_acceleration"),
-        pendulums=("until", "diagnosis", "replay", "config", "theta"),
+        pendulums=("until", "diagnosis", "replay", "config"),
+        seconds=number(BOUNDS.shortest, MOST / BOUNDS.slowest),
+        excitation=one_of("excitation", (*EXCITATIONS, SUGGESTED, LEARNT)),
+        until={"choices": (DIAGNOSED,)},
+        amplitude=number(0.0, MOST_TORQUE),
+        max_angle=number(0.01),
+        max_speed=number(0.01),
+        max_acceleration=number(0.01),
+        backend=one_of("backend", BACKENDS),
+        rate=(number(BOUNDS.slowest, 1e5), 1000.0),
+        counts=(whole(0, 2**32), COUNTS),
+        noise=(number(0.0, MOST_TORQUE), TORQUE_NOISE),
+        output={"required": True},
     )
-
-
-def _declare_plant(parser: argparse.ArgumentParser) -> None:
-    """Declare what is recorded, and how it is measured."""
-    parser.add_argument(
-        "--backend",
-        type=one_of("backend", BACKENDS),
-        metavar="NAME",
-        help=f"{', '.join(BACKENDS)} (default simulated, which plays signals only; pymunk with {LEARNT})",
-    )
-    parser.add_argument("--replay", metavar="FILE", help="recording that --backend replay plays")
-    parser.add_argument("--config", metavar="FILE", help="rig.toml of the rig, for --backend dm1015b")
-    take(parser, "--effect", help=f"{OPTIONS['--effect']['help']}; of an arm ID@JOINT and so on")
-    take(parser, "--theta", *ROBOT)
-    parser.add_argument(
-        "--rate", type=number(BOUNDS.slowest, 1e5), default=1000.0, help="samples per second (default 1000)"
-    )
-    parser.add_argument(
-        "--counts", type=whole(0, 2**32), default=COUNTS, help=f"of the encoder per turn (default {COUNTS})"
-    )
-    parser.add_argument(
-        "--noise",
-        type=number(0.0, MOST_TORQUE),
-        default=TORQUE_NOISE,
-        help=f"of the torque [N m] (default {TORQUE_NOISE:g})",
-    )
-    parser.add_argument("--seed", type=whole(0), default=0, help="of all random numbers (default 0)")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -118,10 +99,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(f"{arguments.output}: the name should end in {', '.join(WRITERS)}")
     rng = np.random.default_rng(arguments.seed)
     if arguments.robot is not None:
-        from workbench import arms  # Pinocchio is imported by who needs it
-
         seconds = arguments.seconds or SECONDS
-        arms.record(arguments, seconds, _samples(seconds, arguments.rate), rng, terminal)
+        record_arm(arguments, seconds, _samples(seconds, arguments.rate), rng, terminal)
         return
     plan = Plan.of(arguments, rng)
     samples = _samples(plan.seconds, plan.rate)

@@ -10,65 +10,55 @@ from typing import TYPE_CHECKING
 
 from estimators.arguments import chosen_effects, within_limits
 from pendulum_env.physics import BASE
-from workbench.cluster import connected
-from workbench.inputs import LIMITS, READING, check_outputs, number, read_model, take, whole, wrote
+from workbench.inputs import check_outputs, read_model, wrote
 from workbench.mistakes import InputError, Interrupted
+from workbench.options import LIMITS, READING, declare, number, whole
+from workbench.processes import connected
 from workbench.survey.cases import find_cases, joints
 from workbench.survey.dataset import Dataset
 from workbench.survey.fleet import Fleet
 from workbench.survey.run import Tally, survey
-from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table, pooled_table
+from workbench.survey.tables import tables
 from workbench.survey.work import PAGES, Settings
 from workbench.terminal import Terminal
 
 if TYPE_CHECKING:
     from distributed import Client
 
-TABLES = (  # with what is said where there is no row
-    ("What is missing where", effects_table, "nothing, in any joint"),
-    ("What drifts", drifting_table, "no parameter, beyond its errors and its scatter"),
-    ("What changed from a date on", jumping_table, None),
-    ("Joints that differ from their siblings", odd_table, None),
-    ("Weak in each, present in all", pooled_table, None),
+TABLES = (  # heading, name, and what is said where there is no row
+    ("What is missing where", "missing", "nothing, in any joint"),
+    ("What drifts", "drifting", "no parameter, beyond its errors and its scatter"),
+    ("What changed from a date on", "jumping", ""),
+    ("Joints that differ from their siblings", "odd", ""),
+    ("Weak in each, present in all", "shared", ""),
 )
 LISTED = 20  # cases that could not be diagnosed, listed by name
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, where they are diagnosed, and outputs."""
-    parser.add_argument(
-        "recordings",
-        metavar="FOLDER|STUDY.toml|TABLE.csv",
-        nargs="+",
-        help="recordings, each diagnosed separately; a table has columns file and perhaps robot, joint, date, kind",
+    declare(
+        parser,
+        f"""
+        recordings FOLDER|STUDY.toml|TABLE.csv  recordings, each diagnosed separately; a table has columns file and
+            perhaps robot, joint, date, kind
+        -o, --output FOLDER  folder of the dataset, continued if it exists
+        --report FLEET.html  write a page about all cases of the dataset
+        --reports  cases with a page of their own below FOLDER, 2 MB each: none (default), those with a finding, or all
+        --names PATTERN  how paths are to be read, as '{{robot}}/{{joint}}_{{date}}', * for anything (default: folders
+            are robot and joint)
+        --model --only --without {LIMITS}
+        --workers  processes on this computer (default 2)
+        --memory MB  memory of each process (default: equal shares)
+        --dask ADDRESS  scheduler of a Dask cluster to use instead, as tcp://host:8786; its workers see the same files
+        {READING}
+        """,
+        recordings={"nargs": "+"},
+        output={"required": True},
+        reports={"choices": tuple(PAGES), "default": "none"},
+        workers=(whole(1, 1000), 2),
+        memory=number(100, 1e6),
     )
-    parser.add_argument(
-        "-o", "--output", metavar="FOLDER", required=True, help="folder of the dataset, continued if it exists"
-    )
-    parser.add_argument("--report", metavar="FLEET.html", help="write a page about all cases of the dataset")
-    parser.add_argument(
-        "--reports",
-        choices=tuple(PAGES),
-        default="none",
-        help="cases with a page of their own below FOLDER, 2 MB each: none (default), those with a finding, or all",
-    )
-    parser.add_argument(
-        "--names",
-        metavar="PATTERN",
-        help="how paths are to be read, as '{robot}/{joint}_{date}', * for anything (default: folders are robot and "
-        "joint)",
-    )
-    parser.add_argument("--model", metavar="MODEL.json", help="start from its terms (default: the paper's four)")
-    take(parser, "--only", "--without", *LIMITS)
-    parser.add_argument("--workers", type=whole(1, 1000), default=2, help="processes on this computer (default 2)")
-    parser.add_argument(
-        "--memory", type=number(100, 1e6), metavar="MB", help="memory of each process (default: equal shares)"
-    )
-    parser.add_argument(
-        "--dask", metavar="ADDRESS", help="scheduler of a Dask cluster to use instead, as tcp://host:8786; its "
-        "workers see the same files"
-    )  # fmt: skip
-    take(parser, *READING)
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -123,12 +113,12 @@ def _show(dataset: Dataset, report: str | None, terminal: Terminal) -> None:
     fleet = Fleet.of(dataset)
     if not fleet.joints:
         terminal.say("no case could be diagnosed")
-    for heading, make, otherwise in TABLES if fleet.joints else ():
-        table = make(fleet)
-        if table.rows or otherwise:
+    by_name = tables(fleet)
+    for heading, name, otherwise in TABLES if fleet.joints else ():
+        if by_name[name].rows or otherwise:
             terminal.heading(heading)
-        if table.rows:
-            terminal.table(*table)
+        if by_name[name].rows:
+            terminal.table(*by_name[name])
         elif otherwise:
             terminal.say(otherwise)
     if report is not None:

@@ -7,8 +7,9 @@ from pathlib import Path
 from agents.config import USUAL, Config
 from agents.observer import ARM
 from pendulum_env.reading import read_toml
-from workbench.inputs import check_outputs, one_of, whole, wrote
+from workbench.inputs import check_outputs, wrote
 from workbench.mistakes import InputError, Interrupted
+from workbench.options import declare, one_of, whole
 from workbench.terminal import Terminal
 
 NEEDED = ("torch", "stable_baselines3", "cloudpickle")
@@ -16,26 +17,25 @@ NEEDED = ("torch", "stable_baselines3", "cloudpickle")
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare what is trained and where it goes."""
-    parser.add_argument("--config", metavar="FILE", help="TOML with settings of agents.config.Config that differ")
-    parser.add_argument(
-        "--constraint",
-        type=one_of("constraint", USUAL),
-        metavar="NAME",
-        help="of a pendulum's torque: peak or rms; arm: the motion of an arm within its limits (default peak)",
+    declare(
+        parser,
+        """
+        --config FILE  TOML with settings of agents.config.Config that differ
+        --constraint NAME  of a pendulum's torque: peak or rms; arm: the motion of an arm within its limits (default
+            peak)
+        --robot FILE  arm that is learnt on, URDF or MJCF, for --constraint arm
+        --seed  of all random numbers (default 0)
+        --steps  decisions in all, each of 20 ms, of an arm 0.1 s
+        --checkpoints FOLDER  keep the training, policies on the way and a log for TensorBoard there
+        --resume  go on where the training in --checkpoints was ended, to the same policy; only one that this user has
+            written, since reading it runs what is in it
+        -o, --output FILE  policy, NAME.npz
+        """,
+        constraint=one_of("constraint", USUAL),
+        seed=whole(0),
+        steps=whole(1),
+        output={"required": True},
     )
-    parser.add_argument("--robot", metavar="FILE", help="arm that is learnt on, URDF or MJCF, for --constraint arm")
-    parser.add_argument("--seed", type=whole(0), help="of all random numbers (default 0)")
-    parser.add_argument("--steps", type=whole(1), help="decisions in all, each of 20 ms, of an arm 0.1 s")
-    parser.add_argument(
-        "--checkpoints", metavar="FOLDER", help="keep the training, policies on the way and a log for TensorBoard there"
-    )
-    parser.add_argument(
-        "--resume",
-        action="store_true",
-        help="go on where the training in --checkpoints was ended, to the same policy; only one "
-        "that this user has written, since reading it runs what is in it",
-    )
-    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="policy, NAME.npz")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -13,9 +13,8 @@ from pendulum_env.arms.model import ArmModel
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.words import listing
-from workbench.export import actuator, mjcf, program, robot
+from workbench.export import mjcf, program, robot, servo
 from workbench.export.request import Exported, ExportError, Request
-from workbench.export.servo import in_units_of
 from workbench.mistakes import InputError
 
 
@@ -33,8 +32,8 @@ FORMATS = {
     "sdf": Format("a model for Gazebo", robot.sdf, ("mass", "armature")),
     "python": Format("a module without dependencies", partial(program.export, language="python"), ("drive",)),
     "c": Format("a file of C99", partial(program.export, language="c"), ("drive",)),
-    "isaaclab": Format("an actuator of Isaac Lab", actuator.isaaclab, ("armature", "drive")),
-    "mjlab": Format("an actuator of mjlab", actuator.mjlab, ("armature", "drive")),
+    "isaaclab": Format("an actuator of Isaac Lab", servo.isaaclab, ("armature", "drive")),
+    "mjlab": Format("an actuator of mjlab", servo.mjlab, ("armature", "drive")),
 }
 
 
@@ -55,7 +54,7 @@ def export(model: Model, format: str, request: Request | None = None) -> Exporte
             raise InputError(f"an arm is exported to {listing(list(OF_ARMS))}, not to {format}")
         return OF_ARMS[format](model, request)
     if request.drive is not None:
-        request = replace(request, drive=in_units_of(model, request.drive))
+        request = replace(request, drive=servo.in_units_of(model, request.drive))
     return write(model, request)
 
 

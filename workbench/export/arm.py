@@ -20,9 +20,7 @@ from pendulum_env.recording.record import NEWTON_METRE
 from workbench.export.request import ExportError, Request
 
 G = 9.81  # [m/s^2]
-ROD = 4.0 / 3.0  # mass of a uniform rod over that of a point with the same inertia and weight
 FAR = 1e4  # [rad], where a stop is that is none
-THIN = 0.01  # inertia about its length, in that about the axis
 SPEEDS = np.linspace(0.0, 5.0, 101)[1:]  # [rad/s], at which viscous and dry friction approximate another law
 EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb", "back_emf")  # terms that every format holds
 
@@ -44,7 +42,7 @@ class Body:
     @property
     def moments(self) -> tuple[float, float, float]:
         """Of inertia about x, y and z through the centre of mass [kg m^2], those of a rod; x is along the hinge."""
-        return self.inertia, self.inertia, THIN * self.inertia
+        return self.inertia, self.inertia, 0.01 * self.inertia  # inertia about its length, in that about the axis
 
     @classmethod
     def of(cls, inertia: float, gravity: float, tilted: float = 0.0, mass: float | None = None) -> Body:
@@ -56,7 +54,8 @@ class Body:
             raise ExportError("the armature leaves the arm no inertia: give a smaller --armature")
         weight = math.hypot(gravity, tilted)  # [N m], held out level
         least = weight**2 / (G**2 * inertia)  # [kg], of a point
-        mass = mass or ROD * least or 1.0
+        # a uniform rod has a third more mass than a point with the same inertia and weight
+        mass = mass or 4.0 / 3.0 * least or 1.0
         lever = weight / (mass * G)
         central = inertia - mass * lever**2
         if central <= 0:

@@ -23,7 +23,6 @@ from workbench.export.program import ACTUATOR, JOINT, program
 from workbench.export.request import Exported, ExportError, Language, Request, comment, keep, load_mujoco, title
 from workbench.export.servo import Servo
 
-BODY = tuple(id for id in EVERY if id != "back_emf")  # a motor that is off does not brake
 BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects that its joints have, beside what every format holds,
 ASKED = ("torque_offset", "coulomb_asymmetry", "actuator_lag", "dead_time")  # and its motors
 # Impedance of the stop: MuJoCo's lower bound of 0.0001. A constraint with impedance d replaces the share d of what else
@@ -38,7 +37,9 @@ def export(model: Model, request: Request) -> Exported:
     extra `export` is not installed.
     """
     mujoco = load_mujoco()
-    link = next((term for term in model.terms if isinstance(term, JointFlexibility) and _holds(model, term)), None)
+    links = [term for term in model.terms if isinstance(term, JointFlexibility)]
+    # there is a motor and a link, each with an inertia of its own
+    link = next((own for own in links if 0.0 < value(model, own.id) < value(model, "inertia")), None)
     held = {*BODILY, *([] if link is None else [link.id])}
     if value(model, "quadratic_drag") < 0:  # MuJoCo's dampers brake
         held.remove("quadratic_drag")
@@ -87,11 +88,6 @@ def export(model: Model, request: Request) -> Exported:
     return Exported(spec.to_xml(), notes)
 
 
-def _holds(model: Model, link: JointFlexibility) -> bool:
-    """Whether there is a motor and a link in the model, each with an inertia of its own."""
-    return 0.0 < value(model, link.id) < value(model, "inertia")
-
-
 def _add(parent: Any, name: str, body: Body) -> Any:
     added = parent.add_body(name=name, mass=body.mass, ipos=body.centre, inertia=body.moments, explicitinertial=True)
     added.add_geom(
@@ -104,7 +100,8 @@ def _add(parent: Any, name: str, body: Body) -> Any:
 def _with_callback(model: Model, held: Collection[str], request: Request, language: Language) -> Exported:
     """The body alone in XML, driven by a motor, and a program with the rest: dry friction, actuation, and the drive."""
     stop = Stop.of(model)
-    bodily = {*BODY, *held} - ({"hard_stop"} if stop.missing else set())
+    # a motor that is off does not brake
+    bodily = ({*EVERY, *held} - {"back_emf"}) - ({"hard_stop"} if stop.missing else set())
     terms = tuple(term for term in model.terms if term.id in bodily)
     others = [term for term in model.terms if term.id == "coulomb" or term not in terms]
     estimates = {name: model.estimates[name] for name in model.estimates if name.partition(".")[0] in bodily}

@@ -1,51 +1,38 @@
 """The forms `python` and `c`: a step as a program that needs nothing, laid out by the template of its language."""
 
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from pendulum_env.physics import Model
-from pendulum_env.physics.symbols import BINARY, LOGICAL, UNARY, WHERE
+from pendulum_env.physics.symbols import NAME, Operand, Symbol, distinct
 from workbench.export.dynamics import Dynamics, Parameter, Quantity, written
 from workbench.export.request import Exported, Language, Request, plain, title
-from workbench.export.source import INFIX, Dialect, Source
 
 JOINT, ACTUATOR = "joint", "torque"  # names in a file of MuJoCo's, by which the program beside it finds them
-CALLED = sorted({*UNARY, *BINARY, *LOGICAL, WHERE} - {*INFIX, "negative"})
-FUNCTIONS = {  # of single numbers in Python, by NumPy's names; the others are called so in math, too
-    "absolute": "abs",
-    "maximum": "max",
-    "minimum": "min",
-    "power": "math.pow",
-    "arctan": "math.atan",
-    "sign": "lambda x: float(x > 0) - float(x < 0)",
-    "logical_and": "lambda one, other: one and other",
-    "logical_or": "lambda one, other: one or other",
-    "where": "lambda condition, then, other: then if condition else other",
+INFIX = {  # sign of an operation, and how tightly it binds
+    **{"add": ("+", 4), "subtract": ("-", 4), "multiply": ("*", 5), "divide": ("/", 5)},
+    **{"less": ("<", 3), "less_equal": ("<=", 3), "greater": (">", 3), "greater_equal": (">=", 3)},
+    **{"equal": ("==", 3), "not_equal": ("!=", 3)},
 }
-DIALECTS: dict[Language, Dialect] = {
-    "python": Dialect(  # the module takes NumPy's numbers and arrays, too
-        calls={
-            op: f"np.{op}({', '.join(f'{{{k}}}' for k in range(3 if op == WHERE else 1 if op in UNARY else 2))})"
-            for op in CALLED
-        },
-        infinity="math.inf",
-    ),
-    "c": Dialect(  # C99, with its mathematics library
-        calls={
-            "absolute": "fabs({0})",
-            "sign": "sign({0})",
-            "maximum": "fmax({0}, {1})",
-            "minimum": "fmin({0}, {1})",
-            "power": "pow({0}, {1})",
-            "logical_and": "{0} && {1}",
-            "logical_or": "{0} || {1}",
-            "where": "{0} ? {1} : {2}",
-            "arctan": "atan({0})",
-            **{op: f"{op}({{0}})" for op in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")},
-        },
-        infinity="INFINITY",
-    ),
+NEGATIVE, ATOM, LOOSE = 6, 9, 0
+CALLS = {  # of single numbers in Python, and in C99; by NumPy's names
+    **{op: (f"math.{op}", f"{op}({{0}})") for op in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")},
+    "absolute": ("abs", "fabs({0})"),
+    "maximum": ("max", "fmax({0}, {1})"),
+    "minimum": ("min", "fmin({0}, {1})"),
+    "power": ("math.pow", "pow({0}, {1})"),
+    "arctan": ("math.atan", "atan({0})"),
+    "sign": ("lambda x: float(x > 0) - float(x < 0)", "sign({0})"),
+    "logical_and": ("lambda one, other: one and other", "{0} && {1}"),
+    "logical_or": ("lambda one, other: one or other", "{0} || {1}"),
+    "where": ("lambda condition, then, other: then if condition else other", "{0} ? {1} : {2}"),
 }
 STATE = {  # what its parts are, and their units
     "time": "[s]",
@@ -58,6 +45,24 @@ STATE = {  # what its parts are, and their units
 }
 
 
+@dataclass(frozen=True)
+class Dialect:
+    """How a language writes what `INFIX` does not say."""
+
+    language: Language
+
+    def call(self, op: str, operands: int) -> str:
+        """Template of an operation, such as "sin({0})"; a module in Python takes NumPy's arrays, too."""
+        inner = ", ".join(f"{{{k}}}" for k in range(operands))
+        return CALLS[op][1] if self.language == "c" else f"np.{op}({inner})"
+
+    def number(self, value: float) -> str:
+        """A number, so that it is read back as it is."""
+        if math.isinf(value):
+            return f"{'-' * (value < 0)}{'INFINITY' if self.language == 'c' else 'math.inf'}"
+        return repr(value)
+
+
 def export(model: Model, request: Request, language: Language) -> Exported:
     """A module, or a file of C: parameters by name, the state, its start, and its step."""
     return Exported(program(language, model, written(model, request.step, request.drive)))
@@ -65,7 +70,7 @@ def export(model: Model, request: Request, language: Language) -> Exported:
 
 def program(language: Language, model: Model, dynamics: Dynamics, prefix: str = "pendulum") -> str:
     """Text of a program; in C, names begin with the prefix. What gives results is called before MuJoCo's own step."""
-    dialect, results, count = DIALECTS[language], list(dynamics.results), len(dynamics.state)
+    dialect, results, count = Dialect(language), list(dynamics.results), len(dynamics.state)
     start = Source.of(dynamics.start, dialect)
     step = Source.of([*dynamics.after, *dynamics.results.values()], dialect)
     call = ", ".join(("state", *(quantity.name for quantity in dynamics.given)))
@@ -89,8 +94,8 @@ def program(language: Language, model: Model, dynamics: Dynamics, prefix: str = 
             step=step,
             after=step.results[:count],
             gives=step.results[count:],
-            called=CALLED,
-            functions=FUNCTIONS,
+            called=sorted(CALLS),
+            functions={op: function for op, (function, _) in CALLS.items()},
             joint=JOINT,
             actuator=ACTUATOR,
         )
@@ -116,3 +121,60 @@ def _environment() -> Environment:
     )
     environment.filters |= {"note": note, "state_note": state_note}
     return environment
+
+
+@dataclass
+class Source:
+    """Lines that compute results: what is used twice, is long, or has a name for the reader, is a variable."""
+
+    dialect: Dialect
+    lines: list[tuple[str, str]] = field(default_factory=list)  # name and expression of each variable, in order
+    results: list[str] = field(default_factory=list)  # expression of each result
+    used: set[str] = field(default_factory=set)  # operations that occur
+    names: set[str] = field(default_factory=set)  # given names that occur
+
+    @classmethod
+    def of(cls, results: Sequence[Operand], dialect: Dialect) -> Source:
+        """Write the results down."""
+        source = cls(dialect)
+        order, same = distinct(results)
+        counts = Counter(same[x] for x in (*(x for s in order for x in s.inputs), *results) if isinstance(x, Symbol))
+        texts: dict[Symbol, tuple[str, int]] = {}
+
+        def operand(x: Operand) -> tuple[str, int]:
+            if isinstance(x, Symbol):
+                return texts[same[x]]
+            return dialect.number(x), ATOM if x >= 0 else NEGATIVE
+
+        for symbol in order:
+            text = source._text(symbol, [operand(x) for x in symbol.inputs])
+            if symbol.op != NAME and (symbol.label or counts[symbol] > 1 or len(text[0]) > 64):
+                name = symbol.label or f"t{len(source.lines) + 1}"
+                source.lines.append((name, text[0]))
+                text = name, ATOM
+            texts[symbol] = text
+        source.results = [operand(x)[0] for x in results]
+        return source
+
+    def _text(self, symbol: Symbol, parts: Sequence[tuple[str, int]]) -> tuple[str, int]:
+        """Expression of a symbol of operands, and how tightly it binds."""
+        if symbol.op == NAME:
+            self.names.add(symbol.label)
+            return symbol.label, ATOM
+        self.used.add(symbol.op)
+        if symbol.op in INFIX:
+            sign, tight = INFIX[symbol.op]
+            keeps = symbol.op in ("add", "multiply", "subtract", "divide")  # evaluated from the left
+            left = _within(parts[0], tight if keeps else tight + 1)
+            return f"{left} {sign} {_within(parts[1], tight + 1)}", tight
+        if symbol.op == "negative":
+            return f"-{_within(parts[0], NEGATIVE + 1)}", NEGATIVE
+        template = self.dialect.call(symbol.op, len(parts))
+        encloses = template.endswith(")")
+        inner = [_within(part, LOOSE if encloses else ATOM) for part in parts]
+        return template.format(*inner), ATOM if encloses else LOOSE
+
+
+def _within(part: tuple[str, int], tight: int) -> str:
+    text, own = part
+    return text if own >= tight else f"({text})"

@@ -12,7 +12,6 @@ from workbench.export.arm import Body, Friction, Stop, arm, holds_spring, value
 from workbench.export.request import Exported, Request, commented, keep, title
 
 JOINT = "joint"
-SDF = "1.9"  # version of the format: read by Gazebo 11 and every later one
 UNBOUNDED = 1e9  # [N m], [rad/s]: a revolute joint of URDF has to tell both limits, and a model knows neither
 
 
@@ -44,7 +43,7 @@ def sdf(model: Model, request: Request) -> Exported:
     held = ("hard_stop", *(("spring",) if holds_spring(model) else ()))
     friction, stop = Friction.of(model, held), Stop.of(model)
     body, notes = _body("sdf", model, (*friction.missing, *stop.missing), request)
-    root = Element("sdf", version=SDF)
+    root = Element("sdf", version="1.9")  # version of the format: read by Gazebo 11 and every later one
     drawn = SubElement(root, "model", name="pendulum")
     inertial = SubElement(SubElement(drawn, "link", name="arm"), "inertial")
     _write(inertial, pose=(*body.centre, 0.0, 0.0, 0.0), mass=body.mass)

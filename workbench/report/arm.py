@@ -13,11 +13,11 @@ from estimators.weak_form.dataset import NEGLIGIBLE
 from pendulum_env.arms.joints import body_of, links_of
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import percent
-from workbench.report.candidates import ranked
 from workbench.report.case import Case, Drawn, ends
 from workbench.report.failures import key, profile_figure
 from workbench.report.figure import Section
-from workbench.report.parameters import of_models
+from workbench.report.numbers import of_models
+from workbench.report.story import ranked
 
 SHOWN = ("position", "velocity", "time")  # a strip's plots
 

@@ -18,7 +18,6 @@ TITLES = {
 }
 AROUND = "angle q, wrapped [rad]"
 QUARTERS = {"tickvals": [-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], "ticktext": ["−π", "−π/2", "0", "π/2", "π"]}
-FEWEST = 2  # windows that make a cell of the phase plane
 
 Curve = tuple[str, str]  # label and colour of a model
 
@@ -123,7 +122,8 @@ def planes(position: Array, velocity: Array, residuals: Sequence[Array]) -> list
     edges = [np.linspace(-np.pi, np.pi, across + 1), np.linspace(-reach, reach, across + 1)]
     number, _, _ = np.histogram2d(angle, velocity, edges)
     sums = [np.histogram2d(angle, velocity, edges, weights=residual)[0] for residual in residuals]
-    means = [np.where(number >= FEWEST, total / np.maximum(number, 1), np.nan).T for total in sums]
+    # a cell of the phase plane takes two windows
+    means = [np.where(number >= 2, total / np.maximum(number, 1), np.nan).T for total in sums]
     seen = np.abs(means[0][np.isfinite(means[0])])
     limit = float(np.percentile(seen, 95)) if len(seen) else 1.0
     middles = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]

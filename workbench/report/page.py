@@ -16,17 +16,12 @@ from estimators.selection.errors import Step
 from pendulum_env import words
 from pendulum_env.files import write_whole
 from workbench.report import arm
-from workbench.report.candidates import candidates, next_experiment
 from workbench.report.case import Case
-from workbench.report.comparison import comparison
-from workbench.report.errors import errors
+from workbench.report.comparison import comparison, loop, of_diagnosis
 from workbench.report.failures import failures
 from workbench.report.figure import Section
-from workbench.report.loop import loop, of_diagnosis
-from workbench.report.method import method
-from workbench.report.parameters import parameters
-from workbench.report.schemes import schemes
-from workbench.report.story import story
+from workbench.report.numbers import errors, parameters, schemes
+from workbench.report.story import candidates, method, next_experiment, story
 
 SECTIONS: tuple[Callable[[Case], Section | None], ...] = (  # of a diagnosis, in the order in which they are read
     story,

@@ -1,18 +1,20 @@
-"""The diagnosis in words: what is missing, what that changes, what stays open."""
+"""The diagnosis in words: what is missing, what that changes, what stays open, what was considered, and how."""
 
+import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from estimators.diagnosis.result import Diagnosis, Verdict
+from estimators.diagnosis.result import Candidate, Detectable, Diagnosis, Verdict
+from estimators.signals.differentiation import encoder_noise, white_noise
 from estimators.simulation.free_running import SECONDS
+from estimators.weak_form.windows import Windows
+from pendulum_env.physics import nameable
 from pendulum_env.words import listing, name, number
 from workbench.report.case import Case
-from workbench.report.figure import Section
-
-TELLING = 0.01  # share of a parameter, from which an error is worth a word
-SURE = 3.0  # standard errors
+from workbench.report.figure import Figure, Section, axis, line
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,8 @@ def misled(diagnosis: Diagnosis) -> list[str]:
         if right is None or right.value == 0:
             continue
         share, off = wrong.value / right.value - 1.0, abs(wrong.value - right.value)
-        if abs(share) >= TELLING and off > SURE * float(np.hypot(wrong.std, right.std)):
+        # an error is worth a word from one per cent of the parameter and three standard errors on
+        if abs(share) >= 0.01 and off > 3.0 * float(np.hypot(wrong.std, right.std)):  # standard errors
             wrong_by.append(f"{name(parameter)} {number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}")
     return wrong_by
 
@@ -101,3 +104,80 @@ def held_out(case: Case) -> str:
     if not case.data.holdout:
         return "the last 30 % of each recording, which no parameter was fitted to"
     return f"held-out data that no parameter was fitted to ({listing([r.name for r in case.data.holdout])})"
+
+
+def candidates(case: Case) -> Section:
+    """Every effect of the library with its verdict, score, error ratio and reason."""
+    return ranked(case.diagnosis.candidates, case.diagnosis.detectable)
+
+
+def ranked(found: Sequence[Candidate], detectable: Sequence[Detectable] = ()) -> Section:
+    """The same of any candidates."""
+    laws = {id: kind.law for id, kind in nameable().items()}
+    rows = [(one, laws.get(one.effect.partition("@")[0], ""), list(Verdict).index(one.verdict)) for one in found]
+    widest = max([1.25, *(min(one.error_ratio, 2.0) for one in found)])
+    content = {"rows": rows, "widest": widest, "detectable": detectable}
+    return Section("candidates", "Candidates", "What was considered", content)
+
+
+def next_experiment(case: Case) -> Section | None:
+    """The torque that would settle what is open; None if nothing is."""
+    suggestion = case.diagnosis.suggestion
+    if suggestion is None:
+        return None
+    time, torque = suggestion.samples()
+    figure = Figure(
+        "next-torque",
+        "torque of the suggested experiment over time",
+        [line(time, torque, "torque", "--final", "N m")],
+        {"xaxis": axis("time [s]"), "yaxis": axis("torque [N m]"), "showlegend": False},
+        height=220,
+    )
+    low, high = np.degrees(suggestion.reach)
+    expected = f"angles from {low:.0f} to {high:.0f} degrees and speeds up to {suggestion.peak_speed:.2g} rad/s"
+    content = {"figure": figure, "expected": expected, "aims": [aim.text for aim in suggestion.settles]}
+    return Section("next", "What next", "The next experiment", content)
+
+
+def method(case: Case) -> Section:
+    """What the result rests on."""
+    content = {
+        "used": [
+            _use(w, part)
+            for part, prepared in zip(("fitted", "held out"), case.data.parts, strict=True)
+            for w in prepared.data.windows
+        ],
+        "split": not case.data.holdout,
+        "seconds": SECONDS,
+        "command": command(case),
+        "terms": [term.id for term in case.diagnosis.steps[0].model.terms],
+    }
+    return Section("method", "Method", "How this was done", content)
+
+
+def _use(w: Windows, part: str) -> dict[str, Any]:
+    """One recording as it was used: shares of its samples at rest and inside a window, lengths [s], and noises."""
+    covered = np.zeros(len(w.recording), dtype=bool)
+    half = len(w.kernel) // 2
+    for center in w.centers:
+        covered[center - half : center + half + 1] = True
+    return {
+        "name": w.recording.name,
+        "part": part,
+        "rate": w.recording.rate,
+        "duration": w.recording.duration,
+        "at_rest": 1.0 - float(np.mean(w.moving)),
+        "used": float(np.mean(covered)),
+        "windows": len(w.centers),
+        "window": len(w.kernel) / w.recording.rate,
+        "torque_noise": white_noise(w.recording.torque),
+        "position_noise": encoder_noise(w.recording.position),
+        "notes": w.recording.notes,
+    }
+
+
+def command(case: Case) -> str:
+    """Command line that does the same."""
+    options = [word for recording in case.data.holdout for word in ("--holdout", f"{recording.name}.csv")]
+    fitted = [f"{recording.name}.csv" for recording in case.data.recordings]
+    return shlex.join(["pendulum-ident", "diagnose", *fitted, *options, "--report", "report.html"])

@@ -67,7 +67,6 @@ SCHEMA = pa.schema(
 # What has to be in a row, where it is asked for, if it is done, and in each item of that.
 LISTS = {"selected": (), "ambiguous": (), "candidates": ("effect", "verdict"), "parameters": ("name", "value", "unit")}
 OWN = ("name", "status", "verdict", "date", "finished")  # columns by which a row is judged
-PAGE = 200  # bytes of its name
 SPOILT = "it is damaged, or no survey wrote it: remove it from the dataset"
 FILES = 16  # that a dataset is left with: each takes two milliseconds whenever it is read
 
@@ -147,7 +146,7 @@ def _read(path: Path, columns: Sequence[str]) -> pa.Table | None:
 def _is_sound(row: JSON) -> bool:
     """Whether a row is as a survey writes it, as far as anything is made of it."""
     page = row.get("report") or ""
-    is_page = page.isprintable() and len(page.encode()) <= PAGE
+    is_page = page.isprintable() and len(page.encode()) <= 200  # bytes of its name
     if row["status"] not in STATUSES or None in (row["date"], row["finished"]) or not is_page:
         return False
     if row["status"] != "done":

@@ -20,7 +20,6 @@ from workbench.survey.dataset import SCHEMA, Dataset
 
 DAY = 86400.0  # [s]
 CHANCE = Criterion().chance  # that a diagnosis names an effect where none is missing
-NAMED = (str(Verdict.SELECTED), str(Verdict.AMBIGUOUS))
 COLUMNS = tuple(name for name in SCHEMA.names if name != "diagnosis")  # which is large
 
 
@@ -227,6 +226,6 @@ def _gains(row: JSON, effects: Sequence[str]) -> list[list[float]]:
             for key in ("gain", "gain_error", "variants")
         ]
         for one in row["candidates"]
-        if one["verdict"] not in NAMED
+        if one["verdict"] not in (str(Verdict.SELECTED), str(Verdict.AMBIGUOUS))
     }
     return [gains.get(effect, [np.nan] * 3) for effect in effects]

@@ -18,11 +18,10 @@ from workbench.report.figure import DRAWING, Figure, Section, axis, line, number
 from workbench.report.page import assemble
 from workbench.survey.dataset import STATUSES, VERDICTS
 from workbench.survey.fleet import CHANCE, DAY, Fleet, Missing, Series
-from workbench.survey.tables import courses_table, drifting_table, effects_table, jumping_table, odd_table, pooled_table
+from workbench.survey.tables import tables
 
 COLORS = ("--final", "--base", "--scheme-1", "--scheme-3", "--low", "--high")
 ORDER = (*STATUSES[:2], *VERDICTS)  # of cases
-MARKS = {"missing": "selected", "unexplained": "ambiguous"}  # classes of the page's style
 
 
 def render(fleet: Fleet, folder: Path, home: str | None = None) -> str:
@@ -98,7 +97,8 @@ def _labels(found: Sequence[Missing | Series]) -> list[str]:
 
 def missing(fleet: Fleet) -> Section:
     """Which effect is missing where, and what is weak in each case but in all of a group."""
-    content = {"effects": effects_table(fleet), "shared": pooled_table(fleet), "chance": CHANCE}
+    by_name = tables(fleet)
+    content = {"effects": by_name["missing"], "shared": by_name["shared"], "chance": CHANCE}
     return Section("missing", "Missing", "What is missing where", content)
 
 
@@ -106,12 +106,12 @@ def courses(fleet: Fleet) -> Section | None:
     """Parameters over time, and which of them drift; nothing where no case was diagnosed."""
     if not fleet.series:
         return None
-    telling = [one.parameter for one in (*fleet.drifting, *fleet.jumping)]
+    telling, by_name = [one.parameter for one in (*fleet.drifting, *fleet.jumping)], tables(fleet)
     content = {
-        "drifting": drifting_table(fleet),
-        "jumping": jumping_table(fleet),
+        "drifting": by_name["drifting"],
+        "jumping": by_name["jumping"],
         "figures": [over_time(fleet, name, k) for k, name in enumerate(_parameters(fleet, telling, DRAWING.courses))],
-        "all": courses_table(fleet),
+        "all": by_name["courses"],
         "sigmas": DRAWING.sigmas,
         "level": LEVEL,
     }
@@ -125,7 +125,7 @@ def siblings(fleet: Fleet) -> Section | None:
         return None
     telling = [one.parameter for one in fleet.odd]
     content = {
-        "odd": odd_table(fleet),
+        "odd": tables(fleet)["odd"],
         "figures": [means(fleet, name, k) for k, name in enumerate(_parameters(fleet, telling, DRAWING.means))],
         "sigmas": DRAWING.sigmas,
     }
@@ -148,7 +148,7 @@ def _case(row: JSON, survey: Path, folder: Path) -> dict[str, Any]:
         "link": quote(Path(os.path.relpath(page, folder)).as_posix()) if page is not None and page.exists() else None,
         "label": " / ".join(filter(None, (row["robot"], row["joint"]))) or "–",
         "verdict": verdict,
-        "mark": MARKS.get(verdict, ""),
+        "mark": {"missing": "selected", "unexplained": "ambiguous"}.get(verdict, ""),  # classes of the page's style
         "order": ORDER.index(verdict),
         "told": row["headline"] if done else row["reason"],
     }

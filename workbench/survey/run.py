@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
 KNOWN = ("name", "status", "reason", "hash", "settings", "verdict", "report")
-SENT = 1000  # cases in one message to the scheduler; Dask warns of one that is large
 DIED = "its worker died, of too little memory perhaps: give workers more (--memory), or shorten the recording"
 
 
@@ -101,7 +100,8 @@ def _batches(
 
     client = client if isinstance(client, Client) else client()
     work = partial(examined, settings=settings, look=look)
-    futures = dict(zip(client.map(work, todo, pure=False, batch_size=SENT), todo, strict=True))
+    # Dask warns of a message with more cases, which is large
+    futures = dict(zip(client.map(work, todo, pure=False, batch_size=1000), todo, strict=True))
     suspects = []
     try:
         for batch in as_completed(list(futures)).batches():

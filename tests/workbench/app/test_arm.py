@@ -15,7 +15,6 @@ from estimators.progress import no_progress
 from pendulum_env.arms import at_joint
 from pendulum_env.arms.joints import Links, arm_base
 from pendulum_env.arms.model import ArmModel
-from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import write_recording
 from tests import robots
@@ -202,35 +201,6 @@ def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):
     snippet = export.snippet(session.state)
     assert "RobotFile(Path('arm.urdf'), None, bolted=True, rotors=True, weightless=True)" in snippet
     assert "only=['torque_offset', 'spring@elbow'], without=['torque_offset@shoulder'])" in snippet
-
-
-def test_lines_to_copy_come_to_the_model_of_currents_with_a_known_load(session, tmp_path, monkeypatch):
-    m, c, i = TWO.mass[1], TWO.center[1], TWO.inertia[1]
-    mass, at = 1.0, 0.3  # [kg] at [m] below the elbow
-    center = (m * c + mass * at) / (m + mass)
-    inertia = i + m * (c - center) ** 2 + mass * (at - center) ** 2
-    loaded = TwoLink((TWO.mass[0], m + mass), center=(TWO.center[0], center), inertia=(TWO.inertia[0], inertia))
-    entries = "".join(f'torque_{joint} = "torque_{joint}:A*?"\n' for joint in ("shoulder", "elbow"))
-    for name, plant, more in (
-        ("bare", TWO, ""),
-        ("unseen", TWO, 'role = "holdout"'),
-        ("loaded", loaded, f"load = {{mass = {mass}, center = [0, 0, {-at}]}}"),
-    ):
-        run = recorded(plant, seconds=3.0, rate=500.0)
-        currents = ArmRecording.of(name, run.names, run.time, run.position, run.torque / 2.0)
-        write_recording(currents, tmp_path / f"{name}.csv")
-        entries += f'[[recording]]\nfile = "{name}.csv"\n{more}\n'
-    (tmp_path / "study.toml").write_text(f"[columns]\n{entries}")
-    (tmp_path / "arm.urdf").write_text(TWO.urdf())
-    drop(session, *sorted(tmp_path.glob("*.*")))
-    state = session.state
-    assert session.notice == "" and not state.trouble
-    monkeypatch.chdir(tmp_path)
-    Path(STUDY).write_bytes(file(state, "study", "")[1])
-    exec(export.snippet(state), {})
-    assert ArmModel.load("model.json", state.body).theta == pytest.approx(state.model.theta, rel=1e-6)
-    theta = json.loads(Path("model.json").read_text())["theta"]
-    assert theta["coulomb@elbow"]["value"] == pytest.approx(TWO.coulomb[1], rel=0.1)  # in N m
 
 
 def test_gravity_that_the_driver_takes_off_is_one_press_away(session, tmp_path):

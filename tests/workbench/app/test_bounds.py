@@ -27,23 +27,18 @@ def content():
     return f"time,position,torque\n{rows}".encode()
 
 
-def test_files_of_a_session_take_so_much_of_the_disk_and_no_more(session, monkeypatch):
-    limited(monkeypatch, space=2.5 * len(content()))
-    for name in ("a.csv", "b.csv", "c.csv"):
-        upload(session, name, content())
-    assert "of files are enough: remove a recording first" in session.notice
-    assert files_of(session) == ["a.csv", "b.csv"]
-    session.act(lambda: session.remove("a.csv"))
-    upload(session, "c.csv", content())
-    assert session.notice == ""
-
-
-def test_recordings_of_a_session_are_so_long_and_no_longer(session, monkeypatch):
-    limited(monkeypatch, samples=700)
+@pytest.mark.parametrize(
+    ("limit", "told"), [({"space": 1.5 * len(content())}, "of files are enough"), ({"samples": 700}, "700 samples are")]
+)
+def test_files_of_a_session_take_so_much_room_and_no_more(session, monkeypatch, limit, told):
+    limited(monkeypatch, **limit)
     for name in ("a.csv", "b.csv"):
         upload(session, name, content())
-    assert session.notice == "700 samples are enough: remove a recording first"
+    assert told in session.notice and session.notice.endswith("remove a recording first")
     assert files_of(session) == ["a.csv"]
+    session.act(lambda: session.remove("a.csv"))
+    upload(session, "b.csv", content())
+    assert session.notice == ""
 
 
 def test_sessions_that_nobody_asks_for_end_and_so_do_too_many(monkeypatch):
@@ -62,27 +57,27 @@ def test_sessions_that_nobody_asks_for_end_and_so_do_too_many(monkeypatch):
     sessions.close()
 
 
-def test_a_folder_that_was_cleaned_up_is_made_anew():
-    sessions = Sessions()
-    session = sessions.of("0" * 32)
-    shutil.rmtree(session.folder.parent)
-    upload(session, "a.csv", content())
-    assert session.notice == "" and len(session.state.loaded) == 1
-    sessions.close()
+def test_a_folder_that_was_cleaned_up_is_made_anew(page):
+    shutil.rmtree(page.session.folder.parent, ignore_errors=True)
+    upload(page.session, "a.csv", content())
+    assert page.session.notice == "" and len(page.session.state.loaded) == 1
 
 
-def test_a_file_that_has_vanished_is_a_sentence_and_no_failure():
+@pytest.fixture
+def page():
     page = Page()
-    try:
-        upload(page.session, "run.csv", content())
-        page.session.state.find("run.csv").source.file.unlink()
-        for one in page.callbacks:
-            if not one.get("clientside_function"):
-                assert page.ask(one, [1] * 9) in (200, 204)
-        answer = page.client.post("/_dash-update-component", json={"output": "nothing.at_all", "inputs": []})
-        assert answer.status_code == 400
-    finally:
-        page.close()
+    yield page
+    page.close()
+
+
+def test_a_file_that_has_vanished_is_a_sentence_and_no_failure(page):
+    upload(page.session, "run.csv", content())
+    page.session.state.find("run.csv").source.file.unlink()
+    for one in page.callbacks:
+        if not one.get("clientside_function"):
+            assert page.ask(one, [1] * 9) in (200, 204)
+    answer = page.client.post("/_dash-update-component", json={"output": "nothing.at_all", "inputs": []})
+    assert answer.status_code == 400
 
 
 @pytest.mark.parametrize(
@@ -103,13 +98,9 @@ def test_a_request_that_does_not_go_on_is_not_waited_for(monkeypatch, capfd, beg
     assert capfd.readouterr().err == ""
 
 
-def test_a_fault_of_a_callback_is_one_line_on_the_terminal(caplog):
-    page = Page()
-    try:
-        (one,) = [one for one in page.callbacks if one["inputs"][0]["id"] == "came"]
-        assert page.ask(one, [{"place": "open-session", "files": []}]) == 200
-    finally:
-        page.close()
+def test_a_fault_of_a_callback_is_one_line_on_the_terminal(page, caplog):
+    (one,) = [one for one in page.callbacks if one["inputs"][0]["id"] == "came"]
+    assert page.ask(one, [{"place": "open-session", "files": []}]) == 200
     (record,) = caplog.records
     assert "IndexError" in record.getMessage() and record.exc_info is None and "\n" not in record.getMessage()
 

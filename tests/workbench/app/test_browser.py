@@ -81,8 +81,10 @@ class Tab:
         self.page.goto(address)
         self.page.wait_for_selector("#upload")
 
-    def load(self, *files: Path) -> None:
-        self.choose_files("upload", [str(file) for file in files])
+    def load(self, file: Path, until: str = "") -> None:
+        """Choose a file, and wait until it is listed, or until the page says something else."""
+        self.choose_files("upload", str(file))
+        self.page.wait_for_selector(until or f"td:has-text('{file.stem}')")
 
     def choose_files(self, place: str, files) -> None:
         with self.page.expect_file_chooser() as chooser:
@@ -195,7 +197,7 @@ def test_a_file_is_not_lost_where_the_page_is_drawn_anew_while_it_is_chosen_or_r
         window.held = [];
         FileReader.prototype.readAsDataURL = function (file) { held.push(() => read.call(this, file)); };
     }""")
-    tab.load(folder / "swing.csv")
+    tab.choose_files("upload", str(folder / "swing.csv"))
     tab.go("live")
     page.evaluate("held.splice(0).forEach((read) => read())")
     page.click("#to-data")
@@ -211,17 +213,14 @@ def test_a_file_is_not_lost_where_the_page_is_drawn_anew_while_it_is_chosen_or_r
 
 def test_the_story_from_loading_to_undo(tab, folder):
     page = tab.page
-    tab.load(folder / "broken.csv")
-    page.wait_for_selector("#notice:has-text('broken.csv')")
+    tab.load(folder / "broken.csv", "#notice:has-text('broken.csv')")
     assert tab.title() == "What does your model lack?"
     shutil.copy(folder / "swing.csv", folder / "broken.csv")  # it is mended, and dropped once more
     tab.load(folder / "broken.csv")
-    page.wait_for_selector("td:has-text('broken')")
     assert page.inner_text("#notice") == ""
     page.get_by_role("button", name="Remove broken").click()
     page.wait_for_selector("td:has-text('broken')", state="detached")
     tab.load(folder / "swing.csv")
-    page.wait_for_selector("td:has-text('swing')")
     assert tab.title() == "Something is missing in this model"
     tab.go("data")
     tab.go("model")
@@ -283,7 +282,6 @@ def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_s
     assert place["x"] >= holder["x"] and place["x"] + place["width"] <= holder["x"] + holder["width"] + 1
     page.click("#to-data")
     tab.load(folder / "swing.csv")
-    page.wait_for_selector("td:has-text('swing')")
     tab.go("compare")
 
 
@@ -333,8 +331,7 @@ def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab, folder, w
         page.wait_for_selector(f"{of(what, column)}:has-text('{label}')")
 
     page.set_viewport_size({"width": width, "height": 900})
-    tab.load(folder / "servo.csv")
-    page.wait_for_selector(".card .js-line >> nth=2")
+    tab.load(folder / "servo.csv", ".card .js-line >> nth=2")
     assert page.inner_text(".card .why").startswith("servo.csv: no column for time, torque among")
     assert [page.inner_text(of("unit", k)) for k in range(3)] == ["–", "deg (named)", "not clear yet"]
     assert page.get_attribute(of("then", 2), "placeholder") == "*0.091, *? or *-1"
@@ -375,7 +372,6 @@ def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab, folder, w
 def test_tabs_are_apart_and_a_reload_changes_nothing_not_even_what_runs(tab, browser, folder):
     page, other = tab.page, Tab(browser, tab.address)
     tab.load(folder / "swing.csv")
-    page.wait_for_selector("td:has-text('swing')")
     tab.go("add")
     tab.choose("Quadratic drag")
     tab.go("diagnose")
@@ -401,7 +397,6 @@ def test_tabs_are_apart_and_a_reload_changes_nothing_not_even_what_runs(tab, bro
 def test_fields_keep_what_was_typed_and_a_saved_session_opens_in_another_tab(tab, browser, folder):
     page = tab.page
     tab.load(folder / "swing.csv")
-    page.wait_for_selector("td:has-text('swing')")
     tab.go("diagnose")
     page.click("summary:has-text('Choose what to look for')")
     page.click(filled("ask-only"))
@@ -497,7 +492,6 @@ def test_the_live_view_converges_and_becomes_a_recording(tab):
 def test_no_stage_is_wider_than_the_window_or_has_text_that_is_cut_or_overlaps(browser, address, folder):
     tab = Tab(browser, address, color_scheme="dark")
     tab.load(folder / "swing.csv")
-    tab.page.wait_for_selector("td:has-text('swing')")
     for stage in STAGES:
         tab.go(stage)
         for width in WIDTHS:

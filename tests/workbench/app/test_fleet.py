@@ -2,9 +2,7 @@
 
 import pytest
 
-from pendulum_env.recording import write_recording
 from tests.workbench.app.fleets import repeat, surveyed
-from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values
 from workbench.app.page.server import make_app
 from workbench.survey import Dataset, Fleet
@@ -73,12 +71,3 @@ def test_a_server_without_a_survey_has_no_such_page(survey):
     assert "Survey of" not in client.get("/fleet/").text
     assert "to-fleet" not in client.get("/_dash-layout").text
     sessions.close()
-
-
-def test_a_folder_that_is_no_survey_is_one_line(tmp_path, refused):
-    write_recording(recorded("swing", 1, 1.0), tmp_path / "swing.csv")
-    for name in (tmp_path, tmp_path / "swing.csv", tmp_path / "nowhere"):
-        assert (
-            refused("app", "--no-browser", "--port", "0", "--fleet", name)
-            == f"pendulum-ident: {name}: holds no survey: name what `survey` wrote with -o\n"
-        )

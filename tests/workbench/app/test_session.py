@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -42,13 +43,15 @@ from workbench.app.parts import UNWRAP
 from workbench.app.recorder import options
 from workbench.app.saved import study
 from workbench.app.session import Session, Sessions
-from workbench.app.stages import compare, data, export, live, model
+from workbench.app.stages import add as add_stage
+from workbench.app.stages import compare, data, diagnose, export, live, model
 from workbench.app.stages.compare import MAP, PHASE, TIME, inside, lit, within
 from workbench.app.stages.export import commands
-from workbench.app.state import Asked, Loaded, State
+from workbench.app.state import NOTHING, Asked, Loaded, State
 from workbench.app.uploads import safe_name, unpack
 from workbench.cli import main
 from workbench.mistakes import InputError
+from workbench.processes import Workers
 
 IDS = ["0" * 32, "1" * 32]
 HOSTILE = [
@@ -83,15 +86,6 @@ def test_an_upload_lies_in_its_folder_whatever_its_name(tmp_path, name):
     assert file.resolve().parent == tmp_path.resolve() and file.read_bytes() == b"x"
     assert len(file.name.encode()) < 200 and file.name.isprintable()
     assert safe_name("Montag früh (1).csv.gz") == "Montag früh (1).csv.gz"
-
-
-def test_a_broken_file_is_named_without_the_folder_and_does_not_stay(session, tmp_path, monkeypatch, refused):
-    broken = b"time,position,torque\n0,0,0\n0.001,nan,0\n"
-    upload(session, "broken.csv", broken)
-    (tmp_path / "broken.csv").write_bytes(broken)
-    monkeypatch.chdir(tmp_path)
-    assert refused("identify", "broken.csv") == f"pendulum-ident: {session.notice}\n"
-    assert files_of(session) == [] and session.state.loaded == ()
 
 
 def test_uploads_that_are_too_large_or_damaged_are_refused(session, monkeypatch):
@@ -365,7 +359,7 @@ def test_only_this_computer_is_answered():
     sessions.close()
 
 
-def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path, refused):
+def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path):
     def offered(session: Session) -> str:
         return json.dumps(live.show(session), cls=PlotlyJSONEncoder)
 
@@ -373,9 +367,6 @@ def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path, refused
     assert '"dm1015b"' in offered(named) and '"dm1015b"' not in offered(plain)
     with pytest.raises(InputError, match="there is no rig here"):
         live.options(plain, live_form("dm1015b"))
-    assert "none.toml: cannot be read" in refused(
-        "app", "--no-browser", "--port", "0", "--config", tmp_path / "none.toml"
-    )
 
 
 def test_what_there_is_not_yet_is_asked_for_first(tmp_path):
@@ -532,3 +523,65 @@ def test_a_card_begins_with_what_is_said_of_its_columns_and_reads_as_they_do(tmp
     np.savetxt(file, rows[:, :1], delimiter=",", header="t", comments="")
     with pytest.raises(RecordingError, match="has fewer than 3 columns of numbers"):
         Card.of(Source(file))
+
+
+ASKED = Asked(only="stribeck,quadratic_drag,spring", without="spring", fix="gravity=2.01", bound="viscous=0:0.2")
+
+
+@pytest.fixture(scope="module")
+def workers() -> Iterator[Workers]:
+    workers = Workers()
+    yield workers
+    workers.close()
+
+
+@pytest.fixture
+def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers) -> Session:
+    """A session with `swing.csv`, which lies in the working directory as well."""
+    monkeypatch.chdir(tmp_path)
+    asked = Session(tmp_path / "session", workers)
+    asked.load([written(recorded("swing", 1, 10.0), tmp_path)])
+    return asked
+
+
+@pytest.mark.slow
+def test_what_is_asked_for_gives_what_the_command_line_gives(asked):
+    for start in (lambda: diagnose.start(asked, ASKED), lambda: add_stage.start(asked, "stribeck")):
+        asked.act(start)
+        assert asked.job is not None and asked.job.over.wait(PATIENCE) and asked.notice == ""
+    base = asked.state.ladder[0].model.estimates["gravity"]
+    assert (base.value, base.std) == (2.01, 0.0)  # from the first rung on
+    found = asked.state.diagnosis
+    assert found is not None and {one.effect for one in found.candidates} == {"stribeck", "quadratic_drag"}
+    made = asked.state.model.estimates
+    assert made["gravity"].value == 2.01 and made["viscous"].value <= 0.2
+    comes_to_the_same(asked.state, "shell", "Python")
+    assert json.loads(Path("diagnosis.json").read_text()) == json.loads(json.dumps(found.json()))
+
+
+def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(asked):
+    before = asked.state
+    diagnose.look_for(asked, Asked(only="stribeck"))
+    assert asked.state.prepared is before.prepared
+    diagnose.look_for(asked, Asked(bound="gravity=:1.5"))
+    assert asked.state.model.estimates["gravity"].value == pytest.approx(1.5)
+    asked.state = asked.state.anew(loaded=asked.state.loaded)  # perhaps other recordings: the same bounds
+    assert asked.state.model.estimates["gravity"].value == pytest.approx(1.5)
+    diagnose.look_for(asked, NOTHING)
+    assert asked.state.model.theta == pytest.approx(before.model.theta)
+
+
+@pytest.mark.parametrize(
+    ("field", "wrong"),
+    slow.but_first([("only", "stribek"), ("without", "--fix"), ("fix", "gravty=2"), ("bound", "viscous=1:0")]),
+)
+def test_a_mistake_is_told_in_the_words_of_the_command_line(asked, field, wrong, refused):
+    before = asked.state
+    asked.act(lambda: diagnose.look_for(asked, Asked(**{field: wrong})))
+    assert asked.state is before and asked.job is None
+    assert asked.notice != "" and asked.notice in refused("diagnose", "swing.csv", f"--{field}={wrong}")
+
+
+def test_fields_of_the_form_become_options():
+    form = {"ask-only": ["stribeck", "cogging"], "ask-without": None, "ask-fix": " gravity=2 ", "ask-bound": ""}
+    assert Asked.of(form) == Asked("stribeck,cogging", "", "gravity=2")

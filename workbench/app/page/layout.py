@@ -14,18 +14,13 @@ from pendulum_env.words import listing, name, number, opening
 from workbench.app import uploads
 from workbench.app.card import COLUMN
 from workbench.app.parts import LINKED, PLOT, SPEC, aria, button, saves
-from workbench.app.session import Session, Sessions
-from workbench.app.stage import Form, Stage
+from workbench.app.session import Form, Session, Sessions, Stage
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
 from workbench.report.page import shared
 
-TITLE = "pendulum-ident"
-WORTH = 1.05  # times smaller, from which an error has become smaller
 NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
-POLL = 300  # [ms] between two looks at a job
-PATIENCE = 0.4  # [s] that an answer waits for a job, so that short ones need no progress bar
 VERSION = Output("version", "data", allow_duplicate=True)
 URGENT = {"cancel": Session.cancel, "live-stop": Session.halt}  # a motor stops whenever it is told to
 
@@ -58,7 +53,7 @@ def index() -> str:
 def page(fleet: str | None) -> Component:
     """What every visitor gets; the rest follows from the session. `fleet` is the address of a survey's page."""
     most: dict[str, Any] = {"data-most": str(uploads.LIMITS.upload)}  # so that the page can say why it refuses a file
-    brand = html.Span(TITLE, className="brand")
+    brand = html.Span("pendulum-ident", className="brand")
     stages = html.Nav(navigation(STAGES[0], fleet, NO_RECORDING), id="nav", **aria(label="Stages"))
     switch = aria(label="Switch between light and dark")
     theme = html.Button(html.Span("Theme"), id="theme", type="button", **switch)
@@ -73,7 +68,7 @@ def page(fleet: str | None) -> Component:
             dcc.Store(id="came"),  # files, and the action that takes them
             dcc.Download(id="download"),
             html.Div(id="warm", hidden=True),
-            dcc.Interval(id="poll", interval=POLL, disabled=True),
+            dcc.Interval(id="poll", interval=300, disabled=True),  # [ms] between two looks at a job
             html.A("Skip to the stage", href="#stage", className="skip", id="skip"),
             html.Header(html.Div([brand, stages, theme], className="inner"), className="bar"),
             html.Div("Working …", id="waiting", role="status"),
@@ -145,7 +140,7 @@ def told(state: Work) -> tuple[str, str, list[Any]]:
         smaller, error = first.torque_rms / last.torque_rms, "torque error"
     if state.found or not state.added:
         return kicker, diagnosis.headline, lead
-    if smaller < WORTH:
+    if smaller < 1.05:  # times smaller, from which an error has become smaller
         return kicker, f"{opening(names)} hardly lowers the error", lead
     return kicker, f"With {names} the {error} is {number(smaller, 2)} times smaller", lead
 
@@ -185,15 +180,12 @@ def connect(app: Dash, sessions: Sessions, fleet: str | None) -> None:
 
 def _connect_page(app: Dash, sessions: Sessions, fleet: str | None) -> None:
     """Wire what is drawn anew when the session or the address changes, and the progress of jobs."""
+    # who leaves a stage at once takes the button away that would have told of its job
+    inputs = Input("session", "data"), Input("url", "hash"), Input("version", "data")
 
     @app.callback(
-        Output("nav", "children"),
-        Output("story", "children"),
-        Output("notice", "children"),
-        Output("stage", "children"),
-        Input("session", "data"),
-        Input("url", "hash"),
-        Input("version", "data"),
+        *(Output(part, "children") for part in ("nav", "story", "notice", "stage")),
+        *inputs,
     )
     def draw(id: str | None, hash: str | None, _: int) -> tuple[Any, ...]:
         if id is None:
@@ -214,13 +206,11 @@ def _connect_page(app: Dash, sessions: Sessions, fleet: str | None) -> None:
         Output("job", "children"),
         Output("poll", "disabled"),
         VERSION,
-        Input("session", "data"),
+        *inputs,
         Input("poll", "n_intervals"),
-        Input("version", "data"),
-        Input("url", "hash"),  # who leaves a stage at once takes the button away that would have told of its job
         prevent_initial_call="initial_duplicate",
     )
-    def watch(id: str | None, _: int, version: int, __: str | None) -> tuple[Any, ...]:
+    def watch(id: str | None, _: str | None, version: int, __: int) -> tuple[Any, ...]:
         """The one owner of the progress bar, so that no late answer can bring it back."""
         if id is None:
             raise PreventUpdate
@@ -242,7 +232,7 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
         """Do it under the session's lock, not while a job does; a user's mistake becomes the notice on the page."""
         session.act(lambda: find("action", does, actions)(session, of, form))
         if (job := session.job) is not None:
-            job.over.wait(PATIENCE)
+            job.over.wait(0.4)  # [s] that an answer waits for a job, so that short ones need no progress bar
         return session.version
 
     @app.callback(

@@ -29,7 +29,6 @@ log = logging.getLogger("workbench.app")
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")  # by which a browser may call it; another name is a trick of a foreign page
 LARGEST = 4 * uploads.LIMITS.upload // 3 + 1_000_000  # bytes of a request: an upload in base64, and what goes with it
-SILENCE = 60.0  # [s] in the middle of a request, after which it is not waited for
 FLEET, HOME = "/fleet/", "/"
 APART = "sandbox allow-scripts allow-downloads"  # a case's page is a file, perhaps not ours: it may not ask for a thing
 POLICY = (  # nothing comes from elsewhere, and nothing goes there
@@ -138,7 +137,7 @@ def _told(error: Exception) -> str:
 class _Silent(WSGIRequestHandler):
     """Says nothing about requests, and ends those that do not go on."""
 
-    timeout = SILENCE
+    timeout = 60.0  # [s] in the middle of a request, after which it is not waited for
 
     def log(self, type: str, message: str, *args: object) -> None:
         """Say nothing."""

@@ -14,12 +14,11 @@ from pendulum_env.arms.joints import kind_at
 from pendulum_env.physics.library import addition
 from pendulum_env.words import listing, name, number, opening
 from workbench.app.parts import button, effects_to_choose, field, fragment, graph, labelled, panel
-from workbench.app.session import Session
-from workbench.app.stage import Stage
+from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
 from workbench.mistakes import InputError
 from workbench.report.arm import joints
-from workbench.report.errors import errors
+from workbench.report.numbers import errors
 
 
 def show(session: Session) -> list[Component]:

@@ -22,8 +22,7 @@ from pendulum_env.physics import Samples, effect
 from pendulum_env.recording import Recording
 from pendulum_env.words import number, opening
 from workbench.app.parts import LINKED, dropdown, effects_to_choose, field, graph, labelled, panel
-from workbench.app.session import Session, Sessions
-from workbench.app.stage import Stage
+from workbench.app.session import Session, Sessions, Stage
 from workbench.app.state import State as Work
 from workbench.report.arm import strips
 from workbench.report.case import Case, ends
@@ -36,7 +35,6 @@ HINT = "Drag a box in any of the plots, or choose a region: the same moments lig
 MAP, PHASE, TIME = "map", "phase", "time"
 VIEWS = (MAP, PHASE, TIME)
 LIT = 1500  # points of a selection that are drawn in one view
-GLOW = "--brush"
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +132,7 @@ def lit(points: Points, selected: Mask, shown: int) -> dict[str, list[JSON]]:
     q, v = x.position[at], x.velocity[at]
 
     def dots(x: Array, y: Array, **more: object) -> JSON:
-        return _dots(x, y, GLOW, 4, hoverinfo="skip", name="selected", **more)
+        return _dots(x, y, "--brush", 4, hoverinfo="skip", name="selected", **more)
 
     return {
         MAP: [dots(wrapped(q), v)],

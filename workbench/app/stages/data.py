@@ -16,15 +16,13 @@ from pendulum_env.recording import Recording
 from pendulum_env.words import listing, name, number, opening, percent
 from workbench.app import card, recorder, uploads
 from workbench.app.parts import UNWRAP, aria, button, drop, field, graph, labelled, number_field, panel, saves, table
-from workbench.app.session import Session
-from workbench.app.stage import Action, Form, Stage
+from workbench.app.session import Action, Form, Session, Stage
 from workbench.app.state import WEIGHTLESS, Loaded, State
 from workbench.app.uploads import STUDY
-from workbench.inputs import FORMATS
+from workbench.options import FORMATS
 from workbench.report.figure import Figure, line, stacked, thin
 from workbench.robot import held_text
 
-DRAWN = 4  # recordings that are drawn
 WHY = "No effect does that, and several may be found that only imitate it."
 NUMBERS = ("Length [s]", "Rate [Hz]", "Samples", "In stick", "Turns", "Peak torque [N m]")
 HEADERS = {"Recording": False} | dict.fromkeys(NUMBERS, True) | {"Use it to": False, "": False}  # are they numbers?
@@ -37,7 +35,7 @@ def show(session: Session) -> list[Component]:
     beside = _record() if state.body is None else _robot(state, state.body)
     parts.append(html.Div([upload(state), beside], className="columns"))
     if state.loaded:
-        plots = [graph(figure) for k, own in enumerate(state.recordings[:DRAWN]) for figure in _courses(state, k, own)]
+        plots = [graph(figure) for k, own in enumerate(state.recordings[:4]) for figure in _courses(state, k, own)]
         told = [*timing(state), _telling(state)] if state.body is None else []
         parts += [recordings(state), *told, html.Div(plots, className="panel")]
     return parts

@@ -10,19 +10,17 @@ from dash.development.base_component import Component
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
 from pendulum_env.words import listing
-from workbench import inputs
+from workbench import options
 from workbench.app import recorder
 from workbench.app.parts import KEPT, button, effects_to_choose, field, fragment, labelled, panel
-from workbench.app.session import Session
-from workbench.app.stage import Stage
+from workbench.app.session import Session, Stage
 from workbench.app.stages.add import calls
 from workbench.app.stages.data import timing
 from workbench.app.state import NOTHING, Asked
 from workbench.app.state import State as Work
 from workbench.report.arm import joints
-from workbench.report.candidates import ranked
 from workbench.report.case import ends
-from workbench.report.story import story
+from workbench.report.story import ranked, story
 
 
 def show(session: Session) -> list[Component]:
@@ -61,7 +59,7 @@ def choices(state: Work, is_open: bool) -> Component:
 
     def several(label: str, id: str, empty: str) -> Component:
         control = dcc.Dropdown(
-            library, inputs.ids(getattr(asked, id)), id=field(f"ask-{id}"), multi=True, placeholder=empty, **KEPT
+            library, options.ids(getattr(asked, id)), id=field(f"ask-{id}"), multi=True, placeholder=empty, **KEPT
         )
         return labelled(label, control)
 

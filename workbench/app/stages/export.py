@@ -20,8 +20,7 @@ from pendulum_env.recording.study import format_of
 from workbench.app.parts import panel, saves
 from workbench.app.recorder import DIAGNOSIS
 from workbench.app.saved import pack, study
-from workbench.app.session import Session, Sessions
-from workbench.app.stage import Stage
+from workbench.app.session import Session, Sessions, Stage
 from workbench.app.state import State, ids
 from workbench.app.uploads import STUDY
 from workbench.mistakes import InputError
@@ -120,7 +119,8 @@ def moves(state: State) -> list[str]:
 
 def _needs_study(state: State) -> bool:
     """Whether a study has to say how the recordings are read, or which joints move."""
-    return state.robot is not None or not all(one.is_plain for one in state.loaded)
+    sources = [one.source for one in state.loaded]
+    return state.robot is not None or any(own.columns or own.unwrap or own.range or own.load for own in sources)
 
 
 def snippet(state: State) -> str:

@@ -19,21 +19,18 @@ from pendulum_env.recording import Source, write_recording
 from pendulum_env.words import estimate, listing, name, number, opening, unit
 from workbench.app import live, recorder
 from workbench.app.parts import KEPT, aria, button, dropdown, field, graph, labelled, panel, spec, table
-from workbench.app.session import Session, Sessions
-from workbench.app.stage import Action, Form, Stage
+from workbench.app.session import Action, Form, Session, Sessions, Stage
 from workbench.mistakes import InputError
 from workbench.report.figure import Figure, axis, line, segment
-from workbench.report.schemes import convergence_figure, stroke
+from workbench.report.numbers import convergence_figure, stroke
 
 RIG = "dm1015b"  # backend that is offered where a configuration was given on the command line
 NAMES = {"replay": "a recording", RIG: "the rig", "mujoco": "MuJoCo"}  # of backends
 RATE = 500.0  # [Hz], of a simulated pendulum
-BEAT = 250  # [ms] between two looks
 PARAMETERS = tuple(column.name for term in BASE for column in term.columns)
 PLOTS = [f"live-{k}" for k in range(len(PARAMETERS))]
 EVIDENCE, LABEL = "live-evidence", "Evidence that the model lacks something, over time, with alarms"
 HEIGHT = 190  # [px], of its plot
-SHOWN = 6  # effects
 FLOOR, ROOF = -5.0, 60.0  # [nat], between which evidence is drawn
 
 
@@ -46,7 +43,7 @@ def show(session: Session) -> list[Component]:
         button("Keep as a recording", "live-keep", disabled=session.run is None),
     ]
     return [
-        dcc.Interval(id="live-beat", interval=BEAT, disabled=not running),
+        dcc.Interval(id="live-beat", interval=250, disabled=not running),  # [ms] between two looks
         dcc.Store(id="live-motion"),
         panel(
             "Watch it learn",
@@ -162,7 +159,7 @@ def _bars(said: OnlineDiagnosis) -> Component | str:
     if not said.ranking:
         return ""
     rows = [_bar("Nothing", said.none, "")]
-    for one in said.ranking[:SHOWN]:
+    for one in said.ranking[:6]:  # effects
         rows.append(_bar(opening(name(one.effect)), one.probability, f"{one.gain:+.0f} ± {one.error:.0f} nat"))
     return html.Table(html.Tbody(rows))
 

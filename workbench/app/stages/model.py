@@ -7,15 +7,13 @@ from estimators.show.story import TRUST, schemes_table
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.words import Table, name, opening
 from workbench.app.parts import button, drop, fragment, graph, panel, table
-from workbench.app.session import Session
-from workbench.app.stage import Stage
+from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
 from workbench.app.uploads import unpack
 from workbench.inputs import read_model
 from workbench.report import arm
 from workbench.report.case import ends
-from workbench.report.parameters import parameters
-from workbench.report.schemes import schemes
+from workbench.report.numbers import parameters, schemes
 
 
 def show(session: Session) -> list[Component]:

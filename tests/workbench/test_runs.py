@@ -9,8 +9,7 @@ from estimators.online import OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
 from pendulum_env.physics import BASE
 from pendulum_env.recording import read_recording
-from workbench.cli import main
-from workbench.until import Apart, Here, verdict_text
+from workbench.runs import Apart, Here, verdict_text
 
 
 def test_a_recording_ends_when_the_verdict_stands(tmp_path: Path, done) -> None:
@@ -18,7 +17,6 @@ def test_a_recording_ends_when_the_verdict_stands(tmp_path: Path, done) -> None:
     command = ["record", "--until", "diagnosed", "--effect", "cogging", "--rate", "500"]
     assert "missing: cogging torque (the verdict stands" in done(*command, "-o", output)
     assert 3.0 < read_recording(output).duration < 15.0
-    assert main([*command, "--backend", "simulated", "-o", str(output)]) == 2
 
 
 def test_a_process_of_its_own_says_the_same() -> None:

@@ -1,0 +1,202 @@
+"""Numbers of models: how their errors fall step by step, their parameters, and what the schemes find side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimators.schemes.identification import Identification
+from estimators.selection.criterion import Criterion
+from estimators.selection.data import PreparedData
+from estimators.show.story import kin
+from pendulum_env._typing import JSON
+from pendulum_env.physics import Estimate, Model
+from pendulum_env.physics.table import Curve, Table
+from pendulum_env.words import name, number, opening, unit
+from workbench.report.case import Case
+from workbench.report.figure import DRAWING, Figure, Section, axis, band, line, segment
+
+if TYPE_CHECKING:  # Pinocchio is imported by who needs it
+    from pendulum_env.arms.body import BaseParameter
+
+PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))
+WIDTH, ROW, MARGIN = 240.0, 14.0, 12.0  # of an interval plot [px]
+COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
+
+
+def errors(case: Case) -> Section:
+    """Errors after every step: table, and plot where there is more than one."""
+    steps = case.diagnosis.steps
+    content = {
+        "steps": steps,
+        "noise_floor": case.diagnosis.noise_floor,
+        "whiteness": [
+            whiteness(f"{label}, {part}", case, prepared, k)
+            for k, (label, _, _) in enumerate(case.models)
+            for part, prepared in zip(("fitted", "held out"), case.data.parts, strict=True)
+        ],
+        "figures": [
+            ladder(case, "torque_rms", "torque error [N m]", case.diagnosis.noise_floor),
+            ladder(case, "position_rms", "free-running position error [rad]", None),
+        ]
+        if len(steps) > 1
+        else [],
+    }
+    return Section("errors", "Errors", "How the error falls", content)
+
+
+def whiteness(label: str, case: Case, prepared: PreparedData, drawn: int) -> tuple[str, float, float, str]:
+    """Test of the residual of a drawn model for correlation between neighbours, beyond what their overlap gives.
+
+    Label, what they share [N m], the same in standard errors of white noise, and what that means.
+    """
+    residual, model = case.residuals(prepared)[drawn], case.models[drawn][2]
+    shared, significance, _ = prepared.data.structure(residual, abs(model.estimates["inertia"].value))
+    small = ", by less than noise is" if shared < case.diagnosis.noise_floor else ": something is left"
+    return label, shared, significance, "white" if significance < Criterion().sure else f"not white{small}"
+
+
+def ladder(case: Case, quantity: str, title: str, floor: float | None) -> Figure:
+    """One kind of error over the steps, on a logarithmic axis."""
+    steps = case.diagnosis.steps
+    labels = ["base model", *(f"+ {name(step.added)}" for step in steps if step.added)]
+    data: list[JSON] = []
+    values = []
+    shades = ["--base", *["--between"] * (len(steps) - 2), "--final"]
+    for part, label, color, symbol in PARTS:
+        error = np.array([getattr(step.errors[part], quantity) for step in steps])
+        values += [*error]
+        marker = {"color": shades, "size": 10, "symbol": symbol}
+        data.append(line(np.arange(float(len(steps))), error, label, color, "", mode="lines+markers", marker=marker))
+    if floor is not None:
+        values.append(floor)
+        dashed = {"color": "--muted", "width": 1.5, "dash": "dash"}
+        data.append(line(np.array([-0.3, len(steps) - 0.7]), np.full(2, floor), "noise floor", "", "", line=dashed))
+    low, high = np.log10(min(values)) - 0.12, np.log10(max(values)) + 0.12
+    marks = np.array([1, 2, 5] if high - low < 2 else [1]) * 10.0 ** np.arange(-15, 7)[:, None]  # 1-2-5 or decades
+    ticks = [float(mark) for mark in marks.ravel() if low <= np.log10(mark) <= high]
+    layout = {
+        "xaxis": axis(
+            "",
+            tickvals=list(range(len(steps))),
+            ticktext=["<br>".join(wrap(label, 14)) for label in labels],  # characters of a label's line
+            ticklabeloverflow="allow",
+            range=[-0.3, len(steps) - 0.7],
+            showgrid=False,
+            zeroline=False,
+        ),
+        "yaxis": axis(title, type="log", range=[low, high], tickvals=ticks, ticktext=[number(t) for t in ticks]),
+    }
+    return Figure(f"ladder-{quantity}", f"{title} after every step", data, layout, 320)
+
+
+def parameters(case: Case) -> Section:
+    """Every parameter at every step."""
+    steps = case.diagnosis.steps
+    labels = [case.first if step.added is None else f"+ {name(step.added)}" for step in steps]
+    return of_models([step.model for step in steps], labels)
+
+
+def of_models(models: Sequence[Model], labels: Sequence[str], combined: Sequence[BaseParameter] = ()) -> Section:
+    """Every parameter of the last of some models under each, and base parameters of an arm that combine several."""
+    shown, final = [model.readable for model in models], models[-1]
+    single = [k for k, label in enumerate(final.estimates) if label in shown[-1]]  # entries of tables have their figure
+    correlation = final.correlation if len(single) <= DRAWING.correlated else ()
+    names = list(final.estimates)
+    content = {
+        "rows": [_row(label, [known.get(label) for known in shown]) for label in shown[-1]],
+        "labels": labels,
+        "width": WIDTH,
+        "sigmas": DRAWING.sigmas,
+        "combined": combined,
+        "names": [names[k] for k in single],
+        "correlation": [[correlation[k][j] for j in single] for k in single] if correlation else (),
+        "figures": [_drawn(term, curve) for term, curve in final.tables.values()],
+    }
+    return Section("parameters", "Parameters", "Parameters and how sure they are", content)
+
+
+def _drawn(table: Table, curve: Curve) -> Figure:
+    """A table as a function, with its band."""
+    title = f"{opening(name(table.id))}, {table.law}"
+    argument = "angle [rad]" if table.axis == "position" else "speed [rad/s]"
+    data = [
+        band(curve.x, DRAWING.sigmas * curve.std, f"± {DRAWING.sigmas:g} standard errors", curve.value),
+        line(curve.x, curve.value, title, "--final", table.unit),
+    ]
+    return Figure(f"table-{table.id}", title, data, {"xaxis": axis(argument), "yaxis": axis(f"f [{table.unit}]")}, 320)
+
+
+def _row(label: str, estimates: Sequence[Estimate | None]) -> dict[str, Any]:
+    """A parameter under each model, and its intervals as drawn: low, middle and high end, height [px] and style."""
+    known = [(k, e, DRAWING.sigmas * e.std) for k, e in enumerate(estimates) if e is not None]
+    low, high = min(e.value - half for _, e, half in known), max(e.value + half for _, e, half in known)
+
+    def place(value: float) -> float:
+        return MARGIN + (WIDTH - 2 * MARGIN) * ((value - low) / (high - low) if high > low else 0.5)
+
+    styles = ["base", *["between"] * (len(estimates) - 2), "final"]
+    intervals = [
+        (place(e.value - half), place(e.value), place(e.value + half), ROW * (k + 0.5), styles[k])
+        for k, e, half in known
+    ]
+    return {
+        "name": label,
+        "unit": known[-1][1].unit,
+        "estimates": estimates,
+        "intervals": intervals,
+        "height": ROW * len(estimates),
+        "limits": (low, high),
+    }
+
+
+def schemes(case: Case) -> Section | None:
+    """Estimates of every scheme and how they converge; None where recordings are too poor for them."""
+    found = case.schemes
+    if found is None:
+        return None
+    strokes = {id: stroke(k, id) for k, id in enumerate(found.schemes)}
+    columns = next(iter(found.schemes.values())).model.columns
+    content = {
+        "found": found,
+        "names": [column.name for column in columns],
+        "units": [column.unit for column in columns],
+        "strokes": strokes,
+        "figures": [convergence_figure(found, k, strokes) for k in range(len(columns))],
+    }
+    return Section("schemes", "Schemes", "The schemes side by side", content)
+
+
+def stroke(place: int, scheme: str) -> JSON:
+    """Line of a scheme: one colour for the plain scheme and its filtered sister, which is dashed."""
+    family, is_filtered = kin(scheme, place)
+    return {"color": COLORS[family], "width": 1.8, "dash": "dash" if is_filtered else "solid"}
+
+
+def convergence_figure(found: Identification, column: int, strokes: dict[str, JSON]) -> Figure:
+    """Estimate of one parameter over time, every scheme; the wild start is out of the picture."""
+    parameter = next(iter(found.schemes.values())).model.columns[column]
+    data, settled = [], []
+    for id, result in found.schemes.items():
+        course = result.convergence
+        estimate = course.theta[:, column]
+        late = course.time >= course.time[0] + DRAWING.settled * (course.time[-1] - course.time[0])
+        settled.append(estimate[late])
+        data.append(line(course.time, estimate, name(id), "", unit(parameter.unit), line=strokes[id]))
+    values = np.concatenate(settled)
+    middle = float(np.median([result[-1] for result in settled]))
+    reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / DRAWING.frame
+    title = f"{parameter.name} [{unit(parameter.unit)}]" if unit(parameter.unit) else parameter.name
+    between = {"color": "--muted", "width": 1, "dash": "dot"}  # recordings
+    layout = {
+        "xaxis": axis("time [s]"),
+        "yaxis": axis(title, range=[middle - reach, middle + reach]),
+        "showlegend": False,
+        "hovermode": "x unified",
+        "margin": {"t": 12},
+        "shapes": [segment((end, end), (0, 1), between, yref="paper", layer="below") for end in found.ends[:-1]],
+    }
+    return Figure(f"convergence-{column}", f"Estimates of {parameter.name} over time", data, layout, 260)
