@@ -400,6 +400,13 @@ def test_a_table_and_a_study_say_what_no_path_does(tmp_path):
     (tmp_path / "data" / "study.toml").write_text('[[recording]]\nfile = "a.csv"\nunwrap = true\nrange = [2.0, 4.0]\n')
     told = {case.name: case.source.unwrap for case in cases(tmp_path / "data")}
     assert told == {"a.csv#2-4": True, "b.csv": False}
+    (tmp_path / "data" / "good").mkdir()
+    (tmp_path / "data" / "good" / "c.csv").touch()
+    (tmp_path / "data" / "study.toml").write_text('[[recording]\n')
+    broken, good = sorted(cases(tmp_path / "data"), key=lambda case: case.name != "study.toml")
+    assert good.name == "good/c.csv"
+    row = work.examined(broken, work.Settings())
+    assert row["status"] == "refused" and row["reason"].startswith("is not TOML")
     table.write_text("file,date\ndata/a.csv,yesterday\n")
     with pytest.raises(InputError, match="row 2: 'yesterday' is no date"):
         cases(table)

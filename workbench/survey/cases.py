@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
-from pendulum_env.recording import Source
+from pendulum_env.recording import Source, StudyError
 from pendulum_env.recording.arrays import read_rows
 from pendulum_env.recording.storage import READERS
 from workbench.inputs import sources_of
@@ -98,9 +98,12 @@ def _in_folder(folder: Path, reading: Namespace) -> Iterator[Source]:
         own = ["cases"] if is_survey(Path(where)) else []
         folders[:] = sorted(name for name in folders if not name.startswith(".") and name not in own)
         if STUDY in names:
-            for source in sources_of(str(Path(where, STUDY)), reading):
-                in_study.add(os.path.realpath(source.file))
-                yield source
+            try:
+                told = sources_of(str(Path(where, STUDY)), reading)
+            except StudyError:  # its row will say why; nobody knows how the recordings beside it are read
+                told, names = (Source(Path(where, STUDY)),), []
+            in_study |= {os.path.realpath(source.file) for source in told}
+            yield from told
         files += [Path(where, name) for name in names if name.lower().endswith(ENDINGS) and not name.startswith(".")]
     for file in files:
         if os.path.realpath(file) not in in_study:

@@ -23,6 +23,7 @@ from pendulum_env.physics import Term, load_plugin
 from pendulum_env.physics.plugin import fault
 from pendulum_env.reading import REMEDY, regular_size
 from pendulum_env.recording import Recording
+from pendulum_env.recording.study import read_sources
 from workbench.mistakes import MISTAKES, InputError, printable, sentence
 from workbench.survey.cases import Case
 from workbench.survey.dataset import VERDICTS
@@ -127,6 +128,8 @@ def examined(case: Case, settings: Settings, look: Look = look) -> JSON:
     row = row_of(case, settings)
     try:
         row["hash"] = content_hash(case.source.file, case.source.largest)
+        if case.source.file.suffix == ".toml":
+            read_sources(case.source.file)  # says what is wrong in a study that could not be read
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what matters is in the result
             row |= {"status": "done", **look(case, settings)}
