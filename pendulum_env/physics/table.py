@@ -19,7 +19,7 @@ import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics.term import Column, Samples, Shape, Term
+from pendulum_env.physics.term import Column, Samples, Shape, Term, derived
 from pendulum_env.reading import Value
 
 FINE = 2000  # points over which functions are orthogonal
@@ -165,19 +165,7 @@ def _spline(apart: Any) -> Any:
 
 @cache
 def _over(kind: type[Table], extent: Extent) -> type[Table]:
-    members: dict[str, Any] = {
-        "__doc__": kind.__doc__,
-        "__module__": kind.__module__,
-        "extent": extent,
-        "bare_table": kind,
-        "__reduce__": lambda self: (_again, (kind(), extent)),  # no module has this kind by its name
-    }
-    return cast(type[Table], type(kind.__name__, (kind,), members))
-
-
-def _again(bare: Table, extent: Extent) -> Table:
-    """A table in another process."""
-    return type(bare).over(extent)()
+    return derived(kind, _over, extent, extent=extent, bare_table=kind)
 
 
 @cache
