@@ -1,7 +1,5 @@
 """Finding things by name, with an answer that helps when there is nothing of that name."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Mapping
 from typing import TypeVar

@@ -1,7 +1,5 @@
 """Many pendulums at once, in NumPy: the same physics as the pymunk backend, for training and for statistics."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

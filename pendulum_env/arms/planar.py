@@ -6,8 +6,6 @@ later, links held together at the positions. That is of second order, and conser
 a joint reverses inside a step, the step is made again with the friction that acted until then.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """An arm that moves in a vertical plane, as the planar simulator has it: its links from a robot's file."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pendulum_env._typing import Array

@@ -5,8 +5,6 @@ Joints that are held are gone, their links part of those before. Those that mimi
 stay links of their own: with joints at q, all links' joints are at R q + r.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress

@@ -5,8 +5,6 @@ friction is MuJoCo's damping and implicit, dry friction its `frictionloss`, as s
 other effects act at the start of a step. Of first order in the step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

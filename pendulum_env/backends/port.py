@@ -1,7 +1,5 @@
 """What every backend offers, be it simulated, recorded or a rig: torque for a measurement, once per period."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The replay backend: a recording, stepped through sample by sample; the torque asked for is ignored."""
 
-from __future__ import annotations
-
 from pendulum_env.backends.port import Sample, Setup, Start, Status, Traits
 from pendulum_env.recording import Recording, read_recording
 

@@ -6,8 +6,6 @@ things lift pymunk's first order to the second: the angle moves by the trapezoid
 reverses inside a step, the torque makes up for the friction that the motor only knows in the new direction.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A simulated rig: any model as the plant, seen through an encoder and a noisy torque channel."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pendulum_env.backends.sensing import COUNTS, Sensor

@@ -1,7 +1,5 @@
 """A simulated pendulum as a backend: a model's torques on the body of a physics engine, seen through a sensor."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """What lies between the torque command and the torque at the joint."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Self

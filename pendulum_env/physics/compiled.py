@@ -4,8 +4,6 @@ Laws are written once, for NumPy. As `symbols` they are lines of a program, whic
 second if it is small.
 """
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 import math

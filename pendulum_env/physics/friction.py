@@ -1,7 +1,5 @@
 """Friction beyond viscous and Coulomb."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Self

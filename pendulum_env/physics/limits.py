@@ -1,7 +1,5 @@
 """Limits that a user sets to the parameters of terms, and values that are known."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace

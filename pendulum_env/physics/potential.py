@@ -1,7 +1,5 @@
 """Torques that depend on the angle alone and store energy."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product

@@ -1,7 +1,5 @@
 """Effects that change with time; time counts from the start of a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Self

@@ -1,7 +1,5 @@
 """A new plant for every episode, of one pendulum or of many."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

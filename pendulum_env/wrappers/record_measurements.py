@@ -1,7 +1,5 @@
 """Measurements of an environment, appended to a file while it runs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """A CiA 402 servo drive behind an slcan adapter on a pseudo-terminal, emulated."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """Emulated rigs by name: each is a process that listens, and writes the rig.toml by which it is reached."""
 
-from __future__ import annotations
-
 import importlib
 import math
 import os

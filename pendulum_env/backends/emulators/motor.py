@@ -1,7 +1,5 @@
 """The emulated motor: the project's plant in real time, with power, encoder, watchdog, and a log of its own."""
 
-from __future__ import annotations
-
 import math
 import os
 import threading

@@ -1,7 +1,5 @@
 """An NI gRPC device server with one card and an analogue drive on it, emulated: the calls that the adapter makes."""
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Callable

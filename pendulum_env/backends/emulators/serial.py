@@ -1,7 +1,5 @@
 """The microcontroller of the serial rig, emulated: what its firmware does, in a page."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from pendulum_env.backends.emulators.motor import Motor

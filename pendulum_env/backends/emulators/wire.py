@@ -1,7 +1,5 @@
 """A serial cable that is not there: a pseudo-terminal, that can be pulled out or damage what passes."""
 
-from __future__ import annotations
-
 import os
 import random
 from collections.abc import Callable

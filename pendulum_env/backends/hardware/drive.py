@@ -3,8 +3,6 @@
 Adapters neither judge nor wait for the next sample: the guard does the one, the rig the other, for all of them.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 from collections.abc import Iterator

@@ -5,8 +5,6 @@ What the frames mean, and what the firmware has to do, is in docs/hardware.md. O
 receiver that starts anywhere, or has lost bytes, is back in step with the next one.
 """
 
-from __future__ import annotations
-
 import binascii
 import struct
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ All on demand: nothing is buffered, each task is started once. The watchdog of a
 outputs, so it lets the line to servo-enable fall, without which the drive gives no current.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator

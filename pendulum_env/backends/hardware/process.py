@@ -3,8 +3,6 @@
 Python runs neither `atexit` nor `finally` on SIGTERM and SIGHUP as they are; here they become SystemExit, which does.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """The DM1015B rig as a backend: a drive behind a guard, paced, owned by one process, and let go of whatever happens."""
 
-from __future__ import annotations
-
 import logging
 import math
 import time
