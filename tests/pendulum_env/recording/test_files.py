@@ -10,7 +10,6 @@ from pendulum_env.recording import Recording, RecordingError, read_recording, st
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.sampling import uniform
-from pendulum_env.recording.vocabulary import TOLD, UNITS, _names
 
 FORMATS = (".csv", ".csv.gz", ".parquet", ".npz")
 SHARED = Path(__file__).parents[4] / "shared"  # real and simulated recordings, absent on most machines
@@ -73,59 +72,6 @@ def test_write_refuses(swing: Recording, tmp_path: Path, name: str, match: str) 
 # Columns
 
 
-@pytest.mark.parametrize(
-    ("headers", "quantities"),
-    [
-        ("t,q,u", "time position torque"),
-        ("Time [s],q [rad],tau [N m]", "time position torque"),
-        ("time_s,pos_rad,vel_rad/s,tau_Nm", "time position velocity torque"),
-        ("timestamp,theta,omega,effort", "time position velocity torque"),
-        ("time,meas_pos,meas_vel,meas_tau,des_pos,des_tau", "time position velocity torque reference"),
-        ("mode,t,angle (rad),dq,torque (N·m)", "- time position velocity torque"),
-        ("Timestamp,θ,qd,τ,temperature", "time position velocity torque temperature"),
-        # of known programs
-        ("__time,/arm/position[0],/arm/velocity[0],/arm/effort[0]", "time position velocity torque"),
-        ("__time,/joint_states/elbow/position,/joint_states/elbow/effort", "time position torque"),
-        ("__time,/joint_states/position/elbow,/joint_states/effort/elbow", "time position torque"),
-        ("time,signals.theta,signals.tau", "time position torque"),
-        ("timestamp,observation.state[0],action[0],tau,episode_index", "time position reference torque segment"),
-        ("t,pos_estimate,vel_estimate,torque_estimate", "time position velocity torque"),
-        ("time,joint.position (deg),out.torque [Nm]", "time position torque"),
-    ],
-)
-def test_quantities_are_found_by_the_names_that_people_and_programs_give_them(headers: str, quantities: str) -> None:
-    found = {column.index: quantity for quantity, column in find_columns(headers.split(",")).items()}
-    assert found == {index: quantity for index, quantity in enumerate(quantities.split()) if quantity != "-"}
-
-
-def test_no_name_has_two_meanings() -> None:
-    meanings: dict[str, set[tuple[str, float, bool]]] = {}
-    for name, (quantity, unit, commanded) in _names():
-        factor = 1.0 if unit is None else UNITS[quantity][unit]
-        meanings.setdefault(name, set()).add((quantity, factor, commanded))
-    assert {name: meaning for name, meaning in meanings.items() if len(meaning) > 1} == {}
-
-
-@pytest.mark.parametrize(
-    ("headers", "named", "match"),
-    [
-        ("time,q,position,torque", {}, "'q' and 'position' could both be position"),
-        ("time,x,torque", {}, "for position among 'time', 'x', 'torque': name the columns time,position,torque"),
-        ("time,position_a,position_b,torque_a,torque_b", {}, "for 'a', 'b': .* take an arm's links with --robot"),
-        ("time,position [counts],torque", {}, "no column for position"),
-        ("time,position,current [A]", {}, "no column for torque"),
-        ("time,q,tau_cmd,u", {}, "'tau_cmd' and 'u' could both be torque: say which with --columns QUANTITY=NAME"),
-        ("t,q,tau", {"angle": "q"}, "are named for time, position, velocity, torque, reference, supply, enabled"),
-        ("t,q,tau", {"position": "Q"}, "no column is named 'Q', which is to be position, among 't', 'q', 'tau'"),
-        ("t,q,tau,x,x", {"position": "x"}, "2 columns are named 'x'"),
-        ("t,q,tau", {"velocity": "q"}, "no column for position"),
-    ],
-)
-def test_columns_refused(headers: str, named: dict[str, str], match: str) -> None:
-    with pytest.raises(RecordingError, match=match):
-        find_columns(headers.split(","), named)
-
-
 def test_units_are_converted_and_noted_whether_in_names_or_in_a_row_below(write: Write, swing: Recording) -> None:
     time, speed = 1e3 * swing.time, swing.velocity * 60 / (2 * np.pi)
     columns = {"time_ms": time, "position [°]": np.degrees(swing.position), "tau_mNm": 1e3 * swing.torque}
@@ -151,13 +97,6 @@ def test_a_column_that_is_named_leaves_the_others_to_their_names(write: Write, c
     assert find_columns(["q", "t", "tau"], {"torque": "tau"})["position"].header == "q"
     recording = read_recording(path, columns={"position": "q", "time": "a:b"})  # a colon may be part of a name
     np.testing.assert_allclose(recording.position, 2 * columns["position"], atol=1e-8)
-
-
-def test_units_that_people_are_told_of_are_understood() -> None:
-    for quantity, told in TOLD.items():
-        for unit in told.split(", "):
-            named = {"time": "t", "position": "q", "torque": "tau"} | {quantity: f"x:{unit}*2"}
-            assert find_columns(["t", "q", "tau", "x"], named)[quantity].unit is not None
 
 
 # Text
