@@ -18,8 +18,8 @@ from pendulum_env.arms.joints import FRICTION, effect_at
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.simulation import Balance
 from pendulum_env.plant import PAPER, hide
+from pendulum_env.recording.study import GRAVITY
 
-GRAVITY = 9.81  # [m/s^2]
 AT_REST = 1e-3  # [rad/s]; a slower joint may be one that friction holds, not quite stopped by the solver
 ITERATIONS = 20  # of pymunk's solver, which converges by a constant factor
 

@@ -4,9 +4,10 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, BodyError
-from pendulum_env.arms.planar import GRAVITY, Link
+from pendulum_env.arms.planar import Link
 from pendulum_env.arms.robot import pinocchio
 from pendulum_env.plant import PAPER
+from pendulum_env.recording.study import GRAVITY
 
 ALIKE = 1e-6  # of directions, and of lengths as shares of the arm's
 ELSEWHERE = "simulate it in MuJoCo, --backend mujoco"

@@ -395,24 +395,16 @@ TABLES: dict[str, type[Term]] = {
 }
 
 
-@dataclass(frozen=True)
-class SureTorqueByAngle(TorqueByAngle):
+@cache
+def _well_sampled(kind: type[ByAngle]) -> type[ByAngle]:
     """The same without the ends that few samples determine: these predict badly what is recorded next."""
-
-    outside = 0.5
-
-
-@dataclass(frozen=True)
-class SureFrictionByAngle(FrictionByAngle):
-    """The same without the ends that few samples determine."""
-
-    outside = 0.5
+    return derived(kind, _well_sampled, outside=0.5)
 
 
 COMPETING: tuple[type[Term], ...] = (  # with effects
     PowerOfSpeed,
-    SureTorqueByAngle,
-    SureFrictionByAngle,
+    _well_sampled(TorqueByAngle),
+    _well_sampled(FrictionByAngle),
     FrictionBySpeed,
     GainBySpeed,
     TorqueByTime,
