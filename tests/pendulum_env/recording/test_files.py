@@ -12,7 +12,6 @@ from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.sampling import uniform
 
 FORMATS = (".csv", ".csv.gz", ".parquet", ".npz")
-SHARED = Path(__file__).parents[4] / "shared"  # real and simulated recordings, absent on most machines
 
 Write = Callable[..., Path]
 Columns = dict[str, np.ndarray]
@@ -238,21 +237,6 @@ def test_a_name_that_is_no_utf_8_is_told(tmp_path: Path, ending: str) -> None:
         read_recording(path)
 
 
-@pytest.mark.parametrize(
-    ("change", "match"),
-    [
-        ({"position": np.array([None] * 2000)}, "has type object"),
-        ({"position": np.zeros((2000, 1, 2))}, r"shape \(2000, 1, 2\)"),
-        ({"position": np.zeros(1999)}, "arrays differ in length"),
-        ({"position": np.zeros(2000, dtype=complex)}, "has type complex128"),
-    ],
-)
-def test_npz_refused(tmp_path: Path, columns: Columns, change: dict, match: str) -> None:
-    np.savez(tmp_path / "run.npz", **(columns | change))
-    with pytest.raises(RecordingError, match=match):
-        read_recording(tmp_path / "run.npz")
-
-
 # What a recording says
 
 
@@ -470,21 +454,3 @@ def test_plain_text_is_read_in_this_process_unless_it_is_large(write: Write, col
     monkeypatch.setattr(storage, "read_here", None)
     there = read_recording(path)
     np.testing.assert_array_equal(here.position, there.position)
-
-
-# Recordings at hand
-
-
-@pytest.mark.slow
-def test_practice_recordings_are_left_alone_and_refused_in_degrees(tmp_path: Path) -> None:
-    paths = sorted((SHARED / "practice").glob("*.csv.gz"))
-    if not paths:
-        pytest.skip("the practice recordings are not on this machine")
-    for path in paths:
-        recording = read_recording(path)
-        assert recording.rate == pytest.approx(round(recording.rate), rel=1e-12)
-        assert recording.notes == ()
-        disguised = Recording("deg", recording.time, np.degrees(recording.position), recording.torque)
-        write_recording(disguised, tmp_path / "deg.npz")
-        with pytest.raises(RecordingError, match=r"--columns position=position:deg"):
-            read_recording(tmp_path / "deg.npz")
