@@ -20,9 +20,6 @@ from pendulum_env.physics.simulation import Balance
 from pendulum_env.plant import PAPER, hide
 from pendulum_env.recording.study import GRAVITY
 
-AT_REST = 1e-3  # [rad/s]; a slower joint may be one that friction holds, not quite stopped by the solver
-ITERATIONS = 20  # of pymunk's solver, which converges by a constant factor
-
 
 @dataclass(frozen=True)
 class Link:
@@ -126,6 +123,9 @@ class Acting:
 class PlanarBodies:
     """The simulated arm: advance it with `advance`; positions and velocities are those of the joints."""
 
+    at_rest = 1e-3  # [rad/s]; a slower joint may be one that friction holds, not quite stopped by the solver
+    iterations = 20  # of pymunk's solver, which converges by a constant factor
+
     def __init__(self, links: Sequence[Link], models: Sequence[Model], period: float, substeps: int) -> None:
         """Take links, what acts at their joints, the time between samples [s] and steps in it."""
         self.links, self.substeps, self.step = tuple(links), substeps, period / substeps
@@ -137,7 +137,7 @@ class PlanarBodies:
 
         self._space = pymunk.Space()
         self._space.gravity = (0.0, -GRAVITY)
-        self._space.iterations = ITERATIONS
+        self._space.iterations = self.iterations
         self._bodies: list[Any] = []
         self._motors: list[Any] = []
         before: Any = self._space.static_body
@@ -177,14 +177,14 @@ class PlanarBodies:
             command = torque
             if k == 0:
                 # half of a change of torque belongs to the half step before, which is over; stick made up for it
-                command = torque + 0.5 * (torque - self._command) * (np.abs(self._half) > AT_REST)
+                command = torque + 0.5 * (torque - self._command) * (np.abs(self._half) > self.at_rest)
             position = self.position + h * self._half
             expected = 1.5 * self._half - 0.5 * self._before
             self._acting.advance(self.position, self._half, torque, self._half, h)
             before, last = self._half, self._saved()
             dry = self._push(position, expected, command, h)
             after = self._rates()
-            turned = (before * after < 0) & (np.abs(before) > AT_REST)
+            turned = (before * after < 0) & (np.abs(before) > self.at_rest)
             if turned.any():  # once more, with the friction that acted in the old direction until the reversal
                 slowing = np.where(turned, before - self._before, 1.0)
                 share = np.clip(np.where(turned, -before / np.where(slowing == 0, -before, slowing), 0.0), 0.0, 1.0)

@@ -19,7 +19,6 @@ from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import UNBOUNDED
 
-STEP = 2.5e-4  # [s], at most
 TIED = (0.999, 0.9999, 1e-4, 0.5, 2.0)  # impedance of what ties a follower to its leader
 
 
@@ -79,13 +78,15 @@ def specification(body: Body, standard: Array, friction: Mapping[str, tuple[floa
 class SpatialBodies:
     """A simulated arm: advance it with `advance`; positions and velocities are those of the joints that lead."""
 
+    longest_step = 2.5e-4  # [s]
+
     def __init__(self, body: Body, models: Sequence[Model], period: float) -> None:
         """Take links, what acts at their joints, and the time between samples [s].
 
         Raises:
             BodyError: without MuJoCo.
         """
-        self._steps = int(np.ceil(period / STEP))
+        self._steps = int(np.ceil(period / self.longest_step))
         self._h = period / self._steps
         viscous = {at: model.estimates["viscous"].value for at, model in zip(body.joints, models, strict=True)}
         spec = specification(body, body.standard_values, {at: (b, 1.0) for at, b in viscous.items()})

@@ -13,7 +13,6 @@ from pendulum_env.backends.emulators.motor import Motor
 
 SERVICE = "nidaqmx_grpc.NiDAQmx"
 CHANNELS = {"torque": "Dev1/ao0", "encoder": "Dev1/ctr0", "enable": "Dev1/port0/line0", "fault": "Dev1/port0/line1"}
-NEWTON_METRES_PER_VOLT = 1.5
 NOTHING_TO_DO = (
     "CreateAOVoltageChan",
     "CreateCIAngEncoderChan",
@@ -30,6 +29,8 @@ class Card:
 
     `calls` has what is done at each call of NI's interface, by its name: from the request to fields of the response.
     """
+
+    scale = 1.5  # [N m/V]
 
     def __init__(self, motor: Motor) -> None:
         self.motor = motor
@@ -79,7 +80,7 @@ class Card:
         return {"value": self.motor.expired}
 
     def _set_voltage(self, request: Any) -> Fields:
-        self.motor.command(NEWTON_METRES_PER_VOLT * request.value)
+        self.motor.command(self.scale * request.value)
         return {}
 
     def _set_enable(self, request: Any) -> Fields:
@@ -130,4 +131,4 @@ def _handler(name: str, work: Callable[[Any], Fields], motor: Motor) -> Any:
 def make(motor: Motor) -> tuple[Server, dict[str, Any]]:
     """The network to a card with a motor, and keys of its table in rig.toml."""
     server = Server(Card(motor))
-    return server, {**CHANNELS, "newton_metres_per_volt": NEWTON_METRES_PER_VOLT, "server": server.place}
+    return server, {**CHANNELS, "newton_metres_per_volt": Card.scale, "server": server.place}

@@ -5,11 +5,11 @@ import random
 from collections.abc import Callable
 from contextlib import suppress
 
-CHUNK = 4096  # bytes
-
 
 class Wire:
     """The drive's end of a pseudo-terminal; `place` is the path of the other one."""
+
+    chunk = 4096  # bytes that are taken at once
 
     def __init__(self, answer: Callable[[bytes], bytes]) -> None:
         """Take what a drive answers to the bytes that come."""
@@ -28,7 +28,7 @@ class Wire:
     def come(self) -> None:
         """Take what has come, and answer."""
         with suppress(BlockingIOError):  # nothing has; or nobody reads
-            if answer := self._answer(self._damaged(os.read(self.descriptor, CHUNK))):
+            if answer := self._answer(self._damaged(os.read(self.descriptor, self.chunk))):
                 os.write(self.descriptor, self._damaged(answer))
 
     def corrupt(self, probability: float) -> None:
