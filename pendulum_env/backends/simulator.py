@@ -6,6 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from pendulum_env._typing import ArrayLike
 from pendulum_env.backends.port import Sample, Setup, Start, Traits
 from pendulum_env.physics import Samples
 from pendulum_env.physics.simulation import Balance, CommandLine
@@ -21,10 +22,10 @@ class Engine(Protocol):
         """Advance by h [s] under a torque [N m], from where the last step ended: angle [rad], velocity [rad/s]."""
 
 
-def begin(balance: Balance, position: float, velocity: float) -> Samples:
-    """Begin of a run, scalars, of a joint that has been so for long."""
-    state: list[Any] = [np.float64(value) for value in (0.0, position, velocity, 0.0)]
-    x = Samples(*state)
+def begin(balance: Balance, position: ArrayLike, velocity: ArrayLike) -> Samples:
+    """Begin of a run of a joint, scalars, or of several (B,), that have been so for long."""
+    rest: Any = np.zeros(np.shape(position))[()]
+    x = Samples(rest, np.float64(position), np.float64(velocity), rest)  # type: ignore[arg-type]
     return replace(x, memory=balance.start(x))
 
 
