@@ -204,14 +204,10 @@ def test_refusal_of_foreign_text_is_one_line_with_the_file(tmp_path: Path, conte
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_no_file_a_directory_and_half_of_a_file(tmp_path: Path, swing: Recording, suffix: str) -> None:
+def test_no_file_and_half_of_a_file(tmp_path: Path, swing: Recording, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     with pytest.raises(RecordingError, match="no such file"):
         read_recording(path)
-    path.mkdir()
-    with pytest.raises(RecordingError, match="it is a directory"):
-        read_recording(path)
-    path.rmdir()
     write_recording(swing, path)
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
