@@ -99,7 +99,8 @@ class SpatialBodies:
         self._joints = [int(self._world.joint(at).dofadr[0]) for at in body.joints]  # each is one of position, too
         self._links = [int(self._world.joint(at).dofadr[0]) for at in body.links]
         self._acting = Acting(
-            [replace(model, terms=tuple(own for own in model.terms if own.id != "viscous")) for model in models]
+            [replace(model, terms=tuple(own for own in model.terms if own.id != "viscous")) for model in models],
+            self._h,
         )
 
     def start(self, position: Array, velocity: Array) -> None:
@@ -123,13 +124,13 @@ class SpatialBodies:
         """Hold torques (n,) [N m], or forces [N], for one period."""
         world, data, mujoco = self._world, self._data, library()
         for _ in range(self._steps):
-            position, velocity = self.position, self.velocity
+            position, velocity, now = self.position, self.velocity, self._acting.arriving(torque)
             data.qfrc_applied[self._joints], world.dof_frictionloss[self._joints] = self._acting.torques(
-                position, velocity, torque
+                position, velocity, now
             )
             mujoco.mj_step(world, data)
             np.clip(data.qvel, -UNBOUNDED, UNBOUNDED, out=data.qvel)
-            self._acting.advance(position, velocity, torque, 0.5 * (velocity + self.velocity), self._h)
+            self._acting.advance(position, velocity, now, 0.5 * (velocity + self.velocity))
 
 
 def library() -> Any:
