@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from pendulum_env._typing import ArrayLike
-from pendulum_env.backends.port import Sample, Setup, Start, Traits
+from pendulum_env.backends.port import Backend, Sample, Setup, Start, Traits
 from pendulum_env.physics import Samples
 from pendulum_env.physics.simulation import Balance, CommandLine
 
@@ -29,7 +29,7 @@ def begin(balance: Balance, position: ArrayLike, velocity: ArrayLike) -> Samples
     return replace(x, memory=balance.start(x))
 
 
-class Simulator:
+class Simulator(Backend):
     """An engine as a backend."""
 
     def __init__(self, setup: Setup, make: Callable[[Balance, float], Engine]) -> None:
@@ -38,9 +38,6 @@ class Simulator:
         self.traits = Traits(setup.rate, setup.sensor.counts, simulated=True)
         self._balance = Balance(self.model.terms, self.model.theta)
         self._engine = make(self._balance, self.period / self.substeps)
-
-    def open(self) -> None:
-        """Nothing is needed before a run."""
 
     def enable(self, start: Start) -> Sample:
         """Put the body at the start."""
@@ -58,12 +55,6 @@ class Simulator:
             self._at = self._engine.step(float(command), duration)
         self._count += 1
         return self._sample(torque)
-
-    def disable(self) -> None:
-        """A simulated joint needs no care."""
-
-    def close(self) -> None:
-        """There is nothing to let go of."""
 
     def _sample(self, torque: float) -> Sample:
         position, velocity = self._at

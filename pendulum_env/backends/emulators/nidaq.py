@@ -10,6 +10,7 @@ import grpc
 from nidaqmx._stubs import nidaqmx_pb2 as messages
 
 from pendulum_env.backends.emulators.motor import Motor
+from pendulum_env.backends.emulators.wire import Cable
 
 SERVICE = "nidaqmx_grpc.NiDAQmx"
 CHANNELS = {"torque": "Dev1/ao0", "encoder": "Dev1/ctr0", "enable": "Dev1/port0/line0", "fault": "Dev1/port0/line1"}
@@ -94,10 +95,8 @@ class Card:
         return {"read_array": level, "samps_per_chan_read": 1, "num_bytes_per_samp": 1}
 
 
-class Server:
-    """The network to a card, as a cable; calls come in a thread of its own, one after the other."""
-
-    descriptor = -1  # nothing to watch
+class Server(Cable):
+    """The network to a card; calls come in a thread of its own, one after the other."""
 
     def __init__(self, card: Card) -> None:
         handlers = {name: _handler(name, work, card.motor) for name, work in card.calls.items()}
@@ -105,12 +104,6 @@ class Server:
         self._server = grpc.server(ThreadPoolExecutor(max_workers=1), handlers=[service])
         self.place = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
         self._server.start()
-
-    def come(self) -> None:
-        """Nothing comes by a descriptor."""
-
-    def corrupt(self, probability: float) -> None:
-        """TCP lets nothing damaged through."""
 
     def pull(self) -> None:
         """No network."""
