@@ -1,7 +1,5 @@
 """The pendulum as a Gymnasium environment: simulated by pymunk or MuJoCo, replayed, or the rig itself."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Writing files: refused before the work that fills them starts, and never left half written; none is waited for."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

@@ -1,7 +1,5 @@
 """Two filters that SciPy has as well, in a package that takes longer to import than a command may take to start."""
 
-from __future__ import annotations
-
 from math import factorial
 
 import numpy as np

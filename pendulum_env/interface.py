@@ -1,7 +1,5 @@
 """What one pendulum and many have in common towards Gymnasium: spaces, and what their arguments may be."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

@@ -6,8 +6,6 @@ nothing that it says can run anything. It is begun when it is first needed, wait
 parent. One that dies takes one file with it.
 """
 
-from __future__ import annotations
-
 import atexit
 import json
 import math

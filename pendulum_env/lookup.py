@@ -1,7 +1,5 @@
 """Finding things by name, with an answer that helps when there is nothing of that name."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Mapping
 from typing import TypeVar
@@ -9,7 +7,6 @@ from typing import TypeVar
 from pendulum_env.mistake import Mistake
 
 T = TypeVar("T")
-LONGEST = 60  # characters of a name that a sentence quotes
 
 
 def find(kind: str, name: str, known: Mapping[str, T]) -> T:
@@ -19,7 +16,7 @@ def find(kind: str, name: str, known: Mapping[str, T]) -> T:
         Mistake: if nothing is; the message names the nearest and all that exist.
     """
     if name not in known:
-        name = name if len(name) <= LONGEST else f"{name[: LONGEST - 3]}..."
+        name = name if len(name) <= 60 else f"{name[:57]}..."  # as much as a sentence quotes
         near = difflib.get_close_matches(name, known, n=1)
         hint = f": did you mean {near[0]}? Known: " if near else "; known: "
         raise Mistake(f"unknown {kind} '{name}'{hint}{', '.join(sorted(known))}")

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 BLUE, ORANGE, GREEN = "#3d85d8", "#d9792a", "#2f9e77"  # 3 : 1 or more on white and on black
 WIDTH, HEIGHT = 600, 64  # of a curve, in its own units
-POINTS = 480  # of one curve
 LINE = "border-bottom:1px solid rgba(128,128,128,.3)"
 SMALL = "font-size:.88em;opacity:.8"
 
@@ -155,7 +154,7 @@ def plot(
         band = path(np.r_[x, x[::-1]], np.r_[noise, -noise[::-1]])
         shapes.append(f'<path d="{band}Z" fill="currentColor" fill-opacity=".18"/>')
     for curve in curves:
-        kept = thin(curve.values, POINTS)
+        kept = thin(curve.values, 480)
         dashes = ' stroke-dasharray="5 3"' if curve.dashed else ""
         line = f'd="{path(x[kept], curve.values[kept])}" stroke="{curve.color}"{dashes}'
         shapes.append(f'<path {line} fill="none" stroke-width="1.4" vector-effect="non-scaling-stroke"/>')

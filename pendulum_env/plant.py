@@ -1,7 +1,5 @@
 """Plants to simulate: the paper's pendulum, and effects hidden in it by a short text such as `stribeck=0.4`."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Excitation signals as policies, and rollouts that become recordings."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import islice

@@ -1,7 +1,5 @@
 """A picture of a pendulum or of several links in a row: torques as arcs about the pivots, and lines of text."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any

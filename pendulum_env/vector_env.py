@@ -1,7 +1,5 @@
 """Many pendulums at once, in NumPy: the same physics as the pymunk backend, for training and for statistics."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 
 from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.backends.sensing import COUNTS, Sensor
+from pendulum_env.backends.simulator import begin
 from pendulum_env.interface import (
     MAX_TORQUE,
     MAX_VELOCITY,
@@ -130,15 +129,10 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         self.steps = np.zeros(self.num_envs, dtype=np.int64)
         self._ended = self._nobody
         self._command = CommandLine(self.model.terms, 1.0 / self.rate, self.substeps)
-        self._x = self._begun(position, velocity)
+        self._x = begin(self._balance, position, velocity)
         self._before = self.sensor.position(position - velocity / self.rate)
         observation, info = self._show(np.zeros(self.num_envs), clipped=self._nobody.copy())
         return observation, {**info, "torque": np.zeros(self.num_envs)}
-
-    def _begun(self, position: Array, velocity: Array) -> Samples:
-        """Begin of a run (B,) of joints that have been so for long."""
-        x = Samples(np.zeros(self.num_envs), position, velocity, np.zeros(self.num_envs))
-        return replace(x, memory=self._balance.start(x))
 
     def step(  # type: ignore[override]  # Gymnasium types the flags like the rewards
         self, actions: Batch
@@ -182,7 +176,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
 
     def _restart(self, which: Mask) -> None:
         """Put those pendulums (B,) at rest, hanging down."""
-        x, still = self._x, self._begun(*np.zeros((2, self.num_envs)))
+        x, still = self._x, begin(self._balance, *np.zeros((2, self.num_envs)))
         assert x is not None
 
         def fresh(name: str) -> Array:

@@ -97,7 +97,7 @@ def test_numbers_in_the_prose_are_those_of_the_code():
         f"$\\nu = {score.NU:.0f}$ degrees of freedom",
         f"{score.DRAWS} times over",
         f"stretches of {score.BLOCK:.0f} second".replace("1", "one"),
-        f"knots {table.SLOW:g} s apart",
+        f"knots {table.ByTime.length:g} s apart",
         f"pieces of {Criterion().moment:g} s",
         f"segments of {motion.SEGMENT:g} second".replace("0.5", "half a"),
         f"$\\lambda = {CUTOFF:.0f}$ rad/s",

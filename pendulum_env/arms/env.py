@@ -1,7 +1,5 @@
 """Simulated arms as Gymnasium environments: a planar one by pymunk, any other by MuJoCo."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

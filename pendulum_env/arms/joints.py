@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, S
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, ClassVar, cast
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from pendulum_env.physics import Column, Term, nameable
 from pendulum_env.physics.base import Coulomb, Viscous
 from pendulum_env.physics.library import MEASURED
 from pendulum_env.physics.table import TABLES
-from pendulum_env.physics.term import loads, one
+from pendulum_env.physics.term import derived, loads, one
 from pendulum_env.words import along
 
 if TYPE_CHECKING:
@@ -58,19 +58,16 @@ def _at_joint(effect: type[Term], joint: str, unit_of: Callable[[str], str]) -> 
         own = (column for column in columns if column.name not in OF_THE_ARM)
         return tuple(replace(column, name=f"{column.name}@{joint}", unit=unit_of(column.unit)) for column in own)
 
-    content: dict[str, Any] = {
-        "__module__": effect.__module__,
-        "__doc__": effect.__doc__,
-        "__reduce__": lambda term: (placed, (effect(**term.shape), joint, unit_of is along)),
-        "id": f"{effect.id}@{joint}",
-        "at": joint,
-        "slides": unit_of is along,
-        "shapes": tuple(replace(shape, unit=unit_of(shape.unit)) for shape in effect.shapes if not shape.follows),
-        "beyond": lambda term, low, high: unit_of(effect.beyond(term, low, high)),
-        "columns": cached_property(lambda term: named(super(made, term).columns)),
-        "fixed": cached_property(lambda term: named(super(made, term).fixed)),
-    }
-    made = cast(type[Term], type(f"{effect.__name__}@{joint}", (effect,), content))
+    made = derived(
+        effect, at_joint, joint, unit_of is along,
+        id=f"{effect.id}@{joint}",
+        at=joint,
+        slides=unit_of is along,
+        shapes=tuple(replace(shape, unit=unit_of(shape.unit)) for shape in effect.shapes if not shape.follows),
+        beyond=lambda term, low, high: unit_of(effect.beyond(term, low, high)),
+        columns=cached_property(lambda term: named(super(made, term).columns)),
+        fixed=cached_property(lambda term: named(super(made, term).fixed)),
+    )  # fmt: skip
     return made
 
 
@@ -103,21 +100,13 @@ class Coupling(Term):
 
 
 @cache
+def _coupled(kind: type[Coupling], at: str, is_heavy: bool) -> type[Coupling]:
+    return derived(kind, _coupled, at, is_heavy, id=f"coupling@{at}", at=at, is_heavy=is_heavy)
+
+
 def coupled(at: str, is_heavy: bool) -> type[Coupling]:
     """The coupling of two joints, `elbow,wrist` or `elbow,-wrist`, with or without an inertia of its motor."""
-    content = {
-        "__module__": Coupling.__module__,
-        "__doc__": Coupling.__doc__,
-        "__reduce__": lambda term: (_coupling, (at, is_heavy)),
-        "id": f"coupling@{at}",
-        "at": at,
-        "is_heavy": is_heavy,
-    }
-    return cast(type[Coupling], type(f"Coupling@{at}", (Coupling,), content))
-
-
-def _coupling(at: str, is_heavy: bool) -> Coupling:
-    return coupled(at, is_heavy)()
+    return _coupled(Coupling, at, is_heavy)
 
 
 def couplings(body: Body) -> tuple[type[Coupling], ...]:

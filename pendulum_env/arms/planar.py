@@ -6,8 +6,6 @@ later, links held together at the positions. That is of second order, and conser
 a joint reverses inside a step, the step is made again with the friction that acted until then.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,12 +16,9 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import FRICTION, effect_at
 from pendulum_env.physics import Model, Samples
-from pendulum_env.physics.simulation import Balance
+from pendulum_env.physics.simulation import Balance, CommandLine
 from pendulum_env.plant import PAPER, hide
-
-GRAVITY = 9.81  # [m/s^2]
-AT_REST = 1e-3  # [rad/s]; a slower joint may be one that friction holds, not quite stopped by the solver
-ITERATIONS = 20  # of pymunk's solver, which converges by a constant factor
+from pendulum_env.recording.study import GRAVITY
 
 
 @dataclass(frozen=True)
@@ -94,16 +89,21 @@ def joint_models(
 class Acting:
     """What acts at the joints of a simulated arm, and what it remembers: a torque balance for each joint."""
 
-    def __init__(self, models: Sequence[Model]) -> None:
-        """Take what acts at each joint, without inertia."""
-        self._balances = [Balance(model.terms, model.theta) for model in models]
+    def __init__(self, models: Sequence[Model], h: float) -> None:
+        """Take what acts at each joint, without inertia, in steps of h [s]."""
+        self._balances, self._h = [Balance(model.terms, model.theta) for model in models], h
 
     def start(self, position: Array, velocity: Array) -> None:
         """Begin with joints at positions (n,) with velocities (n,)."""
         self.time = 0.0
+        self._lines = [CommandLine(balance.terms, self._h, 1) for balance in self._balances]
         self._memory: list[Mapping[str, Any]] = [{} for _ in self._balances]
         samples = self._samples(position, velocity, np.zeros(len(self._balances)))
         self._memory = [balance.start(x) for balance, x in zip(self._balances, samples, strict=True)]
+
+    def arriving(self, torque: Array) -> Array:
+        """What of commanded torques (n,) acts in the next step: terms may delay it."""
+        return np.array([now for line, own in zip(self._lines, torque, strict=True) for now in line.push(own)])
 
     def torques(self, position: Array, velocity: Array, torque: Array) -> tuple[Array, Array]:
         """Torque that is left for acceleration and dry friction, and how large the latter may be (n,) [N m]."""
@@ -112,12 +112,12 @@ class Acting:
         net, dry = np.array(pairs, dtype=float).T
         return net, dry
 
-    def advance(self, position: Array, velocity: Array, torque: Array, mean: Array, h: float) -> None:
-        """Go on by h [s] from there, the joints moving at mean velocities (n,) meanwhile."""
+    def advance(self, position: Array, velocity: Array, torque: Array, mean: Array) -> None:
+        """Go on by a step from there, the joints moving at mean velocities (n,) meanwhile."""
         for k, x in enumerate(self._samples(position, velocity, torque)):
             if x.memory:
-                self._memory[k] = self._balances[k].advance(x, mean[k], h)
-        self.time += h
+                self._memory[k] = self._balances[k].advance(x, mean[k], self._h)
+        self.time += self._h
 
     def _samples(self, position: Array, velocity: Array, torque: Array) -> list[Samples]:
         now: Any = np.float64(self.time)
@@ -128,10 +128,13 @@ class Acting:
 class PlanarBodies:
     """The simulated arm: advance it with `advance`; positions and velocities are those of the joints."""
 
+    at_rest = 1e-3  # [rad/s]; a slower joint may be one that friction holds, not quite stopped by the solver
+    iterations = 20  # of pymunk's solver, which converges by a constant factor
+
     def __init__(self, links: Sequence[Link], models: Sequence[Model], period: float, substeps: int) -> None:
         """Take links, what acts at their joints, the time between samples [s] and steps in it."""
         self.links, self.substeps, self.step = tuple(links), substeps, period / substeps
-        self._acting = Acting(models)
+        self._acting = Acting(models, self.step)
 
     def start(self, position: Array, velocity: Array) -> None:
         """Put the arm at joint angles (n,) [rad] with joint velocities (n,) [rad/s]."""
@@ -139,7 +142,7 @@ class PlanarBodies:
 
         self._space = pymunk.Space()
         self._space.gravity = (0.0, -GRAVITY)
-        self._space.iterations = ITERATIONS
+        self._space.iterations = self.iterations
         self._bodies: list[Any] = []
         self._motors: list[Any] = []
         before: Any = self._space.static_body
@@ -175,18 +178,18 @@ class PlanarBodies:
     def advance(self, torque: Array) -> None:
         """Hold torques (n,) [N m] for one period."""
         h = self.step
-        for k in range(self.substeps):
-            command = torque
-            if k == 0:
-                # half of a change of torque belongs to the half step before, which is over; stick made up for it
-                command = torque + 0.5 * (torque - self._command) * (np.abs(self._half) > AT_REST)
+        for _ in range(self.substeps):
+            now = self._acting.arriving(torque)
+            # half of a change of torque belongs to the half step before, which is over; stick made up for it
+            command = now + 0.5 * (now - self._command) * (np.abs(self._half) > self.at_rest)
+            self._command = now
             position = self.position + h * self._half
             expected = 1.5 * self._half - 0.5 * self._before
-            self._acting.advance(self.position, self._half, torque, self._half, h)
+            self._acting.advance(self.position, self._half, now, self._half)
             before, last = self._half, self._saved()
             dry = self._push(position, expected, command, h)
             after = self._rates()
-            turned = (before * after < 0) & (np.abs(before) > AT_REST)
+            turned = (before * after < 0) & (np.abs(before) > self.at_rest)
             if turned.any():  # once more, with the friction that acted in the old direction until the reversal
                 slowing = np.where(turned, before - self._before, 1.0)
                 share = np.clip(np.where(turned, -before / np.where(slowing == 0, -before, slowing), 0.0), 0.0, 1.0)
@@ -195,7 +198,6 @@ class PlanarBodies:
                 self._push(position, expected, command - 2.0 * share * dry * np.sign(before), h)
                 after = self._rates()
             self.position, self._before, self._half = position, before, after
-        self._command = torque
         self.velocity = 0.5 * (self._before + self._half)
 
     def _push(self, position: Array, velocity: Array, torque: Array, h: float) -> Array:

@@ -1,14 +1,13 @@
 """An arm that moves in a vertical plane, as the planar simulator has it: its links from a robot's file."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, BodyError
-from pendulum_env.arms.planar import GRAVITY, Link
+from pendulum_env.arms.planar import Link
 from pendulum_env.arms.robot import pinocchio
 from pendulum_env.plant import PAPER
+from pendulum_env.recording.study import GRAVITY
 
 ALIKE = 1e-6  # of directions, and of lengths as shares of the arm's
 ELSEWHERE = "simulate it in MuJoCo, --backend mujoco"

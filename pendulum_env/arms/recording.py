@@ -25,8 +25,6 @@ from pendulum_env.words import listing
 QUANTITIES = ("position", "torque")
 OF_JOINTS = (*QUANTITIES, "temperature", "link_position")  # the last two where there are any
 CURRENT = ", as torque_JOINT=NAME:A*? if it is a current"  # for --columns
-COLUMNS = 500  # that are looked at: four of 64 joints, and what else a robot logs
-SHOWN = 12  # columns of a file that are named where one is missing
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -132,7 +130,7 @@ def read_arm_recording(
     Raises:
         RecordingError: as `read_recording`, and if columns of joints are missing, or are of other joints.
     """
-    look = preview(path, largest, COLUMNS)
+    look = preview(path, largest, most=500)  # columns: four of 64 joints, and what else a robot logs
     named = _named(path, look.headers, joints, held, dict(columns or {}))
     single = [_read_joint(path, joint, named, unwrap, largest) for joint in joints]
     _refuse_twice(path, joints, single)
@@ -263,7 +261,7 @@ def _named(
             current = CURRENT if quantity == "torque" else ""
             raise ColumnError(
                 f"{path}: {len(joints)} {need} of {quantity}, there is none for {', '.join(missing)} among "
-                f"{', '.join([*plain][:SHOWN])}: name them {quantity}_{missing[0]} and so on, say which with "
+                f"{', '.join([*plain][:12])}: name them {quantity}_{missing[0]} and so on, say which with "
                 f"--columns{current}, or hold joints by naming those that move, --joints A,B,C"
             )
         for header in plain:

@@ -5,8 +5,6 @@ Joints that are held are gone, their links part of those before. Those that mimi
 stay links of their own: with joints at q, all links' joints are at R q + r.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -24,7 +22,6 @@ from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake, one_line
 from pendulum_env.reading import DOCUMENT, LARGE, regular_size, shown
 
-LIGHTEST = 1e-9  # [kg], of a link that moves
 MOST = 64  # joints
 SPARSE = "write it without what does not move"  # what helps where a robot takes too long or too much memory
 TURNS, SLIDES = "Revolute", "Prismatic"  # Pinocchio's words
@@ -232,7 +229,7 @@ def _refuse_others(model: Any) -> None:
         numbers = np.concatenate([[inertia.mass], inertia.lever, np.ravel(inertia.inertia)])
         if not (np.abs(numbers) <= LARGE).all():  # nor NaN
             raise BodyError(f"{link} holds a number beyond {LARGE:g}: give lengths in m and masses in kg")
-        if not inertia.mass > LIGHTEST:
+        if not inertia.mass > 1e-9:  # [kg]
             raise BodyError(f"{link} has no inertia: give it mass and <inertial>")
         if np.linalg.eigvalsh(inertia.toPseudoInertia().toMatrix()).min() < -1e-9 * inertia.mass:
             raise BodyError(

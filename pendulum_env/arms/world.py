@@ -5,8 +5,6 @@ friction is MuJoCo's damping and implicit, dry friction its `frictionloss`, as s
 other effects act at the start of a step. Of first order in the step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -21,7 +19,6 @@ from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import UNBOUNDED
 
-STEP = 2.5e-4  # [s], at most
 TIED = (0.999, 0.9999, 1e-4, 0.5, 2.0)  # impedance of what ties a follower to its leader
 
 
@@ -81,13 +78,15 @@ def specification(body: Body, standard: Array, friction: Mapping[str, tuple[floa
 class SpatialBodies:
     """A simulated arm: advance it with `advance`; positions and velocities are those of the joints that lead."""
 
+    longest_step = 2.5e-4  # [s]
+
     def __init__(self, body: Body, models: Sequence[Model], period: float) -> None:
         """Take links, what acts at their joints, and the time between samples [s].
 
         Raises:
             BodyError: without MuJoCo.
         """
-        self._steps = int(np.ceil(period / STEP))
+        self._steps = int(np.ceil(period / self.longest_step))
         self._h = period / self._steps
         viscous = {at: model.estimates["viscous"].value for at, model in zip(body.joints, models, strict=True)}
         spec = specification(body, body.standard_values, {at: (b, 1.0) for at, b in viscous.items()})
@@ -100,7 +99,8 @@ class SpatialBodies:
         self._joints = [int(self._world.joint(at).dofadr[0]) for at in body.joints]  # each is one of position, too
         self._links = [int(self._world.joint(at).dofadr[0]) for at in body.links]
         self._acting = Acting(
-            [replace(model, terms=tuple(own for own in model.terms if own.id != "viscous")) for model in models]
+            [replace(model, terms=tuple(own for own in model.terms if own.id != "viscous")) for model in models],
+            self._h,
         )
 
     def start(self, position: Array, velocity: Array) -> None:
@@ -124,13 +124,13 @@ class SpatialBodies:
         """Hold torques (n,) [N m], or forces [N], for one period."""
         world, data, mujoco = self._world, self._data, library()
         for _ in range(self._steps):
-            position, velocity = self.position, self.velocity
+            position, velocity, now = self.position, self.velocity, self._acting.arriving(torque)
             data.qfrc_applied[self._joints], world.dof_frictionloss[self._joints] = self._acting.torques(
-                position, velocity, torque
+                position, velocity, now
             )
             mujoco.mj_step(world, data)
             np.clip(data.qvel, -UNBOUNDED, UNBOUNDED, out=data.qvel)
-            self._acting.advance(position, velocity, torque, 0.5 * (velocity + self.velocity), self._h)
+            self._acting.advance(position, velocity, now, 0.5 * (velocity + self.velocity))
 
 
 def library() -> Any:

@@ -12,8 +12,6 @@ substeps leave 0.6 mrad. A step takes about 15 us, 6 us more than pymunk's. Sour
 Computation, on the constraint model.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What every backend offers, be it simulated, recorded or a rig: torque for a measurement, once per period."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -69,14 +67,19 @@ class Traits:
 
 
 class Backend(Protocol):
-    """A pendulum with a torque input; `open, enable, exchange ..., disable, close`, where close never raises."""
+    """A pendulum with a torque input; `open, enable, exchange ..., disable, close`, where close never raises.
 
-    @property
-    def traits(self) -> Traits:
-        """What it is; asked for once it is open."""
+    A backend that is no machine needs no more than `enable` and `exchange`.
+
+    Attributes:
+        traits: what it is.
+    """
+
+    traits: Traits
 
     def open(self) -> None:
         """Get hold of what is needed; the joint stays without power."""
+        return
 
     def enable(self, start: Start) -> Sample:
         """Begin a run, with zero torque: the first measurement, at time 0."""
@@ -86,9 +89,11 @@ class Backend(Protocol):
 
     def disable(self) -> None:
         """End a run: no torque."""
+        return
 
     def close(self) -> None:
         """Let go of everything; may be called at any time, and twice."""
+        return
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,10 @@
 """The replay backend: a recording, stepped through sample by sample; the torque asked for is ignored."""
 
-from __future__ import annotations
-
-from pendulum_env.backends.port import Sample, Setup, Start, Status, Traits
+from pendulum_env.backends.port import Backend, Sample, Setup, Start, Status, Traits
 from pendulum_env.recording import Recording, read_recording
 
 
-class Replay:
+class Replay(Backend):
     """A recording as a backend: torque, position and, where there is one, velocity are those it holds."""
 
     def __init__(self, setup: Setup) -> None:
@@ -19,14 +17,7 @@ class Replay:
         if setup.recording is None:
             raise ValueError("backend 'replay' needs a recording: pass recording='run.csv'")
         self.recording: Recording = read_recording(setup.recording)
-
-    @property
-    def traits(self) -> Traits:
-        """Those of the recording."""
-        return Traits(self.recording.rate, counts=None, recording=self.recording)
-
-    def open(self) -> None:
-        """The recording is read already."""
+        self.traits = Traits(self.recording.rate, counts=None, recording=self.recording)
 
     def enable(self, start: Start) -> Sample:
         """Go back to the first sample; a recording starts as it was recorded."""
@@ -37,12 +28,6 @@ class Replay:
         """Next sample, whatever the torque; at the last one the run has ended."""
         self._index = min(self._index + 1, len(self.recording) - 1)
         return self._sample()
-
-    def disable(self) -> None:
-        """Nothing moves."""
-
-    def close(self) -> None:
-        """There is nothing to let go of."""
 
     def _sample(self) -> Sample:
         run, k = self.recording, self._index

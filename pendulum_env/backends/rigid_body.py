@@ -6,8 +6,6 @@ things lift pymunk's first order to the second: the angle moves by the trapezoid
 reverses inside a step, the torque makes up for the friction that the motor only knows in the new direction.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -17,11 +15,11 @@ from pendulum_env.backends.half_steps import half_steps
 from pendulum_env.physics import Samples
 from pendulum_env.physics.simulation import UNBOUNDED, Balance
 
-AT_REST = 1e-12  # [rad/s], what rounding leaves of a velocity that the motor has stopped
-
 
 class RigidBody:
     """A pendulum in pymunk, as the engine of a simulator."""
+
+    at_rest = 1e-12  # [rad/s], what rounding leaves of a velocity that the motor has stopped
 
     def __init__(self, balance: Balance, longest: float) -> None:
         """Take the torques that act on it, and the longest step [s]."""
@@ -63,8 +61,8 @@ class RigidBody:
             self._motor.max_force = self._dry = dry
         self._space.step(h)
         reached = float(body.angular_velocity)
-        if not AT_REST < abs(reached) < UNBOUNDED:
-            reached = 0.0 if abs(reached) <= AT_REST else math.copysign(UNBOUNDED, reached)
+        if not self.at_rest < abs(reached) < UNBOUNDED:
+            reached = 0.0 if abs(reached) <= self.at_rest else math.copysign(UNBOUNDED, reached)
             body.angular_velocity = reached
         body.angle = self._position = q + 0.5 * (v * moving + reached * (h if moving == h else h - moving))
         if self._balance.remembers:

@@ -1,7 +1,5 @@
 """What a simulated rig shows of its motion: an encoder's counts, a noisy torque channel, a velocity."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A simulated rig: any model as the plant, seen through an encoder and a noisy torque channel."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pendulum_env.backends.sensing import COUNTS, Sensor
@@ -11,7 +9,6 @@ from pendulum_env.plant import paper_plant
 from pendulum_env.recording import Recording
 
 TORQUE_NOISE = 0.02  # [N m], standard deviation
-FEWEST = 2  # samples
 
 
 def record(
@@ -45,8 +42,8 @@ def record(
             raise ValueError(f"a recording needs {what} above zero, got {value:g}")
     sensor = Sensor(counts, torque_noise)
     samples = round(seconds * rate)
-    if samples < FEWEST:
-        raise ValueError(f"{seconds:g} s at {rate:g} Hz are {samples} samples, at least {FEWEST} are needed")
+    if samples < 2:
+        raise ValueError(f"{seconds:g} s at {rate:g} Hz are {samples} samples, at least 2 are needed")
     time = np.arange(samples) / rate
     torque = np.asarray(excitation.signal(time), dtype=float)
     plant = model or paper_plant()

@@ -1,14 +1,13 @@
 """A simulated pendulum as a backend: a model's torques on the body of a physics engine, seen through a sensor."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
 
-from pendulum_env.backends.port import Sample, Setup, Start, Traits
+from pendulum_env._typing import ArrayLike
+from pendulum_env.backends.port import Backend, Sample, Setup, Start, Traits
 from pendulum_env.physics import Samples
 from pendulum_env.physics.simulation import Balance, CommandLine
 
@@ -23,14 +22,14 @@ class Engine(Protocol):
         """Advance by h [s] under a torque [N m], from where the last step ended: angle [rad], velocity [rad/s]."""
 
 
-def begin(balance: Balance, position: float, velocity: float) -> Samples:
-    """Begin of a run, scalars, of a joint that has been so for long."""
-    state: list[Any] = [np.float64(value) for value in (0.0, position, velocity, 0.0)]
-    x = Samples(*state)
+def begin(balance: Balance, position: ArrayLike, velocity: ArrayLike) -> Samples:
+    """Begin of a run of a joint, scalars, or of several (B,), that have been so for long."""
+    rest: Any = np.zeros(np.shape(position))[()]
+    x = Samples(rest, np.float64(position), np.float64(velocity), rest)  # type: ignore[arg-type]
     return replace(x, memory=balance.start(x))
 
 
-class Simulator:
+class Simulator(Backend):
     """An engine as a backend."""
 
     def __init__(self, setup: Setup, make: Callable[[Balance, float], Engine]) -> None:
@@ -39,9 +38,6 @@ class Simulator:
         self.traits = Traits(setup.rate, setup.sensor.counts, simulated=True)
         self._balance = Balance(self.model.terms, self.model.theta)
         self._engine = make(self._balance, self.period / self.substeps)
-
-    def open(self) -> None:
-        """Nothing is needed before a run."""
 
     def enable(self, start: Start) -> Sample:
         """Put the body at the start."""
@@ -59,12 +55,6 @@ class Simulator:
             self._at = self._engine.step(float(command), duration)
         self._count += 1
         return self._sample(torque)
-
-    def disable(self) -> None:
-        """A simulated joint needs no care."""
-
-    def close(self) -> None:
-        """There is nothing to let go of."""
 
     def _sample(self, torque: float) -> Sample:
         position, velocity = self._at

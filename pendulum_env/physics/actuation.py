@@ -1,7 +1,5 @@
 """What lies between the torque command and the torque at the joint."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Self
@@ -60,9 +58,6 @@ class TorqueRipple(Term):
         return [cls(float(order)) for order in range(1, 61)]
 
 
-BEYOND = 100.0  # times a limit: all is lost from there on
-
-
 @dataclass(frozen=True)
 class TorqueSaturation(Term):
     """Loss of gain at high torque: the joint receives L tanh(|tau / L|^(1/r))^r sgn tau.
@@ -93,7 +88,7 @@ class TorqueSaturation(Term):
     @property
     def fixed(self) -> tuple[Column, ...]:
         def lost(x: Samples) -> ArrayLike:
-            times = np.minimum(np.abs(x.torque / self.limit), BEYOND)
+            times = np.minimum(np.abs(x.torque / self.limit), 100.0)  # all is lost from there on
             return x.torque - self.limit * np.sign(x.torque) * np.tanh(times ** (1 / self.roundness)) ** self.roundness
 
         return (Column("torque_saturation", "1", force=lost),)

@@ -4,8 +4,6 @@ Laws are written once, for NumPy. As `symbols` they are lines of a program, whic
 second if it is small.
 """
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 import math
@@ -22,7 +20,6 @@ from llvmlite import ir
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics.symbols import COMPARISONS, LOGICAL, NAME, WHERE, Operand, Symbol, boxed, distinct, names
 
-KEPT = 256  # programs
 MANY, SMALL = 64, 50  # lanes from which on, and values up to which, a faster program is worth the time to compile it
 DOUBLE, WHOLE, POINTER = ir.DoubleType(), ir.IntType(64), ir.PointerType()
 CALLS = {  # by operation: LLVM's own functions, and those of the C library
@@ -174,7 +171,7 @@ def _spelled(results: Sequence[Operand]) -> tuple[tuple[Line, ...], tuple[Place,
     return tuple(lines), tuple(map(of, results))
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=256)
 def _compile(names: Names, lines: tuple[Line, ...], results: tuple[Place, ...], quickly: bool) -> Recurrence:
     _prepare()
     target, level = llvm.Target.from_default_triple(), 0 if quickly else 2

@@ -1,7 +1,5 @@
 """Friction beyond viscous and Coulomb."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Self
@@ -11,10 +9,6 @@ import numpy as np
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.actuation import powered
 from pendulum_env.physics.term import ROOM, Column, Memory, Samples, Shape, Term, one
-
-WARMER = 1.0  # [K], by which the temperature has to change to tell of it
-WHILE = 1.0  # [s], over which its rate of change is taken
-SELF_LOCKING = 0.7  # share of the torque: gears that eat more are not driven backwards by any weight
 
 
 @dataclass(frozen=True)
@@ -139,6 +133,7 @@ class LoadDependentFriction(Term):
     weight: float = 0.0
     back_emf: float = 0.0
 
+    most = 0.7  # of both coefficients: gears that take more of the torque are not driven backwards by any weight
     id = "load_dependent_friction"
     law = "(mu |tau| + mu_o |w sin q|) sgn q'"
     kind = "dissipative"
@@ -163,14 +158,14 @@ class LoadDependentFriction(Term):
                 dry=lambda x: np.abs(x.torque - self.back_emf * x.velocity * powered(x)),
                 of_torque=True,
                 least=0.0,
-                most=SELF_LOCKING,
+                most=self.most,
             ),
             Column(
                 "load_dependent_friction.output",
                 "1",
                 dry=lambda x: np.abs((self.weight + x.load.gravity) * np.sin(x.position)),
                 least=0.0,
-                most=SELF_LOCKING,
+                most=self.most,
             ),
         )
 
@@ -219,6 +214,8 @@ class TemperatureDependentFriction(Term):
     signature = "Friction is larger or smaller when the joint is warm, in any motion and at any time."
     resembles = ("friction_drift",)
     shares = ("viscous", "coulomb")
+    warmer = 1.0  # [K], by which the temperature has to change to tell of it
+    span = 1.0  # [s], over which its rate of change is taken
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -242,12 +239,12 @@ class TemperatureDependentFriction(Term):
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
         measured = np.broadcast_to(x.temperature, x.time.shape)
-        later = np.minimum(x.time + WHILE, x.time[-1])
+        later = np.minimum(x.time + self.span, x.time[-1])
         return measured, (np.interp(later, x.time, measured) - measured) / np.maximum(later - x.time, period)
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls()] if np.ptp(x.temperature) > WARMER else []
+        return [cls()] if np.ptp(x.temperature) > cls.warmer else []
 
 
 @dataclass(frozen=True)

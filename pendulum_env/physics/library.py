@@ -1,7 +1,5 @@
 """The library of effects: built-in ones, users' own, and those that installed packages offer."""
 
-from __future__ import annotations
-
 import warnings
 from functools import cache
 from importlib.metadata import entry_points

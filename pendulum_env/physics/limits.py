@@ -1,7 +1,5 @@
 """Limits that a user sets to the parameters of terms, and values that are known."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -12,7 +10,7 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics.term import Column, Samples, Shape, Term
+from pendulum_env.physics.term import Column, Samples, Shape, Term, derived
 
 Limits = Mapping[str, tuple[float, float]]  # least and largest value by parameter, `gravity` or `cogging.order`
 
@@ -104,22 +102,11 @@ def _limited(kind: type[Term], limits: tuple[tuple[str, float, float], ...]) -> 
     def grid(cls: type[Term], x: Samples, residual: Array) -> Iterable[Term]:
         return dict.fromkeys(_clipped(variant) for variant in cast(Any, super(made, cls)).grid(x, residual))
 
-    members: dict[str, Any] = {
-        "__doc__": kind.__doc__,
-        "__module__": kind.__module__,
-        "columns": property(columns),
-        "shapes": tuple(narrower(shape) for shape in kind.shapes),
-        "grid": classmethod(grid),
-        "bare": (kind, limits),
-        "__reduce__": lambda self: (_again, (kind, limits, self.shape)),  # no module has this kind by its name
-    }
-    made = cast(type[Term], type(kind.__name__, (kind,), members))
+    shapes = tuple(narrower(shape) for shape in kind.shapes)
+    made = derived(
+        kind, _limited, limits, columns=property(columns), shapes=shapes, grid=classmethod(grid), bare=(kind, limits)
+    )
     return made
-
-
-def _again(kind: type[Term], limits: tuple[tuple[str, float, float], ...], shape: Mapping[str, float]) -> Term:
-    """A limited term in another process."""
-    return _limited(kind, limits)(**shape)  # type: ignore[arg-type]  # classes can be hashed
 
 
 def _clipped(term: Term) -> Term:

@@ -24,7 +24,6 @@ from pendulum_env.words import per, plus_minus
 
 SCHEMA = "pendulum-ident/model@1"
 ARM_SCHEMA = "pendulum-ident/arm-model@1"  # of several joints, which `pendulum_env.arms` reads
-WORST = 1e100  # standard error in a file: any for what the data do not show, but its square is finite
 
 
 class ModelError(Mistake):
@@ -413,6 +412,6 @@ def _unit(data: Value) -> str:
 def read_estimate(data: Value, unit: str) -> Estimate:
     """A parameter of a model file."""
     std = data.get("std")
-    error = 0.0 if std is None else std.number(0.0, WORST)
+    error = 0.0 if std is None else std.number(0.0, 1e100)  # what data do not show may have any, of a finite square
     is_biased, is_unknown = (data.get(key) is not None for key in ("biased", "unknown"))
     return Estimate(data["value"].number(), error, unit, is_biased=is_biased, is_unknown=is_unknown)

@@ -1,7 +1,5 @@
 """Torques that depend on the angle alone and store energy."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -12,7 +10,6 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.physics.term import Column, Samples, Shape, Term
 
-SEEN = 3  # periods of the longest of several waves over the angle
 COARSE = 60  # orders of cogging up to which all are tried,
 FINEST, STARTS = 400, 3  # and beyond, up to twice the ratio of usual gears, those of which so many are tried
 
@@ -68,6 +65,8 @@ class Cogging(Term):
         *(Shape(f"order_{k}", "1", 0, 2 * COARSE, integer=True, usual=0.0, unusual=2.0) for k in range(2, 6)),
     )
 
+    seen = 3  # periods of the longest of several waves over the angle
+
     @property
     def _orders(self) -> list[tuple[str, float]]:
         """Orders N that there are, with what the names of their parameters end with."""
@@ -85,7 +84,7 @@ class Cogging(Term):
 
     def possible(self, x: Samples) -> bool:
         first, *others = sorted(n for _, n in self._orders)
-        return not others or bool(np.ptp(x.position) * first >= 2 * np.pi * SEEN)
+        return not others or bool(np.ptp(x.position) * first >= 2 * np.pi * self.seen)
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:

@@ -1,7 +1,5 @@
 """Errors of the position sensor."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -19,14 +19,11 @@ import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics.term import Column, Samples, Shape, Term
+from pendulum_env.physics.term import Column, Samples, Shape, Term, derived
 from pendulum_env.reading import Value
 
-FINE = 2000  # points over which functions are orthogonal
-DRAWN = 241  # points of a curve
 FARTHEST, NARROWEST = 1e6, 1e-6  # of a table in a file [rad, rad/s]
 ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # pieces that are tried
-SLOW = 0.5  # [s], pieces over time
 OF_ANGLE: dict[str, Callable[[Array], Array]] = {
     "one": np.ones_like,
     "line": np.positive,
@@ -135,9 +132,9 @@ class Table(Term):
 
     def curve(self, theta: Array, covariance: Array | None = None) -> Curve:
         """The function that linear parameters (P,) make, with standard errors by their covariance (P, P)."""
-        x = np.linspace(self.extent.low, self.extent.high, DRAWN)
+        x = np.linspace(self.extent.low, self.extent.high, 241)
         phi = np.column_stack([np.broadcast_to(own, x.shape) for own in self.basis(x)])
-        variance = np.zeros(DRAWN) if covariance is None else np.einsum("np,pq,nq->n", phi, covariance, phi)
+        variance = np.zeros(len(x)) if covariance is None else np.einsum("np,pq,nq->n", phi, covariance, phi)
         return Curve(x, phi @ theta, np.sqrt(np.maximum(variance, 0.0)))
 
 
@@ -165,19 +162,7 @@ def _spline(apart: Any) -> Any:
 
 @cache
 def _over(kind: type[Table], extent: Extent) -> type[Table]:
-    members: dict[str, Any] = {
-        "__doc__": kind.__doc__,
-        "__module__": kind.__module__,
-        "extent": extent,
-        "bare_table": kind,
-        "__reduce__": lambda self: (_again, (kind(), extent)),  # no module has this kind by its name
-    }
-    return cast(type[Table], type(kind.__name__, (kind,), members))
-
-
-def _again(bare: Table, extent: Extent) -> Table:
-    """A table in another process."""
-    return type(bare).over(extent)()
+    return derived(kind, _over, extent, extent=extent, bare_table=kind)
 
 
 @cache
@@ -187,12 +172,13 @@ def _weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
 
     low, high, pieces = kind.extent[:3]
     knots = range(pieces) if kind.extent.is_turn else range(-1, pieces + 2)
-    x = low + (high - low) * (np.arange(FINE) + 0.5) / FINE
+    fine = 2000  # points over which functions are orthogonal
+    x = low + (high - low) * (np.arange(fine) + 0.5) / fine
 
     def at(x: Array) -> Array:
         return np.array([_sum(kind, x, {knot: 1.0}) for knot in knots])
 
-    conditions = [at(x) @ law(x) / FINE for law in kind.laws()]
+    conditions = [at(x) @ law(x) / fine for law in kind.laws()]
     if kind.is_gain:
         conditions.append(at(np.array([low]))[:, 0])
     if not kind.extent.is_turn:  # no bend at the ends
@@ -356,6 +342,7 @@ class ByTime(Table):
 
     axis = "time"
     most: ClassVar[float] = np.inf  # pieces
+    length: ClassVar[float] = 0.5  # [s] of each, if they are no more than that
 
     @classmethod
     def argument(cls, x: Samples) -> ArrayLike:
@@ -364,7 +351,7 @@ class ByTime(Table):
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         first, last = float(np.min(x.time)), float(np.max(x.time))
-        pieces = min(max(2, round((last - first) / SLOW)), cls.most)
+        pieces = min(max(2, round((last - first) / cls.length)), cls.most)
         return [cls.over(Extent(first, last, int(pieces)))()]
 
 
@@ -407,24 +394,16 @@ TABLES: dict[str, type[Term]] = {
 }
 
 
-@dataclass(frozen=True)
-class SureTorqueByAngle(TorqueByAngle):
+@cache
+def _well_sampled(kind: type[ByAngle]) -> type[ByAngle]:
     """The same without the ends that few samples determine: these predict badly what is recorded next."""
-
-    outside = 0.5
-
-
-@dataclass(frozen=True)
-class SureFrictionByAngle(FrictionByAngle):
-    """The same without the ends that few samples determine."""
-
-    outside = 0.5
+    return derived(kind, _well_sampled, outside=0.5)
 
 
 COMPETING: tuple[type[Term], ...] = (  # with effects
     PowerOfSpeed,
-    SureTorqueByAngle,
-    SureFrictionByAngle,
+    _well_sampled(TorqueByAngle),
+    _well_sampled(FrictionByAngle),
     FrictionBySpeed,
     GainBySpeed,
     TorqueByTime,

@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -50,6 +50,7 @@ class KnownLoad(NamedTuple):
         return may(self.inertia) or may(self.gravity)
 
 
+T = TypeVar("T", bound="Term")
 UNLOADED = KnownLoad()
 ROOM = 25.0  # [deg C], of a joint whose temperature nobody has measured
 
@@ -304,6 +305,23 @@ class Term:
     def free(self) -> tuple[Shape, ...]:
         """Shape parameters that are to be found: those that are not at their usual value."""
         return tuple(shape for shape in self.shapes if np.any(getattr(self, shape.name) != shape.usual))
+
+
+def derived(kind: type[T], factory: Callable[..., type[T]], *arguments: Any, **members: Any) -> type[T]:
+    """A kind of term like another but for some members: what `factory(kind, *arguments)` makes of it.
+
+    No module has it by its name; another process makes it again, and finds the same one if the factory remembers it.
+    """
+    common: dict[str, Any] = {
+        "__doc__": kind.__doc__,
+        "__module__": kind.__module__,
+        "__reduce__": lambda self: (_again, (kind(), factory, arguments, self.shape)),
+    }
+    return type(kind.__name__, (kind,), common | members)
+
+
+def _again(bare: Term, factory: Callable[..., type[Term]], arguments: tuple[Any, ...], shape: dict[str, float]) -> Term:
+    return factory(type(bare), *arguments)(**shape)
 
 
 def written(term: Term, place: int = 0) -> tuple[Term, dict[str, ArrayLike]]:

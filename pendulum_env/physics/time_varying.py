@@ -1,7 +1,5 @@
 """Effects that change with time; time counts from the start of a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Self
@@ -10,8 +8,6 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.physics.term import Column, Samples, Shape, Term
-
-HIGHEST = 8  # peaks of a periodogram from which a search starts
 
 
 @dataclass(frozen=True)
@@ -104,6 +100,7 @@ class PeriodicDisturbance(Term):
     )
     resembles = ("cogging",)
     shapes = (Shape("frequency", "rad/s", 1e-5, 1e5),)
+    peaks = 8  # of a periodogram, the highest ones, from which a search starts
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -117,7 +114,7 @@ class PeriodicDisturbance(Term):
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         omega, power = cls._periodogram(x, residual)
         peaks = np.flatnonzero((power[1:-1] >= power[2:]) & (power[1:-1] >= power[:-2])) + 1
-        highest = peaks[np.argsort(power[peaks])[::-1][:HIGHEST]]
+        highest = peaks[np.argsort(power[peaks])[::-1][: cls.peaks]]
         return [cls(float(w)) for w in omega[highest]]
 
     @classmethod

@@ -30,8 +30,6 @@ from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
-SUBSTEP = 1e-3  # [s], longest step of the link's motion
-
 
 class Transmission(Term):
     """What an elastic transmission and a loose one share; `play` is the gap on either side [rad]."""
@@ -80,7 +78,7 @@ class Transmission(Term):
     def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
         # velocity Verlet in short steps, while the motor moves on at constant speed
         position, velocity = memory
-        steps = substeps(duration, SUBSTEP)
+        steps = substeps(duration)
         h = duration / steps
         stiffness = np.minimum(self.resonance**2, 1 / h**2)  # stiffer contacts would be unstable at this step
         damping = np.minimum(self.damping, 0.5 / h)

@@ -18,8 +18,6 @@ from pendulum_env.reading import LARGEST, REMEDY, Unreadable, regular_size
 from pendulum_env.recording.record import RecordingError
 from pendulum_env.recording.table import WIDEST, Find, Table, need, numbers
 
-UNPACKED = 20  # times the size of a file that its rows may take, beside `LARGEST`
-
 
 def read_npz(path: Path, find: Find) -> Table:
     """The arrays in need, never unpickled.
@@ -164,7 +162,7 @@ def read_rows(path: Path, schema: pa.Schema | None = None) -> pa.Table:
         Unreadable: if they cannot be read, are of other types, or far more than a file of its size has.
     """
     size = regular_size(path, LARGEST, REMEDY)
-    _, (packed,) = isolated(_packed, path, schema, size=LARGEST + UNPACKED * size)
+    _, (packed,) = isolated(_packed, path, schema, size=LARGEST + 20 * size)  # rows that repeat themselves pack well
     with pa.ipc.open_stream(pa.py_buffer(packed)) as stream:
         return stream.read_all()
 

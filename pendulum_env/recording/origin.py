@@ -1,7 +1,5 @@
 """Which columns of its file a recording was read from, and how to read them otherwise, ready to paste."""
 
-from __future__ import annotations
-
 import math
 import shlex
 from collections.abc import Mapping

@@ -154,16 +154,15 @@ def read_table(path: Path, find: Find, largest: float = LARGEST) -> Table:
     Raises:
         RecordingError: if it cannot be read; without the file's name.
     """
-    told, arrays = parsed(_told, path, find, largest=largest)
-    values = dict(zip(told["quantities"], arrays, strict=True))
-    return Table(told["headers"], find(told["headers"]), values, tuple(told["notes"]))
+    (headers, notes), arrays = parsed(_told, path, find, largest=largest)
+    columns = find(headers)
+    return Table(headers, columns, dict(zip(columns, arrays, strict=True)), tuple(notes))
 
 
 def _told(path: Path, find: Find) -> Answer:
     """What `read_table` makes a table of."""
     table = read_here(path, find)
-    record = {"headers": list(table.headers), "quantities": list(table.values), "notes": table.notes}
-    return record, list(table.values.values())
+    return (list(table.headers), table.notes), list(table.values.values())
 
 
 def parsed(work: Callable[..., Answer], path: Path, *arguments: object, largest: float) -> Answer:

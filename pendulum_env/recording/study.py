@@ -43,7 +43,6 @@ from pendulum_env.recording.storage import read_recording
 from pendulum_env.servo.drive import Drive
 
 Role = Literal["fit", "holdout"]
-MOST = 1000  # recordings
 FORMAT = ("columns", "unwrap", "load", "drive")  # of what is said of a recording, that which the next is alike in
 
 GRAVITY = 9.81  # [m/s^2]
@@ -235,7 +234,7 @@ def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
         if study.recording is None or not isinstance(study.recording.content, list) or not study.recording.content:
             raise StudyError('names no recordings: write [[recording]] and below it file = "run.csv"')
         joints, shared, drive = _joints(study.joints), _columns(study.columns), _drive(study.drive, {})
-        for number, table in enumerate(study.recording.items(MOST), start=1):
+        for number, table in enumerate(study.recording.items(1000), start=1):
             where = f", recording {number}"
             source = _source(path.parent, Value("", "", table.content), shared, drive)
             sources.append(replace(source, joints=joints, of_study=True))

@@ -8,8 +8,6 @@ positions of two turns, as an encoder tells it. Out of u, which is a share of th
 torque, comes the motor's torque: in SI if its gain is known, and per volt or ampere otherwise, as parameters are then.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

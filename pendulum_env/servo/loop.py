@@ -4,8 +4,6 @@ A closed loop does not run away, so that nothing has to start anew from what was
 integrator the controller looks at the simulated motion, and what it asks for is held until it looks again.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """A new plant for every episode, of one pendulum or of many."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,7 +12,6 @@ from pendulum_env.physics import Model
 from pendulum_env.plant import PAPER
 
 COVARIANCE = "covariance"
-LARGEST = 0.2  # standard error of the inertia, as a share of it: five of them from a body without any
 
 
 class Spread:
@@ -54,7 +51,7 @@ def _root(nominal: Model, names: list[str], spread: str) -> Array:
     if spread != COVARIANCE:
         raise ValueError(f"plants cannot be drawn by '{spread}': give shares of parameters, or '{COVARIANCE}'")
     inertia = nominal.estimates["inertia"]
-    if not 0 < inertia.std < LARGEST * inertia.value:
+    if not 0 < inertia.std < 0.2 * inertia.value:  # five standard errors from a body without any
         raise ValueError(
             f"the plant's inertia is {inertia}, of which no covariance can be drawn: take a model that was fitted, or "
             "give shares"

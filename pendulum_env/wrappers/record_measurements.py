@@ -1,7 +1,5 @@
 """Measurements of an environment, appended to a file while it runs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from contextlib import suppress
@@ -17,7 +15,6 @@ from pendulum_env.interface import note_identifier
 
 COLUMNS = ("time", "position", "torque")
 TIMING = ("jitter", "overruns")  # of a rig, beside them: readers of recordings pass over what they do not know
-INTERVAL = 0.5  # [s] of measured time between writes
 
 
 class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -28,6 +25,8 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
     also has columns for how well its loop kept time, and ends before a fault. The first episode
     goes to `path`, the next ones to `path` with -2, -3, ... before its ending; episodes without a step leave no file.
     """
+
+    interval = 0.5  # [s] of measured time between writes
 
     def __init__(self, env: gym.Env[Any, Any], path: str | Path, *, overwrite: bool = False) -> None:
         """Wrap an environment whose `info` carries `time`, `position` and `torque`, of a pendulum or an arm.
@@ -83,7 +82,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             values = own if self._joints is None else (*own[0], *own[1])
             row = (last["time"], *values, *(last[name] for name in TIMING if name in last))
             self._rows.append(",".join(repr(float(value)) for value in row) + "\n")
-        if terminated or truncated or not math.isfinite(info["time"]) or info["time"] >= self._written + INTERVAL:
+        if terminated or truncated or not math.isfinite(info["time"]) or info["time"] >= self._written + self.interval:
             self._flush()
         return observation, reward, terminated, truncated, info
 

@@ -1,7 +1,5 @@
 """Videos in true time."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Emulated rigs, each in a process of its own."""
 
-from __future__ import annotations
-
 import functools
 import json
 import os

@@ -6,7 +6,6 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from pendulum_env.excitation import excitation
-from pendulum_env.physics import effects
 from pendulum_env.policy import OpenLoop
 from pendulum_env.registration import PENDULUM
 
@@ -15,19 +14,6 @@ def torques(steps: int, count: int) -> np.ndarray:
     time = np.arange(steps) / 1000
     phases = np.arange(count)
     return (3 * np.sin(12.07 * time[:, None] + phases) + 3 * np.sin(2.25 * time[:, None])).astype(np.float32)
-
-
-@pytest.mark.parametrize("effect", [None, *effects()])
-def test_each_pendulum_moves_as_one_alone(effect):
-    told = {"payload_change": "payload_change:moment=0.3", "hard_stop": "hard_stop:upper=0.3"}.get(effect, effect)
-    hidden = [] if effect is None else [told]
-    many = gym.make_vec(PENDULUM, num_envs=3, counts=0, effects=hidden, max_episode_steps=None)
-    one = gym.make(PENDULUM, counts=0, effects=hidden)
-    many.reset(seed=0)
-    one.reset(seed=0)
-    for row in torques(800, 3):
-        together, alone = many.step(row[:, None])[-1], one.step(row[1:2])[-1]
-        assert abs(together["position"][1] - alone["position"]) < 2e-4
 
 
 def test_spaces_and_infos_are_gymnasiums():

@@ -402,7 +402,7 @@ def test_a_table_and_a_study_say_what_no_path_does(tmp_path):
     assert told == {"a.csv#2-4": True, "b.csv": False}
     (tmp_path / "data" / "good").mkdir()
     (tmp_path / "data" / "good" / "c.csv").touch()
-    (tmp_path / "data" / "study.toml").write_text('[[recording]\n')
+    (tmp_path / "data" / "study.toml").write_text("[[recording]\n")
     broken, good = sorted(cases(tmp_path / "data"), key=lambda case: case.name != "study.toml")
     assert good.name == "good/c.csv"
     row = work.examined(broken, work.Settings())

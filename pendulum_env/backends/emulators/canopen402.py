@@ -1,7 +1,5 @@
 """A CiA 402 servo drive behind an slcan adapter on a pseudo-terminal, emulated."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from typing import Any
@@ -11,10 +9,12 @@ from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import cia402
 from pendulum_env.backends.hardware.measuring import difference
 
-NO_OBJECT = 0x06020000  # abort code
-OVER_TEMPERATURE, HOST_LOST = 0x4310, 0x8130
-FAULT = 0x08  # statuswords
-POWER_OF = {"switch-on disabled": 0x40, "ready to switch on": 0x21, "switched on": 0x23, cia402.ENABLED: 0x27}
+POWER_OF = {  # statuswords
+    "switch-on disabled": 0x40,
+    "ready to switch on": 0x21,
+    "switched on": 0x23,
+    cia402.ENABLED: 0x27,
+}
 
 
 class ServoDrive:
@@ -22,6 +22,9 @@ class ServoDrive:
 
     node = 1
     rated = 15.0  # [N m]
+    no_object = 0x06020000  # abort code
+    over_temperature, host_lost = 0x4310, 0x8130  # error codes
+    fault = 0x08  # statusword
 
     def __init__(self, motor: Motor) -> None:
         self.motor, self._line = motor, bytearray()
@@ -55,7 +58,7 @@ class ServoDrive:
         motor = self.motor
         motor.advance()
         if motor.faulty or motor.expired:
-            self._error, self._status = OVER_TEMPERATURE if motor.faulty else HOST_LOST, FAULT
+            self._error, self._status = self.over_temperature if motor.faulty else self.host_lost, self.fault
             motor.switch(False)
             motor.expired = False
         if id == cia402.NMT and len(data) == 2 and data[1] in (0, self.node):
@@ -107,7 +110,7 @@ class ServoDrive:
             cia402.MODE_SHOWN: self._objects[cia402.MODE],
         }
         if where not in known:
-            return cia402.pack_sdo(cia402.ABORTED, where, struct.pack("<I", NO_OBJECT))
+            return cia402.pack_sdo(cia402.ABORTED, where, struct.pack("<I", self.no_object))
         if command == cia402.UPLOAD:
             return cia402.pack_sdo(cia402.UPLOADED, where, known[where])
         self._objects[where] = value

@@ -1,7 +1,5 @@
 """Emulated rigs by name: each is a process that listens, and writes the rig.toml by which it is reached."""
 
-from __future__ import annotations
-
 import importlib
 import math
 import os
@@ -11,9 +9,10 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from pendulum_env.backends.emulators.motor import Motor
+from pendulum_env.backends.emulators.wire import Cable
 from pendulum_env.backends.hardware import process
 from pendulum_env.backends.hardware.config import LINKS, load, mark_checked
 from pendulum_env.backends.hardware.drive import need
@@ -25,22 +24,6 @@ from pendulum_env.reading import Unreadable, read_text, toml
 
 MARK = "# written by an emulator, and overwritten by the next one\n"
 TICK = 0.01  # [s], longest sleep: how soon the log tells of the watchdog, which acts in time anyway
-
-
-class Cable(Protocol):
-    """How a drive is reached."""
-
-    place: str  # where the other end is
-    descriptor: int  # to watch; -1 if there is none, or once the cable is pulled
-
-    def come(self) -> None:
-        """Let the drive take what has come there, and answer."""
-
-    def corrupt(self, probability: float) -> None:
-        """Damage bits on the way with a probability."""
-
-    def pull(self) -> None:
-        """Pull it out; may be done twice."""
 
 
 class Emulated(NamedTuple):

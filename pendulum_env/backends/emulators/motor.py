@@ -1,7 +1,5 @@
 """The emulated motor: the project's plant in real time, with power, encoder, watchdog, and a log of its own."""
 
-from __future__ import annotations
-
 import math
 import os
 import threading
@@ -15,9 +13,8 @@ from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulator import begin
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
-from pendulum_env.physics.simulation import Balance
+from pendulum_env.physics.simulation import LONGEST_STEP, Balance
 
-STEP = 1e-3  # [s], longest of the integrator
 FIRM, CALM = 60.0, 2.0  # [rad/s] of a hand: the stiffness with which it holds the arm, and how fast it turns it
 JUMP, DRIFT = 0.5, 3.0  # [rad], [rad/s] of an encoder that does
 MISREADINGS: dict[str, Callable[[float, float], float]] = {  # angle that it tells, from that since then and the time
@@ -43,7 +40,7 @@ class Motor:
     def __init__(self, model: Model, *, counts: int = COUNTS, first: int = 0, log: str | Path | None = None) -> None:
         """Take the plant, the encoder's counts per turn and its first reading, and where to write the log."""
         balance = Balance(model.terms, model.theta)
-        self._body = RigidBody(balance, STEP)
+        self._body = RigidBody(balance, LONGEST_STEP)
         self._body.place(begin(balance, 0.0, 0.0))
         self._per_radian, self._first = counts / (2 * math.pi), first
         self._delay = sum(term.delay for term in model.terms)
@@ -148,7 +145,7 @@ class Motor:
 
     def _move(self, until: float) -> None:
         while (left := until - self.moment) > 1e-9:
-            step = min(left, STEP)
+            step = min(left, LONGEST_STEP)
             self._angle, self._speed = self._body.step(self.torque + self._pushed + self._held(step), step)
             self.moment += step
         self.moment = max(self.moment, until)

@@ -1,7 +1,5 @@
 """An NI gRPC device server with one card and an analogue drive on it, emulated: the calls that the adapter makes."""
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Callable
@@ -12,10 +10,10 @@ import grpc
 from nidaqmx._stubs import nidaqmx_pb2 as messages
 
 from pendulum_env.backends.emulators.motor import Motor
+from pendulum_env.backends.emulators.wire import Cable
 
 SERVICE = "nidaqmx_grpc.NiDAQmx"
 CHANNELS = {"torque": "Dev1/ao0", "encoder": "Dev1/ctr0", "enable": "Dev1/port0/line0", "fault": "Dev1/port0/line1"}
-NEWTON_METRES_PER_VOLT = 1.5
 NOTHING_TO_DO = (
     "CreateAOVoltageChan",
     "CreateCIAngEncoderChan",
@@ -32,6 +30,8 @@ class Card:
 
     `calls` has what is done at each call of NI's interface, by its name: from the request to fields of the response.
     """
+
+    scale = 1.5  # [N m/V]
 
     def __init__(self, motor: Motor) -> None:
         self.motor = motor
@@ -81,7 +81,7 @@ class Card:
         return {"value": self.motor.expired}
 
     def _set_voltage(self, request: Any) -> Fields:
-        self.motor.command(NEWTON_METRES_PER_VOLT * request.value)
+        self.motor.command(self.scale * request.value)
         return {}
 
     def _set_enable(self, request: Any) -> Fields:
@@ -95,10 +95,8 @@ class Card:
         return {"read_array": level, "samps_per_chan_read": 1, "num_bytes_per_samp": 1}
 
 
-class Server:
-    """The network to a card, as a cable; calls come in a thread of its own, one after the other."""
-
-    descriptor = -1  # nothing to watch
+class Server(Cable):
+    """The network to a card; calls come in a thread of its own, one after the other."""
 
     def __init__(self, card: Card) -> None:
         handlers = {name: _handler(name, work, card.motor) for name, work in card.calls.items()}
@@ -106,12 +104,6 @@ class Server:
         self._server = grpc.server(ThreadPoolExecutor(max_workers=1), handlers=[service])
         self.place = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
         self._server.start()
-
-    def come(self) -> None:
-        """Nothing comes by a descriptor."""
-
-    def corrupt(self, probability: float) -> None:
-        """TCP lets nothing damaged through."""
 
     def pull(self) -> None:
         """No network."""
@@ -132,4 +124,4 @@ def _handler(name: str, work: Callable[[Any], Fields], motor: Motor) -> Any:
 def make(motor: Motor) -> tuple[Server, dict[str, Any]]:
     """The network to a card with a motor, and keys of its table in rig.toml."""
     server = Server(Card(motor))
-    return server, {**CHANNELS, "newton_metres_per_volt": NEWTON_METRES_PER_VOLT, "server": server.place}
+    return server, {**CHANNELS, "newton_metres_per_volt": Card.scale, "server": server.place}

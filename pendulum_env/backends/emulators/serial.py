@@ -1,7 +1,5 @@
 """The microcontroller of the serial rig, emulated: what its firmware does, in a page."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from pendulum_env.backends.emulators.motor import Motor
@@ -10,11 +8,11 @@ from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.measuring import difference
 from pendulum_env.interface import MAX_TORQUE
 
-OVER_TEMPERATURE = 0x02
-
 
 class Firmware:
     """Answers frames."""
+
+    over_temperature = 0x02  # a fault's bit
 
     def __init__(self, motor: Motor) -> None:
         self.motor, self._splitter = motor, frames.Splitter()
@@ -46,7 +44,7 @@ class Firmware:
         flags = frames.POWERED * motor.powered + frames.EXPIRED * motor.expired
         micro = int(motor.moment / frames.MICRO) % 2**32
         torque = self._set if motor.powered else 0
-        return frames.pack(frames.STATE, sequence, flags, OVER_TEMPERATURE * motor.faulty, micro, counts, torque)
+        return frames.pack(frames.STATE, sequence, flags, self.over_temperature * motor.faulty, micro, counts, torque)
 
 
 def make(motor: Motor) -> tuple[Wire, dict[str, Any]]:

@@ -1,17 +1,36 @@
-"""A serial cable that is not there: a pseudo-terminal, that can be pulled out or damage what passes."""
-
-from __future__ import annotations
+"""Cables that are not there; of a serial one, a pseudo-terminal, that can be pulled out or damage what passes."""
 
 import os
 import random
 from collections.abc import Callable
 from contextlib import suppress
 
-CHUNK = 4096  # bytes
+
+class Cable:
+    """How a drive is reached; this one lets nothing damaged through, as TCP does, and nothing comes by a descriptor.
+
+    Attributes:
+        place: where the other end is.
+        descriptor: to watch; -1 if there is none, or once the cable is pulled.
+    """
+
+    place: str
+    descriptor = -1
+
+    def come(self) -> None:
+        """Let the drive take what has come there, and answer."""
+
+    def corrupt(self, probability: float) -> None:
+        """Damage bits on the way with a probability."""
+
+    def pull(self) -> None:
+        """Pull it out; may be done twice."""
 
 
-class Wire:
+class Wire(Cable):
     """The drive's end of a pseudo-terminal; `place` is the path of the other one."""
+
+    chunk = 4096  # bytes that are taken at once
 
     def __init__(self, answer: Callable[[bytes], bytes]) -> None:
         """Take what a drive answers to the bytes that come."""
@@ -30,7 +49,7 @@ class Wire:
     def come(self) -> None:
         """Take what has come, and answer."""
         with suppress(BlockingIOError):  # nothing has; or nobody reads
-            if answer := self._answer(self._damaged(os.read(self.descriptor, CHUNK))):
+            if answer := self._answer(self._damaged(os.read(self.descriptor, self.chunk))):
                 os.write(self.descriptor, self._damaged(answer))
 
     def corrupt(self, probability: float) -> None:

@@ -1,7 +1,5 @@
 """A servo drive with CANopen, CiA 402, in cyclic synchronous torque mode, on any bus of python-can."""
 
-from __future__ import annotations
-
 import logging
 import math
 import select

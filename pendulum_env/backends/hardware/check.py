@@ -3,8 +3,6 @@
 Each step says what to do, measures what came of it, and says what to change where it came out wrong.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator

@@ -3,8 +3,6 @@
 Sources: CiA 301 and CiA 402 (IEC 61800-7-201).
 """
 
-from __future__ import annotations
-
 import struct
 
 NMT, SYNC = 0x000, 0x080  # identifiers; those of a node follow, to be added to its number

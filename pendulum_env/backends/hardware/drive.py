@@ -3,8 +3,6 @@
 Adapters neither judge nor wait for the next sample: the guard does the one, the rig the other, for all of them.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 from collections.abc import Iterator
@@ -55,9 +53,7 @@ class Sent(NamedTuple):
 class Drive(Protocol):
     """A drive in torque mode: `open, enable, (write, read) ..., disable, close`. All but `close` raise DriveError."""
 
-    @property
-    def noise(self) -> float:
-        """Uncertainty of the time at which counts are taken, one standard deviation [s]."""
+    noise: float  # standard deviation of the time at which counts are taken [s]
 
     def open(self) -> None:
         """Connect; the motor stays without power. Start the drive's own watchdog as soon as there is one to start."""

@@ -5,8 +5,6 @@ What the frames mean, and what the firmware has to do, is in docs/hardware.md. O
 receiver that starts anywhere, or has lost bytes, is back in step with the next one.
 """
 
-from __future__ import annotations
-
 import binascii
 import struct
 from collections.abc import Iterator
@@ -29,7 +27,6 @@ FAULTS = {  # by bit
     0x10: "the servo drive's own fault output",
 }
 MICRO = 1e-6  # [N m] and [s]
-LONGEST = 64  # bytes; what is longer without a zero is noise
 
 
 class State(NamedTuple):
@@ -96,6 +93,8 @@ def decode(frame: bytes) -> bytes | None:
 class Splitter:
     """Cuts what arrives into frames; counts those that are damaged."""
 
+    longest = 64  # bytes; what is longer without a zero is noise
+
     def __init__(self) -> None:
         self._buffer = bytearray()
         self.damaged = 0
@@ -104,7 +103,7 @@ class Splitter:
         """Kind and values of each whole frame that these bytes complete."""
         self._buffer += data
         *frames, rest = self._buffer.split(b"\0")
-        self._buffer = bytearray(rest[-LONGEST:])
+        self._buffer = bytearray(rest[-self.longest :])
         for frame in frames:
             if not frame:
                 continue

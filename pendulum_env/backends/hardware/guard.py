@@ -3,8 +3,6 @@
 It is no replacement for an emergency stop that cuts the power: software can only ask.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import time

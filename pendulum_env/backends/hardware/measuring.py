@@ -5,8 +5,6 @@ are 1 mrad, or 160 counts: taken for the value at the tick it would drown the en
 by the drive's own clock where it has one, and the angle is interpolated to the tick.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque

@@ -4,8 +4,6 @@ All on demand: nothing is buffered, each task is started once. The watchdog of a
 outputs, so it lets the line to servo-enable fall, without which the drive gives no current.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -24,7 +22,6 @@ from pendulum_env.backends.hardware.drive import OPENING, DriveError, Reading, S
 from pendulum_env.mistake import one_line
 
 LOCAL, REMOTE = 10e-6, 150e-6  # [s], uncertainty of when a count is taken: by the driver here, over gRPC
-RESERVED = -50103  # error code of NI-DAQmx
 
 
 class _Timeout(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
@@ -41,6 +38,7 @@ class NiDaq:
     """The Dynaserv's analogue drive behind a card."""
 
     full_scale = 10.0  # [V]
+    reserved = -50103  # error code of NI-DAQmx
     tries = 3  # at a reading that takes twice as long as usual: nobody knows when in that time it was taken
 
     def __init__(self, config: RigConfig) -> None:
@@ -197,7 +195,7 @@ class NiDaq:
                 f"({one_line(error)}): check that it runs, and the network"
             )
         except (nidaqmx.errors.Error, ValueError) as error:  # ValueError: a channel that was closed
-            if getattr(error, "error_code", None) == RESERVED:
+            if getattr(error, "error_code", None) == self.reserved:
                 why = "the card is reserved by another program, or by one that was killed: end it, or reset the device"
             else:
                 why = f"the card refuses ({one_line(error)}): check the channels in [nidaq]"

@@ -16,8 +16,6 @@ lies outside of all of that, over any of a few spans, no arm in these ranges has
 fault, or somebody pushes. Short spans catch jumps at once, long ones what slack hides.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_right
 from typing import NamedTuple

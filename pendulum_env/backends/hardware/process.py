@@ -3,8 +3,6 @@
 Python runs neither `atexit` nor `finally` on SIGTERM and SIGHUP as they are; here they become SystemExit, which does.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import signal
@@ -33,7 +31,6 @@ else:
 
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # the last one is unknown to Windows
-PRIORITY = 20  # of SCHED_FIFO: above all that is not real-time, below the kernel's own threads
 
 
 class Signals:
@@ -145,8 +142,9 @@ class Ownership:
 
 def realtime() -> bool:
     """Ask the system to run this thread, and those it starts, as soon as they are ready; False if it does not."""
+    priority = 20  # above all that is not real-time, below the kernel's own threads
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except (AttributeError, OSError):  # not Linux, or not permitted
         return False
     return True

@@ -1,7 +1,5 @@
 """The DM1015B rig as a backend: a drive behind a guard, paced, owned by one process, and let go of whatever happens."""
 
-from __future__ import annotations
-
 import logging
 import math
 import time
@@ -38,14 +36,10 @@ class Rig:
         self._finalizer = weakref.finalize(self, _let_go, guard, owner, self._signals)
         self._last = Sample(0.0, 0.0, None, 0.0)
         self._waiting = False  # for the first torque of a run
-
-    @property
-    def traits(self) -> Traits:
-        """Those of the configuration; counts, as far as their steps can be told from the uncertainty of time."""
-        counts = self.config.encoder.counts
+        counts = config.encoder.counts  # as far as their steps can be told from the uncertainty of time
         blur = self.speed * self.guard.drive.noise * math.sqrt(12.0)  # [rad], step of an encoder that is as uncertain
         resolved = min(counts, int(2 * math.pi / blur)) if blur else counts
-        return Traits(self.config.rate, resolved, self.config.max_torque)
+        self.traits = Traits(config.rate, resolved, config.max_torque)
 
     def open(self) -> None:
         """Own the rig and connect; the motor has no power.

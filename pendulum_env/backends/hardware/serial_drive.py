@@ -1,7 +1,5 @@
 """A microcontroller with DAC, counter and watchdog on a serial port, USB or real; its protocol is in `frames.py`."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

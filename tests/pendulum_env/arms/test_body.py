@@ -30,14 +30,6 @@ def test_torque_and_mass_matrix_are_those_of_the_textbook(body, motion):
     assert np.abs(body.mass_matrix(q, body.values) - matrices).max() < 1e-9
 
 
-def test_momentum_is_given_away_to_gravity_where_an_arm_hangs_still_and_energy_is_kinetic_plus_potential(body, motion):
-    q, v, _ = motion
-    gravity = [ARM.bias(x, np.zeros(2)) for x in q]
-    assert np.abs(body.exchange(q, np.zeros_like(v)) @ body.values - gravity).max() < 1e-9
-    told = np.array([ARM.energy(x, y) for x, y in zip(q, v, strict=True)])
-    assert np.ptp(body.stored(q, v) @ body.values - told) < 1e-12  # up to a constant
-
-
 def test_base_parameters_of_two_links_are_six_said_in_words_and_with_rotors_seven(tmp_path, body):
     first = ["mx@shoulder", "mz@shoulder - 0.45 m@elbow", "Iyy@shoulder + 0.2025 m@elbow"]
     assert [parameter.text for parameter in body.base] == [*first, "mx@elbow", "mz@elbow", "Iyy@elbow"]
@@ -67,10 +59,7 @@ def test_mjcf_gives_the_same_body(tmp_path, body, motion):
     [
         (lambda text: text.replace('<mass value="0.8"/>', '<mass value="0"/>'), "link behind joint 'elbow' has no in"),
         (lambda text: text.replace('ixx="0.008"', 'ixx="0.8"'), "'elbow' has an inertia that no body has"),
-        (
-            lambda text: text.replace('<child link="upper"/>', '<child link="fore"/>'),
-            "'fore' hangs on two joints: closed",
-        ),
+        (lambda text: text.replace('child link="upper"', 'child link="fore"'), "'fore' hangs on two joints: closed"),
         (lambda text: text.replace('name="elbow"', 'name="el,bow"'), "joint 'el,bow': rename it"),
         (lambda text: text.replace("robot", "car"), "holds <car>, neither"),
         (lambda text: text.replace('type="continuous"', 'type="fixed"'), "has no joint that moves"),

@@ -60,8 +60,5 @@ def test_what_the_simulator_cannot_be_is_refused(tmp_path, change, told):
     assert change(text) != text
     with pytest.raises(BodyError, match=told):
         planar_links(read_body(written(tmp_path, change(text))))
-
-
-def test_arms_in_space_and_motors_with_inertia_are_refused():
-    with pytest.raises(BodyError, match="simulate it in MuJoCo, --backend mujoco"):
+    with pytest.raises(BodyError, match="simulate it in MuJoCo, --backend mujoco"):  # nor can an arm in space
         planar_links(six_joint.body())

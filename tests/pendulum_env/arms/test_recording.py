@@ -11,6 +11,10 @@ POSITION = np.column_stack([np.sin(3 * TIME), np.cos(5 * TIME)])
 TORQUE = np.column_stack([np.cos(3 * TIME), np.sin(4 * TIME)])
 
 
+ARM = {f"position_{joint}": q for joint, q in zip(JOINTS, POSITION.T, strict=True)}
+ARM |= {f"torque_{joint}": tau for joint, tau in zip(JOINTS, TORQUE.T, strict=True)}
+
+
 def table(path, **columns):
     names = ",".join(columns)
     np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=names, comments="")
@@ -25,57 +29,44 @@ def test_what_is_written_is_read(tmp_path):
     assert again.summary.endswith("400 samples, 2 joints")
 
 
-def test_columns_of_an_arm_may_stand_behind_many_others(tmp_path):
-    arm = {f"position_{joint}": q for joint, q in zip(JOINTS, POSITION.T, strict=True)}
-    arm |= {f"torque_{joint}": tau for joint, tau in zip(JOINTS, TORQUE.T, strict=True)}
-    path = table(tmp_path / "run.csv", **{f"other_{k}": TIME for k in range(100)}, time=TIME, **arm)
-    assert np.allclose(read_arm_recording(path, JOINTS).torque, TORQUE)
-
-
-def test_a_gap_ends_a_segment_of_all_joints(tmp_path):
-    kept = np.r_[:150, 250:400]
-    columns = {"position_1": POSITION[kept, 0], "position_2": POSITION[kept, 1]}
-    columns |= {"torque_1": TORQUE[kept, 0], "torque_2": TORQUE[kept, 1]}
-    recording = read_arm_recording(table(tmp_path / "run.csv", time=TIME[kept], **columns), JOINTS)
+def test_columns_of_an_arm_may_stand_behind_many_others_and_end_with_a_gap_of_all_joints(tmp_path):
+    kept, others = np.r_[:150, 250:400], {f"other_{k}": TIME for k in range(100)}
+    numbered = {f"{name.partition('_')[0]}_{1 + (k % 2)}": values for k, (name, values) in enumerate(ARM.items())}
+    columns = {name: values[kept] for name, values in (others | {"time": TIME} | numbered).items()}
+    recording = read_arm_recording(table(tmp_path / "run.csv", **columns), JOINTS)
     assert [len(segment) for segment in recording.segments] == [150, 150]
+    assert np.allclose(recording.torque, TORQUE[kept])
 
 
 def test_columns_are_named_with_units_where_their_names_do_not_tell(tmp_path):
-    path = table(
-        tmp_path / "run.csv",
-        t=TIME,
-        a=np.degrees(POSITION[:, 0]),
-        position_elbow=POSITION[:, 1],
-        **{"torque_shoulder": TORQUE[:, 0], "torque_elbow": TORQUE[:, 1]},
+    columns = {"t": TIME, "a": np.degrees(POSITION[:, 0])} | ARM
+    del columns["position_shoulder"]
+    recording = read_arm_recording(
+        table(tmp_path / "run.csv", **columns), JOINTS, columns={"position_shoulder": "a:deg"}
     )
-    recording = read_arm_recording(path, JOINTS, columns={"position_shoulder": "a:deg"})
     assert np.allclose(recording.position, POSITION)
 
 
+OFF = np.where(abs(TIME - 1.0) < 0.2, np.nan, POSITION[:, 1])
+
+
 @pytest.mark.parametrize(
-    ("columns", "told"),
+    ("columns", "told", "why"),
     [
-        (
-            {"position_shoulder": 0, "torque_shoulder": 0, "torque_elbow": 1},
-            "2 joints need as many columns of position",
-        ),
-        ({"position_1": 0, "torque_1": 0}, "none for shoulder, elbow"),
-        (
-            {"position_shoulder": 0, "position_elbow": 1, "position_wrist": 1, "torque_1": 0, "torque_2": 1},
-            "column 'position_wrist' is of no joint",
-        ),
+        (ARM | {"position_elbow": None}, {}, "2 joints need as many columns of position"),
+        ({"position_1": TIME, "torque_1": TIME}, {}, "none for shoulder, elbow"),
+        (ARM | {"position_knee": TIME}, {}, "column 'position_knee' is of no joint"),
+        (ARM, {"torque_elbo": "x"}, "unknown column of the arm 'torque_elbo': did you mean torque_elbow"),
+        (ARM | {"position_elbow": OFF}, {}, "joint 'elbow' has other instants"),
+        (ARM | {"position_elbow": 0 * TIME}, {}, "joint 'elbow': position_elbow is 0 rad in every row, so nothing can"),
+        (ARM | {"position_wrist": np.nan * TIME}, {}, "column 'position_wrist' has no numbers: say --columns"),
+        (ARM | {"position_wrist": TIME}, {"position_wrist": "position_wrist:mile"}, "'mile' of position is not known"),
     ],
 )
-def test_columns_that_do_not_fit_the_robot_are_refused(tmp_path, columns, told):
-    values = {name: (POSITION if name.startswith("position") else TORQUE)[:, k] for name, k in columns.items()}
-    with pytest.raises(RecordingError, match=told):
-        read_arm_recording(table(tmp_path / "run.csv", time=TIME, **values), JOINTS)
-
-
-def test_an_unknown_name_of_a_column_is_refused(tmp_path):
-    path = table(tmp_path / "run.csv", time=TIME)
-    with pytest.raises(ValueError, match="unknown column of the arm 'torque_elbo': did you mean torque_elbow"):
-        read_arm_recording(path, JOINTS, columns={"torque_elbo": "x"})
+def test_columns_that_do_not_fit_the_robot_and_what_is_wrong_with_one_joint_are_told(tmp_path, columns, told, why):
+    columns = {"time": TIME} | {name: values for name, values in columns.items() if values is not None}
+    with pytest.raises(RecordingError, match=why):
+        read_arm_recording(table(tmp_path / "run.csv", **columns), JOINTS, held=("wrist",), columns=told)
     with pytest.raises(RecordingError, match="position of shape"):
         ArmRecording.of("run", JOINTS, TIME, POSITION[:, :1], TORQUE)
 
@@ -102,34 +93,6 @@ def test_temperatures_of_some_joints_may_be_there(tmp_path):
     np.testing.assert_allclose(again.temperature, recording.temperature)
 
 
-@pytest.mark.parametrize(
-    ("more", "told", "why"),
-    [
-        (
-            {"position_elbow": np.where(abs(TIME - 1.0) < 0.2, np.nan, POSITION[:, 1])},
-            {},
-            "joint 'elbow' has other ins",
-        ),
-        (
-            {"position_elbow": 0 * TIME},
-            {},
-            "joint 'elbow': position_elbow is 0 rad in every row, so nothing can be learned",
-        ),
-        ({"position_wrist": np.nan * TIME}, {}, "column 'position_wrist' has no numbers: say --columns"),
-        ({"position_wrist": TIME}, {"position_wrist": "position_wrist:mile"}, "unit 'mile' of position is not known"),
-    ],
-)
-def test_what_is_wrong_with_one_joint_is_said_of_that_joint(tmp_path, more, told, why):
-    columns = {f"position_{joint}": POSITION[:, k] for k, joint in enumerate(JOINTS)}
-    columns |= {f"torque_{joint}": TORQUE[:, k] for k, joint in enumerate(JOINTS)}
-    path = table(tmp_path / "run.csv", time=TIME, **columns | more)
-    with pytest.raises(RecordingError, match=why):
-        read_arm_recording(path, JOINTS, held=("wrist",) if "position_wrist" in more else (), columns=told)
-
-
 def test_positions_of_some_links_alone_are_not_used(tmp_path):
-    columns = {f"position_{joint}": POSITION[:, k] for k, joint in enumerate(JOINTS)}
-    columns |= {f"torque_{joint}": TORQUE[:, k] for k, joint in enumerate(JOINTS)}
-    path = table(tmp_path / "run.csv", time=TIME, **columns, link_position_elbow=POSITION[:, 1])
-    read = read_arm_recording(path, JOINTS)
+    read = read_arm_recording(table(tmp_path / "run.csv", time=TIME, **ARM, link_position_elbow=POSITION[:, 1]), JOINTS)
     assert read.link_position is None and "as there are none of shoulder" in read.notes[-1]

@@ -3,8 +3,6 @@
 The motor's watchdog is set to 80 ms: 100 ms after the last good command there must be no torque, whatever happens.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import signal

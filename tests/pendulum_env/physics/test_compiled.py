@@ -15,7 +15,7 @@ from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.physics.simulation import Balance, prepared, step
 from pendulum_env.physics.symbols import name, names
-from pendulum_env.physics.term import UNLOADED, _advance, traces
+from pendulum_env.physics.term import _advance, traces
 from pendulum_env.plant import hide, paper_plant
 from tests.terms import Clipped, Table
 
@@ -130,9 +130,9 @@ def test_a_machine_outlives_the_programs_that_are_remembered():
     np.testing.assert_allclose(machine.now["speed"], [-0.25])
 
 
-def stepped(model, torque, load=UNLOADED) -> np.ndarray:
+def stepped(model, torque, load) -> np.ndarray:
     """Position of three pendulums by the simulator's own step, one NumPy operation after the other."""
-    balance = Balance(model.terms, model.theta, bool(load))
+    balance = Balance(model.terms, model.theta, loaded=True)
     q, v = np.array([0.3, -1.0, 2.0]), np.array([0.0, 1.0, -2.0])
     x = Samples(np.zeros(LANES), q, v, torque[0], load=load)
     x = replace(x, memory=balance.start(x))
@@ -143,12 +143,11 @@ def stepped(model, torque, load=UNLOADED) -> np.ndarray:
     return np.array(path)
 
 
-@pytest.mark.parametrize("load", [UNLOADED, KnownLoad(0.02, 0.5)], ids=["", "loaded"])
 @pytest.mark.parametrize("id", [id for id in effects() if id != "dead_time"])
-def test_every_effect_moves_as_its_own_step_says(id, load):
-    model = hide(paper_plant(), id)
+def test_every_effect_moves_under_a_load_as_its_own_step_says(id):
+    model, load = hide(paper_plant(), id), KnownLoad(0.02, 0.5)  # without one: see test_engines.py
     torque = 4.0 * np.random.default_rng(0).standard_normal((150, LANES)).cumsum(axis=0) / 8
-    assert prepared(model.terms, bool(load), H).step is not None
+    assert prepared(model.terms, True, H).step is not None
     path = simulate(model.terms, model.theta, H, torque, [0.3, -1.0, 2.0], [0.0, 1.0, -2.0], load=load)
     np.testing.assert_allclose(path.position, stepped(model, torque, load), rtol=0, atol=1e-10)
 

@@ -91,8 +91,22 @@ def with_theta(**entries: object) -> dict:
     return {**data, "theta": {name: entry for name, entry in theta.items() if entry is not None}}
 
 
+def shaped(id: str, shape: str, value: float) -> dict:
+    """JSON of a model with an effect, a shape parameter of which is another."""
+    data = hide(paper_plant(), id).json()
+    data["theta"][f"{id}.{shape}"]["value"] = value
+    return data
+
+
+def covered(**changes: object) -> dict:
+    """JSON of a model with a covariance, some of it replaced."""
+    model = paper_plant()
+    data = model.correlated(list(model.estimates), np.eye(4)).json()
+    return data | {"covariance": data["covariance"] | changes}
+
+
 @pytest.mark.parametrize(
-    ("data", "match"),
+    ("content", "match"),
     [
         (edited(schema="something else"), "this is not a model: 'schema' should be pendulum-ident/model@1"),
         (edited(schema="pendulum-ident/arm-model@1"), "of an arm, .* a pendulum has no use: .* take it with --robot"),
@@ -109,39 +123,24 @@ def with_theta(**entries: object) -> dict:
         (with_theta(inertia={"value": 0.0}), "'theta.inertia.value' of the model is 0.0: .* a number above zero"),
         (edited(torque_unit=3), "'torque_unit' of the model is 3"),
         (with_theta(gravity={"value": None}), "the model lacks 'value' under 'theta.gravity'"),
+        (shaped("stribeck", "stribeck_velocity", -0.5), "stribeck_velocity.*-0.5"),
+        (shaped("cogging", "order", 3.5), "order.*3.5"),
+        (shaped("cogging", "order", 0), "order.*0"),
+        (shaped("hard_stop", "lower", 2), "makes no sense: lower has to be below upper"),
+        (covered(parameters=["mass", "gravity", "viscous", "coulomb"]), "does not tell of inertia"),
+        (covered(matrix=np.eye(4)[:3].tolist()), "4 rows"),
+        (covered(matrix=(-np.eye(4)).tolist()), "a variance below zero"),
+        (b"", "is not JSON; a model file is what `identify -o`"),
+        (b"\xff\xfe\x00", "is not JSON"),
+        (b"time,position,torque\n0,0,0\n", "is not JSON"),
+        ("nowhere", "cannot be read"),
     ],
 )
-def test_what_makes_no_model_is_refused_with_the_reason(data, match, tmp_path):
-    with pytest.raises(ModelError, match=match):
-        Model.from_json(data)
-    (tmp_path / "broken.json").write_text(json.dumps(data))
-    with pytest.raises(ModelError, match=r"broken\.json: "):
-        Model.load(tmp_path / "broken.json")
-
-
-@pytest.mark.parametrize(
-    ("id", "shape", "value"),
-    [
-        ("stribeck", "stribeck_velocity", -0.5),
-        ("cogging", "order", 3.5),
-        ("cogging", "order", 0),
-        ("hard_stop", "lower", 2),
-    ],
-)
-def test_shape_parameters_beyond_their_limits_or_without_sense_are_refused(id, shape, value):
-    data = hide(paper_plant(), id).json()
-    data["theta"][f"{id}.{shape}"]["value"] = value
-    with pytest.raises(ModelError, match=rf"{shape}.*{value:g}|makes no sense: lower has to be below upper"):
-        Model.from_json(data)
-
-
-@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe\x00", b"time,position,torque\n0,0,0\n", None])
-def test_a_file_that_is_missing_or_not_json_is_refused_by_name(content, tmp_path):
-    path = tmp_path / "run.csv"
-    if content is not None:
-        path.write_bytes(content)
-    told = "cannot be read" if content is None else "is not JSON; a model file is what `identify -o`"
-    with pytest.raises(ModelError, match=rf"run\.csv: {told}"):
+def test_what_makes_no_model_is_refused_with_the_file_and_the_reason(content, match, tmp_path):
+    path = tmp_path / "broken.json"
+    if content != "nowhere":
+        path.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
+    with pytest.raises(ModelError, match=rf"broken\.json: .*{match}"):
         Model.load(path)
 
 
@@ -163,9 +162,3 @@ def test_a_saved_model_keeps_the_covariance(tmp_path):
     model.save(tmp_path / "model.json")
     np.testing.assert_allclose(Model.load(tmp_path / "model.json").covariance, covariance, rtol=1e-12)
     assert model.at({"gravity": 1.9}).covariance is None  # nobody has told that of another model
-    for faulty, match in (
-        ({"parameters": ["mass", "gravity", "viscous", "coulomb"]}, "does not tell of inertia"),
-        ({"matrix": covariance[:3].tolist()}, "4 rows"),
-    ):
-        with pytest.raises(ModelError, match=match):
-            Model.from_json(model.json() | {"covariance": model.json()["covariance"] | faulty})

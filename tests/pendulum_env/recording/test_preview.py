@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pendulum_env.recording import RecordingError, read_recording
+from pendulum_env.recording import RecordingError
 from pendulum_env.recording.preview import preview
 
 TIME = np.arange(200) / 100
@@ -42,13 +42,3 @@ def test_a_file_that_cannot_be_read_is_refused_with_its_name(tmp_path: Path) -> 
     (tmp_path / "a.csv").write_text("1,2,3\n4,5,6\n")
     with pytest.raises(RecordingError, match=r"a\.csv: the first row holds numbers"):
         preview(tmp_path / "a.csv")
-
-
-def test_a_quantity_that_need_not_be_there_can_be_left_out(tmp_path: Path) -> None:
-    rows = "".join(f"{t},{np.sin(5 * t)},{np.cos(t)},{np.cos(5 * t)}\n" for t in TIME)
-    (tmp_path / "a.csv").write_text("time,position,velocity,torque\n" + rows)
-    with pytest.raises(RecordingError, match="velocity"):
-        read_recording(tmp_path / "a.csv")
-    assert read_recording(tmp_path / "a.csv", columns={"velocity": "unused"}).velocity is None
-    with pytest.raises(RecordingError, match="no column is named 'unused', which is to be torque"):
-        read_recording(tmp_path / "a.csv", columns={"torque": "unused"})

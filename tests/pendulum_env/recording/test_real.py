@@ -1,22 +1,47 @@
-"""Recordings of real machines, absent on most computers, each folder read by a study."""
+"""Recordings of real machines, each folder read by a study, and simulated ones: absent on most computers."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pendulum_env.recording import Source, read_study, write_study
+from pendulum_env.recording import (
+    Recording,
+    RecordingError,
+    Source,
+    read_recording,
+    read_study,
+    write_recording,
+    write_study,
+)  # fmt: skip
 
-DATA = Path(__file__).parents[4] / "shared" / "data"
+SHARED = Path(__file__).parents[4] / "shared"
 COLUMNS = {"bam_xl330": {}, "dfki": {}, "emps": {"position": "position:m", "torque": "torque:N"}, "odrive": {}}
 LOST = {"odrive": 2}  # segments at most; the others have no gap
 
 
+def at_hand(*folder: str) -> list[Path]:
+    files = sorted(SHARED.joinpath(*folder).glob("*.csv*"))
+    if not files:
+        pytest.skip("these recordings are not on this machine")
+    return files
+
+
+@pytest.mark.slow
+def test_practice_recordings_are_left_alone_and_refused_in_degrees(tmp_path: Path) -> None:
+    for path in at_hand("practice"):
+        recording = read_recording(path)
+        assert recording.rate == pytest.approx(round(recording.rate), rel=1e-12)
+        assert recording.notes == ()
+        disguised = Recording("deg", recording.time, np.degrees(recording.position), recording.torque)
+        write_recording(disguised, tmp_path / "deg.npz")
+        with pytest.raises(RecordingError, match=r"--columns position=position:deg"):
+            read_recording(tmp_path / "deg.npz")
+
+
 @pytest.mark.parametrize("folder", COLUMNS)
 def test_every_file_is_read_as_it_is(folder: str, tmp_path: Path) -> None:
-    files = sorted((DATA / folder).glob("*.csv*"))
-    if not files:
-        pytest.skip("the real recordings are not on this machine")
+    files = at_hand("data", folder)
     write_study(tmp_path / "study.toml", [Source(file, columns=COLUMNS[folder]) for file in files])
     for file, recording in zip(files, read_study(tmp_path / "study.toml").fitted, strict=True):
         raw = np.loadtxt(file, delimiter=",", skiprows=1)

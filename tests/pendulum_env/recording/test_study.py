@@ -90,13 +90,6 @@ def test_what_is_wrong_is_said(tmp_path: Path, text: str, match: str) -> None:
     assert str(refusal.value).startswith(str(path))
 
 
-@pytest.mark.parametrize(("between", "count"), [("", 1000), (" " * 90_000, 10)])
-def test_the_longest_study_takes_no_more_than_its_length(tmp_path: Path, between: str, count: int) -> None:
-    path = tmp_path / "study.toml"
-    path.write_text("".join(f"[[recording]]{between}\nfile = 'folder/{k}.csv'\n" for k in range(count)))
-    assert len(read_sources(path)) == count
-
-
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
     """Two files whose columns are those of a servo, in a folder of their own."""

@@ -1,4 +1,4 @@
-"""A recording with gaps: segments of one period."""
+"""The record: what it refuses, and its segments of one period between gaps."""
 
 import numpy as np
 import pytest
@@ -59,28 +59,41 @@ def test_a_slice_needs_two_samples_of_one_segment(gappy: Recording, start: int, 
         gappy.slice(start, stop)
 
 
-def test_a_split_keeps_the_gaps(gappy: Recording) -> None:
+def test_a_split_keeps_the_gaps_and_gives_every_sample_to_one_part(gappy: Recording) -> None:
     first, rest = gappy.split(0.5)
     assert [len(part) for part in (*first.segments, *rest.segments)] == [700, 2, 299, 601, 400]
+    np.testing.assert_array_equal(np.concatenate([first.time, rest.time]), gappy.time)
+    with pytest.raises(ValueError, match="read-only"):
+        first.position[0] = 1.0
+    for fraction in (0.0, 1.5):
+        with pytest.raises(RecordingError, match="both parts need at least 2"):
+            gappy.split(fraction)
 
 
-@pytest.mark.parametrize("starts", [(), (1,), (0, 1), (0, 500, 400), (0, 2001)])
-def test_segments_start_in_order_and_hold_two_samples(gappy: Recording, starts: tuple[int, ...]) -> None:
-    with pytest.raises(RecordingError, match="segments that start at"):
-        Recording("r", gappy.time, gappy.position, gappy.torque, starts=starts)
+WHOLE = np.arange(100.0)
+TOLD = {"starts": (0, 100)}
 
 
-def test_time_increases_throughout_with_one_period(gappy: Recording) -> None:
-    whole = np.arange(100.0)
-    for time in (
-        np.append(whole, whole + 50),  # back in time
-        np.append(whole, 200 + 1.001 * whole),  # another period
-        np.append(whole, 99 + whole),  # a time twice
-    ):
-        with pytest.raises(RecordingError, match="not uniform and increasing"):
-            Recording("r", time, time, time, starts=(0, 100))
-    with pytest.raises(RecordingError, match="not uniform and increasing"):
-        Recording("r", gappy.time, gappy.position, gappy.torque)  # its gaps not told
+@pytest.mark.parametrize(
+    ("time", "change", "match"),
+    [
+        (WHOLE, {"torque": np.zeros(4)}, r"torque of shape \(4,\) with time of shape \(100,\)"),
+        (WHOLE, {"velocity": np.where(WHOLE == 2, np.nan, WHOLE)}, "velocity that is not finite"),
+        (WHOLE, {"position": np.array(["a"] * 100)}, "position that is not numbers"),
+        (WHOLE[:1], {}, "holds 1 samples and needs at least 2"),
+        (np.array([0, 1, 2, 3, 5.0]), {}, "not uniform and increasing"),
+        (WHOLE[::-1], {}, "not uniform and increasing"),
+        (np.append(WHOLE, 200 + WHOLE), {}, "not uniform and increasing"),  # a gap that is not told
+        (np.append(WHOLE, WHOLE + 50), TOLD, "not uniform and increasing"),  # back in time
+        (np.append(WHOLE, 200 + 1.001 * WHOLE), TOLD, "not uniform and increasing"),  # another period
+        (np.append(WHOLE, 99 + WHOLE), TOLD, "not uniform and increasing"),  # a time twice
+        *((WHOLE, {"starts": starts}, "segments that start at") for starts in ((), (1,), (0, 1), (0, 50, 40), (0, 99))),
+    ],
+)
+def test_record_refuses(time: np.ndarray, change: dict, match: str) -> None:
+    good = dict.fromkeys(("time", "position", "torque"), time)
+    with pytest.raises(RecordingError, match=match):
+        Recording("r", **(good | change))
 
 
 @pytest.mark.parametrize(("inertia", "gravity"), [(-0.1, 0), (np.inf, 0), (0, np.nan)])

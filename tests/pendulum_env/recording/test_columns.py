@@ -1,0 +1,188 @@
+"""Which column is which quantity: by its name, and by what a user says of it."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from pendulum_env.recording import RecordingError, read_recording, vocabulary
+from pendulum_env.recording.columns import find_columns
+from pendulum_env.recording.expression import Expression, letters, parse
+
+UNITS = {letters(unit): unit for unit in ("rad", "deg", "rad/s", "N m", "A", "counts", "min-1")}
+NAMES = st.text(st.characters(exclude_categories=("Cs", "Cc", "Z"), exclude_characters=" "), min_size=1, max_size=12)
+NUMBERS = st.floats(1e-6, 1e6).map(repr) | st.integers(1, 10**6).map(str) | st.just("pi")
+FACTORS = st.lists(st.tuples(st.sampled_from(["*", "/", "*-", "/-"]), NUMBERS).map("".join), max_size=4).map(tuple)
+
+
+UNIT = st.none() | st.sampled_from(list(UNITS.values()))
+OFFSETS = st.tuples(st.tuples(st.sampled_from("+-"), NUMBERS).map("".join), UNIT) | st.just((None, None))
+EXPRESSIONS = st.builds(
+    lambda name, unit, factors, offset, negative: Expression(name, unit, factors, *offset, negative),
+    NAMES, UNIT, FACTORS, OFFSETS, st.booleans(),
+)  # fmt: skip
+
+
+@given(expression=EXPRESSIONS, others=st.lists(NAMES, max_size=3), column=st.floats(-1e3, 1e3))
+def test_what_is_written_is_read_back_and_does_what_python_makes_of_it(expression: Expression, others, column) -> None:
+    sign = "-" if expression.negative else ""
+    expected = eval(f"{sign}{column!r}{''.join(expression.factors)}{expression.offset or ''}", {"pi": math.pi})
+    assert expression.gain * column + expression.shift == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    text = str(expression)
+    assume(not any(name != expression.name and text.lstrip("- ").startswith(name.lstrip("-")) for name in others))
+    assume(not expression.name.startswith("-") and text not in others)
+    assert parse(text, [*others, expression.name], UNITS) == expression
+
+
+@given(text=st.text("ab-:*/+?.0123e pi", max_size=20) | st.text(max_size=20))
+def test_any_text_is_an_expression_or_one_sentence(text: str) -> None:
+    try:
+        expression = parse(text, ["a", "a-b", "b*2"], UNITS)
+    except RecordingError as error:
+        assert "\n" not in str(error) or "\n" in text
+    else:
+        assert expression.name in ("a", "a-b", "b*2")
+        assert math.isfinite(expression.gain) and expression.gain != 0
+
+
+@pytest.mark.parametrize(
+    ("headers", "quantities"),
+    [
+        ("t,q,u", "time position torque"),
+        ("Time [s],q [rad],tau [N m]", "time position torque"),
+        ("time_s,pos_rad,vel_rad/s,tau_Nm", "time position velocity torque"),
+        ("timestamp,theta,omega,effort", "time position velocity torque"),
+        ("time,meas_pos,meas_vel,meas_tau,des_pos,des_tau", "time position velocity torque reference"),
+        ("mode,t,angle (rad),dq,torque (N·m)", "- time position velocity torque"),
+        ("Timestamp,θ,qd,τ,temperature", "time position velocity torque temperature"),
+        # of known programs
+        ("__time,/arm/position[0],/arm/velocity[0],/arm/effort[0]", "time position velocity torque"),
+        ("__time,/joint_states/elbow/position,/joint_states/elbow/effort", "time position torque"),
+        ("__time,/joint_states/position/elbow,/joint_states/effort/elbow", "time position torque"),
+        ("time,signals.theta,signals.tau", "time position torque"),
+        ("timestamp,observation.state[0],action[0],tau,episode_index", "time position reference torque segment"),
+        ("t,pos_estimate,vel_estimate,torque_estimate", "time position velocity torque"),
+        ("time,joint.position (deg),out.torque [Nm]", "time position torque"),
+    ],
+)
+def test_quantities_are_found_by_the_names_that_people_and_programs_give_them(headers: str, quantities: str) -> None:
+    found = {column.index: quantity for quantity, column in find_columns(headers.split(",")).items()}
+    assert found == {index: quantity for index, quantity in enumerate(quantities.split()) if quantity != "-"}
+
+
+def test_no_name_has_two_meanings() -> None:
+    meanings: dict[str, set[tuple[str, float, bool]]] = {}
+    for name, (quantity, unit, commanded) in vocabulary._names():
+        factor = 1.0 if unit is None else vocabulary.UNITS[quantity][unit]
+        meanings.setdefault(name, set()).add((quantity, factor, commanded))
+    assert {name: meaning for name, meaning in meanings.items() if len(meaning) > 1} == {}
+
+
+def test_units_that_people_are_told_of_are_understood() -> None:
+    for quantity, told in vocabulary.TOLD.items():
+        for unit in told.split(", "):
+            named = {"time": "t", "position": "q", "torque": "tau"} | {quantity: f"x:{unit}*2"}
+            assert find_columns(["t", "q", "tau", "x"], named)[quantity].unit is not None
+
+
+def test_names_of_columns_come_first_and_the_longest_is_meant() -> None:
+    headers = ["a", "a-b", "-a", "a:deg", "a*2"]
+    assert [parse(text, headers, UNITS).name for text in headers] == headers
+    assert parse("a-b*3", headers, UNITS) == Expression("a-b", factors=("*3",))
+    assert parse("a-1", headers, UNITS) == Expression("a", offset="-1")
+    assert parse("- a", headers, UNITS) == Expression("a", negative=True)
+    assert parse("a : rad/s / 6 + 1 : deg", headers, UNITS) == Expression("a", "rad/s", ("/6",), "+1", "deg")
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "expected"),
+    [
+        ("torque=current:A*0.091", 2.0, 0.182),
+        ("torque=current:mA*0.091", 2000.0, 0.182),
+        ("torque=i [mA]*0.091", 2000.0, 0.182),
+        ("torque=current:A*0.091*6+0.01:Nm", 2.0, 1.102),
+        ("position=-motor_angle/6", 3.0, -0.5),
+        ("position=motor_angle:deg/6-90", 540.0, 0.0),
+        ("position=motor_angle:deg-1:rad", 180.0, math.pi - 1),
+        ("position=enc:counts/4096", 1024.0, math.pi / 2),
+        ("position=enc:counts/4096/6-0.25:rev", 4096.0 * 6, 1.5 * math.pi),
+        ("position=enc*2*pi/4096", 1024.0, math.pi / 2),
+        ("velocity=speed:rpm/6", 60.0, 2 * math.pi / 6),
+        ("velocity=speed:counts/s/4096", 4096.0, 2 * math.pi),
+        ("time=clock*1e-3", 1000.0, 1.0),
+        ("position=x:mm", 20.0, 0.02),
+        ("torque=force:N", 20.0, 20.0),
+        ("torque=-/joints/effort[1]*2", 3.0, -6.0),
+    ],
+)
+def test_columns_become_si(text: str, column: float, expected: float) -> None:
+    headers = ["clock", "motor_angle", "enc", "speed", "current", "i [mA]", "x", "force", "/joints/effort[1]"]
+    quantity, _, expression = text.partition("=")
+    named = {"time": "clock", "position": "x:m", "torque": "force:N"} | {quantity: expression}
+    found = find_columns(headers, named)[quantity]
+    assert found.scale * column + found.offset == pytest.approx(expected)
+
+
+HEADERS = "time,q,enc,tau,current,duty,iq_measured"
+JOINTS = ",".join(f"/joint_states/{what}[{joint}]" for what in ("position", "effort") for joint in range(3))
+CURRENTS = ["current", "iq", "Current [A]", "motor_current", "/motor/iq_measured", "duty", "PWM"]
+
+
+@pytest.mark.parametrize(
+    ("headers", "named", "match"),
+    [
+        ("time,q,position,torque", {}, "'q' and 'position' could both be position"),
+        ("time,x,torque", {}, "for position among 'time', 'x', 'torque': name the columns time,position,torque"),
+        ("time,position_a,position_b,torque_a,torque_b", {}, "for 'a', 'b': .* take an arm's links with --robot"),
+        ("time,position [counts],torque", {}, "no column for position"),
+        ("time,q,tau_cmd,u", {}, "'tau_cmd' and 'u' could both be torque: say which with --columns QUANTITY=NAME"),
+        (f"__time,{JOINTS}", {}, "could all be position: say which with --columns"),
+        ("t,q,tau", {"angle": "q"}, "are named for time, position, velocity, torque, reference, supply, enabled"),
+        ("t,q,tau", {"position": "Q"}, "no column is named 'Q', which is to be position, among 't', 'q', 'tau'"),
+        ("t,q,tau,x,x", {"position": "x"}, "2 columns are named 'x'"),
+        ("t,q,tau", {"velocity": "q"}, "no column for position"),
+        ("t,q,tau", {"torque": "unused"}, "no column is named 'unused', which is to be torque"),
+        *((f"t,q,{name}", {}, "no column for torque.*needs a gain, as in --columns torque=") for name in CURRENTS),
+        (HEADERS, {"torque": "current"}, "column 'current' without a gain: write torque=current:A[*]0.1 with"),
+        (HEADERS, {"torque": "current:A"}, "cannot be column 'current' without a gain"),
+        (HEADERS, {"torque": "duty:duty"}, "cannot be column 'duty' without a gain"),
+        (HEADERS, {"position": "enc"}, "write position=enc:counts/4096 with the counts of a turn"),
+        (HEADERS, {"position": "enc/4096"}, "write position=enc:counts/4096 with the counts of a turn"),
+        (HEADERS, {"position": "q*?"}, "can be unknown only where it is a current"),
+        (HEADERS, {"torque": "current*?"}, "unknown only where it is a current: write torque=current:A[*][?]"),
+        (HEADERS, {"torque": "current:A*2+1"}, "offset in 'current:A[*]2[+]1' needs a unit of its own: .*[+]1:Nm"),
+        (HEADERS, {"torque": "current:A*2+1:A"}, "is added after the gain: give it in N m"),
+        (HEADERS, {"torque": "current:Foo*2"}, "'Foo' of torque is not known: use one of Nm, mNm, Ncm, A, mA, V, duty"),
+        (HEADERS, {"torque": "curent*2"}, "no column is named 'curent', which is to be torque"),
+        (HEADERS, {"position": "q*0"}, "makes nothing of it"),
+        (HEADERS, {"position": "q*1e999"}, "beyond all bounds"),
+        (HEADERS, {"position": "q**2"}, r"'\*\*2' behind column 'q' is not understood: write NAME:UNIT"),
+        (HEADERS, {"position": "q+1*2"}, "is not understood"),
+        (HEADERS, {"position": "q:V" + "/6+0.1:Nm" * 100_000}, "unit 'V' of position is not known"),  # at once
+    ],
+)
+def test_what_is_no_column_or_makes_no_sense_is_one_sentence(headers: str, named: dict[str, str], match: str) -> None:
+    with pytest.raises(RecordingError, match=match):
+        find_columns(headers.split(","), named)
+
+
+def test_a_current_of_unknown_gain_stays_one(tmp_path) -> None:
+    time = np.arange(2000) / 500
+    np.savez(tmp_path / "run.npz", time=time, position=np.sin(time), current=1e3 * np.cos(time))
+    recording = read_recording(tmp_path / "run.npz", columns={"torque": "-current:mA*?"})
+    assert recording.torque_unit == "A"
+    np.testing.assert_allclose(recording.torque, -np.cos(time))
+    assert "torque is in A, its gain to be found" in recording.notes
+
+
+def test_expressions_are_told_and_applied(tmp_path) -> None:
+    time = np.arange(2000) / 500
+    columns = {"t": time, "motor": -6 * np.degrees(np.sin(time)) + 30, "i": np.cos(time), "setpoint": np.sin(time)}
+    np.savez(tmp_path / "run.npz", **columns)
+    named = {"position": "-motor:deg/6+5", "torque": "i:A*0.5"}
+    recording = read_recording(tmp_path / "run.npz", columns=named)
+    np.testing.assert_allclose(recording.position, np.sin(time), atol=1e-12)
+    np.testing.assert_allclose(recording.torque, 0.5 * np.cos(time))
+    assert {"position is -motor:deg/6+5", "torque is i:A*0.5"} <= set(recording.notes)
