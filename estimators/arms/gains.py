@@ -35,12 +35,7 @@ from pendulum_env.recording.study import Carried
 from pendulum_env.words import listing, per, plus_minus
 
 SCHEME = next(scheme for scheme in ARM_SCHEMES if scheme.id == "filtered_dynamic")
-NOTABLE = 0.01  # standard error of a gain, as a share, that is told again
 SURE = 10.0  # standard errors of a gain, from which it is known
-MISFIT = 1.5  # times each joint's own noise: beyond, joints do not feel the same links, as with rotors left out
-EXACT = 1e-3  # share of a joint's torque, below which nothing is taken for noise: simulations have hardly any
-VAGUE = 3.0  # times the least standard error of a gain by a known weight, from which other joints may tell it better
-PASSES = 3  # of the linear fit that the search for gains starts from
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +67,8 @@ class Torques:
             + ("known loads tell it" if gain.loads else "the other joints tell it, which feel the same links")
             for joint, gain in self.gains.items()
         ]
-        vague = [f"{joint} ({_share(gain):.1%})" for joint, gain in self.gains.items() if _share(gain) > NOTABLE]
+        notable = 0.01  # standard error of a gain, as a share, that is told again
+        vague = [f"{joint} ({_share(gain):.1%})" for joint, gain in self.gains.items() if _share(gain) > notable]
         if vague:
             said.append(
                 f"standard errors of parameters leave out those of the gains of {listing(vague)}: record longer, or "
@@ -101,8 +97,9 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body, unit: str | None =
     gains: dict[str, TorqueConstant] = {}
     if len({recording.carried for recording in recordings}) > 1:
         gains = _by_weight(recordings, body, asked)
-    least = min(map(_share, gains.values()), default=0.0)
-    anchors = {joint: gain for joint, gain in gains.items() if _share(gain) <= VAGUE * least}  # others may know better
+    # gains by a known weight with more than three times the least standard error may be told better by other joints
+    clear = 3.0 * min(map(_share, gains.values()), default=0.0)
+    anchors = {joint: gain for joint, gain in gains.items() if _share(gain) <= clear}
     if not anchors and len({recording.carried for recording in recordings}) > 1 and not _in_torque(recordings):
         raise RecordingError("the known weight shows in no joint's current: check its mass and center, or lift it more")
     rows = None
@@ -237,7 +234,8 @@ def _by_other_joints(
     felt = np.array([np.where(of == k, needed, 0.0) for k in range(len(asked))])  # slopes of the residual
     beside = [np.column_stack([linear, *np.delete(felt, k, axis=0)]) for k in range(len(asked))]
     std = [_beside(beside[k], felt[k], residual, clusters)[1] for k in range(len(asked))]
-    if (misfit := float(np.sqrt(np.mean(residual**2)))) > MISFIT:
+    # times each joint's own noise: beyond, joints do not feel the same links, as with rotors left out
+    if (misfit := float(np.sqrt(np.mean(residual**2)))) > 1.5:
         raise RecordingError(
             f"no gains let all joints feel the same links ({misfit:.1f} times the noise): say --rotors if motors have "
             f"inertia of their own, or give the gain of each of {listing([*asked])}"
@@ -258,7 +256,8 @@ def _noise(phi: Array, y: Array, group: NDArray[Any]) -> Array:
     for one in np.unique(group):
         own = group == one
         left = y[own] - phi[own] @ np.linalg.lstsq(phi[own], y[own], rcond=None)[0]
-        noise[own] = max(float(np.std(left)), EXACT * float(np.std(y[own])), 1e-9)
+        least = 1e-3 * float(np.std(y[own]))  # below it nothing is taken for noise: simulations have hardly any
+        noise[own] = max(float(np.std(left)), least, 1e-9)
     return noise
 
 
@@ -266,7 +265,7 @@ def _linear(phi: Array, y: Array, noise: Array, of: Array, count: int) -> Array:
     """Gains by which currents y (R,) are torques phi theta, a linear problem whose noise depends on them, in passes."""
     sizes = [float(np.sqrt(np.mean((y[of == k]) ** 2))) if (of == k).any() else 1.0 for k in range(-1, count)]
     alike = gains = sizes[0] / np.maximum(np.array(sizes[1:]), 1e-12)  # of torques as large as those in N m
-    for _ in range(PASSES):
+    for _ in range(3):  # the search for gains starts from here
         weights = 1.0 / (noise * np.append(np.abs(gains), 1.0)[of])
         columns = np.column_stack([np.where(of == k, -y, 0.0) for k in range(count)])
         known = np.where(of < 0, y, 0.0)

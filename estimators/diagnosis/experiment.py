@@ -33,16 +33,25 @@ from pendulum_env.plant import typical
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing
 
-SECONDS = 20.0  # of the experiment
 USUAL = 6.0  # [N m], the paper's peak torque: what a motor is trusted with unless it is known to give more
-SHOWN = 0.7  # times the noise floor: a difference as large as this is found
-PLENTY = 20.0  # times the noise floor: enough to show a twentieth part of it, too
-ALIKE = 0.05  # of the worth, a logarithm: signals as close as this are as good, and the smallest swing is chosen
-FEWEST = 40  # windows clear of stick that an experiment has to give
-GENTLER = (1.0, 0.3, 0.1)  # of the torque: what small angles and low speeds call for
-FASTER = 30.0  # times the highest speed that was recorded: of a motion beyond, a model knows nothing
-HANGING = 0.1  # [rad], as near to which a recording began where any motion begins
-SAFE = 0.9  # share of an angle or speed that is used: the model that foretells the motion is in doubt
+
+
+@dataclass(frozen=True)
+class DesignSettings:
+    """Which experiments are simulated, and when one settles a question."""
+
+    seconds: float = 20.0  # [s], length of the experiment
+    shown: float = 0.7  # times the noise floor: a difference as large as this is found
+    plenty: float = 20.0  # times the noise floor: enough to show a twentieth part of it, too
+    alike: float = 0.05  # of the worth, a logarithm: signals as close are as good, and the smallest swing is chosen
+    fewest: int = 40  # windows clear of stick that an experiment has to give
+    shares: tuple[float, ...] = (1.0, 0.3, 0.1)  # of the torque: what small angles and low speeds call for
+    fastest: float = 30.0  # times the highest speed that was recorded: of a motion beyond, a model knows nothing
+    hanging: float = 0.1  # [rad], as near to which a recording began where any motion begins
+    safe: float = 0.9  # share of an angle or speed that is used: the model that foretells the motion is in doubt
+
+
+DESIGN = DesignSettings()
 
 
 @dataclass(frozen=True)
@@ -72,17 +81,18 @@ class Limits:
 
         Any motion begins hanging down, which may be beyond the angles that were recorded.
         """
+        safe, hanging = DESIGN.safe, DESIGN.hanging
         if self.angle is not None:
-            return -SAFE * self.angle, SAFE * self.angle
+            return -safe * self.angle, safe * self.angle
         position = np.concatenate([recording.position for recording in recordings])
         low, high = float(position.min()), float(position.max())
         if turns(position):
             return low - high, high - low
-        return (SAFE * min(low, 0.0), SAFE * max(high, 0.0)) if -HANGING < high and low < HANGING else (low, high)
+        return (safe * min(low, 0.0), safe * max(high, 0.0)) if -hanging < high and low < hanging else (low, high)
 
     def fastest(self, recorded: Samples) -> float:
         """Highest speed of a motion [rad/s]."""
-        return SAFE * (float(np.abs(recorded.velocity).max()) if self.speed is None else self.speed)
+        return DESIGN.safe * (float(np.abs(recorded.velocity).max()) if self.speed is None else self.speed)
 
 
 @dataclass(frozen=True)
@@ -200,15 +210,15 @@ def _choose(models: Models, runs: Sequence[Run], asked: Sequence[Question]) -> t
         return None, list(asked)
     shown = np.zeros((len(runs), len(asked)))  # against the noise floor
     for j, run in enumerate(runs):
-        if len(run.data.weights) >= FEWEST:
+        if len(run.data.weights) >= DESIGN.fewest:
             rivals = {terms: run.data.equations(terms) for terms in {question.terms for question in asked}}
             told = [question.unexplained(run.data, rivals[question.terms]) for question in asked]
             shown[j] = np.array(told) / models.left.floor
-    answerable = shown.max(axis=0) > SHOWN
+    answerable = shown.max(axis=0) > DESIGN.shown
     # one question well settled and one open is worse than both settled
-    worth = np.log1p(np.minimum(shown[:, answerable], PLENTY)).sum(axis=1)
-    best = min(np.flatnonzero(worth >= worth.max() - ALIKE).tolist(), key=lambda j: runs[j].swing)
-    settled = tuple(question.aim for question, ratio in zip(asked, shown[best], strict=True) if ratio > SHOWN)
+    worth = np.log1p(np.minimum(shown[:, answerable], DESIGN.plenty)).sum(axis=1)
+    best = min(np.flatnonzero(worth >= worth.max() - DESIGN.alike).tolist(), key=lambda j: runs[j].swing)
+    settled = tuple(question.aim for question, ratio in zip(asked, shown[best], strict=True) if ratio > DESIGN.shown)
     hopeless = [question for question, hope in zip(asked, answerable, strict=True) if not hope]
     return (runs[best].suggestion(settled) if settled else None), hopeless
 
@@ -247,7 +257,7 @@ class Run:
     def suggestion(self, settled: tuple[Aim, ...]) -> Suggestion:
         """The experiment, with what to expect of it."""
         peak = float(np.abs(self.recording.torque).max())
-        return Suggestion(self.signal, SECONDS, settled, peak, self.reach, self.peak_speed)
+        return Suggestion(self.signal, DESIGN.seconds, settled, peak, self.reach, self.peak_speed)
 
 
 def rehearse(models: Models, model: Model, torque: float) -> list[Run]:
@@ -258,9 +268,11 @@ def rehearse(models: Models, model: Model, torque: float) -> list[Run]:
     windows = models.train.data.windows[0]
     recorded = windows.recording.rate
     rate, half_width = min(RATE, recorded), (len(windows.kernel) // 2) / recorded
-    time = np.arange(round(SECONDS * rate)) / rate
-    fastest = FASTER * float(np.abs(models.train.samples.velocity).max())
-    signals = [signal for share in GENTLER for signal in family(np.random.default_rng(0), SECONDS, share * torque)]
+    seconds = DESIGN.seconds
+    time = np.arange(round(seconds * rate)) / rate
+    fastest = DESIGN.fastest * float(np.abs(models.train.samples.velocity).max())
+    shares = DESIGN.shares
+    signals = [signal for share in shares for signal in family(np.random.default_rng(0), seconds, share * torque)]
     torques = np.column_stack([signal.signal(time) for signal in signals])
     path = simulate(model.terms, model.theta, 1 / rate, torques, 0.0, 0.0)
     motions = zip(signals, torques.T, path.position[:-1].T, path.velocity.T, strict=True)

@@ -14,14 +14,22 @@ from estimators.regression.least_squares import least_squares
 from pendulum_env._typing import Array
 from pendulum_env.physics.table import Curve, Table
 
-SHOWN = 3
-LEAST = 0.5  # share of the shape, below which it looks like nothing of the kind
-ALIKE = 1e-3  # share that is left, below which none is nearer than another
-WIDE = (0.02, 1.0)  # shares of the table, from which to which a bump or a step may reach
-POWERS = (0.1, 9.0)  # of the speed
-ORDERS = range(1, 25)  # of waves over a turn
-
 Formula = Callable[..., Sequence[Array]]  # of the argument (N,) and shape parameters; columns (N,), but for a constant
+
+
+@dataclass(frozen=True)
+class LikenessSettings:
+    """Which formulas a table is compared with, and which of them it looks like."""
+
+    most: int = 3  # formulas that are reported
+    least: float = 0.5  # share of the shape, below which it looks like nothing of the kind
+    alike: float = 1e-3  # share that is left, below which none is nearer than another
+    widths: tuple[float, float] = (0.02, 1.0)  # shares of the table, from which to which a bump or a step may reach
+    powers: tuple[float, float] = (0.1, 9.0)  # of the speed, from which to which they are searched for
+    orders: range = range(1, 25)  # of waves over a turn
+
+
+LIKENESS = LikenessSettings()
 
 
 class Family(NamedTuple):
@@ -78,12 +86,13 @@ def likenesses(table: Table, curve: Curve) -> list[Likeness]:
         words = family.words.format(*(f"{value:.3g}" for value in shape))
         found.append(Likeness(words, 1.0 - left(shape) / whole, count))
     found.sort(key=lambda one: -one.share)
-    return [one for one in found if one.share > LEAST and not any(_is_enough(other, one) for other in found)][:SHOWN]
+    near = [one for one in found if one.share > LIKENESS.least]
+    return [one for one in near if not any(_is_enough(other, one) for other in found)][: LIKENESS.most]
 
 
 def _is_enough(simple: Likeness, other: Likeness) -> bool:
     """Whether one formula makes another needless."""
-    left, less = (max(1.0 - one.share, ALIKE) for one in (simple, other))
+    left, less = (max(1.0 - one.share, LIKENESS.alike) for one in (simple, other))
     return simple.parameters < other.parameters and left < 2.0 * less
 
 
@@ -98,10 +107,10 @@ def _families(table: Table) -> list[Family]:
     if table.axis == "position":
         places = np.linspace(low, high, 25)[1:-1].tolist()
         around = list(product(places, ((high - low) * np.array([0.03, 0.08, 0.2, 0.5])).tolist()))
-        at, wide = (low, high), ((high - low) * WIDE[0], (high - low) * WIDE[1])
+        at, wide = (low, high), ((high - low) * LIKENESS.widths[0], (high - low) * LIKENESS.widths[1])
         waves = [
             Family(f"a wave of {n if n > 1 else 'one'} a turn", lambda q, n=n: (np.sin(n * q), np.cos(n * q)))
-            for n in (() if table.slides else ORDERS)
+            for n in (() if table.slides else LIKENESS.orders)
         ]
         return [
             *waves,
@@ -121,7 +130,7 @@ def _families(table: Table) -> list[Family]:
     scales, ends = [(share * high,) for share in (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)], ((0.01 * high, 2.0 * high),)
     gain = float(table.is_gain)
     return [
-        Family("|q'|^{0}", lambda v, p: (v**p,), [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (POWERS,)),
+        Family("|q'|^{0}", lambda v, p: (v**p,), [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (LIKENESS.powers,)),
         Family("exp(-|q'| / {0} rad/s)", lambda v, s: (np.exp(-v / s) - gain,), scales, ends),
         Family("exp(-(q' / {0} rad/s)^2)", lambda v, s: (np.exp(-((v / s) ** 2)) - gain,), scales, ends),
         Family("tanh(|q'| / {0} rad/s)", lambda v, s: (np.tanh(v / s),), scales, ends),

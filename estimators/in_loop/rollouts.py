@@ -23,13 +23,8 @@ from pendulum_env.servo.loop import Servos, follow
 
 GRAIN = 0.02  # [s] between the positions that are compared,
 STEPS, FINE = 11, 20  # of the integrator while models are searched for, and in the end
-CLUSTER = 1.5  # [s], errors of a rollout that tell as much as one
-LEAST = 1e-4  # of the motion
-BEGINNING = 0.08  # [s], that tells the speed at the start, where it is a cubic for so long,
-SHORTEST = 6  # samples that do at least
 FINEST = 1e-6  # [rad], below which a step of an encoder is a number's rounding
 JITTER = 0.03  # of a sample, by which a clock is off
-FARTHEST = 2.0  # [rad], error that a larger one counts as
 
 
 @dataclass(frozen=True)
@@ -57,7 +52,7 @@ class Rollouts:
         """All rollouts side by side, shorter ones with their last sample to the end."""
         parts = [part for _, part in self._segments]
         step = GRAIN / self.steps
-        begins = np.arange(self.steps * max(len(at) for at in self._times)) * step + FINEST
+        begins = np.arange(self.steps * max(len(at) for at in self._times)) * step + 1e-6  # [s], against rounding
 
         def held(values: Sequence[Array]) -> Array:
             """What holds from sample to sample (N, B), as each step begins."""
@@ -160,7 +155,8 @@ class Rollouts:
     def missed(self, paths: Array) -> Array:
         """Positions (N + 1, V, B), simulated a grain apart from the start on, minus measured ones (R, V) [rad]."""
         told = np.concatenate([paths[1 : len(own) + 1, :, lane][own] for lane, own in enumerate(self._compared)])
-        return np.clip(np.nan_to_num(told, nan=np.inf) - self.position[:, None], -FARTHEST, FARTHEST)
+        farthest = 2.0  # [rad], error that a larger one counts as
+        return np.clip(np.nan_to_num(told, nan=np.inf) - self.position[:, None], -farthest, farthest)
 
     # what the one engine asks of data of any kind
     windows: ClassVar[tuple[Windows, ...]] = ()
@@ -195,7 +191,7 @@ class Rollouts:
     @cached_property
     def clusters(self) -> Index:
         """Stretch that each equation lies in (R,), for standard errors."""
-        return self.blocks(CLUSTER)[0]
+        return self.blocks(1.5)[0]  # [s], errors of a rollout that tell as much as one
 
     def blocks(self, length: float) -> tuple[Index, Index, Index]:
         """Stretch of about `length` seconds and recording of each equation (R,); recording of each block (S,)."""
@@ -218,7 +214,7 @@ class Rollouts:
 
     def precision(self) -> float:
         """Error that a simulation leaves, which is not exact either [rad]."""
-        return LEAST * float(np.std(self.position))
+        return 1e-4 * float(np.std(self.position))  # share of the motion
 
     def noise(self, inertia: float) -> float:
         """Error that encoder and clock alone make [rad]."""
@@ -258,13 +254,13 @@ def are_driven(recordings: Sequence[Recording]) -> bool:
 def _velocity_at_start(recording: Recording) -> float:
     if recording.velocity is not None:
         return float(recording.velocity[0])
-    few, noise = (
-        min(len(recording), max(SHORTEST, round(BEGINNING * recording.rate))),
-        encoder_noise(recording.position),
-    )
+    beginning = 0.08  # [s], that tells the speed at the start, where it is a cubic for so long,
+    shortest = 6  # samples that do at least
+    few = min(len(recording), max(shortest, round(beginning * recording.rate)))
+    noise = encoder_noise(recording.position)
     while True:
         time, position = recording.time[:few] - recording.time[0], recording.position[:few]
         cubic = np.polyfit(time, position, min(3, few - 1))
-        if few <= SHORTEST or np.std(np.polyval(cubic, time) - position) < 1.2 * noise:
+        if few <= shortest or np.std(np.polyval(cubic, time) - position) < 1.2 * noise:
             return float(cubic[-2])
-        few = max(SHORTEST, few // 2)  # a servo that was told to go at once is no cubic for long
+        few = max(shortest, few // 2)  # a servo that was told to go at once is no cubic for long

@@ -31,7 +31,6 @@ FOLDS = 10  # of cross-validation
 BLOCK = 1.0  # [s]
 DRAWS = 4000  # of the Bayesian bootstrap
 TURNS, SETTLED = 20, 1e-5  # largest number of iterations for a scale, and relative change at convergence
-DIVERGED = 1e60  # [N m], limit of a prediction error, against overflow
 
 
 Hidden = Sequence[tuple[slice, float]]  # rows, and variance of the torque noise that a model absorbs in them
@@ -82,7 +81,7 @@ def _density(balance: Balance, theta: Array, where: Blocks, hidden: Hidden) -> A
     their unexplained part.
     """
     left, slopes = balance.residual(theta)
-    left = np.clip(left, -DIVERGED, DIVERGED)
+    left = np.clip(left, -1e60, 1e60)  # [N m], against overflow of a prediction that diverged
     for rows, variance in hidden:
         left[:, rows] *= np.sqrt(1 + variance / max(float(np.mean(left[:, rows] ** 2)), 1e-300))
     fold, reach = where.fold, balance.reach

@@ -19,7 +19,7 @@ import numpy as np
 from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
 from estimators.regression.least_squares import robust_covariance
 from estimators.simulation.free_running import Segments, cut_segments, periods, simulated, spans, start_memory
-from estimators.simulation.output_error import SMALLEST, Point, grain_of, named, trust
+from estimators.simulation.output_error import OUTPUT_ERROR, Point, grain_of, named, trust
 from estimators.weak_form.shapes import moved
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, ArrayLike, Index
@@ -246,7 +246,7 @@ class Slopes:
 
 def _linearise(every: Sequence[Shooting], point: Point) -> Slopes:
     values = point.values
-    size = np.maximum(np.abs(values), SMALLEST)
+    size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
     nearby = [point.at(values + SHOOTING.difference * size * direction) for direction in np.eye(len(values))]
     parts = []
     for shooting in every:
@@ -300,7 +300,7 @@ def fit(every: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) ->
     def best(near: Near[tuple[Fitted, Slopes]], steps: list[Array]) -> tuple[Fitted, float]:
         place, slopes = near.known
         values, step = place.point.values, np.clip(steps[0], -SHOOTING.largest, SHOOTING.largest)
-        size = np.maximum(np.abs(values), SMALLEST)
+        size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
         points = [place.point.at(values + share * step * size) for share in SHOOTING.shares]
         tried = [_follow(own, points, step, move) for own, move in zip(place.every, slopes.parts, strict=True)]
         costs = np.sum([w @ own.T for (_, _, own), w in zip(tried, slopes.weights, strict=True)], axis=0)

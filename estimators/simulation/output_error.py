@@ -24,13 +24,20 @@ from estimators.weak_form.shapes import continuous, moved
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model, Term
 
-TURNS = 12
-SHARES = (1.0, 0.5, 0.2, 0.05)  # tried of a Gauss-Newton step
-DAMPING = 1e-6
-DIFFERENCE = 1e-3  # relative step of derivatives
-LEAP = 0.5  # largest step of a parameter from zero
-SMALLEST = 1e-3  # size against which a parameter near zero moves
-GRAIN = 0.004  # [s] between the positions that are compared
+
+@dataclass(frozen=True)
+class OutputErrorSettings:
+    """Numbers of the fit of simulated segments."""
+
+    shares: tuple[float, ...] = (1.0, 0.5, 0.2, 0.05)  # tried of a Gauss-Newton step
+    damping: float = 1e-6  # of this step
+    difference: float = 1e-3  # relative, of a parameter for derivatives
+    leap: float = 0.5  # largest step of a parameter from zero, in its own unit
+    smallest: float = 1e-3  # size against which a parameter near zero moves, in its own unit
+    grain: float = 0.004  # [s] between the positions that are compared
+
+
+OUTPUT_ERROR = OutputErrorSettings()
 
 
 @dataclass(frozen=True)
@@ -110,7 +117,7 @@ def _errors(segments: Segments, path: Array, filter: Innovations | None) -> Arra
 
 def grain_of(segments: Segments) -> int:
     """Samples from one compared position to the next."""
-    return max(1, round(GRAIN * segments.windows.recording.rate))
+    return max(1, round(OUTPUT_ERROR.grain * segments.windows.recording.rate))
 
 
 def innovations(segments: Sequence[Segments], point: Point) -> list[Innovations]:
@@ -134,15 +141,15 @@ def _slopes(
 ) -> tuple[Array, Array, Index]:
     """Weighted errors (M,), their derivatives by relative changes of the parameters (M, P + S), and segments (M,)."""
     values = point.values
-    size = np.maximum(np.abs(values), SMALLEST)
-    nearby = [point.at(values + DIFFERENCE * size * direction) for direction in np.eye(len(values))]
+    size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
+    nearby = [point.at(values + OUTPUT_ERROR.difference * size * direction) for direction in np.eye(len(values))]
     error, which = errors(segments, [point, *nearby], filters)
     error *= np.sqrt(weights)[which, None]
-    return error[:, 0], (error[:, 1:] - error[:, :1]) / DIFFERENCE, which
+    return error[:, 0], (error[:, 1:] - error[:, :1]) / OUTPUT_ERROR.difference, which
 
 
 def fit(
-    segments: Sequence[Segments], terms: Sequence[Term], theta: Array, turns: int = TURNS, filters: Filters = ()
+    segments: Sequence[Segments], terms: Sequence[Term], theta: Array, turns: int = 12, filters: Filters = ()
 ) -> Point:
     """Move the linear parameters theta (P,) and the continuous shape parameters until the segments fit best."""
     start = Point(tuple(terms), np.asarray(theta, dtype=float))
@@ -153,15 +160,16 @@ def fit(
         return Near(point, float(error @ error), error, slopes)
 
     def best(near: Near[Point], steps: list[Array]) -> tuple[Point, float]:
-        values = near.known.values
-        size = np.maximum(np.abs(values), SMALLEST)
-        longest = np.where(size > SMALLEST, 0.5, LEAP / SMALLEST)  # a parameter that was zero needs an absolute step
+        values, smallest = near.known.values, OUTPUT_ERROR.smallest
+        size = np.maximum(np.abs(values), smallest)
+        # a parameter that was zero needs an absolute step
+        longest = np.where(size > smallest, 0.5, OUTPUT_ERROR.leap / smallest)
         step = np.clip(steps[0], -longest, longest) * size
-        tried = [near.known.at(values + share * step) for share in SHARES]
+        tried = [near.known.at(values + share * step) for share in OUTPUT_ERROR.shares]
         error, which = errors(segments, tried, filters)
         return least_of(tried, weights[which] @ error**2)
 
-    return gauss_newton(start, near, best, Rule(turns, (DAMPING,), by_offset=True))
+    return gauss_newton(start, near, best, Rule(turns, (OUTPUT_ERROR.damping,), by_offset=True))
 
 
 def maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
@@ -213,7 +221,7 @@ def model(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> 
 
 def named(point: Point, relative: Array) -> Model:
     """Model at a point; the covariance of its parameters (P + S, P + S) is given relative to them."""
-    std = np.sqrt(np.diag(relative)) * np.maximum(np.abs(point.values), SMALLEST)
+    std = np.sqrt(np.diag(relative)) * np.maximum(np.abs(point.values), OUTPUT_ERROR.smallest)
     names = [term.full(shape.name) for term in point.terms for shape in continuous(term)]
     count = len(point.theta)
     model = Model.build(point.terms, point.theta, std[:count], **dict(zip(names, std[count:].tolist(), strict=True)))

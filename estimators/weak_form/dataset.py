@@ -19,14 +19,23 @@ from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Recording
 
-LEAST_NOISE = 5e-4  # of the RMS torque, error of smoothing and integration
 NEGLIGIBLE = 0.01  # share of the torque; encoder noise below it hides no effect of practical use
-LEAST_WINDOWS = 10  # below which no error can be estimated
-FEWEST = 100  # windows clear of stick that a window length has to leave,
-CLEAR = 0.3  # or share of the recording
-CLUSTERS = 4  # per parameter of an arm's links: with fewer, some combination would never vary,
-APART = 4  # half windows, the least length of a cluster: errors are correlated over less
-SURELY = 5.0  # standard errors from which the residual of a reversal exceeds friction significantly
+
+
+@dataclass(frozen=True)
+class WeakFormSettings:
+    """Numbers of windowed equations: their length, their errors and their clusters."""
+
+    precision: float = 5e-4  # of the RMS torque, error of smoothing and integration
+    fewest: int = 10  # windows, below which no error can be estimated
+    enough: int = 100  # windows clear of stick that a window length has to leave,
+    clear: float = 0.3  # or share of the recording
+    clusters: int = 4  # per parameter of an arm's links: with fewer, some combination would never vary,
+    shortest: int = 4  # half windows, the least length of a cluster: errors are correlated over less
+    significant: float = 5.0  # standard errors from which the residual of a reversal exceeds friction
+
+
+WEAK_FORM = WeakFormSettings()
 
 
 class Structure(NamedTuple):
@@ -195,7 +204,7 @@ class Dataset:
 
     def precision(self) -> float:
         """Torque error of smoothing and integration [N m]."""
-        return LEAST_NOISE * float(np.std(self.torque()))
+        return WEAK_FORM.precision * float(np.std(self.torque()))
 
     def least(self) -> float:
         """Largest such error of all joints [N m]: a joint without a motor has no torque, but is no more exact."""
@@ -233,7 +242,7 @@ class Dataset:
         noise = np.repeat([w.noise(inertia) for w in self.windows], counts)
         doubt = np.hypot(noise, _deviations(equations.phi, covariance))
         friction = np.concatenate([_most_friction(w, terms, theta, covariance) for w in turned.windows])
-        impacts = np.abs(equations.y - equations.phi @ theta) > 2 * friction + SURELY * doubt
+        impacts = np.abs(equations.y - equations.phi @ theta) > 2 * friction + WEAK_FORM.significant * doubt
         parts = zip(self.windows, np.split(impacts, np.cumsum(counts)[:-1]), strict=True)
         return dataset([replace(w, centers=np.sort(np.r_[w.centers, w.turning[own]])) for w, own in parts])
 
@@ -295,7 +304,7 @@ def _most_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: 
             for column in term.columns
         ]
     )
-    most = np.abs(rows @ theta) + SURELY * _deviations(rows, covariance)
+    most = np.abs(rows @ theta) + WEAK_FORM.significant * _deviations(rows, covariance)
     return np.asarray(sliding_window_view(most, len(w.kernel))[w.centers - len(w.kernel) // 2].max(axis=1))
 
 
@@ -375,7 +384,8 @@ def choose_half_width(recording: Recording) -> float:
     enough = NEGLIGIBLE * float(np.std(recording.torque))
     covered = [len(w.centers) * width for w, width in zip(cuts, widths, strict=True)]  # [s], clear of stick
     enough_windows = [
-        len(w.centers) >= FEWEST or time >= CLEAR * recording.duration for w, time in zip(cuts, covered, strict=True)
+        len(w.centers) >= WEAK_FORM.enough or time >= WEAK_FORM.clear * recording.duration
+        for w, time in zip(cuts, covered, strict=True)
     ]
     feasible = [i for i, fine in enumerate(enough_windows) if fine] or [int(np.argmax(covered))]
     quiet = [
@@ -389,17 +399,18 @@ def dataset(windows: Sequence[Windows], given: Mapping[str, Given] | None = None
     joints, count = {w.at for w in windows}, sum(own.linear.shape[1] for own in (given or {}).values())
     total = sum(w.recording.duration for w in windows) / len(joints)
     half = max(len(w.kernel) // 2 / w.recording.rate for w in windows)
+    shortest = WEAK_FORM.shortest * half if count else 0.0
     sizes = [float(np.std(w.recording.torque)) for w in windows]
     usual = {
         at: float(np.median([size for size, w in zip(sizes, windows, strict=True) if w.at == at])) for at in joints
     }
-    least = LEAST_NOISE * max(usual.values())  # a joint without a motor has no torque, but no smaller error
+    least = WEAK_FORM.precision * max(usual.values())  # a joint without a motor has no torque, but no smaller error
     levels = [max(w.noise(0.05), 0.003 * usual[w.at], least, 1e-12) for w in windows]
     weights = [np.full(len(w.centers), min(levels) / level) for w, level in zip(windows, levels, strict=True)]
     return Dataset(
         tuple(windows),
         np.concatenate(weights),
-        _numbers(windows, min(0.5, max(total / max(30, CLUSTERS * count), APART * half if count else 0.0))),
+        _numbers(windows, min(0.5, max(total / max(30, WEAK_FORM.clusters * count), shortest))),
         given=given or {},
     )
 
@@ -413,10 +424,10 @@ def prepare(recordings: Sequence[Recording], half_widths: Sequence[float] | None
     widths = half_widths or [choose_half_width(recording) for recording in recordings]
     windows = [calibrate(cut(recording, width, part)) for recording, width in zip(recordings, widths, strict=True)]
     usable = sum(len(w.centers) for w in windows)
-    if usable < LEAST_WINDOWS:
+    if usable < WEAK_FORM.fewest:
         names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(
-            f"{names}: only {usable} stretches of motion are clear of stick and reversals, at least {LEAST_WINDOWS} "
+            f"{names}: only {usable} stretches of motion are clear of stick and reversals, at least {WEAK_FORM.fewest} "
             "are needed: record longer, faster or wider motion"
         )
     return dataset(windows)

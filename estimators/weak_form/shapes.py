@@ -6,7 +6,7 @@ The searches access the data only through functions that evaluate a whole batch 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,15 +14,25 @@ from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_o
 from pendulum_env._typing import Array
 from pendulum_env.physics import Shape, Term
 
-TURNS = 20  # largest number of Gauss-Newton steps
-SCANNED = 21  # instants at a time
-STEPS = (1.0, 0.4, 0.1, 0.02)  # shares of a Gauss-Newton step that are tried
-LEAP = 0.7  # largest step: no longer than a factor of two
-DAMPING = 1e-12  # against parameters that tell the same
-DIFFERENCE = 1e-3  # relative, for derivatives
-ROUNDS, DRAWS, ELITE = 6, 48, 8  # of the cross-entropy search
-
 Residuals = Callable[[Sequence[Term]], list[Array]]  # weighted residual (R,) of the best fit with each variant
+
+
+@dataclass(frozen=True)
+class ShapeSettings:
+    """Numbers of the searches over shape parameters."""
+
+    turns: int = 20  # largest number of Gauss-Newton steps
+    shares: tuple[float, ...] = (1.0, 0.4, 0.1, 0.02)  # tried of a Gauss-Newton step
+    leap: float = 0.7  # largest step, relative or of a logarithm: no longer than a factor of two
+    damping: float = 1e-12  # against parameters that tell the same
+    difference: float = 1e-3  # relative, of a parameter for derivatives
+    instants: int = 21  # that a scan tries at a time
+    rounds: int = 6  # of the cross-entropy search,
+    draws: int = 48  # variants that each of them draws,
+    elite: int = 8  # and best ones so far that the next are drawn around
+
+
+SHAPES = ShapeSettings()
 
 
 def moved(term: Term, shapes: Sequence[Shape], values: Sequence[float] | Array) -> Term:
@@ -68,7 +78,7 @@ def shape_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]
     for shape in continuous(term):
         value = term.shape[shape.name]
         # symmetric difference over a step that is small against the value and safe against rounding
-        step = DIFFERENCE * max(abs(value), 1e-6)
+        step = SHAPES.difference * max(abs(value), 1e-6)
         more, less = torques([replace(term, **{shape.name: value + d}) for d in (step, -step)])
         slopes[term.full(shape.name)] = (more - less) / (2 * step)
     return slopes
@@ -95,29 +105,30 @@ def refined(term: Term, residuals: Residuals) -> Term:
     def near(term: Term) -> Near[Term]:
         values, unit = at(term)
         error = known[term] if term in known else residuals([term])[0]
-        nearby = [moved(term, shapes, values + DIFFERENCE * unit * direction) for direction in np.eye(len(shapes))]
-        slopes = np.column_stack([(residual - error) / DIFFERENCE for residual in residuals(nearby)])  # (R, S)
+        steps = SHAPES.difference * unit * np.eye(len(shapes))
+        nearby = [moved(term, shapes, values + step) for step in steps]
+        slopes = np.column_stack([(residual - error) / SHAPES.difference for residual in residuals(nearby)])  # (R, S)
         return Near(term, float(error @ error), error, slopes)
 
     def best(near: Near[Term], steps: list[Array]) -> tuple[Term, float]:
         values, unit = at(near.known)
-        step = steps[0] / max(1.0, float(np.abs(steps[0]).max()) / LEAP)
+        step = steps[0] / max(1.0, float(np.abs(steps[0]).max()) / SHAPES.leap)
         tried = [
             moved(term, shapes, np.where(factor, values * np.exp(share * step), values + share * step * unit))
-            for share in STEPS
+            for share in SHAPES.shares
         ]
         known.clear()
         known.update(zip(tried, residuals(tried), strict=True))
         return least_of(tried, [float(known[term] @ known[term]) for term in tried])
 
-    return gauss_newton(term, near, best, Rule(TURNS, (DAMPING,), by_offset=True))
+    return gauss_newton(term, near, best, Rule(SHAPES.turns, (SHAPES.damping,), by_offset=True))
 
 
 def scan(term: Term, residuals: Residuals, reach: float) -> Term:
     """Variant whose instants are the best within `reach` [s]: evenly spaced ones, and again around the best."""
     for shape in (shape for shape in term.shapes if shape.instant):
         for width in reach * np.array([1.0, 0.1, 0.01]):
-            values = term.shape[shape.name] + width * np.linspace(-1.0, 1.0, SCANNED)
+            values = term.shape[shape.name] + width * np.linspace(-1.0, 1.0, SHAPES.instants)
             tried = [moved(term, [shape], [value]) for value in values]
             term = tried[int(np.argmin([float(residual @ residual) for residual in residuals(tried)]))]
     return term
@@ -135,12 +146,12 @@ def cross_entropy(variants: Sequence[Term], residuals: Residuals) -> Term:
     def errors(drawn: Sequence[Term]) -> list[float]:
         return [float(np.linalg.norm(residual)) for residual in residuals(drawn)]
 
-    ranked = sorted(zip(errors(variants), variants, strict=True), key=lambda pair: pair[0])[:ELITE]
-    for _ in range(ROUNDS):
+    ranked = sorted(zip(errors(variants), variants, strict=True), key=lambda pair: pair[0])[: SHAPES.elite]
+    for _ in range(SHAPES.rounds):
         elite = np.log([[term.shape[shape.name] for shape in shapes] for _, term in ranked])
         spread = 1.2 * elite.std(axis=0) + 0.02
-        draws = np.exp(elite.mean(axis=0) + spread * rng.standard_normal((DRAWS, len(shapes))))
+        draws = np.exp(elite.mean(axis=0) + spread * rng.standard_normal((SHAPES.draws, len(shapes))))
         drawn = [moved(variants[0], shapes, draw) for draw in draws]
         ranked += zip(errors(drawn), drawn, strict=True)
-        ranked = sorted(ranked, key=lambda pair: pair[0])[:ELITE]
+        ranked = sorted(ranked, key=lambda pair: pair[0])[: SHAPES.elite]
     return ranked[0][1]

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Diagnosis
 from estimators.checks.residual import Region
-from estimators.diagnosis.experiment import SAFE, Limits, Question, of_typical_size, suggest
+from estimators.diagnosis.experiment import DESIGN, Limits, Question, of_typical_size, suggest
 from estimators.diagnosis.result import Verdict
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.preprocessing import gather
@@ -152,7 +152,8 @@ def test_an_experiment_goes_where_most_is_left(models):
 
     for place in (0.6 * low, 0.6 * high):
         found, _ = tried(place)
-        assert found is not None and SAFE * low <= found.reach[0] <= place <= found.reach[1] <= SAFE * high
+        assert found is not None
+        assert DESIGN.safe * low <= found.reach[0] <= place <= found.reach[1] <= DESIGN.safe * high
     found, forbidden = tried(high + 2.0)
     assert found is None and f"go to {np.degrees(high + 2.0):.0f} degrees, where most is left" in str(forbidden)
 
