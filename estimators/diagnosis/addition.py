@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves, that_may_show, within_limits
 from estimators.checks.torque_constant import told
-from estimators.diagnosis.in_loop import Looped
+from estimators.diagnosis.in_loop import Looped, with_back_emf
 from estimators.diagnosis.result import CHANCE, Addition
 from estimators.diagnosis.setting import Setting
 from estimators.in_loop.rollouts import are_driven
@@ -20,11 +20,12 @@ from estimators.selection.data import PreparedData
 from estimators.selection.errors import Step
 from estimators.selection.models import Models
 from estimators.selection.motion import refit
-from estimators.selection.moves import best, is_hidden, loosened, settle
+from estimators.selection.moves import best, ids, is_hidden, loosened, settle
 from estimators.selection.physical import objection
 from estimators.selection.search import Selection
 from pendulum_env.arms.joints import body_of, kind_at
 from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics.friction import LoadDependentFriction
 from pendulum_env.physics.library import addition
 from pendulum_env.recording import Recording
 
@@ -78,7 +79,8 @@ def add(
     if body is not None:
         return _added_at_joint(recordings, holdout, setting, kind)
     if are_driven([*recordings, *holdout]):
-        servos = Looped.of(recordings, holdout, setting)
+        rubs = LoadDependentFriction.id in ids((*model.terms, kind()))
+        servos = Looped.of(recordings, holdout, with_back_emf(setting, recordings) if rubs else setting)
         before, longer, against = _searched(servos.models, kind)
         shown, after = servos.sharpened(before), servos.sharpened(longer)
         against = objection(after, shown, servos.models.train.motions) or against

@@ -26,6 +26,7 @@ from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.errors import Step, of_one
 from estimators.selection.models import Models
 from estimators.selection.moves import ids
+from estimators.selection.physical import sure_sign
 from estimators.selection.search import Selection, select
 from estimators.simulation.output_error import Point
 from estimators.weak_form.windows import WHOLE
@@ -82,6 +83,11 @@ class Looped:
         train = replace(self.train, data=replace(self.train.data, steps=FINE))
         return train, replace(self.check, data=replace(self.check.data, steps=FINE), guide=train)
 
+    def searched(self) -> tuple[Selection, Selection]:
+        """What is found, and what of it stands with shorter steps of the integrator."""
+        found = select(self.models)
+        return found, replace(found, steps=self.confirmed(found.steps))
+
     def confirmed(self, steps: Sequence[Step]) -> list[Step]:
         """Steps sharpened, without effects that predict no better with shorter steps: they made up for long ones."""
         models = replace(self.models, train=self.fine[0], holdout=self.fine[1])
@@ -107,15 +113,21 @@ class Looped:
         return self._fitted(step.added, start.terms)
 
     def readable(self, step: Step) -> Step:
-        """A step without back-EMF where that and viscous friction are one number: that of both."""
-        terms = step.model.terms
-        if BackEmf.id not in ids(terms) or tells_back_emf(terms, self.given.recordings):
+        """A step without back-EMF where that and viscous friction are one number: that of both.
+
+        They are until the motor is off, or its gear surely rubs under its torque; or if viscous friction is limited.
+        """
+        if BackEmf.id not in step.model.estimates or are_ever_off(self.given.recordings) or rubs(step):
             return step
         theta = {column.name: value for column, value in zip(step.model.columns, step.model.theta, strict=True)}
-        theta["viscous"] += theta.pop(BackEmf.id)
-        rest = tuple(term for term in terms if term.id != BackEmf.id)
-        self.fine[0].regression.begin_at(Point(rest, np.array(list(theta.values()))))
-        return self._fitted(step.added, rest)
+        viscous = next((column for column in step.model.columns if column.name == "viscous"), None)
+        both = theta.get("viscous", 0.0) + theta.pop(BackEmf.id)
+        if viscous is None or viscous.is_known or not viscous.allows(both):
+            return step
+        rest = tuple(term for term in step.model.terms if term.id != BackEmf.id)
+        start = Point.within(rest, np.array(list((theta | {"viscous": both}).values())))
+        self.fine[0].regression.begin_at(start)
+        return self._fitted(step.added, start.terms)
 
     def _fitted(self, added: str | None, terms: Sequence[Term]) -> Step:
         """A step to some terms with shorter steps of the integrator."""
@@ -144,10 +156,15 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         IdentificationError: if the recordings hold too little motion to begin with.
     """
     servos = Looped.of(recordings, holdout, setting)
-    models, given = servos.models, servos.given
-    searched = select(models)
+    searched, found = servos.searched()
+    braked = with_back_emf(setting, recordings) if LoadDependentFriction.id in ids(found.terms) else setting
+    if braked is not setting:
+        again = Looped.of(recordings, holdout, braked)
+        both = again.searched()
+        if rubs(both[1].steps[-1]):
+            servos, (searched, found) = again, both
+    given = servos.given
     setting.progress("judging", 0.93)
-    found = replace(searched, steps=servos.confirmed(searched.steps))
     candidates, groups = judge(found, found.terms)
     dropped = ids(searched.terms) - ids(found.terms)
     candidates = [replace(own, reason=MADE_UP) if own.effect in dropped else own for own in candidates]
@@ -249,22 +266,35 @@ def likeliest_way(ways: Sequence[InLoop], base: Sequence[Term], effects: Sequenc
 def base_of(base: Sequence[Term], recordings: Sequence[Recording]) -> tuple[Term, ...]:
     """The model that a search in the loop starts from.
 
-    A horn is put on a servo by hand, so that the angle at which it hangs is fitted along. What a motor under voltage
-    brakes by its turning is viscous friction until it is off, or its gear rubs under the torque that is left.
+    A horn is put on a servo by hand, so that the angle at which it hangs is fitted along; and where the motor was off
+    for a while, what it brakes while it is on is told from viscous friction.
     """
-    more = [GravityTilt(), *([BackEmf()] if are_under_voltage(recordings) else [])]
+    more = [GravityTilt(), *([BackEmf()] if are_ever_off(recordings) else [])]
     return (*base, *(term for term in more if term.id not in ids(base)))
 
 
-def tells_back_emf(terms: Sequence[Term], recordings: Sequence[Recording]) -> bool:
-    """Whether these recordings, by these terms, tell what the motor brakes from viscous friction."""
-    is_off = not all(recording.powered.all() for recording in recordings if are_under_voltage([recording]))
-    return is_off or LoadDependentFriction.id in ids(terms)
+def with_back_emf(setting: Setting, recordings: Sequence[Recording]) -> Setting:
+    """The same with back-EMF in the base model, if a voltage drives the motor, and it is there for no other reason.
+
+    It is viscous friction until the motor is off, or its gear rubs under the torque that is left.
+    """
+    is_there = BackEmf.id in ids(setting.base) or are_ever_off(recordings)
+    return replace(setting, base=(*setting.base, BackEmf())) if under_voltage(recordings) and not is_there else setting
 
 
-def are_under_voltage(recordings: Sequence[Recording]) -> bool:
-    """Whether a drive gives the motor of one of the recordings a voltage, and not a torque."""
-    return any(own.drive is not None and own.drive.output in ("duty", "voltage") for own in recordings)
+def rubs(step: Step) -> bool:
+    """Whether a gear surely rubs under the motor's torque, which back-EMF is no part of."""
+    return sure_sign(step.model, LoadDependentFriction.id) > 0
+
+
+def are_ever_off(recordings: Sequence[Recording]) -> bool:
+    """Whether a motor that a voltage drives is off for a while."""
+    return not all(recording.powered.all() for recording in under_voltage(recordings))
+
+
+def under_voltage(recordings: Sequence[Recording]) -> list[Recording]:
+    """Recordings whose drive gives the motor a voltage, not a torque."""
+    return [own for own in recordings if own.drive is not None and own.drive.output in ("duty", "voltage")]
 
 
 def unexplained(found: Selection, train: InLoop) -> list[Region]:

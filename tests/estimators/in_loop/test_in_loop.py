@@ -51,6 +51,11 @@ def pressed() -> list[Recording]:
     return recorded({"load_dependent_friction": {"load_mu": 0.0, "load_w": 0.0, "load_out": 0.3}})
 
 
+@pytest.fixture(scope="module")
+def rubbed() -> list[Recording]:
+    return [under_voltage(kp, k, rubs=0.25) for k, kp in enumerate((2.0, 4.0, 3.0))]
+
+
 @pytest.fixture
 def rollouts(plain) -> Rollouts:
     return Rollouts(tuple(plain[:2]), is_held=False)
@@ -109,10 +114,11 @@ def test_friction_that_grows_with_the_load_is_named_and_the_error_falls(pressed)
     assert "NaN" not in told and "in_loop" in told
 
 
-def under_voltage(kp: float, seed: int, rubs: float) -> Recording:
+def under_voltage(kp: float, seed: int, rubs: float = 0.0, pressed: float = 0.0) -> Recording:
     """Eight seconds of a servo whose duty drives a motor that brakes by turning, beside friction of its torque.
 
-    By steps of 0.2 ms that stop where dry friction does; the motor, 0.3 N m/V, brakes by 0.25 N m s/rad.
+    By steps of 0.2 ms that stop where dry friction does; the motor, 0.3 N m/V, brakes by 0.25 N m s/rad. Friction grows
+    by `rubs` of its torque, and by `pressed` of the weight's.
     """
     rng, step, rate = np.random.default_rng(seed), 2e-4, 100
     tones, phases = 2 * np.pi * np.array([0.23, 0.41, 0.9]), rng.uniform(0, 2 * np.pi, 3)
@@ -123,7 +129,8 @@ def under_voltage(kp: float, seed: int, rubs: float) -> Recording:
             rows.append((k * step, np.round(q / 1.5e-3) * 1.5e-3, held))
         motor = 0.3 * 12.0 * np.clip(kp * (held - q), -0.95, 0.95) - 0.25 * v
         pushed = v + step * (motor - TRUE["gravity"] * np.sin(q) - TRUE["viscous"] * v) / TRUE["inertia"]
-        most = step * (TRUE["coulomb"] + rubs * abs(motor)) / TRUE["inertia"]
+        weight = TRUE["gravity"] * np.sin(q)
+        most = step * (TRUE["coulomb"] + rubs * abs(motor) + pressed * abs(weight)) / TRUE["inertia"]
         v = float(np.sign(pushed) * max(abs(pushed) - most, 0.0))
         q += step * v
     time, position, goal = np.array(rows).T
@@ -132,21 +139,31 @@ def under_voltage(kp: float, seed: int, rubs: float) -> Recording:
     return Recording(f"gain-{kp}", time, position, torque, reference=goal, drive=drive)
 
 
-def test_what_a_motor_brakes_is_told_from_viscous_friction_where_the_gear_rubs_under_its_torque():
-    rubbed, free = ([under_voltage(kp, k, rubs) for k, kp in enumerate((2.0, 4.0, 3.0))] for rubs in (0.25, 0.0))
-    found = diagnose(rubbed[:2], rubbed[2:], only=FEW[:2])
+def test_what_a_motor_brakes_is_told_from_viscous_friction_where_the_gear_rubs_under_its_torque(rubbed):
+    found = diagnose(rubbed[:2], rubbed[2:], only=("load_dependent_friction",))
     assert found.headline == "Load dependent friction is missing"
     for name, value in {**TRUE, "back_emf": 0.25, "load_dependent_friction": 0.25}.items():
         own = found.model.estimates[name]
         assert abs(own.value - value) < 4 * own.std and own.std < 0.1 * max(value, 0.25)
-    added = add(MODEL, "load_dependent_friction", rubbed[:2], rubbed[2:])
-    assert added.after.model.estimates["back_emf"].value == pytest.approx(0.25, rel=0.1)
-    nothing = diagnose(free[:2], free[2:], only=FEW[:2])
-    assert nothing.headline == "Nothing is missing"
-    for model in (nothing.model, added.before.model):
+    assert "back_emf" not in found.steps[0].model.estimates
+
+
+def test_back_emf_is_viscous_friction_where_no_torque_of_the_motor_tells_it():
+    """Friction that the weight alone presses does not, nor does one that is added and is not there."""
+    pressed = [under_voltage(kp, k, pressed=0.3) for k, kp in enumerate((2.0, 4.0, 3.0))]
+    added = add(MODEL, "load_dependent_friction", pressed[:2], pressed[2:])
+    for model in (added.before.model, added.after.model):
         assert "back_emf" not in model.estimates
-    both = nothing.model.estimates["viscous"]
-    assert abs(both.value - TRUE["viscous"] - 0.25) < 4 * both.std < 0.03
+    both = added.after.model.estimates["viscous"]
+    assert both.value == pytest.approx(TRUE["viscous"] + 0.25, abs=max(4 * both.std, 0.01))
+
+
+def test_what_is_known_of_viscous_friction_stays_beside_back_emf(rubbed):
+    model = Model.build([term for term in BASE if term.id != "viscous"], [0.012, 0.9, 0.08])
+    added = add(model, "load_dependent_friction", rubbed[:2], rubbed[2:])
+    assert added.after.model.estimates["back_emf"].value == pytest.approx(TRUE["viscous"] + 0.25, rel=0.15)
+    known = add(MODEL, "load_dependent_friction", rubbed[:2], rubbed[2:], fixed={"viscous": 0.05})
+    assert known.after.model.estimates["viscous"].value == known.before.model.estimates["viscous"].value == 0.05
 
 
 def test_error_falls_where_what_hides_is_added_and_not_where_nothing_does(pressed, plain):
