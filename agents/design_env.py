@@ -92,7 +92,8 @@ class ExcitationDesignVector(TaskVector):
         plant = options.get("plant")
         if plant is None:
             plant = self._spread.draw(self.np_random, self.num_envs)
-        plant = np.reshape(plant, (-1, self.num_envs))
+        plant = np.asarray(plant, dtype=float)
+        plant = plant[:, None] if plant.ndim == 1 and self.num_envs == 1 else plant  # of a single pendulum
         _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options={"theta": plant})
         self._left = self.observer.ticks
         self.observer.start(info["position"], info["velocity"])

@@ -116,6 +116,11 @@ class Comparison:
         return told if body is not None else f"{told}, and by {errors.position_rms:.3g} rad in free run"
 
     @property
+    def is_torque_logged(self) -> bool:
+        """Whether torque was logged in one of the recordings, and is not what a controller asked for."""
+        return self.data is None or any(recording.has_logged_torque for recording in self.data.recordings)
+
+    @property
     def told_in_loop(self) -> str | None:
         """Errors in the loop in a sentence; None where nobody knows the controller."""
         error = self.joint.errors
@@ -197,6 +202,7 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     distances = tuple(distance(part.recordings[0].name, part, model) for part in parts)
     left = together.residual(model.terms, model.theta)
     told_by_torque = body is None and not are_driven(recordings)
+    failing = joint.floors if any(recording.has_logged_torque for recording in recordings) else ()
     fits = own_fits([together.data], model.terms) if told_by_torque else []
     terms, most = model.terms if body is not None else (), max(1, SHOWN // len(joint.floors))
     return Comparison(
@@ -204,7 +210,7 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
         distances,
         joint,
         tuple(profiles(together.samples, left, joint.noise_floor) if body is None else ()),
-        tuple(region for at in joint.floors for region in _fails(together, left, at, most)),
+        tuple(region for at in failing for region in _fails(together, left, at, most)),
         (*disagreements_with(model, fits), *misfits(fits)),
         recordings[0].torque_constant,
         Preprocessed(recordings, recordings, terms=terms).holding((together, together)),

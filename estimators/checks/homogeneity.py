@@ -295,4 +295,4 @@ def spread(fits: Sequence[Own]) -> float:
         return 0.0  # exactly, so that ties are ties
     pooled = pool(fits).theta
     gaps = [fit.known.theta - pooled for fit in fits]
-    return float(sum(gap @ np.linalg.solve(fit.known.covariance, gap) for gap, fit in zip(gaps, fits, strict=True)))
+    return float(sum(gap @ information(fit.known.covariance) @ gap for gap, fit in zip(gaps, fits, strict=True)))

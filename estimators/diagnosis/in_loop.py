@@ -16,7 +16,7 @@ from estimators.checks.remedies import remedies
 from estimators.checks.residual import Region, everywhere
 from estimators.checks.torque_constant import widened
 from estimators.diagnosis.judge import judge
-from estimators.diagnosis.result import UNNAMED, Diagnosis
+from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.prepared import InLoop
@@ -37,6 +37,7 @@ from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
+LEFT = "check the drive's gains and limits, and record under more gains: no effect that was tried explains what is left"
 MADE_UP = "predicts no better with shorter steps of the integrator: it made up for long ones"
 
 
@@ -179,7 +180,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         unexplained=tuple(left),
         floors=servos.train.data.encoder,
         advice=(*remedies(model, recordings, groups), *filter(None, doubts)),
-        forbidden=UNNAMED if left else None,
+        forbidden=LEFT if left else None,
         torque_unit=given.unit,
         torque_constant=given.constant,
         data=given,

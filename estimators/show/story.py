@@ -116,6 +116,8 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
         where.append("regions of different quantities may be of the same moments")
     if found.regions:
         where.append("`diagnose` tells which effect would explain this")
+    elif not found.is_torque_logged:
+        where.append("no torque was logged, but asked for by the drive: what counts is the error in the loop")
     elif not found.joint.errors.position_fit < FOLLOWED:  # an arm is not simulated
         where.append("nothing stands out of the noise: the model explains these recordings")
     else:

@@ -26,6 +26,7 @@ class Bounds:
     window: float = 0.02  # [s] over which speeds are taken: longer than encoder steps, shorter than a swing
     smoothing: float = 0.05  # [s] window of the second derivative
     absurd: float = 1e20  # of any quantity: above time in nanoseconds since 1970, and most glitches, which are mended
+    followed: float = 6 * np.pi  # [rad] by which a position may stay away from its goal
     wound: float = 10 * np.pi  # [rad] that a spring at a joint may be wound up and down, at the most
 
 
@@ -171,6 +172,18 @@ def _told(origin: Origin) -> str:
     """The same, and how to say that the guess was right."""
     is_guess = not origin.columns["position"].is_unit_told
     return _in_degrees(origin) + (f", with {origin.in_unit('position', 'rad')} if it is not" if is_guess else "")
+
+
+def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
+    """Refuse the goal of an angle that is turns away from the position: it has other units, or another zero."""
+    if recording.reference is None or (recording.drive is not None and recording.drive.acts_on_speed):
+        return
+    away = float(np.median(np.abs(recording.reference - recording.position)))
+    if away > BOUNDS.followed:
+        raise ColumnError(
+            f"the goal is {away:.3g} rad away from the position, as if in other units or from another zero: say them "
+            f"as those of the position, {origin.in_unit('reference', 'deg')} for one"
+        )
 
 
 def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:

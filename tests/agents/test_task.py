@@ -76,3 +76,9 @@ def test_what_is_no_action_or_no_option_is_refused(id):
             env.step(action)
     with pytest.raises(ValueError, match="unknown option of reset"):
         env.reset(options={"plants": 1})
+
+
+def test_a_plant_of_another_shape_is_refused():
+    env = made(DESIGN, 3)
+    with pytest.raises(ValueError, match=r"shape \(3, 4\)"):
+        env.reset(seed=0, options={"plant": np.ones((3, 4))})

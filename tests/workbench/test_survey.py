@@ -25,7 +25,8 @@ from workbench.commands.survey import configure
 from workbench.mistakes import InputError
 from workbench.survey import Dataset, Fleet, find_cases, survey, work
 from workbench.survey import dataset as stored
-from workbench.survey.page import write_fleet_report
+from workbench.survey.fleet import Joint
+from workbench.survey.page import headline, write_fleet_report
 from workbench.survey.tables import tables
 
 distributed = pytest.importorskip("distributed")
@@ -495,3 +496,9 @@ def test_folders_without_end_are_one_line(tmp_path, monkeypatch, capsys):
         assert capsys.readouterr().err.count("\n") == 1
     finally:
         subprocess.run(["rm", "-r", tmp_path / "d"], check=True)  # pytest itself cannot
+
+
+def test_what_no_effect_explains_is_said_of_a_fleet(tmp_path):
+    joint = Joint("r", "j", "j", tuple({"verdict": verdict} for verdict in ("nothing", "unexplained", "missing")))
+    told = headline(Fleet(tmp_path, joints=(joint,)))
+    assert told == "Something that no effect explains is missing in 1 of 3 cases"

@@ -113,6 +113,8 @@ def _show(dataset: Dataset, report: str | None, terminal: Terminal) -> None:
     fleet = Fleet.of(dataset)
     if not fleet.joints:
         terminal.say("no case could be diagnosed")
+    if fleet.unexplained:
+        terminal.say(f"{fleet.unexplained}: something is missing, and no known effect explains it")
     by_name = tables(fleet)
     for heading, name, otherwise in TABLES if fleet.joints else ():
         if by_name[name].rows or otherwise:

@@ -113,6 +113,13 @@ class Fleet:
         return cls(dataset.folder, rows, joints, tuple(series), tuple(effects), tuple(shared))
 
     @property
+    def unexplained(self) -> str:
+        """How many cases lack something that no effect explains, `5 of 6 cases`; empty if none does."""
+        verdicts = [case["verdict"] for joint in self.joints for case in joint.cases]
+        lacking = verdicts.count("unexplained")
+        return f"{lacking} of {len(verdicts)} cases" if lacking else ""
+
+    @property
     def drifting(self) -> list[Series]:
         """Parameters that drift."""
         return [one for one in self.series if one.changes and one.since is None]

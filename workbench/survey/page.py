@@ -74,6 +74,8 @@ def headline(fleet: Fleet) -> str:
     if effects := _significant(fleet):
         names = sorted({words.name(one.effect) for one in effects})
         parts.append(f"{words.listing(names)} {'is' if len(names) == 1 else 'are'} missing in {len(_labels(effects))}")
+    if fleet.unexplained:
+        parts.append(f"something that no effect explains is missing in {fleet.unexplained}")
     if not parts:
         return f"{total} joints, and nothing that stands out" if total else "No case could be diagnosed"
     return words.opening(words.listing(parts))

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, random_case, simulate
 from estimators import compare, identify
-from estimators.checks.homogeneity import disagreements, misfits, own_fits
+from estimators.checks.homogeneity import Known, Own, disagreements, misfits, own_fits, pool
 from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
@@ -35,6 +35,20 @@ def test_recordings_of_one_plant_agree():
         cases += [(plant, random_case(rng, (), **sensors).train) for _ in range(3)]
     runs = [told(run) for run in simulate(cases)]
     assert [disagreements(own_fits([prepare(runs[j : j + 3])], BASE)) for j in range(0, 24, 3)] == [()] * 8
+
+
+def test_recordings_that_tell_a_sum_alone_are_compared_by_that():
+    """Each knows two parameters along one direction only, so that no covariance has an inverse."""
+    (own,) = own_fits([prepare(recorded([PLANT]))], BASE)
+    along = np.array([[1.0, 1.0], [1.0, 1.0]]) * 1e-4
+
+    def told(number: int, value: float) -> Own:
+        known = Known(np.full(2, value), along, np.zeros(2))
+        return replace(own, number=number, columns=own.columns[:2], known=known)
+
+    assert np.isfinite(pool([told(1, 1.0), told(2, 1.0)]).theta).all()
+    assert disagreements([told(1, 1.0), told(2, 1.0), told(3, 1.0)]) == ()
+    assert [one.recording for one in disagreements([told(1, 1.0), told(2, 1.0), told(3, 2.0)])] == [3]
 
 
 def test_what_hangs_behind_a_transmission_is_not_compared():

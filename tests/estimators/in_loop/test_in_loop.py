@@ -294,8 +294,13 @@ def test_log_of_goals_and_positions_needs_no_torque(plain, tmp_path):
     np.savetxt(path, rows, delimiter=",", header="time,position,goal", comments="")
     own = read_recording(path, drive=plain[0].drive)
     assert own.torque == pytest.approx(plain[0].torque, abs=1e-6) and not own.has_logged_torque
+    compared = compare(MODEL.at({"gravity": 0.5}), own)
+    assert not compared.is_torque_logged and not compared.regions and compared.joint.errors.in_loop > 0.02
     with pytest.raises(RecordingError, match="no column for torque"):
         read_recording(path)
+    np.savetxt(path, rows * [1, 1, 2048 / np.pi], delimiter=",", header="time,position,goal", comments="")
+    with pytest.raises(RecordingError, match=r"the goal is .* rad away from the position"):
+        read_recording(path, drive=plain[0].drive)
     np.savetxt(path, rows[:, :2], delimiter=",", header="time,position", comments="")
     with pytest.raises(RecordingError, match="no column for the goal"):
         read_recording(path, drive=plain[0].drive)

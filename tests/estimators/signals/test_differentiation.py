@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from estimators.signals.differentiation import rounding, shared, white_noise
@@ -19,6 +19,7 @@ def test_averages_of_white_noise_share_what_their_weights_overlap(lag, differenc
 
 
 @given(seed=st.integers(0, 2**32 - 1), step=st.floats(1e-4, 0.05), pace=st.floats(0.5, 5.0))
+@example(seed=50418126, step=0.005751809919273846, pace=3.75)  # rests in half of the samples, and moves by two steps
 def test_the_step_that_a_smooth_signal_was_rounded_to_is_found(seed, step, pace):
     phase, time = np.random.default_rng(seed).uniform(0, 2 * np.pi, 2), np.arange(0, 10, 1e-3)
     signal = np.sin(pace * time + phase[0]) + 0.3 * np.sin(11.0 * time + phase[1])
