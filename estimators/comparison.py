@@ -118,7 +118,7 @@ class Comparison:
     @property
     def is_torque_logged(self) -> bool:
         """Whether torque was logged in one of the recordings, and is not what a controller asked for."""
-        return self.data is None or any(recording.has_logged_torque for recording in self.data.recordings)
+        return self.data is None or _is_logged(self.data.recordings)
 
     @property
     def told_in_loop(self) -> str | None:
@@ -202,7 +202,7 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     distances = tuple(distance(part.recordings[0].name, part, model) for part in parts)
     left = together.residual(model.terms, model.theta)
     told_by_torque = body is None and not are_driven(recordings)
-    failing = joint.floors if any(recording.has_logged_torque for recording in recordings) else ()
+    failing = joint.floors if _is_logged(recordings) else ()
     fits = own_fits([together.data], model.terms) if told_by_torque else []
     terms, most = model.terms if body is not None else (), max(1, SHOWN // len(joint.floors))
     return Comparison(
@@ -215,6 +215,10 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
         recordings[0].torque_constant,
         Preprocessed(recordings, recordings, terms=terms).holding((together, together)),
     )
+
+
+def _is_logged(recordings: Sequence[Recording]) -> bool:
+    return any(recording.has_logged_torque for recording in recordings)
 
 
 def _fails(prepared: PreparedData, left: Array, at: str, most: int) -> list[Region]:

@@ -176,7 +176,7 @@ def _told(origin: Origin) -> str:
 
 def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
     """Refuse the goal of an angle that is turns away from the position: it has other units, or another zero."""
-    if recording.reference is None or (recording.drive is not None and recording.drive.acts_on_speed):
+    if recording.reference is None or recording.drive is None or recording.drive.acts_on_speed:
         return
     away = float(np.median(np.abs(recording.reference - recording.position)))
     if away > BOUNDS.followed:

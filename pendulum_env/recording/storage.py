@@ -249,8 +249,7 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
         torque = drive.scale(recording.bus) * recording.torque
         recording = replace(recording, torque=torque, torque_unit=drive.unit, notes=(*recording.notes, logged))
     checks.refuse_too_short(recording, origin)
-    if drive is not None:
-        checks.refuse_foreign_reference(recording, origin)
+    checks.refuse_foreign_reference(recording, origin)
     if recording.velocity is not None:
         checks.refuse_foreign_velocity(recording, origin)
     if not jumps:  # of 2 pi, which tell the unit
