@@ -86,12 +86,9 @@ class Preprocessed:
     def timed(self, beside: Sequence[Term] = ()) -> Self:
         """The same with the torque that acted, beside effects that the joint has: see `estimators.align`.
 
-        Held-out recordings are aligned like the fitted ones, or each by itself where those differ.
+        The log's timing is no part of the model, so that held-out recordings tell it, too.
         """
-        fitted = align_each(self.recordings, beside)
-        alike = all(one is fitted[0] for one in fitted)
-        unseen = fitted[:1] * len(self.holdout) if alike else align_each(self.holdout, beside)
-        return self.corrected((*fitted, *unseen))
+        return self.corrected(align_each((*self.recordings, *self.holdout), beside))
 
     def corrected(self, alignments: Sequence[Alignment]) -> Self:
         """The same with the torque of each recording as its alignment has it, fitted ones first."""

@@ -82,7 +82,7 @@ class TorqueSaturation(Term):
     resembles = ("quadratic_drag", "load_dependent_friction")
     shapes = (
         Shape("limit", "N m", 1e-3, 1e4),
-        Shape("roundness", "1", 0.05, 2.0, usual=1.0, unusual=0.4),
+        Shape("roundness", "1", 0.01, 2.0, usual=1.0, unusual=0.4),
     )
 
     @property

@@ -324,7 +324,7 @@ def test_an_unknown_effect_is_refused_with_the_nearest_and_all_known_ones():
 
 
 @pytest.mark.parametrize(("roundness", "law", "off"), [
-    (1.0, lambda u: 5 * np.tanh(u / 5), 1e-12), (0.05, lambda u: np.clip(u, -5, 5), 0.1), (2.0, None, 0.0),
+    (1.0, lambda u: 5 * np.tanh(u / 5), 1e-12), (0.01, lambda u: np.clip(u, -5, 5), 0.02), (2.0, None, 0.0),
 ])  # fmt: skip
 def test_saturation_is_odd_of_slope_one_and_ends_at_its_limit_usually_as_a_tanh_and_else_as_a_clip(roundness, law, off):
     torque = np.concatenate([np.linspace(-60, 60, 2001), [-1e9, 1e9]])
