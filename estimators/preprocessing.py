@@ -88,6 +88,7 @@ class Preprocessed:
 
         The log's timing is no part of the model, so that held-out recordings tell it, too.
         """
+        beside = beside or [term for term in self.terms if isinstance(term, Term)]
         return self.corrected(align_each((*self.recordings, *self.holdout), beside))
 
     def corrected(self, alignments: Sequence[Alignment]) -> Self:

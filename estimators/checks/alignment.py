@@ -27,6 +27,7 @@ from estimators.selection.criterion import Criterion
 from estimators.signals.channel import Channel
 from pendulum_env._typing import JSON, Array
 from pendulum_env.recording import Recording
+from pendulum_env.recording.record import QUANTITIES
 
 
 @dataclass(frozen=True)
@@ -101,11 +102,19 @@ class Alignment:
         spread = np.sqrt(gain.shape[1]) * gain.std(axis=1)
         return bool((gain.sum(axis=1) - by_chance > SEARCH.clearer * spread).all())
 
-    def stands(self, none: Alignment) -> bool:
-        """Whether it surely predicts better than none, with each parameter told from zero and inside the search."""
+    def predicts_better(self, other: Alignment) -> bool:
+        """Whether it predicts better, surely or not."""
+        return bool((self.density.sum(axis=1) > other.density.sum(axis=1)).all())
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether each parameter is told from zero, and inside the search."""
         pairs = ((self.delay, self.delay_std), (self.lag, self.lag_std))
-        is_sure = all(SEARCH.sure * std < abs(value) < SEARCH.reach for value, std in pairs if std > 0)
-        return is_sure and self.excels(none, SEARCH.by_chance)
+        return all(SEARCH.sure * std < abs(value) < SEARCH.reach for value, std in pairs if std > 0)
+
+    def stands(self, none: Alignment) -> bool:
+        """Whether it surely predicts better than none, and is sure itself."""
+        return self.is_sure and self.excels(none, SEARCH.by_chance)
 
     def agrees(self, other: Alignment) -> bool:
         """Whether it is no other delay and lag than another's, as far as both are known."""
@@ -125,15 +134,18 @@ class Alignment:
         first = max(edge, int(self.lag > 0))
         beyond = int(np.ceil(max(self.delay, 0.0) / period - 1e-9)) + edge
         kept, torque = [], []
+        joints = recording.torque.reshape(len(recording), -1).T  # of an arm several
         for begin, end in pairwise((*recording.starts, len(recording))):
             if end - beyond - begin - first >= 2:
-                acting = self.channel.held(recording.torque[begin:end], period)
+                acting = np.column_stack([self.channel.held(own[begin:end], period) for own in joints])
                 kept.append(np.arange(begin + first, end - beyond))
                 torque.append(acting[first : end - beyond - begin])
         if not kept:
             return recording
-        own: dict[str, Any] = {name: values[np.concatenate(kept)] for name, values in recording.columns.items()}
-        own |= {"torque": np.concatenate(torque), "is_moved": True}
+        rows, shape = np.concatenate(kept), (-1, *recording.torque.shape[1:])
+        every = {name: getattr(recording, name) for name in QUANTITIES}
+        own: dict[str, Any] = {name: values[rows] for name, values in every.items() if values is not None}
+        own |= {"torque": np.concatenate(torque).reshape(shape), "is_moved": True}
         starts = tuple(np.cumsum([0, *map(len, kept[:-1])]).tolist())
         return replace(recording, **own, starts=starts, notes=(*recording.notes, f"aligned: {self.text}"))
 
@@ -154,7 +166,7 @@ class Alignment:
         either = f" (or {self.rival}: more steps of torque would tell)" if self.rival else ""
         if self.is_late:
             found = [
-                *([f"logged {delay} late"] if self.delay else []),
+                *([f"logged {delay} late" if self.delay_std else "logged half a sample late"] if self.delay else []),
                 *([f"logged through a low-pass filter with a time constant of {lag}"] if self.lag else []),
             ]
             kind = ": it was sampled like the position and not held until the next sample, as where rows are left out"

@@ -24,13 +24,17 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
-from estimators.regression.balance import Balance
+from estimators.regression.balance import Balance, placed
 from estimators.regression.equations import IdentificationError
+from estimators.selection.regression import Regression
 from estimators.selection.score import BLOCK, Blocks, cross_validated
 from estimators.signals.channel import Channel
 from estimators.weak_form.dataset import Dataset, prepare, smooth_laws
+from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.arms.joints import Links, arm_base, body_of
+from pendulum_env.arms.recording import of_arms
 from pendulum_env.physics import BASE, Column, KnownLoad, Term
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.term import LOAD
@@ -74,24 +78,26 @@ class ChannelFits:
     def of(cls, recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Self | None:
         """Fits to recordings beside effects that the joint has, None if too little is clear of the ends of segments.
 
+        Of an arm all terms of the model are given, the links first; its joints are late alike.
+
         Raises:
             IdentificationError: if too little of the motion is clear of stick.
         """
-        data, loads = prepare(recordings), [recording.load or NONE for recording in recordings]
-        hung = zip(data.windows, (KnownLoad(load.inertia, load.gravity) for load in loads), strict=True)
-        data = replace(data, windows=tuple(replace(w, samples=replace(w.samples, load=load)) for w, load in hung))
+        is_arm = body_of(beside) is not None
+        data = _of_arm(recordings, beside) if is_arm else _under_loads(recordings)
         rows = np.flatnonzero(np.concatenate([_clear(w) for w in data.windows]))
-        fast = float(np.percentile(np.abs(data.samples.velocity), 95))
-        known = [term for term in beside if not term.fixed]
-        laws = (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in SEARCH.friction), *known)
+        joints = [(data.where(at), data.part(at)) for at in data.joints]
+        laws = [(here, own.columns([law])[0][0]) for here, own in joints for law in _smooth_laws(own)]
+        known = [(data.where(term.at), data.columns([term])[0][0]) for term in beside if not term.fixed]
         load, *friction = (data.rows.column(column, data.rows.samples) for column in (LOAD, OWN, HUNG))
         carried, gain = (load, []) if recordings[0].torque_unit == NEWTON_METRE else (0.0 * load, [load])
-        first = [*gain, *friction] if len(set(loads)) > 1 else friction[:1]
-        phi = np.column_stack([*first, *(data.columns([law])[0][0] for law in laws)])
+        pressed = [] if is_arm else friction if len({recording.load for recording in recordings}) > 1 else friction[:1]
+        phi = np.column_stack([*gain, *pressed, placed(len(load), [*laws, *known])])
         if len(rows) < SEARCH.fewest_equations * phi.shape[1]:
             return None
-        stretch, recording = (numbers[rows] for numbers in data.blocks(BLOCK)[:2])
-        _, begin, stretch = np.unique(stretch, return_index=True, return_inverse=True)
+        block, _, of_block = data.blocks(BLOCK)
+        _, begin, stretch = np.unique(block[rows], return_index=True, return_inverse=True)
+        recording = of_block[block[rows]]
         where = Blocks(stretch, recording, recording[begin], stretch)
         weighted = phi[rows] * data.weights[rows, None]
         return cls(data, rows, weighted, np.zeros_like(weighted), where, carried)
@@ -220,20 +226,19 @@ class ChannelFits:
 
         A filter shorter than a sample cannot be distinguished from a delay by a share of it.
         """
-        fits = self.sharpest()
-        none, delay = fits.fit([np.zeros(2)]), fits.delayed
+        none, delay = self.fit([np.zeros(2)]), self.delayed
         late = delay.delay
-        lag = fits.fit([np.array([0.0, share * late]) for share in (0.5, 1.0, 1.5)], (1,))
-        if not delay.stands(none) or abs(late) < SEARCH.negligible * fits.period:  # a filtered torque is late, too
+        lag = self.fit([np.array([0.0, share * late]) for share in (0.5, 1.0, 1.5)], (1,))
+        if not delay.stands(none) or abs(late) < SEARCH.negligible * self.period:  # a filtered torque is late, too
             # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
             spread = max(delay.delay_std, abs(late) / SEARCH.sure), max(lag.lag_std, abs(lag.lag) / SEARCH.sure)
             return replace(none, delay_std=spread[0], lag_std=spread[1])
         if late > 0:
-            both = fits.fit([late * np.array([share, 1 - share]) for share in (0.25, 0.5, 0.75)], (0, 1), low=0.0)
-            if both.stands(none) and both.lag > fits.period and both.excels(delay) and both.excels(lag):
+            both = self.fit([late * np.array([share, 1 - share]) for share in (0.25, 0.5, 0.75)], (0, 1), low=0.0)
+            if both.stands(none) and both.lag > self.period and both.excels(delay) and both.excels(lag):
                 return both
         is_likelier = (lag.density.sum(axis=1) > delay.density.sum(axis=1)).all()
-        is_filter = is_likelier and lag.stands(none) and abs(lag.lag) >= fits.period
+        is_filter = is_likelier and lag.stands(none) and abs(lag.lag) >= self.period
         law, other = (lag, delay) if is_filter else (delay, lag)
         return law if law.excels(other) or not other.stands(none) else replace(law, rival=other.as_rival)
 
@@ -251,7 +256,8 @@ class ChannelFits:
     @property
     def clusters(self) -> list[Index]:
         """Stretches of time, and recordings, of each equation (R,), within which errors may be alike."""
-        time, recording = self.data.clusters, self.data.recording_of_window
+        block, _, of_block = self.data.blocks(BLOCK)
+        time, recording = self.data.clusters, of_block[block]
         several = [time, recording] if len(np.unique(recording[self.rows])) >= SEARCH.between else [time]
         return [np.unique(clusters[self.rows], return_inverse=True)[1] for clusters in several]
 
@@ -267,7 +273,8 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
     A law is reported if its delay or lag is `SEARCH.sure` standard errors from none, and if it surely predicts better
     seconds to which it was not fitted. A filter is told from a delay where it surely predicts better, else both are
     said. What looks logged late by half a sample, or by less since a controller held it for a while, was sampled unless
-    held torque surely predicts better; what looks late by more was, if that surely predicts better.
+    held torque surely predicts better; what looks late by more was, if that surely predicts better. Sampled torque is
+    late by half a sample unless another delay surely predicts better, and need not surely predict better than none.
     Recordings too short to tell give an alignment without a finding and with infinite standard errors.
     """
     try:
@@ -276,13 +283,19 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
         fits = None
     if fits is None:
         return NO_ALIGNMENT
-    found = fits.simplest()
+    fits = fits if fits.data.given else fits.sharpest()  # what links and smooth laws follow is wide enough
+    found, sampled = fits.simplest(), replace(fits, is_sampled=True)
+    half = sampled.fit([np.array([0.5 * fits.period, 0.0])])
+    if not found.is_found and fits.delayed.is_sure and half.predicts_better(found) and not fits.delayed.excels(half):
+        return half
     if not found.is_late:
         return found
-    other = replace(fits, is_sampled=True).simplest()
+    other = sampled.simplest()
     is_usual = found.delay + found.lag < 0.5 * fits.period + SEARCH.sure * (found.delay_std + found.lag_std)
     is_sampled = not found.excels(other) if is_usual else other.excels(found)
-    return replace(other, rival=None) if is_sampled and other.is_late else found
+    if not (is_sampled and other.is_late):
+        return found
+    return replace(other, rival=None) if other.excels(half) else half
 
 
 def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:
@@ -294,6 +307,27 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
     alone = [one if one.is_late or not one.is_found else joint for one in each]  # all have the same drive
     shared = joint.is_found or not any(one.is_found for one in alone)
     return [joint] * len(alone) if shared and all(one.agrees(joint) for one in alone) else alone
+
+
+def _under_loads(recordings: Sequence[Recording]) -> Dataset:
+    """Windows of a pendulum, each with its known load."""
+    data, loads = prepare(recordings), [recording.load or NONE for recording in recordings]
+    hung = zip(data.windows, (KnownLoad(load.inertia, load.gravity) for load in loads), strict=True)
+    return replace(data, windows=tuple(replace(w, samples=replace(w.samples, load=load)) for w, load in hung))
+
+
+def _of_arm(recordings: Sequence[Recording], terms: Sequence[Term]) -> Dataset:
+    """Windows of all joints of an arm, each of which counts by what its links and friction leave of it."""
+    links = terms[0]
+    assert isinstance(links, Links)
+    data = prepare_arm(of_arms(recordings), links)
+    return replace(data, weights=Regression(data).weights(arm_base(links.body)))
+
+
+def _smooth_laws(data: Dataset) -> tuple[Term, ...]:
+    """Terms that follow nearly any physics of one joint."""
+    fast = float(np.percentile(np.abs(data.samples.velocity), 95))
+    return (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in SEARCH.friction))
 
 
 def _clear(w: Windows) -> Mask:

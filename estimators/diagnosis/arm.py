@@ -42,7 +42,7 @@ def examine_arm(
     """
     known = {term.id for term in setting.base}
     setting = replace(setting, library={id: kind for id, kind in setting.library.items() if id not in known})
-    given = Preprocessed(tuple(recordings), tuple(holdout), terms=(*setting.base, *setting.library.values()))
+    given = Preprocessed(tuple(recordings), tuple(holdout), terms=(*setting.base, *setting.library.values())).timed()
     models = setting.models(given.parts)
     found = select(models)
     candidates, groups = judge(found, found.terms)
