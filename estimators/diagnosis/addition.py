@@ -79,13 +79,7 @@ def add(
     if body is not None:
         return _added_at_joint(recordings, holdout, setting, kind)
     if are_driven([*recordings, *holdout]):
-        rubs = LoadDependentFriction.id in ids((*model.terms, kind()))
-        servos = Looped.of(recordings, holdout, with_back_emf(setting, recordings) if rubs else setting)
-        before, longer, against = _searched(servos.models, kind)
-        shown, after = servos.sharpened(before), servos.sharpened(longer)
-        against = objection(after, shown, servos.models.train.motions) or against
-        shown, after = servos.readable(shown), servos.readable(after)
-        return Addition(shown, after, servos.models.left.floors, against, servos.given.doubt)
+        return _added_in_loop(recordings, holdout, setting, kind)
     progress("reading the motion", 0.0)
     given = Preprocessed.of(recordings, holdout).with_impacts(model.terms)
     models = setting.models(given.parts)
@@ -111,6 +105,19 @@ def _added_at_joint(
     if against is None and not models.is_significant(longer, models.base):
         against = CHANCE
     return Addition(without, with_it, models.left.floors, against)
+
+
+def _added_in_loop(
+    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, kind: type[Term]
+) -> Addition:
+    """An effect added to a servo, by its motion in the loop."""
+    rubs = LoadDependentFriction.id in ids((*setting.base, kind()))
+    servos = Looped.of(recordings, holdout, with_back_emf(setting, recordings) if rubs else setting)
+    before, longer, against = _searched(servos.models, kind)
+    shown, after = servos.sharpened(before), servos.sharpened(longer)
+    against = objection(after, shown, servos.models.train.motions) or against
+    shown, after = servos.readable(shown), servos.readable(after)
+    return Addition(shown, after, servos.models.left.floors, against, servos.given.doubt)
 
 
 def _longer(models: Models, terms: tuple[Term, ...], kind: type[Term]) -> tuple[Term, ...]:

@@ -56,7 +56,7 @@ DESIGN = DesignSettings()
 
 @dataclass(frozen=True)
 class Limits:
-    """What an experiment may ask of the rig: a bound that is not given is what was recorded.
+    """What an experiment may ask of the rig: a bound that is not given is what was recorded, of torque what is usual.
 
     Attributes:
         torque: largest [N m].
@@ -64,7 +64,7 @@ class Limits:
         speed: largest [rad/s].
     """
 
-    torque: float
+    torque: float | None = None
     angle: float | None = None
     speed: float | None = None
 
@@ -177,9 +177,9 @@ def suggest(
     """
     if not asked:
         return None, [], None
-    recorded = models.train.samples
+    recorded, torque = models.train.samples, limits.torque or usual
     (low, high), fastest = limits.reach(models.train.recordings), limits.fastest(recorded)
-    runs = rehearse(models, model, limits.torque)
+    runs = rehearse(models, model, torque)
     allowed = [run for run in runs if low <= run.reach[0] and run.reach[1] <= high and run.peak_speed <= fastest]
     place = next((0.5 * (own.low + own.high) for own in left[:1] if own.axis == "position"), None)
     if place is not None and not turns(recorded.position):
@@ -187,7 +187,7 @@ def suggest(
     suggestion, unsettled = _choose(models, allowed, asked)
     if not unsettled:
         return suggestion, [], None
-    if usual > limits.torque:
+    if usual > torque:
         runs = [*runs, *rehearse(models, model, usual)]
     if not runs:  # the model runs away under every torque: nobody knows
         return None, [], None

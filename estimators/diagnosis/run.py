@@ -87,63 +87,47 @@ def diagnose(
 
     Args:
         recordings: fitted jointly.
-        holdout: recordings to confirm on; without them the last 30 % of each recording is held out, or of its motion
-            where it hardly moves before.
-        base: terms of the model to start from, at least one, as they are or by id; a loaded model's terms will do. Of
-            an arm `arm_base(body)`, or `Links(body)` and terms at its joints.
+        holdout: to confirm on; without them the last 30 % of each recording, or of its motion where that comes late.
+        base: at least one term to start from, as it is or by id; of an arm `arm_base(body)`, or `Links(body)` first.
         progress: called with what is being done and the share that is done.
-        max_torque: bound of the torque in the experiment that is suggested [N m]; without it the paper's 6 N m, but no
-            more than ten times the largest recorded, and no less than that.
-        max_angle: bound of its angle to either side of hanging down [rad], infinity for any; without it the angles
-            that were recorded, or any within the same number of turns where the joint turned.
-        max_speed: bound of its speed [rad/s]; without it the highest that was recorded.
-        library: effects that may be named, by id; all that are known if it is not given.
-        only: ids of the effects of the library that are looked for; all if it is not given. Of an arm `stribeck` is at
-            every joint, `stribeck@elbow` at that one.
+        max_torque: bound of the experiment's torque [N m]; by default the paper's 6 N m, at most ten times the largest
+            recorded, and no less than that.
+        max_angle: bound of its angle to either side of hanging down [rad], infinity for any; by default the angles that
+            were recorded, or any within the same number of turns where the joint turned.
+        max_speed: bound of its speed [rad/s]; by default the highest that was recorded.
+        library: effects that may be named, by id; by default all that are known.
+        only: ids of those that are looked for; by default all. Of an arm `stribeck`, or `stribeck@elbow` at one joint.
         without: ids of effects that the joint cannot have.
         fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
         bounds: of other parameters: `{"stribeck": (0.0, 0.5), "cogging.order": (10, 14)}`.
-        criterion: what they have to achieve.
+        criterion: what effects have to achieve.
         rng: of the bootstrap; the same seed gives the same result, and so does none.
-        by_reference: fit the base model by instruments, made of the reference that a controller followed; effects are
-            looked for, and fitted, by least squares all the same.
+        by_reference: fit the base model by instruments made of the reference; effects by least squares all the same.
 
     Raises:
-        IdentificationError: if the recordings hold too little motion, as of one joint of an arm, or no reference that
-            instruments need.
+        IdentificationError: if the recordings hold too little motion, or no reference that instruments need.
         ValueError: if a name is unknown.
         TypeError: if something else is given than recordings and terms.
     """
     terms = chosen_terms(base)
     body = body_of(terms)
-    chosen = chosen_effects(library, only, without, body)
-    terms, chosen = within_limits(terms, chosen, fixed, bounds)
-    progress = forward(progress)
+    terms, effects = within_limits(terms, chosen_effects(library, only, without, body), fixed, bounds)
     fitted, unseen = chosen_recordings(recordings, body=body), chosen_recordings(holdout, empty=True, body=body)
-    chosen = that_may_show(chosen, fitted)
-    setting = Setting(
-        terms,
-        chosen,
-        criterion or Criterion(),
-        rng or np.random.default_rng(0),
-        progress,
-        Limits(max_torque or USUAL, max_angle, max_speed),
-        by_reference=by_reference,
-    )
-    return _examined(fitted, unseen, setting, max_torque)
+    effects, limits = that_may_show(effects, fitted), Limits(max_torque, max_angle, max_speed)
+    rng, progress = rng or np.random.default_rng(0), forward(progress)
+    setting = Setting(terms, effects, criterion or Criterion(), rng, progress, limits, by_reference=by_reference)
+    return _examined(fitted, unseen, setting)
 
 
-def _examined(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, max_torque: float | None
-) -> Diagnosis:
+def _examined(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Diagnosis:
     """Find the effects by what was recorded: an arm, a servo with its controller, or a joint and its torque."""
     if (body := body_of(setting.base)) is not None:
-        if setting.by_reference or (max_torque, setting.limits.angle, setting.limits.speed) != (None, None, None):
+        if setting.by_reference or setting.limits != Limits():
             raise Mistake("by_reference and bounds of an experiment are for pendulums alone: leave them out for an arm")
         return examine_arm(recordings, holdout, setting, body)
     if are_driven([*recordings, *holdout]):
         return _beside_torque(diagnose_in_loop(recordings, holdout, setting), setting)
-    return _by_torque(recordings, holdout, setting, max_torque)
+    return _by_torque(recordings, holdout, setting)
 
 
 def _beside_torque(found: Diagnosis, setting: Setting) -> Diagnosis:
@@ -164,16 +148,14 @@ def _beside_torque(found: Diagnosis, setting: Setting) -> Diagnosis:
     return found
 
 
-def _by_torque(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, max_torque: float | None
-) -> Diagnosis:
+def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Diagnosis:
     """Find the effects that recorded torque calls for; timed anew where an effect explains its delay."""
     setting.progress("reading the motion", 0.0)
     calibrated = Preprocessed.of(recordings, holdout)
     setting.progress("timing the torque", 0.0)
     given = calibrated.timed()
     usual = _usual_torque(given)
-    setting = replace(setting, usual=usual, limits=replace(setting.limits, torque=max_torque or usual))
+    setting = replace(setting, usual=usual, limits=replace(setting.limits, torque=setting.limits.torque or usual))
     found = _of_one_plant(given, setting)
     beside = [term for term in found.model.terms if term.id not in ids(BASE)]
     if given.has_moved or (beside and found.unexplained):  # an effect may look like a delay, or hide one

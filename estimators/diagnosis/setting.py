@@ -37,7 +37,7 @@ class Setting:
     criterion: Criterion = field(default_factory=Criterion)
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     progress: Progress = no_progress
-    limits: Limits = field(default_factory=lambda: Limits(USUAL))
+    limits: Limits = field(default_factory=Limits)
     usual: float = USUAL
     by_reference: bool = False
 
