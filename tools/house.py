@@ -102,11 +102,12 @@ def room(path: Path) -> str:
 
 
 def running(tree: ast.AST) -> Iterator[ast.AST]:
-    """A node and what is in it, as it is read, without what is there for types alone."""
+    """What is in a node, and then the node, much as it runs: arguments before calls, and nothing for types alone."""
+    parts = list(ast.iter_child_nodes(tree))
+    for part in [*parts[1:], *parts[:1]] if isinstance(tree, ast.Call | ast.Assign) else parts:
+        if not (isinstance(part, ast.If) and ast.unparse(part.test) == "TYPE_CHECKING"):
+            yield from running(part)
     yield tree
-    for child in ast.iter_child_nodes(tree):
-        if not (isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"):
-            yield from running(child)
 
 
 def circle() -> list[str]:
@@ -137,7 +138,7 @@ def walk(first: tuple[str, str] = ("estimators.diagnosis.run", "diagnose")) -> l
     A function is read once, where it is first named, before what follows there. Methods are found by their class, or
     by name where one class alone has it. What is of arms, or of servos in the loop, is left out.
     """
-    bodies: dict[tuple[str, str], list[ast.stmt]] = {}
+    functions: dict[tuple[str, str], ast.FunctionDef] = {}
     meant: dict[tuple[str, str], tuple[str, str]] = {}  # by a name in a module
     owners: dict[str, list[tuple[str, str]]] = {}  # of methods by name
     for path in (path for package in PACKAGES for path in modules(package)):
@@ -148,24 +149,27 @@ def walk(first: tuple[str, str] = ("estimators.diagnosis.run", "diagnose")) -> l
                 meant |= {(here, one.asname or one.name): (node.module, one.name) for one in node.names}
         for node in tree.body:
             if isinstance(node, ast.FunctionDef):
-                meant[here, node.name], bodies[here, node.name] = (here, node.name), node.body
+                meant[here, node.name], functions[here, node.name] = (here, node.name), node
             elif isinstance(node, ast.ClassDef) and "Protocol" not in map(ast.unparse, node.bases):
                 meant[here, node.name] = here, node.name
                 for own in (own for own in node.body if isinstance(own, ast.FunctionDef)):
                     begins = own.name in ("__init__", "__post_init__")
                     name = node.name if begins else f"{node.name}.{own.name}"
-                    bodies[here, name] = own.body
+                    functions[here, name] = own
                     owners.setdefault(own.name, []).append((here, name))
     stays: list[str] = []
     read: set[tuple[str, str]] = set()
 
     def follow(here: str, name: str) -> None:
-        if (here, name) in read or (here, name) not in bodies or not WALKED.match(here):
+        if (here, name) in read or (here, name) not in functions or not WALKED.match(here):
             return
         read.add((here, name))
         stays.extend([here] if stays[-1:] != [here] else [])
-        for node in (node for statement in bodies[here, name] for node in running(statement)):
-            if isinstance(node, ast.Name):
+        nodes = [node for statement in functions[here, name].body for node in running(statement)]
+        own = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+        own |= {node.arg for node in ast.walk(functions[here, name]) if isinstance(node, ast.arg)}
+        for node in nodes:
+            if isinstance(node, ast.Name) and node.id not in own:
                 follow(*meant.get((here, node.id), ("", "")))
             elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
                 of, called = ast.unparse(node.func.value), node.func.attr

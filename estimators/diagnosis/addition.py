@@ -20,13 +20,14 @@ from estimators.selection.data import PreparedData
 from estimators.selection.errors import Step
 from estimators.selection.models import Models
 from estimators.selection.motion import refit
-from estimators.selection.moves import best, ids, is_hidden, loosened, settle
+from estimators.selection.moves import best, loosened, settle
 from estimators.selection.physical import objection
 from estimators.selection.search import Selection
 from pendulum_env.arms.joints import body_of, kind_at
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.friction import LoadDependentFriction
 from pendulum_env.physics.library import addition
+from pendulum_env.physics.terms import ids, is_hidden
 from pendulum_env.recording import Recording
 
 

@@ -29,6 +29,7 @@ from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array
 from pendulum_env.excitation import Excitation, family
 from pendulum_env.physics import Model, Samples, Term, simulate
+from pendulum_env.physics.terms import ids
 from pendulum_env.plant import typical
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing
@@ -129,7 +130,7 @@ def questions(
     """What a diagnosis leaves open."""
     pairs = [(id, selected) for selected, *alike in groups for id in alike]
     pairs += [doubt.rivals for doubt in doubts if doubt.rivals is not None]
-    present = {term.id for term in terms}
+    present = ids(terms)
     asked = []
     for id, instead in pairs:
         others = [term for term in terms if term.id != instead]

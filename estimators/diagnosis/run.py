@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -21,38 +20,36 @@ from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import identifiability, untold
 from estimators.checks.remedies import remedies, turned_round
-from estimators.checks.residual import Region, everywhere, stand_out
+from estimators.checks.residual import Region
 from estimators.checks.torque_constant import of_the_drive, told
 from estimators.diagnosis.arm import examine_arm
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.in_loop import diagnose_in_loop
-from estimators.diagnosis.judge import doubted, judge
+from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import KEPT, UNNAMED, Diagnosis
 from estimators.diagnosis.sensitivity import detectable
 from estimators.diagnosis.setting import Setting
+from estimators.diagnosis.unexplained import of_held_out, unexplained
 from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, forward, no_progress
-from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import fit_terms
 from estimators.selection.models import Models, held_out_cost
 from estimators.selection.motion import is_misfit, refine, refit
-from estimators.selection.moves import explaining, ids, settle
+from estimators.selection.moves import explaining, settle
 from estimators.selection.physical import impossible
-from estimators.selection.prepared import Comparable, Data
+from estimators.selection.prepared import Data
 from estimators.selection.search import Selection, select
 from estimators.signals.measurements import measure_segments
-from estimators.signals.motion import SLOWEST
 from estimators.weak_form.instruments import fit_by_reference
-from pendulum_env._typing import Array
 from pendulum_env.arms.joints import body_of
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.table import TABLES
+from pendulum_env.physics.terms import ids
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.words import listing
 
 BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
 PLENTY = 40  # stretches of motion, below which little can be told
@@ -126,26 +123,8 @@ def _examined(recordings: Sequence[Recording], holdout: Sequence[Recording], set
             raise Mistake("by_reference and bounds of an experiment are for pendulums alone: leave them out for an arm")
         return examine_arm(recordings, holdout, setting, body)
     if are_driven([*recordings, *holdout]):
-        return _beside_torque(diagnose_in_loop(recordings, holdout, setting), setting)
+        return diagnose_in_loop(recordings, holdout, setting)
     return _by_torque(recordings, holdout, setting)
-
-
-def _beside_torque(found: Diagnosis, setting: Setting) -> Diagnosis:
-    """A diagnosis in the loop, with the effects that torque which was logged calls for by itself, if there is any.
-
-    What the drive asked for is no such torque: it is a function of the motion that the loop has simulated. Play and
-    links that yield are left to the loop, as a search for them by torque takes longer than all else.
-    """
-    given = found.data
-    if given is not None and all(own.has_logged_torque for own in (*given.recordings, *given.holdout)):
-        setting.progress("looking at the torque", 0.96)
-        library = {id: kind for id, kind in setting.library.items() if kind.kind != "transmission"}
-        alone = replace(setting, base=found.steps[0].model.terms, library=library, progress=no_progress)
-        with suppress(IdentificationError):  # too little motion for a regression
-            by_torque = select(replace(alone.models(given.timed().parts), tables=()))
-            found = replace(found, by_torque=tuple(sorted(ids(by_torque.terms) - ids(alone.base))))
-    setting.progress("done", 1.0)
-    return found
 
 
 def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Diagnosis:
@@ -250,23 +229,22 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     if followed is not None:
         steps = [models.with_errors(None, followed), *steps[1:]]
     final = (rough.steps if ids(rough.terms) == ids(steps[-1].model.terms) else steps)[-1].model.terms
-    candidates, groups = judge(replace(found, steps=steps), final)
     measured = [m for recording in given.recordings for m in measure_segments(recording)]
     doubts = identifiability(measured, steps[-1].model.terms)
     doubts = (*doubts, *untold(steps[-1].model, measured, doubts))
+    candidates, groups = judge(replace(found, steps=steps), final, doubts)
     setting.progress("looking for the next experiment", 0.95)
     left = unexplained(replace(found, steps=steps))
-    candidates = doubted(candidates, doubts)
-    asked = questions(models, steps[-1].model.terms, groups, candidates, doubts)
-    if impossible(steps[-1].model, models.train.motions):
-        asked = []  # nobody knows what motion to expect
     table = found.table.id if found.table is not None and found.table.id in TABLES else None
     if left and table is None:
         table = explaining(models, steps[-1].model.terms, TABLES.values())
     kept = None if table is None else KEPT.format(table=table)
+    asked = questions(models, steps[-1].model.terms, groups, candidates, doubts)
+    if impossible(steps[-1].model, models.train.motions):
+        asked = []  # nobody knows what motion to expect
     suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, setting.usual, left)
     if left and not asked:
-        forbidden = _of_held_out(models, final) or kept or UNNAMED
+        forbidden = of_held_out(models, final) or kept or UNNAMED
     look_alike = [
         f"{' and '.join(group)} look the same in these data; to tell them apart: {models.library[group[-1]].reveal}"
         for group in groups
@@ -323,69 +301,8 @@ def _of_little(fitted: Data) -> list[str]:
     return [f"only {count} {text}, record longer, faster or wider motion"] if count < PLENTY else []
 
 
-def _of_held_out(models: Models, final: Sequence[Term]) -> str | None:
-    """What is said where held-out data alone show more."""
-    if models.left.are_noise(tuple(final)) != (True, False):
-        return None
-    return f"what was fitted is explained, and what was held out ({_held_out(models)}) is not: fit that, too"
-
-
 def _mislogged(given: Preprocessed, models: Models, base: Sequence[Term], text: str) -> Diagnosis:
     """What is said of torque that is logged turned round: no effect is named before that is mended."""
     step = models.report(None, settle(models, tuple(base)))
     region = Region("time", 0.0, float(models.train.samples.time.max()), 0.0, 0.0, text)
     return Diagnosis((step,), (), (), (region,), models.left.floors, (text,), forbidden=text, data=given)
-
-
-def unexplained(found: Selection) -> list[Region]:
-    """Regions that the final model leaves unexplained, in torque or else in free-running motion, fitted or held out."""
-    models, last = found.models, found.steps[-1]
-    wrong = impossible(last.model, models.train.motions)
-    if wrong:
-        text = (
-            f"the best fit has {listing(wrong)}, which no body has: check the signs of torque and position, "
-            "or record a motion of more than one frequency"
-        )
-        return [everywhere(text)]
-    left = models.train.watching(last.model).residual(last.model.terms, last.model.theta)
-    is_noise = found.table is None and models.left.is_noise(models.train, left)
-    regions = [] if is_noise else stand_out(models.train.samples, left, models.left.floor)
-    if found.table is not None:
-        place = next((own for own in regions if own.axis == found.table.axis), None)
-        text = f"{found.table.told} would explain most of it, and no effect of the library is such a law"
-        if place is None:
-            return [everywhere(text, models.train.samples), *regions]
-        return [replace(place, text=f"{text}; {place.text}"), *(own for own in regions if own is not place)]
-    if not is_noise:
-        return regions or _nowhere(models, models.train, left)
-    unseen = models.left.unseen(last.model.terms)
-    if not models.left.is_noise(models.holdout, unseen):
-        beyond = stand_out(models.holdout.samples, unseen, models.left.noise_of(models.holdout))
-        unlike = f"in what was held out ({_held_out(models)})"
-        beyond = beyond or _nowhere(models, models.holdout, unseen)
-        return [replace(region, text=f"{unlike} {region.text}") for region in beyond]
-    if not is_misfit(models, last):
-        return []
-    error = last.errors["train"].position_rms
-    text = (
-        f"the torque fits where the joint moves freely, but free-running simulation errs by {error:.2g} rad: "
-        "something acts near reversals or at rest, where velocity is close to zero"
-    )
-    return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, text)]
-
-
-def _held_out(models: Models) -> str:
-    """Names of the held-out recordings."""
-    return listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
-
-
-def _nowhere(models: Models, part: Comparable, left: Array) -> list[Region]:
-    """What is said of a residual (R,) that stands out nowhere: nothing, unless it is too much for noise."""
-    size, floor = float(np.sqrt(np.mean(left**2))), models.left.noise_of(part)
-    if size <= models.criterion.misfit * floor:
-        return []
-    text = (
-        f"{size:.2g} N m of torque are left, {size / floor:.2g} times what the sensors' noise gives, at no one speed, "
-        "angle or time: something faster than can be resolved here, or now and then"
-    )
-    return [everywhere(text, part.samples, size, floor)]

@@ -15,7 +15,7 @@ import numpy as np
 from estimators.kept import kept
 from estimators.regression.balance import Balance, Columns, Tangent
 from estimators.regression.least_squares import RIDGE
-from estimators.selection.columns import bounds, complexity, depends_on_torque, is_known
+from estimators.selection.columns import bounds, depends_on_torque, is_known
 from estimators.selection.prepared import Trial
 from estimators.selection.regression import Regression
 from estimators.weak_form.dataset import Dataset
@@ -23,6 +23,7 @@ from estimators.weak_form.shapes import Residuals, cross_entropy, refined, scan
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import Table
+from pendulum_env.physics.terms import complexity
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,13 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.selection.errors import Step
-from estimators.selection.models import Models, has_transmission, held_out_cost
-from estimators.selection.moves import has_bristles
+from estimators.selection.models import Models, held_out_cost
 from estimators.selection.search import Selection
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import choose_segments, position_noise
-from estimators.simulation.multiple_shooting import has_link
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model
+from pendulum_env.physics.terms import has_bristles, has_link, has_transmission
 
 SEGMENT = 0.5  # [s], segment length, short enough for errors to grow as linearised
 FEWEST = 2  # segments per parameter

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
-import numpy as np
-
-from estimators.selection.columns import complexity
 from estimators.selection.left import Terms
-from estimators.selection.models import Models, has_transmission
+from estimators.selection.models import Models
 from estimators.selection.prepared import Trial
 from estimators.weak_form.shapes import bound, freed
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import Table
-
-SAME = 1e-6  # of a torque, numerical difference of equal laws
+from pendulum_env.physics.terms import has_transmission, ids
 
 
 def candidates(models: Models, terms: Terms, barred: Iterable[str] = ()) -> list[Terms]:
     """The terms with the best variant of each further effect, the best prediction first."""
-    present = {term.id for term in terms} | set(barred)
+    present = ids(terms) | set(barred)
     missing = [effect for id, effect in models.library.items() if id not in present]
     if has_transmission(terms):  # a joint has one
         missing = [effect for effect in missing if effect.kind != "transmission"]
@@ -113,46 +109,6 @@ def rivals(models: Models, terms: Terms, term: Term) -> list[Terms]:
     return candidates(models, others, [term.id, *barred])
 
 
-def alternatives(models: Models, terms: Terms, term: Term) -> dict[str, float]:
-    """Probability of each effect in the place of one of the terms, itself first, by id.
-
-    A more complex law that contains the term, as a spring contains an offset, does not compete, nor does one that would
-    not lower the held-out errors.
-    """
-    others = tuple(other for other in terms if other is not term)
-    open_to = [rival for rival in rivals(models, terms, term) if not contains(models, rival[-1], term)]
-    known: dict[Terms, bool] = {}
-    while True:
-        odds = models.bootstrap.probabilities([models.density(one) for one in (terms, *open_to)])
-        likely = [rival for rival, share in zip(open_to, odds[1:], strict=True) if share > models.criterion.rival]
-        known |= {rival: may_replace(models, rival, terms, others) for rival in likely if rival not in known}
-        refuted = [rival for rival in likely if not known[rival]]
-        if not refuted:
-            return dict(zip((term.id, *(rival[-1].id for rival in open_to)), odds.tolist(), strict=True))
-        open_to = [rival for rival in open_to if rival not in refuted]
-
-
-def may_replace(models: Models, rival: Terms, terms: Terms, others: Terms) -> bool:
-    """Whether a rival lowers both errors of the others, and the terms do not follow the motion significantly better."""
-    rival, terms, others = (named(models, one) for one in (rival, terms, others))
-    if not models.lowers_errors(rival, others):
-        return False
-    if has_transmission(rival) or has_transmission(terms) or not models.train.segments:
-        return True  # segments with a transmission soon diverge
-    first, second = (models.in_motion(models.step(None, one)).model for one in (terms, rival))
-    gain, share = models.simulation_gain(first, second)
-    return gain.chance > models.criterion.chance or share <= models.criterion.share
-
-
-def contains(models: Models, larger: Term, term: Term) -> bool:
-    """Whether a term with more parameters can reproduce any torque of another."""
-    if complexity(larger) <= complexity(term) or not term.columns:
-        return False
-    (own,), (other,) = models.regression.columns([term]), models.regression.columns([larger])
-    left = own.linear - other.linear @ np.linalg.lstsq(other.linear, own.linear, rcond=None)[0]
-    return bool(np.linalg.norm(left) < SAME * np.linalg.norm(own.linear))
-
-
 def is_needed(models: Models, terms: Terms, without: Terms) -> bool:
     """Whether an effect gains significantly and explains more than is left; else it may belong to that rest."""
     return models.is_significant(terms, without) and models.left.explained(terms, without) > models.criterion.needed
@@ -212,28 +168,3 @@ def named(models: Models, terms: Terms) -> Terms:
 def table_of(models: Models, terms: Terms) -> Table:
     """The table among the terms that competes with effects."""
     return next(term for term in terms[len(models.base) :] if isinstance(term, Table))
-
-
-def ids(terms: Sequence[Term]) -> frozenset[str]:
-    """Ids of some terms."""
-    return frozenset(term.id for term in terms)
-
-
-def forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
-    """Ids of some terms, each with the names of its free shape parameters."""
-    return frozenset((term.id, *(shape.name for shape in term.free if not shape.follows)) for term in terms)
-
-
-def has_bristles(term: Term) -> bool:
-    """Whether it is friction with a state, which is not measured."""
-    return term.kind == "dissipative" and term.hides
-
-
-def is_hidden(term: Term) -> bool:
-    """Whether it has a hidden state, of a link or of bristles, which shows in the motion more than in windows."""
-    return term.link or has_bristles(term)
-
-
-def parameters(terms: Sequence[Term]) -> int:
-    """Number of parameters of a model."""
-    return sum(complexity(term) for term in terms)

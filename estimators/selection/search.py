@@ -14,24 +14,12 @@ from itertools import pairwise, permutations
 from estimators.selection.errors import Step, error_at
 from estimators.selection.left import Terms
 from estimators.selection.models import Models, held_out_cost
-from estimators.selection.moves import (
-    best,
-    candidates,
-    forms,
-    freer,
-    ids,
-    is_needed,
-    named,
-    parameters,
-    revise,
-    settle,
-    table_of,
-)
+from estimators.selection.moves import best, candidates, freer, is_needed, named, revise, settle, table_of
 from estimators.simulation import multiple_shooting
-from estimators.simulation.multiple_shooting import has_link
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import ByTime, Table
 from pendulum_env.physics.term import loads
+from pendulum_env.physics.terms import forms, has_link, ids, parameters
 
 
 @dataclass(frozen=True)
@@ -62,7 +50,7 @@ def select(models: Models) -> Selection:
     start = settle(models, models.base)
     models, terms = grow(models, start, start)
     if not models.left.fits(terms):
-        begun, firsts = {term.id for term in terms}, candidates(models, start)
+        begun, firsts = ids(terms), candidates(models, start)
         for first in firsts[: models.criterion.beam]:
             if first[-1].id not in begun and models.is_significant(first, start) and models.is_level(first, firsts[0]):
                 tried, other = grow(models, settle(models, first), start)
