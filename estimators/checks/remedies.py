@@ -1,7 +1,5 @@
 """What a fit says of columns that were read wrongly, with the option that reads them rightly, ready to paste."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One effect added to a model by choice: in torque and free runs, or of servos in the loop."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -20,7 +18,7 @@ from estimators.selection.data import PreparedData
 from estimators.selection.errors import Step
 from estimators.selection.models import Models
 from estimators.selection.motion import refit
-from estimators.selection.moves import best, loosened, settle
+from estimators.selection.moves import best, freer, settle
 from estimators.selection.physical import objection
 from estimators.selection.search import Selection
 from pendulum_env.arms.joints import body_of, kind_at
@@ -119,6 +117,14 @@ def _added_in_loop(
     against = objection(after, shown, servos.models.train.motions) or against
     shown, after = servos.readable(shown), servos.readable(after)
     return Addition(shown, after, servos.models.left.floors, against, servos.given.doubt)
+
+
+def loosened(models: Models, terms: tuple[Term, ...]) -> tuple[Term, ...]:
+    """The terms with shape parameters released from their usual values, while that is significant."""
+    for looser in sorted(freer(models, terms), key=models.promise):
+        if models.is_significant(looser, terms) and models.is_possible(looser):
+            return loosened(models, looser)
+    return terms
 
 
 def _longer(models: Models, terms: tuple[Term, ...], kind: type[Term]) -> tuple[Term, ...]:

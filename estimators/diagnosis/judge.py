@@ -1,7 +1,5 @@
 """Verdicts: what the data say of every effect of the library, and which effects they cannot tell apart."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -13,10 +11,11 @@ from estimators.diagnosis.result import Candidate, Verdict
 from estimators.selection.errors import Step, error_at
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
-from estimators.selection.moves import candidates, named, rivals
+from estimators.selection.moves import candidates, rivals
 from estimators.selection.physical import objection
 from estimators.selection.score import Bootstrap, Gain
 from estimators.selection.search import Selection
+from estimators.selection.tables import named
 from estimators.simulation import output_error
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.terms import complexity, has_transmission, ids, is_hidden

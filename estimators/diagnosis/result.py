@@ -1,7 +1,5 @@
 """Results of a diagnosis, with the probability of each effect, and of an addition, with errors before and after it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """Diagnosis: which physical effects does the model lack?"""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -245,6 +243,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, setting.usual, left)
     if left and not asked:
         forbidden = of_held_out(models, final) or kept or UNNAMED
+    would_show = () if left or len(final) > len(models.base) else detectable(models, tuple(final), models.library)
     look_alike = [
         f"{' and '.join(group)} look the same in these data; to tell them apart: {models.library[group[-1]].reveal}"
         for group in groups
@@ -264,7 +263,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
             *([forbidden] if forbidden else []),
             *([kept] if kept and kept != forbidden else []),
         ),
-        detectable=() if left or len(final) > len(models.base) else detectable(models, tuple(final), models.library),
+        detectable=would_show,
         suggestion=suggestion,
         forbidden=forbidden,
         tables=() if table is None else (table,),

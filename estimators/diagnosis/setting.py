@@ -1,7 +1,5 @@
 """What a diagnosis is told besides the recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """What the final model of a joint leaves unexplained, in torque or in motion: where it is, and what is said of it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The six schemes online, for one pendulum, for many at once, or for an arm."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

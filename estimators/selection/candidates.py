@@ -4,8 +4,6 @@ All shape parameters of an effect are compared through Gram matrices of the wind
 variants costs one batch of small solves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache

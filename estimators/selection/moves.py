@@ -1,15 +1,12 @@
 """Moves of the search: models with one effect more, fewer, in another's place, or with another shape."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.prepared import Trial
-from estimators.weak_form.shapes import bound, freed
+from estimators.weak_form.shapes import freed
 from pendulum_env.physics import Term
-from pendulum_env.physics.table import Table
 from pendulum_env.physics.terms import has_transmission, ids
 
 
@@ -92,14 +89,6 @@ def refined(models: Models, terms: Terms, id: str) -> Terms:
     return models.screen.refine(models.screen.trial(terms), id).terms
 
 
-def loosened(models: Models, terms: Terms) -> Terms:
-    """The terms with shape parameters released from their usual values, while that is significant."""
-    for looser in sorted(freer(models, terms), key=models.promise):
-        if models.is_significant(looser, terms) and models.is_possible(looser):
-            return loosened(models, looser)
-    return terms
-
-
 def rivals(models: Models, terms: Terms, term: Term) -> list[Terms]:
     """The terms with the best variant of every other effect in the place of one, the best prediction first."""
     others = tuple(other for other in terms if other is not term)
@@ -121,35 +110,6 @@ def explaining(models: Models, terms: Terms, laws: Iterable[type[Term]]) -> str 
     return min(found, key=models.promise)[-1].id if found else None
 
 
-def revise(models: Models, terms: Terms, base: Terms) -> Terms:
-    """Drop effects that are not needed beside the others, and swap those with a significantly better competitor."""
-    for _ in range(2 * models.criterion.most):
-        changed = challenged(models, terms, base)
-        if changed is None:
-            break
-        terms = settle(models, changed)
-    return terms
-
-
-def challenged(models: Models, terms: Terms, base: Terms) -> Terms | None:
-    """The terms with one effect less, or another in its place, if that is as good or better; else None."""
-    withouts = [tuple(t for t in terms if t is not term) for term in terms[len(base) :]]
-    tighter = [
-        refined(models, tuple(new if t is old else t for t in terms), old.id)
-        for old in terms[len(base) :]
-        for new in bound(old)
-    ]
-    for without in sorted(withouts + tighter, key=models.promise):
-        if not (models.is_significant(terms, without) and models.left.explains(terms, without)):
-            return without
-        if len(base) < len(without) < len(terms):
-            term = next(term for term in terms if term not in without)
-            for rival in rivals(models, terms, term)[:1]:
-                if models.is_significant(rival, terms):
-                    return rival
-    return None
-
-
 def settle(models: Models, terms: Terms) -> Terms:
     """Refit every shape parameter with all terms present."""
     trial = models.screen.trial(terms)
@@ -157,14 +117,3 @@ def settle(models: Models, terms: Terms) -> Terms:
         if any(not shape.integer for shape in term.free) and term.id not in models.train.data.watched:
             trial = models.screen.refine(trial, term.id)
     return models.regression.settle(trial.terms)
-
-
-def named(models: Models, terms: Terms) -> Terms:
-    """The terms without the table that competes with effects."""
-    competing = {table.id for table in models.tables}
-    return tuple(term for term in terms if term.id not in competing)
-
-
-def table_of(models: Models, terms: Terms) -> Table:
-    """The table among the terms that competes with effects."""
-    return next(term for term in terms[len(models.base) :] if isinstance(term, Table))

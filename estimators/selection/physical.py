@@ -1,7 +1,5 @@
 """What speaks against an effect: held-out errors that do not fall, and parameters that no body has."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -9,8 +9,6 @@ Source: Bock, Randwertproblemmethoden zur Parameteridentifizierung, 1987; for th
 Pereyra, Inverse Problems 19(2), 2003.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Sets of terms: what they are called, and what they have of links, hidden states and parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from pendulum_env.physics.term import Term
