@@ -217,9 +217,8 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
     first = models = setting.models(given.parts)
     followed = fit_by_reference(given.parts[0].data, setting.base) if setting.by_reference else None
-    wrong = turned_round(fit_terms(first.train, setting.base)[0], given.recordings)
-    if wrong is not None:
-        return _mislogged(given, models, setting.base, wrong)
+    if (mislogged := _mislogged(given, models)) is not None:
+        return mislogged
     rough, given = _looked_closer(given, models, setting)
     setting.progress("refitting", 0.93)
     found = refit(rough)
@@ -232,7 +231,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     doubts = (*doubts, *untold(steps[-1].model, measured, doubts))
     candidates, groups = judge(replace(found, steps=steps), final, doubts)
     setting.progress("looking for the next experiment", 0.95)
-    left = unexplained(replace(found, steps=steps))
+    left, held_out = unexplained(replace(found, steps=steps)), of_held_out(models, final)
     table = found.table.id if found.table is not None and found.table.id in TABLES else None
     if left and table is None:
         table = explaining(models, steps[-1].model.terms, TABLES.values())
@@ -242,7 +241,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
         asked = []  # nobody knows what motion to expect
     suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, setting.usual, left)
     if left and not asked:
-        forbidden = of_held_out(models, final) or kept or UNNAMED
+        forbidden = held_out or kept or UNNAMED
     would_show = () if left or len(final) > len(models.base) else detectable(models, tuple(final), models.library)
     look_alike = [
         f"{' and '.join(group)} look the same in these data; to tell them apart: {models.library[group[-1]].reveal}"
@@ -272,6 +271,16 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     )
 
 
+def _mislogged(given: Preprocessed, models: Models) -> Diagnosis | None:
+    """What is said of torque that is logged turned round, if it is: no effect is named before that is mended."""
+    text = turned_round(fit_terms(models.train, models.base)[0], given.recordings)
+    if text is None:
+        return None
+    step = models.report(None, settle(models, models.base))
+    region = Region("time", 0.0, float(models.train.samples.time.max()), 0.0, 0.0, text)
+    return Diagnosis((step,), (), (), (region,), models.left.floors, (text,), forbidden=text, data=given)
+
+
 def _looked_closer(given: Preprocessed, models: Models, setting: Setting) -> tuple[Selection, Preprocessed]:
     """What was found, and the data in which it was.
 
@@ -298,10 +307,3 @@ def _of_little(fitted: Data) -> list[str]:
     count = len(fitted.weights)
     text = "stretches of motion are clear of stick and reversals: much may be missing that does not show"
     return [f"only {count} {text}, record longer, faster or wider motion"] if count < PLENTY else []
-
-
-def _mislogged(given: Preprocessed, models: Models, base: Sequence[Term], text: str) -> Diagnosis:
-    """What is said of torque that is logged turned round: no effect is named before that is mended."""
-    step = models.report(None, settle(models, tuple(base)))
-    region = Region("time", 0.0, float(models.train.samples.time.max()), 0.0, 0.0, text)
-    return Diagnosis((step,), (), (), (region,), models.left.floors, (text,), forbidden=text, data=given)

@@ -20,6 +20,7 @@ from estimators.selection.physical import impossible, objection
 from estimators.selection.prepared import Comparable
 from estimators.selection.score import BLOCK, Blocks, Bootstrap, Gain, cross_validated, predicted
 from estimators.simulation import output_error
+from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
 from pendulum_env.arms.model import model_of
 from pendulum_env.physics import BASE, Model, Term, effects
@@ -173,7 +174,7 @@ class Models:
         if has_transmission(step.model.terms) or not self.train.segments:
             return step  # a simulation from an unknown state of the link soon diverges
         if step.model.terms not in self._in_motion:
-            point = output_error.fit(self.train.segments, step.model.terms, step.model.theta)
+            point = output_error.fit(self.train.segments, Point.of(step.model))
             refined = output_error.model(self.train.segments, point)
             self._in_motion[step.model.terms] = self.with_errors(step.added, refined)
         return replace(self._in_motion[step.model.terms], added=step.added)

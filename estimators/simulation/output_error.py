@@ -148,11 +148,8 @@ def _slopes(
     return error[:, 0], (error[:, 1:] - error[:, :1]) / OUTPUT_ERROR.difference, which
 
 
-def fit(
-    segments: Sequence[Segments], terms: Sequence[Term], theta: Array, turns: int = 12, filters: Filters = ()
-) -> Point:
-    """Move the linear parameters theta (P,) and the continuous shape parameters until the segments fit best."""
-    start = Point(tuple(terms), np.asarray(theta, dtype=float))
+def fit(segments: Sequence[Segments], start: Point, turns: int = 12, filters: Filters = ()) -> Point:
+    """Move the linear and the continuous shape parameters from a point until the segments fit best."""
     weights = trust(sizes(segments, start, filters))
 
     def near(point: Point) -> Near[Point]:
@@ -178,7 +175,7 @@ def maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
     Segments should be about half a second long: the errors of longer ones grow nonlinearly.
     """
     filters = innovations(segments, start)
-    return model(segments, fit(segments, start.terms, start.theta, filters=filters), filters)
+    return model(segments, fit(segments, start, filters=filters), filters)
 
 
 def rms(segments: Sequence[Segments], point: Point, weights: Array | None = None, filters: Filters = ()) -> float:
@@ -203,11 +200,7 @@ def noise(segments: Sequence[Segments], point: Point) -> float:
     rng = np.random.default_rng(0)
     paths = simulate_all(segments, [(point.terms, point.theta)])
     perturbed = [
-        replace(
-            segment,
-            torque=torque_again(segment, rng),
-            position=path[:, 0],
-        )
+        replace(segment, torque=torque_again(segment, rng), position=path[:, 0])
         for segment, path in zip(segments, paths, strict=True)
     ]
     return rms(perturbed, point)
