@@ -63,11 +63,13 @@ class Limits:
         torque: largest [N m].
         angle: to either side of hanging down [rad].
         speed: largest [rad/s].
+        usual: torque that is trusted without limits [N m].
     """
 
     torque: float | None = None
     angle: float | None = None
     speed: float | None = None
+    usual: float = USUAL
 
     @property
     def text(self) -> str:
@@ -159,7 +161,6 @@ def suggest(
     model: Model,
     asked: Sequence[Question],
     limits: Limits,
-    usual: float,
     left: Sequence[Region] = (),
 ) -> tuple[Suggestion | None, list[Aim], str | None]:
     """The experiment that settles most of what is open, and goes to the angle where most is left unexplained.
@@ -169,7 +170,6 @@ def suggest(
         model: that foretells the motion.
         asked: what is open.
         limits: of the rig.
-        usual: torque that is trusted without limits [N m].
         left: what no effect explains, the most telling first.
 
     Returns:
@@ -178,7 +178,7 @@ def suggest(
     """
     if not asked:
         return None, [], None
-    recorded, torque = models.train.samples, limits.torque or usual
+    recorded, torque = models.train.samples, limits.torque or limits.usual
     (low, high), fastest = limits.reach(models.train.recordings), limits.fastest(recorded)
     runs = rehearse(models, model, torque)
     allowed = [run for run in runs if low <= run.reach[0] and run.reach[1] <= high and run.peak_speed <= fastest]
@@ -188,8 +188,8 @@ def suggest(
     suggestion, unsettled = _choose(models, allowed, asked)
     if not unsettled:
         return suggestion, [], None
-    if usual > torque:
-        runs = [*runs, *rehearse(models, model, usual)]
+    if limits.usual > torque:
+        runs = [*runs, *rehearse(models, model, limits.usual)]
     if not runs:  # the model runs away under every torque: nobody knows
         return None, [], None
     _, hopeless = _choose(models, runs, unsettled)

@@ -132,7 +132,8 @@ def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], se
     setting.progress("timing the torque", 0.0)
     given = calibrated.timed()
     usual = _usual_torque(given)
-    setting = replace(setting, usual=usual, limits=replace(setting.limits, torque=setting.limits.torque or usual))
+    limits = replace(setting.limits, torque=setting.limits.torque or usual, usual=usual)
+    setting = replace(setting, limits=limits)
     found = _of_one_plant(given, setting)
     beside = [term for term in found.model.terms if term.id not in ids(BASE)]
     if given.has_moved or (beside and found.unexplained):  # an effect may look like a delay, or hide one
@@ -239,7 +240,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     asked = questions(models, steps[-1].model.terms, groups, candidates, doubts)
     if impossible(steps[-1].model, models.train.motions):
         asked = []  # nobody knows what motion to expect
-    suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, setting.usual, left)
+    suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, left)
     if left and not asked:
         forbidden = held_out or kept or UNNAMED
     would_show = () if left or len(final) > len(models.base) else detectable(models, tuple(final), models.library)

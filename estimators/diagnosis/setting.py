@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.diagnosis.experiment import USUAL, Limits
+from estimators.diagnosis.experiment import Limits
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.models import Models
@@ -26,7 +26,6 @@ class Setting:
         rng: of the bootstrap.
         progress: told what is being done and the share that is done.
         limits: of the rig, for the experiment that is suggested.
-        usual: torque that is trusted without limits [N m].
         by_reference: whether the base model is fitted by instruments.
     """
 
@@ -36,7 +35,6 @@ class Setting:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     progress: Progress = no_progress
     limits: Limits = field(default_factory=Limits)
-    usual: float = USUAL
     by_reference: bool = False
 
     def models(self, prepared: tuple[Comparable, Comparable]) -> Models:

@@ -135,10 +135,7 @@ class PreparedData:
         ]
 
     def watching(self, model: Model) -> PreparedData:
-        """The same with the link of the model's transmission, if it has one, as the motion around each instant tells.
-
-        Carried along the measured motion from the start, its state is lost after a few bounces. Takes a second or two.
-        """
+        """The same with the link of a model, if it has one, as the motion around each instant tells; takes a second."""
         if not has_link(model.terms):
             return self
         term = link_of(model.terms)

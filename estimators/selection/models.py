@@ -71,10 +71,7 @@ class Models:
         self.bootstrap = self.drawn or Bootstrap(of_block, self.rng)
 
     def watching(self, linked: Step) -> Models:
-        """The same with the link's state estimated by a model from the motion around each instant.
-
-        Propagated along the measured motion from the start, the link's state, and with it its torque, is soon lost.
-        """
+        """The same with the link's state estimated by a model from the motion around each instant."""
         train, holdout = (part.watching(linked.model) for part in self.parts)
         return replace(self, train=train, holdout=holdout, linked=linked, drawn=self.bootstrap)
 
