@@ -10,13 +10,7 @@ from itertools import combinations
 
 import numpy as np
 
-from estimators.arguments import (
-    Recordings,
-    Terms,
-    chosen_recordings,
-    chosen_terms,
-    within_limits,
-)
+from estimators.arguments import Recordings, Terms, chosen_recordings, chosen_terms, within_limits
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
 from estimators.checks.identifiability import Doubt, identifiability, inseparable, is_driven, untold, untold_of_arm

@@ -1,4 +1,4 @@
-"""Moves of the search: models with one effect more, fewer, in another's place, or with another shape."""
+"""Models that a search tries: with one effect more, another in its place, or another shape."""
 
 from collections.abc import Iterable
 

@@ -12,14 +12,7 @@ from itertools import pairwise, permutations
 from estimators.selection.errors import Step
 from estimators.selection.left import Terms
 from estimators.selection.models import Models, held_out_cost
-from estimators.selection.moves import (
-    best,
-    candidates,
-    freer,
-    refined,
-    rivals,
-    settle,
-)
+from estimators.selection.moves import best, candidates, freer, refined, rivals, settle
 from estimators.selection.tables import owned, pruned
 from estimators.simulation import multiple_shooting
 from estimators.weak_form.shapes import bound
