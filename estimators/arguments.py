@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.six import SCHEMES, Regressor, scheme
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import at_joints, body_of, check_places, joint_effects, kinds_at, placed
 from pendulum_env.arms.recording import ArmRecording
@@ -21,7 +20,6 @@ from pendulum_env.recording import Recording
 
 Recordings = Recording | Sequence[Recording]
 Terms = str | Sequence[str | Term]
-Schemes = str | Sequence[str | Regressor]
 
 
 def chosen_recordings(given: Recordings, *, empty: bool = False, body: Body | None = None) -> tuple[Recording, ...]:
@@ -37,7 +35,7 @@ def chosen_recordings(given: Recordings, *, empty: bool = False, body: Body | No
             known, or of a pendulum where they are.
         ValueError: if there is none, or one is of an arm with other joints.
     """
-    several = (given,) if isinstance(given, Recording) else _listed(given)
+    several = (given,) if isinstance(given, Recording) else listed(given)
     for item in several:
         if not isinstance(item, Recording):
             raise TypeError(
@@ -69,9 +67,9 @@ def chosen_terms(given: Terms | None) -> tuple[Term, ...]:
         return BASE
     if isinstance(given, Model):
         raise TypeError("a model is not a list of terms: pass model.terms")
-    listed = _listed(given)
-    body = body_of(listed)
-    terms = tuple(_term(item, body) if isinstance(item, str) else item for item in listed)
+    several = listed(given)
+    body = body_of(several)
+    terms = tuple(_term(item, body) if isinstance(item, str) else item for item in several)
     for item in terms:
         if not isinstance(item, Term):
             raise TypeError(f"{shown(item)} is not a term: give its id, such as 'stribeck', or Stribeck()")
@@ -104,10 +102,10 @@ def chosen_effects(
     """
     if body is not None:
         known = {kind.id: kind for kind in at_joints((joint_effects() if library is None else library).values(), body)}
-        barred, allowed = ({kind.id: kind for kind in kinds_at(_listed(ids), body)} for ids in (without, only or ()))
+        barred, allowed = ({kind.id: kind for kind in kinds_at(listed(ids), body)} for ids in (without, only or ()))
     else:
         known = nameable() if library is None else dict(library)
-        barred, allowed = ({id: find("effect", id, known) for id in _listed(ids)} for ids in (without, only or ()))
+        barred, allowed = ({id: find("effect", id, known) for id in listed(ids)} for ids in (without, only or ()))
     chosen = {id: kind for id, kind in (known if only is None else allowed).items() if id not in barred}
     if not chosen and known:
         raise Mistake("no effect is left to look for: leave out fewer, or look for more")
@@ -153,29 +151,6 @@ def within_limits(
     )
 
 
-def chosen_schemes(given: Schemes) -> tuple[Regressor, ...]:
-    """Schemes as they are, or by id; "all" are the six.
-
-    Raises:
-        ValueError: if there is no scheme of a name, one is named twice, or there is none at all.
-        TypeError: if something is no scheme.
-    """
-    if isinstance(given, str) and given == "all":
-        return SCHEMES
-    chosen = tuple(scheme(item) if isinstance(item, str) else item for item in _listed(given))
-    for item in chosen:
-        if isinstance(item, type) or not hasattr(item, "regression"):
-            raise TypeError(
-                f"{shown(item)} is not a scheme: give an id, such as 'energy', or scheme('energy', guard=0.02)"
-            )
-    ids = [item.id for item in chosen]
-    if not ids:
-        raise ValueError(f"there is no scheme to use: give ids of {', '.join(item.id for item in SCHEMES)}")
-    if len(set(ids)) < len(ids):  # they could not be told apart in the result
-        raise ValueError(f"a scheme is named twice in {', '.join(ids)}: use each once")
-    return chosen
-
-
 def model_that_moves(given: Model) -> Model:
     """A model with inertia, or of an arm.
 
@@ -190,5 +165,6 @@ def model_that_moves(given: Model) -> Model:
     return given
 
 
-def _listed(given: object) -> tuple[Any, ...]:
+def listed(given: object) -> tuple[Any, ...]:
+    """One thing, or several, as a tuple."""
     return tuple(given) if isinstance(given, Iterable) and not isinstance(given, str | bytes) else (given,)

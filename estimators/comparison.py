@@ -18,7 +18,6 @@ from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData
 from estimators.selection.errors import Errors, of_one
 from estimators.simulation.free_running import growth, select
-from estimators.simulation.multiple_shooting import has_link
 from estimators.weak_form.dataset import dataset
 from pendulum_env._typing import JSON, Array
 from pendulum_env.arms.body import Body
@@ -26,6 +25,7 @@ from pendulum_env.arms.joints import body_of
 from pendulum_env.arms.recording import of_arms
 from pendulum_env.notebook import shown
 from pendulum_env.physics import Model, ModelError
+from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import json_per, percent

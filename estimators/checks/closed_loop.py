@@ -4,8 +4,6 @@ What a sensor misreads, or a disturbance does, is in the torque of a controller 
 the past of torque and position does not tell of it. A planned torque knows nothing of the position's surprises.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

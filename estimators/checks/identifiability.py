@@ -1,7 +1,5 @@
 """What a recording cannot tell, said by name instead of returned as a number."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

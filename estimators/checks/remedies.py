@@ -1,13 +1,10 @@
 """What a fit says of columns that were read wrongly, with the option that reads them rightly, ready to paste."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from estimators.checks.identifiability import TELLING
-from estimators.selection.physical import driving_friction, surely_negative
+from estimators.selection.physical import driving_friction, sure_sign, surely_negative
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.origin import Origin
@@ -42,7 +39,7 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
     if gravity is None or gravity.std == 0:  # where a user has fixed it, nothing is found
         return []
     down = gravity.value + max(carried, key=abs)
-    if tilt is not None and abs(tilt.value) > TELLING.sure * tilt.std > 0 and len(carried) == 1:
+    if tilt is not None and sure_sign(model, "gravity_tilt") and len(carried) == 1:
         # g sin(q - d) = g cos d sin q - g sin d cos q
         angle = float(np.arctan2(tilt.value, down))
         error = float(np.hypot(tilt.std * down, gravity.std * tilt.value)) / (down**2 + tilt.value**2)

@@ -1,7 +1,5 @@
 """Where a model fails: regions of angle, velocity, torque, time and frequency whose residual stands out of noise."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 

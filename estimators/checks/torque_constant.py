@@ -11,8 +11,6 @@ Source: Gautier and Briot, Journal of Dynamic Systems, Measurement, and Control 
 known payloads).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

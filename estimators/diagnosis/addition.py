@@ -1,7 +1,5 @@
 """One effect added to a model by choice: in torque and free runs, or of servos in the loop."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -20,13 +18,14 @@ from estimators.selection.data import PreparedData
 from estimators.selection.errors import Step
 from estimators.selection.models import Models
 from estimators.selection.motion import refit
-from estimators.selection.moves import best, ids, is_hidden, loosened, settle
+from estimators.selection.moves import best, freer, settle
 from estimators.selection.physical import objection
 from estimators.selection.search import Selection
 from pendulum_env.arms.joints import body_of, kind_at
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.friction import LoadDependentFriction
 from pendulum_env.physics.library import addition
+from pendulum_env.physics.terms import ids, is_hidden
 from pendulum_env.recording import Recording
 
 
@@ -79,13 +78,7 @@ def add(
     if body is not None:
         return _added_at_joint(recordings, holdout, setting, kind)
     if are_driven([*recordings, *holdout]):
-        rubs = LoadDependentFriction.id in ids((*model.terms, kind()))
-        servos = Looped.of(recordings, holdout, with_back_emf(setting, recordings) if rubs else setting)
-        before, longer, against = _searched(servos.models, kind)
-        shown, after = servos.sharpened(before), servos.sharpened(longer)
-        against = objection(after, shown, servos.models.train.motions) or against
-        shown, after = servos.readable(shown), servos.readable(after)
-        return Addition(shown, after, servos.models.left.floors, against, servos.given.doubt)
+        return _added_in_loop(recordings, holdout, setting, kind)
     progress("reading the motion", 0.0)
     given = Preprocessed.of(recordings, holdout).with_impacts(model.terms)
     models = setting.models(given.parts)
@@ -111,6 +104,27 @@ def _added_at_joint(
     if against is None and not models.is_significant(longer, models.base):
         against = CHANCE
     return Addition(without, with_it, models.left.floors, against)
+
+
+def _added_in_loop(
+    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, kind: type[Term]
+) -> Addition:
+    """An effect added to a servo, by its motion in the loop."""
+    rubs = LoadDependentFriction.id in ids((*setting.base, kind()))
+    servos = Looped.of(recordings, holdout, with_back_emf(setting, recordings) if rubs else setting)
+    before, longer, against = _searched(servos.models, kind)
+    shown, after = servos.sharpened(before), servos.sharpened(longer)
+    against = objection(after, shown, servos.models.train.motions) or against
+    shown, after = servos.readable(shown), servos.readable(after)
+    return Addition(shown, after, servos.models.left.floors, against, servos.given.doubt)
+
+
+def loosened(models: Models, terms: tuple[Term, ...]) -> tuple[Term, ...]:
+    """The terms with shape parameters released from their usual values, while that is significant."""
+    for looser in sorted(freer(models, terms), key=models.promise):
+        if models.is_significant(looser, terms) and models.is_possible(looser):
+            return loosened(models, looser)
+    return terms
 
 
 def _longer(models: Models, terms: tuple[Term, ...], kind: type[Term]) -> tuple[Term, ...]:

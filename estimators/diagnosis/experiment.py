@@ -29,6 +29,7 @@ from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array
 from pendulum_env.excitation import Excitation, family
 from pendulum_env.physics import Model, Samples, Term, simulate
+from pendulum_env.physics.terms import ids
 from pendulum_env.plant import typical
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing
@@ -56,17 +57,19 @@ DESIGN = DesignSettings()
 
 @dataclass(frozen=True)
 class Limits:
-    """What an experiment may ask of the rig: a bound that is not given is what was recorded.
+    """What an experiment may ask of the rig: a bound that is not given is what was recorded, of torque what is usual.
 
     Attributes:
         torque: largest [N m].
         angle: to either side of hanging down [rad].
         speed: largest [rad/s].
+        usual: torque that is trusted without limits [N m].
     """
 
-    torque: float
+    torque: float | None = None
     angle: float | None = None
     speed: float | None = None
+    usual: float = USUAL
 
     @property
     def text(self) -> str:
@@ -129,7 +132,7 @@ def questions(
     """What a diagnosis leaves open."""
     pairs = [(id, selected) for selected, *alike in groups for id in alike]
     pairs += [doubt.rivals for doubt in doubts if doubt.rivals is not None]
-    present = {term.id for term in terms}
+    present = ids(terms)
     asked = []
     for id, instead in pairs:
         others = [term for term in terms if term.id != instead]
@@ -158,7 +161,6 @@ def suggest(
     model: Model,
     asked: Sequence[Question],
     limits: Limits,
-    usual: float,
     left: Sequence[Region] = (),
 ) -> tuple[Suggestion | None, list[Aim], str | None]:
     """The experiment that settles most of what is open, and goes to the angle where most is left unexplained.
@@ -168,7 +170,6 @@ def suggest(
         model: that foretells the motion.
         asked: what is open.
         limits: of the rig.
-        usual: torque that is trusted without limits [N m].
         left: what no effect explains, the most telling first.
 
     Returns:
@@ -177,9 +178,9 @@ def suggest(
     """
     if not asked:
         return None, [], None
-    recorded = models.train.samples
+    recorded, torque = models.train.samples, limits.torque or limits.usual
     (low, high), fastest = limits.reach(models.train.recordings), limits.fastest(recorded)
-    runs = rehearse(models, model, limits.torque)
+    runs = rehearse(models, model, torque)
     allowed = [run for run in runs if low <= run.reach[0] and run.reach[1] <= high and run.peak_speed <= fastest]
     place = next((0.5 * (own.low + own.high) for own in left[:1] if own.axis == "position"), None)
     if place is not None and not turns(recorded.position):
@@ -187,8 +188,8 @@ def suggest(
     suggestion, unsettled = _choose(models, allowed, asked)
     if not unsettled:
         return suggestion, [], None
-    if usual > limits.torque:
-        runs = [*runs, *rehearse(models, model, usual)]
+    if limits.usual > torque:
+        runs = [*runs, *rehearse(models, model, limits.usual)]
     if not runs:  # the model runs away under every torque: nobody knows
         return None, [], None
     _, hopeless = _choose(models, runs, unsettled)

@@ -7,6 +7,7 @@ on motion says nothing of that, and is a function of the position itself, where 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,10 +23,11 @@ from estimators.in_loop.fit import LOOP
 from estimators.in_loop.prepared import InLoop
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.preprocessing import HELD_OUT, Preprocessed
+from estimators.progress import no_progress
+from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.errors import Step, of_one
 from estimators.selection.models import Models
-from estimators.selection.moves import ids
 from estimators.selection.physical import sure_sign
 from estimators.selection.search import Selection, select
 from estimators.simulation.output_error import Point
@@ -34,6 +36,7 @@ from pendulum_env.physics import Model, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import LoadDependentFriction
 from pendulum_env.physics.potential import GravityTilt
+from pendulum_env.physics.terms import ids
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
@@ -173,7 +176,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
     *others, last = map(servos.readable, found.steps)
     model = last.model.biased() if left else last.model
     doubts = (given.doubt, _of_rate(last.model, recordings), _of_scale(recordings))
-    return Diagnosis(
+    diagnosis = Diagnosis(
         steps=(*others, replace(last, model=model)),
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
@@ -185,6 +188,25 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         torque_constant=given.constant,
         data=given,
     )
+    return _beside_torque(diagnosis, setting)
+
+
+def _beside_torque(found: Diagnosis, setting: Setting) -> Diagnosis:
+    """A diagnosis in the loop, with the effects that torque which was logged calls for by itself, if there is any.
+
+    What the drive asked for is no such torque: it is a function of the motion that the loop has simulated. Play and
+    links that yield are left to the loop, as a search for them by torque takes longer than all else.
+    """
+    given = found.data
+    if given is not None and all(own.has_logged_torque for own in (*given.recordings, *given.holdout)):
+        setting.progress("looking at the torque", 0.96)
+        library = {id: kind for id, kind in setting.library.items() if kind.kind != "transmission"}
+        alone = replace(setting, base=found.steps[0].model.terms, library=library, progress=no_progress)
+        with suppress(IdentificationError):  # too little motion for a regression
+            by_torque = select(replace(alone.models(given.timed().parts), tables=()))
+            found = replace(found, by_torque=tuple(sorted(ids(by_torque.terms) - ids(alone.base))))
+    setting.progress("done", 1.0)
+    return found
 
 
 def _of_rate(model: Model, recordings: Sequence[Recording]) -> str | None:

@@ -1,7 +1,5 @@
 """Verdicts: what the data say of every effect of the library, and which effects they cannot tell apart."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -13,13 +11,21 @@ from estimators.diagnosis.result import Candidate, Verdict
 from estimators.selection.errors import Step, error_at
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
-from estimators.selection.moves import alternatives, candidates, is_hidden, rivals
+from estimators.selection.moves import candidates, rivals
 from estimators.selection.physical import objection
-from estimators.selection.score import Gain
+from estimators.selection.score import Bootstrap, Gain
 from estimators.selection.search import Selection
+from estimators.selection.tables import named
+from estimators.simulation import output_error
+from pendulum_env.physics import Model, Term
+from pendulum_env.physics.terms import complexity, has_transmission, ids, is_hidden
+
+SAME = 1e-6  # of a torque, numerical difference of equal laws
 
 
-def judge(found: Selection, final: Terms) -> tuple[list[Candidate], list[tuple[str, ...]]]:
+def judge(
+    found: Selection, final: Terms, doubts: Sequence[Doubt] = ()
+) -> tuple[list[Candidate], list[tuple[str, ...]]]:
     """Verdict on every effect of the library, and groups that these data cannot tell apart, a selected one first.
 
     Those in the model are judged beside the table that was found, if there is one; those left out, without it.
@@ -27,6 +33,7 @@ def judge(found: Selection, final: Terms) -> tuple[list[Candidate], list[tuple[s
     Args:
         found: with the steps as the user sees them: the last perhaps fitted more closely.
         final: terms of the final model, as they were searched for.
+        doubts: what the data cannot tell: an effect that would pass for a term of the model is not rejected.
     """
     models, steps = found.models, found.steps
     verdicts: dict[str, Candidate] = {}
@@ -39,11 +46,11 @@ def judge(found: Selection, final: Terms) -> tuple[list[Candidate], list[tuple[s
     for longer in candidates(models, final):
         if longer[-1].id not in verdicts:
             verdicts[longer[-1].id] = _judge_left_out(found, longer)
-    for id in sorted(models.library.keys() - {term.id for term in final}):  # in the same order every time
+    for id in sorted(models.library.keys() - ids(final)):  # in the same order every time
         if id not in verdicts:
             reason = "what is left is smaller than what such an effect would leave, or no body would have it so"
             verdicts[id] = Candidate(id, 0.0, Verdict.REJECTED, 1.0, reason)
-    return by_verdict(verdicts.values()), groups
+    return doubted(by_verdict(verdicts.values()), doubts), groups
 
 
 def doubted(candidates: Sequence[Candidate], doubts: Sequence[Doubt]) -> list[Candidate]:
@@ -123,6 +130,63 @@ def _held_out_rms(models: Models, terms: Terms, at: str) -> float:
     """Torque error on the held-out data of the terms fitted to the training data [N m]."""
     error = models.holdout.regression.equations(terms).error(models.regression.solve(terms))
     return error_at(models.holdout.data.errors(error), at, np.nan)
+
+
+def alternatives(models: Models, terms: Terms, term: Term) -> dict[str, float]:
+    """Probability of each effect in the place of one of the terms, itself first, by id.
+
+    A more complex law that contains the term, as a spring contains an offset, does not compete, nor does one that would
+    not lower the held-out errors.
+    """
+    others = tuple(other for other in terms if other is not term)
+    open_to = [rival for rival in rivals(models, terms, term) if not contains(models, rival[-1], term)]
+    known: dict[Terms, bool] = {}
+    while True:
+        odds = models.bootstrap.probabilities([models.density(one) for one in (terms, *open_to)])
+        likely = [rival for rival, share in zip(open_to, odds[1:], strict=True) if share > models.criterion.rival]
+        known |= {rival: may_replace(models, rival, terms, others) for rival in likely if rival not in known}
+        refuted = [rival for rival in likely if not known[rival]]
+        if not refuted:
+            return dict(zip((term.id, *(rival[-1].id for rival in open_to)), odds.tolist(), strict=True))
+        open_to = [rival for rival in open_to if rival not in refuted]
+
+
+def may_replace(models: Models, rival: Terms, terms: Terms, others: Terms) -> bool:
+    """Whether a rival lowers both errors of the others, and the terms do not follow the motion significantly better."""
+    rival, terms, others = (named(models, one) for one in (rival, terms, others))
+    if not models.lowers_errors(rival, others):
+        return False
+    if has_transmission(rival) or has_transmission(terms) or not models.train.segments:
+        return True  # segments with a transmission soon diverge
+    first, second = (models.in_motion(models.step(None, one)).model for one in (terms, rival))
+    gain, share = simulation_gain(models, first, second)
+    return gain.chance > models.criterion.chance or share <= models.criterion.share
+
+
+def simulation_gain(models: Models, after: Model, before: Model) -> tuple[Gain, float]:
+    """Gain of one model over another on all segments, and the share of squared error removed on fitted ones.
+
+    The score is that of the windows. Errors within a segment are fully correlated, so the gain is the logarithm of
+    their ratio; noise is added to both, since errors below it carry no information.
+    """
+    parts = (models.train.segments, models.holdout.segments)
+    points = [output_error.Point.of(model) for model in (after, before)]
+    new, old = (np.concatenate([output_error.sizes(part, one) ** 2 for part in parts]) for one in points)
+    counts = [sum(len(segment.first) for segment in part) for part in parts]
+    owner = np.repeat(np.arange(2), counts)
+    noise = np.array([output_error.noise(part, points[1]) ** 2 for part in parts])[owner]
+    gain = Bootstrap(owner, np.random.default_rng(0)).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
+    had, left = (float(np.mean((squares - noise)[: counts[0]])) for squares in (old, new))
+    return gain, (had - left) / had if had > 0 else 0.0
+
+
+def contains(models: Models, larger: Term, term: Term) -> bool:
+    """Whether a term with more parameters can reproduce any torque of another."""
+    if complexity(larger) <= complexity(term) or not term.columns:
+        return False
+    (own,), (other,) = models.regression.columns([term]), models.regression.columns([larger])
+    left = own.linear - other.linear @ np.linalg.lstsq(other.linear, own.linear, rcond=None)[0]
+    return bool(np.linalg.norm(left) < SAME * np.linalg.norm(own.linear))
 
 
 def is_excited(models: Models, longer: Terms) -> bool:

@@ -1,7 +1,5 @@
 """What a table looks like: the formulas that come nearest to its shape."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product

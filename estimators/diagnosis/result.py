@@ -1,7 +1,5 @@
 """Results of a diagnosis, with the probability of each effect, and of an addition, with errors before and after it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
@@ -24,6 +22,7 @@ from pendulum_env.arms.joints import body_of
 from pendulum_env.notebook import shown
 from pendulum_env.physics import Model
 from pendulum_env.physics.term import loads
+from pendulum_env.physics.terms import has_link
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import along, json_per, listing, name, opening
 
@@ -243,7 +242,7 @@ class Diagnosis:
     def contradiction(self) -> str | None:
         """What the torque of a servo calls for by itself, in a sentence, if that is not what the loop calls for."""
         alone = self.by_torque
-        if alone is None or any(term.link for term in self.model.terms):  # torque alone is not searched for those
+        if alone is None or has_link(self.model.terms):  # torque alone is not searched for those
             return None
         if len(alone) == len(self.effects) and all({*group} & {*alone} for group in self.effects):
             return None

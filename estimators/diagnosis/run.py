@@ -1,9 +1,6 @@
 """Diagnosis: which physical effects does the model lack?"""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -21,38 +18,36 @@ from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import identifiability, untold
 from estimators.checks.remedies import remedies, turned_round
-from estimators.checks.residual import Region, everywhere, stand_out
+from estimators.checks.residual import Region
 from estimators.checks.torque_constant import of_the_drive, told
 from estimators.diagnosis.arm import examine_arm
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.in_loop import diagnose_in_loop
-from estimators.diagnosis.judge import doubted, judge
+from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import KEPT, UNNAMED, Diagnosis
 from estimators.diagnosis.sensitivity import detectable
 from estimators.diagnosis.setting import Setting
+from estimators.diagnosis.unexplained import of_held_out, unexplained
 from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, forward, no_progress
-from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import fit_terms
 from estimators.selection.models import Models, held_out_cost
 from estimators.selection.motion import is_misfit, refine, refit
-from estimators.selection.moves import explaining, ids, settle
+from estimators.selection.moves import explaining, settle
 from estimators.selection.physical import impossible
-from estimators.selection.prepared import Comparable, Data
+from estimators.selection.prepared import Data
 from estimators.selection.search import Selection, select
 from estimators.signals.measurements import measure_segments
-from estimators.signals.motion import SLOWEST
 from estimators.weak_form.instruments import fit_by_reference
-from pendulum_env._typing import Array
 from pendulum_env.arms.joints import body_of
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.table import TABLES
+from pendulum_env.physics.terms import ids
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.words import listing
 
 BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
 PLENTY = 40  # stretches of motion, below which little can be told
@@ -87,93 +82,58 @@ def diagnose(
 
     Args:
         recordings: fitted jointly.
-        holdout: recordings to confirm on; without them the last 30 % of each recording is held out, or of its motion
-            where it hardly moves before.
-        base: terms of the model to start from, at least one, as they are or by id; a loaded model's terms will do. Of
-            an arm `arm_base(body)`, or `Links(body)` and terms at its joints.
+        holdout: to confirm on; without them the last 30 % of each recording, or of its motion where that comes late.
+        base: at least one term to start from, as it is or by id; of an arm `arm_base(body)`, or `Links(body)` first.
         progress: called with what is being done and the share that is done.
-        max_torque: bound of the torque in the experiment that is suggested [N m]; without it the paper's 6 N m, but no
-            more than ten times the largest recorded, and no less than that.
-        max_angle: bound of its angle to either side of hanging down [rad], infinity for any; without it the angles
-            that were recorded, or any within the same number of turns where the joint turned.
-        max_speed: bound of its speed [rad/s]; without it the highest that was recorded.
-        library: effects that may be named, by id; all that are known if it is not given.
-        only: ids of the effects of the library that are looked for; all if it is not given. Of an arm `stribeck` is at
-            every joint, `stribeck@elbow` at that one.
+        max_torque: bound of the experiment's torque [N m]; by default the paper's 6 N m, at most ten times the largest
+            recorded, and no less than that.
+        max_angle: bound of its angle to either side of hanging down [rad], infinity for any; by default the angles that
+            were recorded, or any within the same number of turns where the joint turned.
+        max_speed: bound of its speed [rad/s]; by default the highest that was recorded.
+        library: effects that may be named, by id; by default all that are known.
+        only: ids of those that are looked for; by default all. Of an arm `stribeck`, or `stribeck@elbow` at one joint.
         without: ids of effects that the joint cannot have.
         fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
         bounds: of other parameters: `{"stribeck": (0.0, 0.5), "cogging.order": (10, 14)}`.
-        criterion: what they have to achieve.
+        criterion: what effects have to achieve.
         rng: of the bootstrap; the same seed gives the same result, and so does none.
-        by_reference: fit the base model by instruments, made of the reference that a controller followed; effects are
-            looked for, and fitted, by least squares all the same.
+        by_reference: fit the base model by instruments made of the reference; effects by least squares all the same.
 
     Raises:
-        IdentificationError: if the recordings hold too little motion, as of one joint of an arm, or no reference that
-            instruments need.
+        IdentificationError: if the recordings hold too little motion, or no reference that instruments need.
         ValueError: if a name is unknown.
         TypeError: if something else is given than recordings and terms.
     """
     terms = chosen_terms(base)
     body = body_of(terms)
-    chosen = chosen_effects(library, only, without, body)
-    terms, chosen = within_limits(terms, chosen, fixed, bounds)
-    progress = forward(progress)
+    terms, effects = within_limits(terms, chosen_effects(library, only, without, body), fixed, bounds)
     fitted, unseen = chosen_recordings(recordings, body=body), chosen_recordings(holdout, empty=True, body=body)
-    chosen = that_may_show(chosen, fitted)
-    setting = Setting(
-        terms,
-        chosen,
-        criterion or Criterion(),
-        rng or np.random.default_rng(0),
-        progress,
-        Limits(max_torque or USUAL, max_angle, max_speed),
-        by_reference=by_reference,
-    )
-    return _examined(fitted, unseen, setting, max_torque)
+    effects, limits = that_may_show(effects, fitted), Limits(max_torque, max_angle, max_speed)
+    rng, progress = rng or np.random.default_rng(0), forward(progress)
+    setting = Setting(terms, effects, criterion or Criterion(), rng, progress, limits, by_reference=by_reference)
+    return _examined(fitted, unseen, setting)
 
 
-def _examined(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, max_torque: float | None
-) -> Diagnosis:
+def _examined(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Diagnosis:
     """Find the effects by what was recorded: an arm, a servo with its controller, or a joint and its torque."""
     if (body := body_of(setting.base)) is not None:
-        if setting.by_reference or (max_torque, setting.limits.angle, setting.limits.speed) != (None, None, None):
+        if setting.by_reference or setting.limits != Limits():
             raise Mistake("by_reference and bounds of an experiment are for pendulums alone: leave them out for an arm")
         return examine_arm(recordings, holdout, setting, body)
     if are_driven([*recordings, *holdout]):
-        return _beside_torque(diagnose_in_loop(recordings, holdout, setting), setting)
-    return _by_torque(recordings, holdout, setting, max_torque)
+        return diagnose_in_loop(recordings, holdout, setting)
+    return _by_torque(recordings, holdout, setting)
 
 
-def _beside_torque(found: Diagnosis, setting: Setting) -> Diagnosis:
-    """A diagnosis in the loop, with the effects that torque which was logged calls for by itself, if there is any.
-
-    What the drive asked for is no such torque: it is a function of the motion that the loop has simulated. Play and
-    links that yield are left to the loop, as a search for them by torque takes longer than all else.
-    """
-    given = found.data
-    if given is not None and all(own.has_logged_torque for own in (*given.recordings, *given.holdout)):
-        setting.progress("looking at the torque", 0.96)
-        library = {id: kind for id, kind in setting.library.items() if kind.kind != "transmission"}
-        alone = replace(setting, base=found.steps[0].model.terms, library=library, progress=no_progress)
-        with suppress(IdentificationError):  # too little motion for a regression
-            by_torque = select(replace(alone.models(given.timed().parts), tables=()))
-            found = replace(found, by_torque=tuple(sorted(ids(by_torque.terms) - ids(alone.base))))
-    setting.progress("done", 1.0)
-    return found
-
-
-def _by_torque(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, max_torque: float | None
-) -> Diagnosis:
+def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Diagnosis:
     """Find the effects that recorded torque calls for; timed anew where an effect explains its delay."""
     setting.progress("reading the motion", 0.0)
     calibrated = Preprocessed.of(recordings, holdout)
     setting.progress("timing the torque", 0.0)
     given = calibrated.timed()
     usual = _usual_torque(given)
-    setting = replace(setting, usual=usual, limits=replace(setting.limits, torque=max_torque or usual))
+    limits = replace(setting.limits, torque=setting.limits.torque or usual, usual=usual)
+    setting = replace(setting, limits=limits)
     found = _of_one_plant(given, setting)
     beside = [term for term in found.model.terms if term.id not in ids(BASE)]
     if given.has_moved or (beside and found.unexplained):  # an effect may look like a delay, or hide one
@@ -258,9 +218,8 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
     first = models = setting.models(given.parts)
     followed = fit_by_reference(given.parts[0].data, setting.base) if setting.by_reference else None
-    wrong = turned_round(fit_terms(first.train, setting.base)[0], given.recordings)
-    if wrong is not None:
-        return _mislogged(given, models, setting.base, wrong)
+    if (mislogged := _mislogged(given, models)) is not None:
+        return mislogged
     rough, given = _looked_closer(given, models, setting)
     setting.progress("refitting", 0.93)
     found = refit(rough)
@@ -268,23 +227,23 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     if followed is not None:
         steps = [models.with_errors(None, followed), *steps[1:]]
     final = (rough.steps if ids(rough.terms) == ids(steps[-1].model.terms) else steps)[-1].model.terms
-    candidates, groups = judge(replace(found, steps=steps), final)
     measured = [m for recording in given.recordings for m in measure_segments(recording)]
     doubts = identifiability(measured, steps[-1].model.terms)
     doubts = (*doubts, *untold(steps[-1].model, measured, doubts))
+    candidates, groups = judge(replace(found, steps=steps), final, doubts)
     setting.progress("looking for the next experiment", 0.95)
-    left = unexplained(replace(found, steps=steps))
-    candidates = doubted(candidates, doubts)
-    asked = questions(models, steps[-1].model.terms, groups, candidates, doubts)
-    if impossible(steps[-1].model, models.train.motions):
-        asked = []  # nobody knows what motion to expect
+    left, held_out = unexplained(replace(found, steps=steps)), of_held_out(models, final)
     table = found.table.id if found.table is not None and found.table.id in TABLES else None
     if left and table is None:
         table = explaining(models, steps[-1].model.terms, TABLES.values())
     kept = None if table is None else KEPT.format(table=table)
-    suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, setting.usual, left)
+    asked = questions(models, steps[-1].model.terms, groups, candidates, doubts)
+    if impossible(steps[-1].model, models.train.motions):
+        asked = []  # nobody knows what motion to expect
+    suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, left)
     if left and not asked:
-        forbidden = _of_held_out(models, final) or kept or UNNAMED
+        forbidden = held_out or kept or UNNAMED
+    would_show = () if left or len(final) > len(models.base) else detectable(models, tuple(final), models.library)
     look_alike = [
         f"{' and '.join(group)} look the same in these data; to tell them apart: {models.library[group[-1]].reveal}"
         for group in groups
@@ -304,13 +263,23 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
             *([forbidden] if forbidden else []),
             *([kept] if kept and kept != forbidden else []),
         ),
-        detectable=() if left or len(final) > len(models.base) else detectable(models, tuple(final), models.library),
+        detectable=would_show,
         suggestion=suggestion,
         forbidden=forbidden,
         tables=() if table is None else (table,),
         inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
         data=given.fresh(),
     )
+
+
+def _mislogged(given: Preprocessed, models: Models) -> Diagnosis | None:
+    """What is said of torque that is logged turned round, if it is: no effect is named before that is mended."""
+    text = turned_round(fit_terms(models.train, models.base)[0], given.recordings)
+    if text is None:
+        return None
+    step = models.report(None, settle(models, models.base))
+    region = Region("time", 0.0, float(models.train.samples.time.max()), 0.0, 0.0, text)
+    return Diagnosis((step,), (), (), (region,), models.left.floors, (text,), forbidden=text, data=given)
 
 
 def _looked_closer(given: Preprocessed, models: Models, setting: Setting) -> tuple[Selection, Preprocessed]:
@@ -339,71 +308,3 @@ def _of_little(fitted: Data) -> list[str]:
     count = len(fitted.weights)
     text = "stretches of motion are clear of stick and reversals: much may be missing that does not show"
     return [f"only {count} {text}, record longer, faster or wider motion"] if count < PLENTY else []
-
-
-def _of_held_out(models: Models, final: Sequence[Term]) -> str | None:
-    """What is said where held-out data alone show more."""
-    if models.left.are_noise(tuple(final)) != (True, False):
-        return None
-    return f"what was fitted is explained, and what was held out ({_held_out(models)}) is not: fit that, too"
-
-
-def _mislogged(given: Preprocessed, models: Models, base: Sequence[Term], text: str) -> Diagnosis:
-    """What is said of torque that is logged turned round: no effect is named before that is mended."""
-    step = models.report(None, settle(models, tuple(base)))
-    region = Region("time", 0.0, float(models.train.samples.time.max()), 0.0, 0.0, text)
-    return Diagnosis((step,), (), (), (region,), models.left.floors, (text,), forbidden=text, data=given)
-
-
-def unexplained(found: Selection) -> list[Region]:
-    """Regions that the final model leaves unexplained, in torque or else in free-running motion, fitted or held out."""
-    models, last = found.models, found.steps[-1]
-    wrong = impossible(last.model, models.train.motions)
-    if wrong:
-        text = (
-            f"the best fit has {listing(wrong)}, which no body has: check the signs of torque and position, "
-            "or record a motion of more than one frequency"
-        )
-        return [everywhere(text)]
-    left = models.train.watching(last.model).residual(last.model.terms, last.model.theta)
-    is_noise = found.table is None and models.left.is_noise(models.train, left)
-    regions = [] if is_noise else stand_out(models.train.samples, left, models.left.floor)
-    if found.table is not None:
-        place = next((own for own in regions if own.axis == found.table.axis), None)
-        text = f"{found.table.told} would explain most of it, and no effect of the library is such a law"
-        if place is None:
-            return [everywhere(text, models.train.samples), *regions]
-        return [replace(place, text=f"{text}; {place.text}"), *(own for own in regions if own is not place)]
-    if not is_noise:
-        return regions or _nowhere(models, models.train, left)
-    unseen = models.left.unseen(last.model.terms)
-    if not models.left.is_noise(models.holdout, unseen):
-        beyond = stand_out(models.holdout.samples, unseen, models.left.noise_of(models.holdout))
-        unlike = f"in what was held out ({_held_out(models)})"
-        beyond = beyond or _nowhere(models, models.holdout, unseen)
-        return [replace(region, text=f"{unlike} {region.text}") for region in beyond]
-    if not is_misfit(models, last):
-        return []
-    error = last.errors["train"].position_rms
-    text = (
-        f"the torque fits where the joint moves freely, but free-running simulation errs by {error:.2g} rad: "
-        "something acts near reversals or at rest, where velocity is close to zero"
-    )
-    return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, text)]
-
-
-def _held_out(models: Models) -> str:
-    """Names of the held-out recordings."""
-    return listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
-
-
-def _nowhere(models: Models, part: Comparable, left: Array) -> list[Region]:
-    """What is said of a residual (R,) that stands out nowhere: nothing, unless it is too much for noise."""
-    size, floor = float(np.sqrt(np.mean(left**2))), models.left.noise_of(part)
-    if size <= models.criterion.misfit * floor:
-        return []
-    text = (
-        f"{size:.2g} N m of torque are left, {size / floor:.2g} times what the sensors' noise gives, at no one speed, "
-        "angle or time: something faster than can be resolved here, or now and then"
-    )
-    return [everywhere(text, part.samples, size, floor)]

@@ -1,7 +1,5 @@
 """What a verdict of "nothing" could have seen: the smallest effects that the data would have shown."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

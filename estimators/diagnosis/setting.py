@@ -1,13 +1,11 @@
 """What a diagnosis is told besides the recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.diagnosis.experiment import USUAL, Limits
+from estimators.diagnosis.experiment import Limits
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.models import Models
@@ -28,7 +26,6 @@ class Setting:
         rng: of the bootstrap.
         progress: told what is being done and the share that is done.
         limits: of the rig, for the experiment that is suggested.
-        usual: torque that is trusted without limits [N m].
         by_reference: whether the base model is fitted by instruments.
     """
 
@@ -37,8 +34,7 @@ class Setting:
     criterion: Criterion = field(default_factory=Criterion)
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     progress: Progress = no_progress
-    limits: Limits = field(default_factory=lambda: Limits(USUAL))
-    usual: float = USUAL
+    limits: Limits = field(default_factory=Limits)
     by_reference: bool = False
 
     def models(self, prepared: tuple[Comparable, Comparable]) -> Models:

@@ -1,7 +1,5 @@
 """Samples of an arm in, the equations of all its joints out, chunk by chunk."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator, Sequence
 

@@ -1,7 +1,5 @@
 """From rows to the equations of all schemes at once: gates, filters and running sums, in symbols."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Samples of many plants, gathered in bins of motion: what models are compared on."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 

@@ -1,7 +1,5 @@
 """When samples come: at the rate, after a gap, or off the rate, which no filter bears."""
 
-from __future__ import annotations
-
 import math
 
 from pendulum_env.recording.sampling import SAMPLING

@@ -8,8 +8,6 @@ short against the memory and the oldest are dropped, their weights having fallen
 data keep the variance of P(0). Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (jackknife).
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ offline, by a Bayesian bootstrap over these blocks (`estimators.selection.score`
 the e-process passes its threshold (`evidence`), which follows from the accepted false alarms per hour.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

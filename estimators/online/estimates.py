@@ -1,7 +1,5 @@
 """Online estimates: theta and covariances of all schemes, and those of one scheme by name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The six schemes online, for one pendulum, for many at once, or for an arm."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -54,8 +52,7 @@ class OnlineEstimator:
 
         Args:
             rate: samples per second [Hz].
-            terms: of the model, with their shape parameters set.
-                Of an arm, its links come first (`arm_base(body)`).
+            terms: of the model, with their shape parameters set; of an arm its links first (`arm_base(body)`).
             schemes: which to run; a `JointState` is told after the others, of a pendulum.
             batch: number B of pendulums.
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
@@ -73,13 +70,8 @@ class OnlineEstimator:
                 parameter.
         """
         checked_rate(rate)
-        columns = [column for term in terms for column in term.columns]
-        self.names = tuple(column.name for column in columns)
-        self.units = {column.name: column.unit for column in columns}
-        if not self.names or not schemes:
-            raise ValueError("nothing to estimate: name terms with linear parameters, and schemes")
-        if len(set(self.names)) < len(self.names):
-            raise ValueError(f"a term is named twice: {', '.join(self.names)}")
+        self.units = _checked_units(terms, schemes)
+        self.names = tuple(self.units)
         walk = _checked_walk(random_walk, self.names)
         joint, told = _checked_schemes(schemes)
         self.schemes: tuple[Scheme | JointState, ...] = told if joint is None else (*told, joint)
@@ -151,6 +143,17 @@ class OnlineEstimator:
     def _regressions(self, index: Index, time: Array, usable: Mask, regressor: Array | None) -> Estimates:
         squares, judge = self._squares, self._clusters.judge(self._squares)
         return Estimates(index, time, squares.theta, squares.error, usable, regressor, squares.spread(), judge)
+
+
+def _checked_units(terms: Sequence[Term], schemes: Sequence[object]) -> dict[str, str]:
+    """Units of the parameters, by name."""
+    columns = [column for term in terms for column in term.columns]
+    if not columns or not schemes:
+        raise ValueError("nothing to estimate: name terms with linear parameters, and schemes")
+    units = {column.name: column.unit for column in columns}
+    if len(units) < len(columns):
+        raise ValueError(f"a term is named twice: {', '.join(column.name for column in columns)}")
+    return units
 
 
 def _checked_schemes(schemes: Sequence[Scheme | JointState]) -> tuple[JointState | None, tuple[Scheme, ...]]:

@@ -19,8 +19,6 @@ Foundations for Probability and Finance, 2019; Shin, Ramdas and Rinaldo, E-detec
 in Data Science, 2023; Choe and Ramdas, Comparing sequential forecasters, Operations Research, 2023.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -8,8 +8,6 @@ Source: Labbe, Kalman and Bayesian Filters in Python, 2015, and its library filt
 2006, sections 3.3 and 7.4.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 

@@ -5,8 +5,6 @@ come in; the estimates are those of the paper's (6), and of filterpy. Source: Po
 Methods for Discrete Sequential Estimation, 1977, chapter II.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """The three views of the torque balance, sample by sample, and which samples are clear of stick, in symbols."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial

@@ -4,8 +4,6 @@ Samples wait in a ring until they can be smoothed, instants until it is known wh
 is a compiled recurrence, but for what lies further back: halts, and sums a window ago.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple

@@ -3,8 +3,6 @@
 A module of its own, as it loads filterpy, and with it scipy.stats, for which those who do not ask for it need not wait.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -16,8 +16,6 @@ No model of a real machine is complete. The residual during calibration is the r
 Source: Basseville and Nikiforov, Detection of Abrupt Changes, 1993, chapters 2 and 5.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -10,15 +10,7 @@ from itertools import combinations
 
 import numpy as np
 
-from estimators.arguments import (
-    Recordings,
-    Schemes,
-    Terms,
-    chosen_recordings,
-    chosen_schemes,
-    chosen_terms,
-    within_limits,
-)
+from estimators.arguments import Recordings, Terms, chosen_recordings, chosen_terms, within_limits
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
 from estimators.checks.identifiability import Doubt, identifiability, inseparable, is_driven, untold, untold_of_arm
@@ -28,7 +20,7 @@ from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import Joints, for_arms, measure_arm, series
 from estimators.schemes.fitting import Identified, Segments, fitted, regressions, stack
-from estimators.schemes.six import SCHEMES, LowPass, Regression, Regressor, Scheme
+from estimators.schemes.six import SCHEMES, LowPass, Regression, Regressor, Scheme, chosen_schemes
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.physical import driving_friction
 from estimators.signals.measurements import Measurements, measure_segments, remember
@@ -121,7 +113,7 @@ class Identification:
 def identify(
     recordings: Recordings,
     terms: Terms = BASE,
-    schemes: Schemes = SCHEMES,
+    schemes: str | Sequence[str | Regressor] = SCHEMES,
     *,
     fixed: Mapping[str, float] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,

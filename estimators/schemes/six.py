@@ -26,6 +26,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from estimators.arguments import listed
 from estimators.regression.equations import Equations
 from estimators.signals.measurements import Measurements, remember
 from pendulum_env._typing import Array, Mask
@@ -33,6 +34,7 @@ from pendulum_env.filters import lag
 from pendulum_env.lookup import find
 from pendulum_env.physics import Column, Term
 from pendulum_env.physics.term import LOAD
+from pendulum_env.reading import shown
 
 CUTOFF = 200.0  # lambda [rad/s], the paper's 31.83 Hz
 GUARD = 0.02  # [s] on either side of stick and reversals
@@ -291,3 +293,26 @@ PAPER: tuple[Scheme, ...] = (
     scheme("hamiltonian", borrows="dynamic"),
     scheme("filtered_hamiltonian", borrows="filtered_dynamic"),
 )
+
+
+def chosen_schemes(given: str | Sequence[str | Regressor]) -> tuple[Regressor, ...]:
+    """Schemes as they are, or by id; "all" are the six.
+
+    Raises:
+        ValueError: if there is no scheme of a name, one is named twice, or there is none at all.
+        TypeError: if something is no scheme.
+    """
+    if isinstance(given, str) and given == "all":
+        return SCHEMES
+    chosen = tuple(scheme(item) if isinstance(item, str) else item for item in listed(given))
+    for item in chosen:
+        if isinstance(item, type) or not hasattr(item, "regression"):
+            raise TypeError(
+                f"{shown(item)} is not a scheme: give an id, such as 'energy', or scheme('energy', guard=0.02)"
+            )
+    ids = [item.id for item in chosen]
+    if not ids:
+        raise ValueError(f"there is no scheme to use: give ids of {', '.join(item.id for item in SCHEMES)}")
+    if len(set(ids)) < len(ids):  # they could not be told apart in the result
+        raise ValueError(f"a scheme is named twice in {', '.join(ids)}: use each once")
+    return chosen

@@ -4,8 +4,6 @@ All shape parameters of an effect are compared through Gram matrices of the wind
 variants costs one batch of small solves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -15,7 +13,7 @@ import numpy as np
 from estimators.kept import kept
 from estimators.regression.balance import Balance, Columns, Tangent
 from estimators.regression.least_squares import RIDGE
-from estimators.selection.columns import bounds, complexity, depends_on_torque, is_known
+from estimators.selection.columns import bounds, depends_on_torque, is_known
 from estimators.selection.prepared import Trial
 from estimators.selection.regression import Regression
 from estimators.weak_form.dataset import Dataset
@@ -23,6 +21,7 @@ from estimators.weak_form.shapes import Residuals, cross_entropy, refined, scan
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import Table
+from pendulum_env.physics.terms import complexity
 
 
 @dataclass(frozen=True)

@@ -107,8 +107,3 @@ def bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
     """Bounds of the linear parameters (P,) of some terms."""
     columns = [column for term in terms for column in term.columns]
     return np.array([column.least for column in columns]), np.array([column.most for column in columns])
-
-
-def complexity(term: Term) -> int:
-    """Number of parameters of a term."""
-    return len(term.columns) + sum(not shape.follows for shape in term.free)

@@ -1,7 +1,5 @@
 """All numbers that decide which effect is named."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from estimators.weak_form.dataset import Structure

@@ -16,7 +16,7 @@ from estimators.selection.errors import Errors
 from estimators.selection.prepared import Comparable, Fits
 from estimators.selection.regression import Regression
 from estimators.simulation.free_running import Segments, choose_segments, deviation, position_rms
-from estimators.simulation.multiple_shooting import has_link, hidden_state, link_of, watch
+from estimators.simulation.multiple_shooting import hidden_state, watch
 from estimators.weak_form.dataset import Dataset, prepare
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.windows import WHOLE, Part
@@ -25,6 +25,7 @@ from pendulum_env.arms.joints import Coupling, Links, arm_base, body_of
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE, Model, Samples, Term
 from pendulum_env.physics.term import loads
+from pendulum_env.physics.terms import has_link, link_of
 from pendulum_env.recording import Recording
 
 REPEATED = 2  # impacts, least number: a single one may be an accident
@@ -134,10 +135,7 @@ class PreparedData:
         ]
 
     def watching(self, model: Model) -> PreparedData:
-        """The same with the link of the model's transmission, if it has one, as the motion around each instant tells.
-
-        Carried along the measured motion from the start, its state is lost after a few bounces. Takes a second or two.
-        """
+        """The same with the link of a model, if it has one, as the motion around each instant tells; takes a second."""
         if not has_link(model.terms):
             return self
         term = link_of(model.terms)

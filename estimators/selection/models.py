@@ -20,12 +20,13 @@ from estimators.selection.physical import impossible, objection
 from estimators.selection.prepared import Comparable
 from estimators.selection.score import BLOCK, Blocks, Bootstrap, Gain, cross_validated, predicted
 from estimators.simulation import output_error
-from estimators.simulation.multiple_shooting import has_link
+from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
 from pendulum_env.arms.model import model_of
 from pendulum_env.physics import BASE, Model, Term, effects
 from pendulum_env.physics.table import COMPETING, ByTime
 from pendulum_env.physics.term import loads
+from pendulum_env.physics.terms import has_link, has_transmission, ids
 
 
 @dataclass
@@ -58,7 +59,7 @@ class Models:
 
     def __post_init__(self) -> None:
         self.regression, self.screen, self.parts = self.train.regression, self.train.screen, (self.train, self.holdout)
-        known = {term.id for term in self.base}
+        known = ids(self.base)
         self.tables = [table for table in self.tables if table.id not in known]
         self.left = Left(self.train, self.holdout, self.criterion, self.base)
         self._where = [_blocks(part, BLOCK) for part in self.parts]
@@ -70,10 +71,7 @@ class Models:
         self.bootstrap = self.drawn or Bootstrap(of_block, self.rng)
 
     def watching(self, linked: Step) -> Models:
-        """The same with the link's state estimated by a model from the motion around each instant.
-
-        Propagated along the measured motion from the start, the link's state, and with it its torque, is soon lost.
-        """
+        """The same with the link's state estimated by a model from the motion around each instant."""
         train, holdout = (part.watching(linked.model) for part in self.parts)
         return replace(self, train=train, holdout=holdout, linked=linked, drawn=self.bootstrap)
 
@@ -173,7 +171,7 @@ class Models:
         if has_transmission(step.model.terms) or not self.train.segments:
             return step  # a simulation from an unknown state of the link soon diverges
         if step.model.terms not in self._in_motion:
-            point = output_error.fit(self.train.segments, step.model.terms, step.model.theta)
+            point = output_error.fit(self.train.segments, Point.of(step.model))
             refined = output_error.model(self.train.segments, point)
             self._in_motion[step.model.terms] = self.with_errors(step.added, refined)
         return replace(self._in_motion[step.model.terms], added=step.added)
@@ -193,22 +191,6 @@ class Models:
         new, old = self.step(None, after), self.step(None, before)
         return self.is_confirmed(new, old) or self.is_confirmed(self.in_motion(new), self.in_motion(old))
 
-    def simulation_gain(self, after: Model, before: Model) -> tuple[Gain, float]:
-        """Gain of one model over another on all segments, and the share of squared error removed on fitted ones.
-
-        The score is that of the windows. Errors within a segment are fully correlated, so the gain is the logarithm of
-        their ratio; noise is added to both, since errors below it carry no information.
-        """
-        parts = (self.train.segments, self.holdout.segments)
-        points = [output_error.Point.of(model) for model in (after, before)]
-        new, old = (np.concatenate([output_error.sizes(part, one) ** 2 for part in parts]) for one in points)
-        counts = [sum(len(segment.first) for segment in part) for part in parts]
-        owner = np.repeat(np.arange(2), counts)
-        noise = np.array([output_error.noise(part, points[1]) ** 2 for part in parts])[owner]
-        gain = Bootstrap(owner, np.random.default_rng(0)).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
-        had, left = (float(np.mean((squares - noise)[: counts[0]])) for squares in (old, new))
-        return gain, (had - left) / had if had > 0 else 0.0
-
 
 def _blocks(part: Comparable, length: float) -> Blocks:
     """Stretches of some data, with folds of pieces of a length [s]."""
@@ -219,8 +201,3 @@ def held_out_cost(step: Step) -> float:
     """Product of both held-out errors [N m rad]: a model is better where one falls by more than the other rises."""
     errors = step.errors["holdout"]
     return errors.torque_rms * (1.0 if np.isnan(errors.position_rms) else errors.position_rms)
-
-
-def has_transmission(terms: Sequence[Term]) -> bool:
-    """Whether one of the terms is a loose or elastic transmission."""
-    return any(term.kind == "transmission" for term in terms)

@@ -3,21 +3,18 @@
 Windows exclude stick and reversals; a simulation includes both.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 
 from estimators.selection.errors import Step
-from estimators.selection.models import Models, has_transmission, held_out_cost
-from estimators.selection.moves import has_bristles
+from estimators.selection.models import Models, held_out_cost
 from estimators.selection.search import Selection
 from estimators.simulation import multiple_shooting, output_error
-from estimators.simulation.free_running import choose_segments, position_noise
-from estimators.simulation.multiple_shooting import has_link
+from estimators.simulation.free_running import choose_segments
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model
+from pendulum_env.physics.terms import has_bristles, has_link, has_transmission
 
 SEGMENT = 0.5  # [s], segment length, short enough for errors to grow as linearised
 FEWEST = 2  # segments per parameter
@@ -52,7 +49,7 @@ def is_misfit(models: Models, step: Step) -> bool:
     segments, point = models.train.segments, Point.of(step.model)
     motion = np.concatenate([segment.position.ravel() for segment in segments])
     least, misfit = models.criterion.finest * float(np.std(motion)), models.criterion.misfit
-    if step.errors["train"].position_rms <= misfit * max(least, position_noise(segments, point.terms, point.theta)):
+    if step.errors["train"].position_rms <= misfit * max(least, output_error.position_noise(segments, point)):
         return False
     noise = max(least, output_error.noise(segments, point))
     return output_error.rms(segments, point) > misfit * noise

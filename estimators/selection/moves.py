@@ -1,25 +1,18 @@
-"""Moves of the search: models with one effect more, fewer, in another's place, or with another shape."""
+"""Models that a search tries: with one effect more, another in its place, or another shape."""
 
-from __future__ import annotations
+from collections.abc import Iterable
 
-from collections.abc import Iterable, Sequence
-
-import numpy as np
-
-from estimators.selection.columns import complexity
 from estimators.selection.left import Terms
-from estimators.selection.models import Models, has_transmission
+from estimators.selection.models import Models
 from estimators.selection.prepared import Trial
-from estimators.weak_form.shapes import bound, freed
+from estimators.weak_form.shapes import freed
 from pendulum_env.physics import Term
-from pendulum_env.physics.table import Table
-
-SAME = 1e-6  # of a torque, numerical difference of equal laws
+from pendulum_env.physics.terms import has_transmission, ids
 
 
 def candidates(models: Models, terms: Terms, barred: Iterable[str] = ()) -> list[Terms]:
     """The terms with the best variant of each further effect, the best prediction first."""
-    present = {term.id for term in terms} | set(barred)
+    present = ids(terms) | set(barred)
     missing = [effect for id, effect in models.library.items() if id not in present]
     if has_transmission(terms):  # a joint has one
         missing = [effect for effect in missing if effect.kind != "transmission"]
@@ -96,14 +89,6 @@ def refined(models: Models, terms: Terms, id: str) -> Terms:
     return models.screen.refine(models.screen.trial(terms), id).terms
 
 
-def loosened(models: Models, terms: Terms) -> Terms:
-    """The terms with shape parameters released from their usual values, while that is significant."""
-    for looser in sorted(freer(models, terms), key=models.promise):
-        if models.is_significant(looser, terms) and models.is_possible(looser):
-            return loosened(models, looser)
-    return terms
-
-
 def rivals(models: Models, terms: Terms, term: Term) -> list[Terms]:
     """The terms with the best variant of every other effect in the place of one, the best prediction first."""
     others = tuple(other for other in terms if other is not term)
@@ -111,46 +96,6 @@ def rivals(models: Models, terms: Terms, term: Term) -> list[Terms]:
     if models.left.fits(terms):
         barred += [id for id, effect in models.library.items() if effect.kind == "transmission"]  # which are slow
     return candidates(models, others, [term.id, *barred])
-
-
-def alternatives(models: Models, terms: Terms, term: Term) -> dict[str, float]:
-    """Probability of each effect in the place of one of the terms, itself first, by id.
-
-    A more complex law that contains the term, as a spring contains an offset, does not compete, nor does one that would
-    not lower the held-out errors.
-    """
-    others = tuple(other for other in terms if other is not term)
-    open_to = [rival for rival in rivals(models, terms, term) if not contains(models, rival[-1], term)]
-    known: dict[Terms, bool] = {}
-    while True:
-        odds = models.bootstrap.probabilities([models.density(one) for one in (terms, *open_to)])
-        likely = [rival for rival, share in zip(open_to, odds[1:], strict=True) if share > models.criterion.rival]
-        known |= {rival: may_replace(models, rival, terms, others) for rival in likely if rival not in known}
-        refuted = [rival for rival in likely if not known[rival]]
-        if not refuted:
-            return dict(zip((term.id, *(rival[-1].id for rival in open_to)), odds.tolist(), strict=True))
-        open_to = [rival for rival in open_to if rival not in refuted]
-
-
-def may_replace(models: Models, rival: Terms, terms: Terms, others: Terms) -> bool:
-    """Whether a rival lowers both errors of the others, and the terms do not follow the motion significantly better."""
-    rival, terms, others = (named(models, one) for one in (rival, terms, others))
-    if not models.lowers_errors(rival, others):
-        return False
-    if has_transmission(rival) or has_transmission(terms) or not models.train.segments:
-        return True  # segments with a transmission soon diverge
-    first, second = (models.in_motion(models.step(None, one)).model for one in (terms, rival))
-    gain, share = models.simulation_gain(first, second)
-    return gain.chance > models.criterion.chance or share <= models.criterion.share
-
-
-def contains(models: Models, larger: Term, term: Term) -> bool:
-    """Whether a term with more parameters can reproduce any torque of another."""
-    if complexity(larger) <= complexity(term) or not term.columns:
-        return False
-    (own,), (other,) = models.regression.columns([term]), models.regression.columns([larger])
-    left = own.linear - other.linear @ np.linalg.lstsq(other.linear, own.linear, rcond=None)[0]
-    return bool(np.linalg.norm(left) < SAME * np.linalg.norm(own.linear))
 
 
 def is_needed(models: Models, terms: Terms, without: Terms) -> bool:
@@ -165,35 +110,6 @@ def explaining(models: Models, terms: Terms, laws: Iterable[type[Term]]) -> str 
     return min(found, key=models.promise)[-1].id if found else None
 
 
-def revise(models: Models, terms: Terms, base: Terms) -> Terms:
-    """Drop effects that are not needed beside the others, and swap those with a significantly better competitor."""
-    for _ in range(2 * models.criterion.most):
-        changed = challenged(models, terms, base)
-        if changed is None:
-            break
-        terms = settle(models, changed)
-    return terms
-
-
-def challenged(models: Models, terms: Terms, base: Terms) -> Terms | None:
-    """The terms with one effect less, or another in its place, if that is as good or better; else None."""
-    withouts = [tuple(t for t in terms if t is not term) for term in terms[len(base) :]]
-    tighter = [
-        refined(models, tuple(new if t is old else t for t in terms), old.id)
-        for old in terms[len(base) :]
-        for new in bound(old)
-    ]
-    for without in sorted(withouts + tighter, key=models.promise):
-        if not (models.is_significant(terms, without) and models.left.explains(terms, without)):
-            return without
-        if len(base) < len(without) < len(terms):
-            term = next(term for term in terms if term not in without)
-            for rival in rivals(models, terms, term)[:1]:
-                if models.is_significant(rival, terms):
-                    return rival
-    return None
-
-
 def settle(models: Models, terms: Terms) -> Terms:
     """Refit every shape parameter with all terms present."""
     trial = models.screen.trial(terms)
@@ -201,39 +117,3 @@ def settle(models: Models, terms: Terms) -> Terms:
         if any(not shape.integer for shape in term.free) and term.id not in models.train.data.watched:
             trial = models.screen.refine(trial, term.id)
     return models.regression.settle(trial.terms)
-
-
-def named(models: Models, terms: Terms) -> Terms:
-    """The terms without the table that competes with effects."""
-    competing = {table.id for table in models.tables}
-    return tuple(term for term in terms if term.id not in competing)
-
-
-def table_of(models: Models, terms: Terms) -> Table:
-    """The table among the terms that competes with effects."""
-    return next(term for term in terms[len(models.base) :] if isinstance(term, Table))
-
-
-def ids(terms: Sequence[Term]) -> frozenset[str]:
-    """Ids of some terms."""
-    return frozenset(term.id for term in terms)
-
-
-def forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
-    """Ids of some terms, each with the names of its free shape parameters."""
-    return frozenset((term.id, *(shape.name for shape in term.free if not shape.follows)) for term in terms)
-
-
-def has_bristles(term: Term) -> bool:
-    """Whether it is friction with a state, which is not measured."""
-    return term.kind == "dissipative" and term.hides
-
-
-def is_hidden(term: Term) -> bool:
-    """Whether it has a hidden state, of a link or of bristles, which shows in the motion more than in windows."""
-    return term.link or has_bristles(term)
-
-
-def parameters(terms: Sequence[Term]) -> int:
-    """Number of parameters of a model."""
-    return sum(complexity(term) for term in terms)

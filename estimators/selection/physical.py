@@ -1,7 +1,5 @@
 """What speaks against an effect: held-out errors that do not fall, and parameters that no body has."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -13,6 +11,7 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, Samples, Shape, Term, effects
 from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import LOAD, loads
+from pendulum_env.physics.terms import forms
 from pendulum_env.words import listing
 
 SELDOM = 0.1  # share of the samples at which friction may come out as negative
@@ -56,11 +55,6 @@ def _impossible(model: Model, x: Samples, is_coupled: bool) -> list[str]:
     if dry.max() > limit and not any(term.at for term in model.terms):  # links move the joints of an arm as well
         found.append(f"dry friction of {dry.max():.2g} N m, more than the {limit:.2g} N m that moved the joint")
     return found
-
-
-def _forms(terms: Sequence[Term]) -> set[tuple[str, str, tuple[str, ...]]]:
-    """Which effects there are, where, and with which shape parameters that are told."""
-    return {(term.id, term.at, tuple(shape.name for shape in term.free if not shape.follows)) for term in terms}
 
 
 def _pushes(term: Term) -> bool:
@@ -134,8 +128,9 @@ def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str 
         motions: samples of each joint of the training data.
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
-    first, second = (_forms(step.model.terms) for step in (after, before))
-    changed = {joint for (_, at, _) in first ^ second for joint in loads(at)} or set(motions)
+    kept = forms(after.model.terms) & forms(before.model.terms)
+    others = [term for step in (after, before) for term in step.model.terms if forms([term]).isdisjoint(kept)]
+    changed = {joint for term in others for joint in loads(term.at)} or set(motions)
     wrong = impossible(after.model, {at: motions[at] for at in motions if at in changed})
     if wrong:
         return f"would mean {listing(wrong)}, which no body has"

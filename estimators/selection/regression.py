@@ -3,8 +3,6 @@
 Recordings count by what a first fit leaves of them, so that one with something unexplained spoils none of the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

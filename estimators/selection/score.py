@@ -14,8 +14,6 @@ Source: Vehtari, Gelman and Gabry, Statistics and Computing 27, 2017; Yao, Vehta
 Analysis 13(3), 2018; Rubin, Annals of Statistics 9(1), 1981; for the online form Dawid, JRSS A 147(2), 1984.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,33 +5,20 @@ it explains enough of the residual structure, if its parameters are physically p
 fall; then each effect is compared with every other in its place, and with its own absence.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
 
-from estimators.selection.errors import Step, error_at
+from estimators.selection.errors import Step
 from estimators.selection.left import Terms
 from estimators.selection.models import Models, held_out_cost
-from estimators.selection.moves import (
-    best,
-    candidates,
-    forms,
-    freer,
-    ids,
-    is_needed,
-    named,
-    parameters,
-    revise,
-    settle,
-    table_of,
-)
+from estimators.selection.moves import best, candidates, freer, refined, rivals, settle
+from estimators.selection.tables import owned, pruned
 from estimators.simulation import multiple_shooting
-from estimators.simulation.multiple_shooting import has_link
+from estimators.weak_form.shapes import bound
 from pendulum_env.physics import Term
-from pendulum_env.physics.table import ByTime, Table
-from pendulum_env.physics.term import loads
+from pendulum_env.physics.table import Table
+from pendulum_env.physics.terms import forms, has_link, ids, parameters
 
 
 @dataclass(frozen=True)
@@ -62,7 +49,7 @@ def select(models: Models) -> Selection:
     start = settle(models, models.base)
     models, terms = grow(models, start, start)
     if not models.left.fits(terms):
-        begun, firsts = {term.id for term in terms}, candidates(models, start)
+        begun, firsts = ids(terms), candidates(models, start)
         for first in firsts[: models.criterion.beam]:
             if first[-1].id not in begun and models.is_significant(first, start) and models.is_level(first, firsts[0]):
                 tried, other = grow(models, settle(models, first), start)
@@ -71,18 +58,6 @@ def select(models: Models) -> Selection:
                     models, terms = tried, other
     terms, law = owned(models, start, pruned(models, start, terms))
     return Selection(models, confirmed(models, start, terms), law)
-
-
-def pruned(models: Models, base: Terms, terms: Terms) -> Terms:
-    """The terms without effects that explain less than is left unexplained, or that their table makes unnecessary."""
-    while named(models, terms) != terms or not models.left.fits(terms):
-        effects = named(models, terms)[len(base) :]
-        withouts = [settle(models, tuple(t for t in terms if t is not term)) for term in effects]
-        idle = [without for without in withouts if not is_needed(models, terms, without)]
-        if not idle:
-            break
-        terms = min(idle, key=models.promise)
-    return terms
 
 
 def confirmed(models: Models, base: Terms, terms: Terms) -> list[Step]:
@@ -112,6 +87,35 @@ def grow(models: Models, terms: Terms, base: Terms) -> tuple[Models, Terms]:
     return models, terms
 
 
+def revise(models: Models, terms: Terms, base: Terms) -> Terms:
+    """Drop effects that are not needed beside the others, and swap those with a significantly better competitor."""
+    for _ in range(2 * models.criterion.most):
+        changed = challenged(models, terms, base)
+        if changed is None:
+            break
+        terms = settle(models, changed)
+    return terms
+
+
+def challenged(models: Models, terms: Terms, base: Terms) -> Terms | None:
+    """The terms with one effect less, or another in its place, if that is as good or better; else None."""
+    withouts = [tuple(t for t in terms if t is not term) for term in terms[len(base) :]]
+    tighter = [
+        refined(models, tuple(new if t is old else t for t in terms), old.id)
+        for old in terms[len(base) :]
+        for new in bound(old)
+    ]
+    for without in sorted(withouts + tighter, key=models.promise):
+        if not (models.is_significant(terms, without) and models.left.explains(terms, without)):
+            return without
+        if len(base) < len(without) < len(terms):
+            term = next(term for term in terms if term not in without)
+            for rival in rivals(models, terms, term)[:1]:
+                if models.is_significant(rival, terms):
+                    return rival
+    return None
+
+
 def add(models: Models, terms: Terms) -> tuple[Models, Terms] | None:
     """The terms with one more effect: the simplest of those that are confirmed and predict alike.
 
@@ -126,12 +130,11 @@ def add(models: Models, terms: Terms) -> tuple[Models, Terms] | None:
             continue
         longer = settle(models, longer)
         models.progress(f"confirming {', '.join(sorted(one[0] for one in forms(longer) - forms(terms)))}", 0.9)
-        if has_link(longer) and not has_link(terms) and not models.train.in_loop:
-            watched = linked(models, longer, terms) if not confirmed else None
-            if watched is not None:
-                return watched
-        elif models.lowers_errors(longer, terms) or refines(models, longer, terms):
-            confirmed.append(longer)
+        if not has_link(longer) or has_link(terms) or models.train.in_loop:
+            if models.lowers_errors(longer, terms) or refines(models, longer, terms):
+                confirmed.append(longer)
+        elif not confirmed and (watched := linked(models, longer, terms)) is not None:
+            return watched
     if confirmed:
         return models, min(confirmed, key=parameters)  # the simplest of several
     pair = paired(models, terms, firsts[: models.criterion.beam])
@@ -167,11 +170,10 @@ def refines(models: Models, longer: Terms, terms: Terms) -> bool:
     It is the effect that has to lower both errors: a simulation that its torque makes chaotic says little of its form.
     """
     changed = {id for id, *_ in forms(longer) ^ forms(terms)}
-    if ids(longer) != ids(terms) or len(changed) != 1:
+    if ids(longer) != ids(terms) or len(changed) != 1 or models.train.in_loop:
         return False
     at = next(term.at for term in longer if term.id in changed)
-    errors = (models.step(None, one).errors["holdout"] for one in (longer, terms))
-    after, before = (error_at(own.joints, at, own.torque_rms) for own in errors)
+    after, before = (models.step(None, one).errors["holdout"].at(at) for one in (longer, terms))
     return after < before and models.lowers_errors(longer, tuple(term for term in longer if term.id not in changed))
 
 
@@ -207,81 +209,6 @@ def watch(models: Models, longer: Terms, terms: Terms) -> tuple[Models, Terms] |
         return None
     linked = min(found, key=held_out_cost)
     return models.watching(linked), linked.model.terms
-
-
-def owned(models: Models, base: Terms, terms: Terms) -> tuple[Terms, Table | None]:
-    """The terms without effects that only imitate a table, with those that it reveals, and that table.
-
-    Effects imitate a table that, with the effects still needed, predicts significantly better and explains most of
-    their residual, or that is simpler and leaves only noise as well.
-    """
-    unsettled = not models.left.fits(terms)
-    if len(terms) == len(base) and not unsettled:
-        return terms, None
-    leads: list[tuple[float, Terms]] = []  # and the terms with the table
-    for left in with_tables(models, base, terms):
-        # a function of time is refitted to each recording, and so are its competitors
-        density = models.fitted_anew if isinstance(table_of(models, left), ByTime) else models.density
-        lead = models.bootstrap.gain(density(left), density(terms), models.penalty(left, terms))
-        if unsettled:
-            takes_over = (
-                lead.chance <= models.criterion.chance and models.left.explained(left, terms) > models.criterion.needed
-            )
-        else:  # effects that leave only noise are replaced by a simpler table
-            simpler = parameters(left) < parameters(terms)
-            level = models.bootstrap.probabilities([density(left), density(terms)])[0] > models.criterion.rival
-            takes_over = simpler and level and models.left.fits(left)
-        if takes_over:
-            leads.append((lead.total, left))
-    if not leads:
-        return terms, None
-    *_, likeliest = max(leads, key=lambda entry: entry[0])
-    same = [left for _, left in leads if table_of(models, left).id == table_of(models, likeliest).id]
-    level = [left for left in same if models.is_level(left, likeliest)]  # a table may contain an effect
-    grown = grown_beside(models, base, min([likeliest, *level], key=len))
-    return named(models, grown), table_of(models, grown)
-
-
-def grown_beside(models: Models, base: Terms, terms: Terms) -> Terms:
-    """The terms, one of them a table, with further effects that explain most of their residual.
-
-    Other tables compete: no further effect is named if one of them predicts significantly better, or if the same table
-    in more pieces predicts as well.
-    """
-    while len(terms) - len(base) <= models.criterion.most and not models.left.fits(terms):
-        needed = (
-            longer for longer in candidates(models, terms)[: models.criterion.tried] if is_needed(models, longer, terms)
-        )
-        longer = next(needed, None)
-        if longer is None:
-            break
-        others = [best(models, terms, table) for table in models.tables if table.id not in ids(terms)]
-        if any(trial is not None and models.is_significant(trial.terms, longer) for trial in others):
-            break
-        if any(models.is_level(finer, longer) for finer in in_other_forms(models, terms)):
-            break
-        terms = settle(models, longer)
-    return terms
-
-
-def in_other_forms(models: Models, terms: Terms) -> list[Terms]:
-    """The terms with each other form of their table, of more or fewer pieces."""
-    table = table_of(models, terms)
-    kind = next(kind for kind in models.tables if kind.id == table.id)
-    others = tuple(term for term in terms if term is not table)
-    return [trial.terms for trial in models.screen.variants(others, kind) if trial.terms[-1] != table]
-
-
-def with_tables(models: Models, base: Terms, terms: Terms) -> Iterator[Terms]:
-    """The terms with each table: instead of all effects, or beside those still needed."""
-    open_at = {at for at in models.left.joints if not models.left.is_noise_at(at, terms)}
-    for table in models.tables:
-        if table.at and table.at not in open_at | {at for term in terms[len(base) :] for at in loads(term.at)}:
-            continue  # no structure and no effect at this joint
-        for others in dict.fromkeys((base, terms)):
-            trial = best(models, others, table)
-            if trial is not None:
-                yield pruned(models, base, trial.terms)
 
 
 def are_confirmed(models: Models, steps: Sequence[Step]) -> bool:

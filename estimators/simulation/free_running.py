@@ -4,8 +4,6 @@ A one-second window from the measured state is long enough for a wrong torque to
 enough that the growing errors of an unstable upright pendulum do not dominate.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -215,34 +213,6 @@ def start_memory(segments: Sequence[Segments], variants: Sequence[Term]) -> dict
         ]
         states[id] = tuple(np.concatenate(variable) for variable in zip(*rows, strict=True))
     return states
-
-
-def position_noise(segments: Sequence[Segments], terms: Sequence[Term], theta: Array) -> float:
-    """Root mean square position error due to noise of the torque and of the initial state [rad]."""
-    rng = np.random.default_rng(0)
-    perturbed = [
-        replace(
-            segment,
-            torque=torque_again(segment, rng),
-            velocity=segment.velocity + segment.windows.velocity_noise * rng.standard_normal(segment.velocity.shape),
-        )
-        for segment in segments
-    ]
-    model = [(terms, theta)]
-    pairs = zip(simulate_all(perturbed, model), simulate_all(segments, model), strict=True)
-    return float(np.sqrt(np.mean(np.concatenate([(one - other)[1:].ravel() for one, other in pairs]) ** 2)))
-
-
-def torque_again(segment: Segments, rng: np.random.Generator) -> Array:
-    """Held torque as another log of the same motion might have it (N, B) [N m].
-
-    Beside its white noise, a torque that was moved in time by parts of a sample changed somewhere within the sample.
-    """
-    std: float | Array = segment.windows.raw_torque_noise
-    if segment.windows.recording.is_moved:
-        changes = np.diff(segment.torque, axis=0, prepend=segment.torque[:1])
-        std = np.hypot(std, changes / np.sqrt(12))  # of a time that is uniform over the sample
-    return np.asarray(segment.torque + std * rng.standard_normal(segment.torque.shape))
 
 
 def position_rms(segments: Sequence[Segments], terms: Sequence[Term], theta: Array) -> float:

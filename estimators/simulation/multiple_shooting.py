@@ -9,8 +9,6 @@ Source: Bock, Randwertproblemmethoden zur Parameteridentifizierung, 1987; for th
 Pereyra, Inverse Problems 19(2), 2003.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -25,6 +23,7 @@ from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Model, Samples, Term, Trajectory
 from pendulum_env.physics.term import Memory
+from pendulum_env.physics.terms import link_of
 
 PERTURBATION = np.array(
     [3e-4, 3e-3, 1e-3, 1e-2]
@@ -94,16 +93,6 @@ class Shooting:
 def each(points: Sequence[Point], times: int) -> list[Point]:
     """Every point several times in a row."""
     return [point for point in points for _ in range(times)]
-
-
-def has_link(terms: Sequence[Term]) -> bool:
-    """Whether one of the terms has a link behind the motor, whose motion is not measured."""
-    return any(term.link for term in terms)
-
-
-def link_of(terms: Sequence[Term]) -> Term:
-    """The first term that has a link."""
-    return next(term for term in terms if term.link)
 
 
 def cut(windows: Windows, point: Point, first: Index) -> Shooting:

@@ -18,7 +18,7 @@ import numpy as np
 
 from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
 from estimators.regression.least_squares import robust_covariance
-from estimators.simulation.free_running import Segments, simulate_all, torque_again
+from estimators.simulation.free_running import Segments, simulate_all
 from estimators.simulation.innovations import Innovations
 from estimators.weak_form.shapes import continuous, moved
 from pendulum_env._typing import Array, Index
@@ -148,11 +148,8 @@ def _slopes(
     return error[:, 0], (error[:, 1:] - error[:, :1]) / OUTPUT_ERROR.difference, which
 
 
-def fit(
-    segments: Sequence[Segments], terms: Sequence[Term], theta: Array, turns: int = 12, filters: Filters = ()
-) -> Point:
-    """Move the linear parameters theta (P,) and the continuous shape parameters until the segments fit best."""
-    start = Point(tuple(terms), np.asarray(theta, dtype=float))
+def fit(segments: Sequence[Segments], start: Point, turns: int = 12, filters: Filters = ()) -> Point:
+    """Move the linear and the continuous shape parameters from a point until the segments fit best."""
     weights = trust(sizes(segments, start, filters))
 
     def near(point: Point) -> Near[Point]:
@@ -178,7 +175,7 @@ def maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
     Segments should be about half a second long: the errors of longer ones grow nonlinearly.
     """
     filters = innovations(segments, start)
-    return model(segments, fit(segments, start.terms, start.theta, filters=filters), filters)
+    return model(segments, fit(segments, start, filters=filters), filters)
 
 
 def rms(segments: Sequence[Segments], point: Point, weights: Array | None = None, filters: Filters = ()) -> float:
@@ -203,14 +200,38 @@ def noise(segments: Sequence[Segments], point: Point) -> float:
     rng = np.random.default_rng(0)
     paths = simulate_all(segments, [(point.terms, point.theta)])
     perturbed = [
-        replace(
-            segment,
-            torque=torque_again(segment, rng),
-            position=path[:, 0],
-        )
+        replace(segment, torque=torque_again(segment, rng), position=path[:, 0])
         for segment, path in zip(segments, paths, strict=True)
     ]
     return rms(perturbed, point)
+
+
+def position_noise(segments: Sequence[Segments], point: Point) -> float:
+    """Root mean square position error due to noise of the torque and of the initial state [rad]."""
+    rng = np.random.default_rng(0)
+    perturbed = [
+        replace(
+            segment,
+            torque=torque_again(segment, rng),
+            velocity=segment.velocity + segment.windows.velocity_noise * rng.standard_normal(segment.velocity.shape),
+        )
+        for segment in segments
+    ]
+    model = [(point.terms, point.theta)]
+    pairs = zip(simulate_all(perturbed, model), simulate_all(segments, model), strict=True)
+    return float(np.sqrt(np.mean(np.concatenate([(one - other)[1:].ravel() for one, other in pairs]) ** 2)))
+
+
+def torque_again(segment: Segments, rng: np.random.Generator) -> Array:
+    """Held torque as another log of the same motion might have it (N, B) [N m].
+
+    Beside its white noise, a torque that was moved in time by parts of a sample changed somewhere within the sample.
+    """
+    std: float | Array = segment.windows.raw_torque_noise
+    if segment.windows.recording.is_moved:
+        changes = np.diff(segment.torque, axis=0, prepend=segment.torque[:1])
+        std = np.hypot(std, changes / np.sqrt(12))  # of a time that is uniform over the sample
+    return np.asarray(segment.torque + std * rng.standard_normal(segment.torque.shape))
 
 
 def model(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Model:

@@ -10,10 +10,10 @@ from typing import Any, cast
 
 import gymnasium as gym
 
-from estimators.arguments import chosen_schemes, chosen_terms
+from estimators.arguments import chosen_terms
 from estimators.online import JointState, OnlineEstimator
 from estimators.online.clock import checked_rate
-from estimators.schemes.six import SCHEMES, Scheme
+from estimators.schemes.six import SCHEMES, Scheme, chosen_schemes
 from estimators.signals.differentiation import encoder_noise
 from estimators.signals.measurements import Smoothing, choose_smoothing, of_steps
 from pendulum_env.arms.body import Body, read_body

@@ -134,14 +134,8 @@ def read_arm_recording(
     named = _named(path, look.headers, joints, held, dict(columns or {}))
     single = [_read_joint(path, joint, named, unwrap, largest) for joint in joints]
     _refuse_twice(path, joints, single)
+    _refuse_other_instants(joints, single)
     first = single[0]
-    for joint, other in zip(joints, single, strict=True):
-        same = len(other) == len(first) and other.starts == first.starts
-        if not (same and np.allclose(other.time, first.time, rtol=0, atol=0.1 / first.rate)):
-            raise RecordingError(
-                f"{first.name}: joint '{joint}' has other instants than joint '{joints[0]}': sample all joints at "
-                "once, and leave rows out in which one has no number"
-            )
     links = [own.link_position for own in single if own.link_position is not None]
     measured = [own.temperature for own in single]
     warm = np.column_stack([np.full(len(first), ROOM) if own is None else own for own in measured])
@@ -165,6 +159,17 @@ def read_arm_recording(
         },
         still={joint: _still(path, look, column) for joint, column in columns_of.items() if column != UNUSED},
     )
+
+
+def _refuse_other_instants(joints: Sequence[str], single: Sequence[Recording]) -> None:
+    first = single[0]
+    for joint, other in zip(joints, single, strict=True):
+        same = len(other) == len(first) and other.starts == first.starts
+        if not (same and np.allclose(other.time, first.time, rtol=0, atol=0.1 / first.rate)):
+            raise RecordingError(
+                f"{first.name}: joint '{joint}' has other instants than joint '{joints[0]}': sample all joints at "
+                "once, and leave rows out in which one has no number"
+            )
 
 
 def _refuse_twice(path: str | os.PathLike[str], joints: Sequence[str], single: Sequence[Recording]) -> None:

@@ -147,7 +147,7 @@ def test_an_experiment_goes_where_most_is_left(models):
 
     def tried(place: float) -> tuple[Suggestion | None, str | None]:
         left = [Region("position", place - 0.1, place + 0.1, 0.1, 9.0, "")]
-        suggestion, _, forbidden = suggest(models, model, asked, Limits(6.0), 6.0, left)
+        suggestion, _, forbidden = suggest(models, model, asked, Limits(6.0), left)
         return suggestion, forbidden
 
     for place in (0.6 * low, 0.6 * high):

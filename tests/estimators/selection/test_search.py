@@ -10,7 +10,8 @@ from estimators.preprocessing import gather
 from estimators.selection.models import Models
 from estimators.selection.moves import best, candidates, freer, settle
 from estimators.selection.physical import beyond
-from estimators.selection.search import Selection, confirmed, grown_beside, paired, refines, select
+from estimators.selection.search import Selection, confirmed, paired, refines, select
+from estimators.selection.tables import grown_beside
 from pendulum_env.physics import BASE, effect
 from tests.cases import recorded
 

@@ -7,7 +7,8 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.selection.data import PreparedData
-from estimators.simulation.free_running import simulate_all, torque_again
+from estimators.simulation.free_running import simulate_all
+from estimators.simulation.output_error import torque_again
 from estimators.weak_form.windows import trace_all
 from pendulum_env.physics import BASE, effect
 from tests.cases import TRUTH, recorded

@@ -1,0 +1,78 @@
+"""What the final model of a joint leaves unexplained, in torque or in motion: where it is, and what is said of it."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.checks.residual import Region, everywhere, stand_out
+from estimators.selection.models import Models
+from estimators.selection.motion import is_misfit
+from estimators.selection.physical import impossible
+from estimators.selection.prepared import Comparable
+from estimators.selection.search import Selection
+from estimators.signals.motion import SLOWEST
+from pendulum_env._typing import Array
+from pendulum_env.physics import Term
+from pendulum_env.words import listing
+
+
+def unexplained(found: Selection) -> list[Region]:
+    """Regions that the final model leaves unexplained, in torque or else in free-running motion, fitted or held out."""
+    models, last = found.models, found.steps[-1]
+    wrong = impossible(last.model, models.train.motions)
+    if wrong:
+        text = (
+            f"the best fit has {listing(wrong)}, which no body has: check the signs of torque and position, "
+            "or record a motion of more than one frequency"
+        )
+        return [everywhere(text)]
+    left = models.train.watching(last.model).residual(last.model.terms, last.model.theta)
+    is_noise = found.table is None and models.left.is_noise(models.train, left)
+    regions = [] if is_noise else stand_out(models.train.samples, left, models.left.floor)
+    if found.table is not None:
+        place = next((own for own in regions if own.axis == found.table.axis), None)
+        text = f"{found.table.told} would explain most of it, and no effect of the library is such a law"
+        if place is None:
+            return [everywhere(text, models.train.samples), *regions]
+        return [replace(place, text=f"{text}; {place.text}"), *(own for own in regions if own is not place)]
+    if not is_noise:
+        return regions or _nowhere(models, models.train, left)
+    unseen = models.left.unseen(last.model.terms)
+    if not models.left.is_noise(models.holdout, unseen):
+        beyond = stand_out(models.holdout.samples, unseen, models.left.noise_of(models.holdout))
+        unlike = f"in what was held out ({_held_out(models)})"
+        beyond = beyond or _nowhere(models, models.holdout, unseen)
+        return [replace(region, text=f"{unlike} {region.text}") for region in beyond]
+    if not is_misfit(models, last):
+        return []
+    error = last.errors["train"].position_rms
+    text = (
+        f"the torque fits where the joint moves freely, but free-running simulation errs by {error:.2g} rad: "
+        "something acts near reversals or at rest, where velocity is close to zero"
+    )
+    return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, text)]
+
+
+def of_held_out(models: Models, final: Sequence[Term]) -> str | None:
+    """What is said where held-out data alone show more."""
+    if models.left.are_noise(tuple(final)) != (True, False):
+        return None
+    return f"what was fitted is explained, and what was held out ({_held_out(models)}) is not: fit that, too"
+
+
+def _held_out(models: Models) -> str:
+    """Names of the held-out recordings."""
+    return listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
+
+
+def _nowhere(models: Models, part: Comparable, left: Array) -> list[Region]:
+    """What is said of a residual (R,) that stands out nowhere: nothing, unless it is too much for noise."""
+    size, floor = float(np.sqrt(np.mean(left**2))), models.left.noise_of(part)
+    if size <= models.criterion.misfit * floor:
+        return []
+    text = (
+        f"{size:.2g} N m of torque are left, {size / floor:.2g} times what the sensors' noise gives, at no one speed, "
+        "angle or time: something faster than can be resolved here, or now and then"
+    )
+    return [everywhere(text, part.samples, size, floor)]

@@ -1,0 +1,50 @@
+"""Sets of terms: what they are called, and what they have of links, hidden states and parameters."""
+
+from collections.abc import Sequence
+
+from pendulum_env.physics.term import Term
+
+
+def ids(terms: Sequence[Term]) -> frozenset[str]:
+    """Ids of some terms."""
+    return frozenset(term.id for term in terms)
+
+
+def forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
+    """Ids of some terms, each with the names of its free shape parameters."""
+    return frozenset((term.id, *(shape.name for shape in term.free if not shape.follows)) for term in terms)
+
+
+def has_link(terms: Sequence[Term]) -> bool:
+    """Whether one of the terms has a link behind the motor, whose motion is not measured."""
+    return any(term.link for term in terms)
+
+
+def link_of(terms: Sequence[Term]) -> Term:
+    """The first term that has a link."""
+    return next(term for term in terms if term.link)
+
+
+def has_transmission(terms: Sequence[Term]) -> bool:
+    """Whether one of the terms is a loose or elastic transmission."""
+    return any(term.kind == "transmission" for term in terms)
+
+
+def has_bristles(term: Term) -> bool:
+    """Whether it is friction with a state, which is not measured."""
+    return term.kind == "dissipative" and term.hides
+
+
+def is_hidden(term: Term) -> bool:
+    """Whether it has a hidden state, of a link or of bristles, which shows in the motion more than in windows."""
+    return term.link or has_bristles(term)
+
+
+def complexity(term: Term) -> int:
+    """Number of parameters of a term."""
+    return len(term.columns) + sum(not shape.follows for shape in term.free)
+
+
+def parameters(terms: Sequence[Term]) -> int:
+    """Number of parameters of a model."""
+    return sum(complexity(term) for term in terms)
