@@ -85,23 +85,36 @@ class Models:
         """Log predictive density of every block, those of the training data first, (S,) [nat]."""
         if any(isinstance(term, ByTime) for term in terms):
             return self.fitted_anew(terms)
-        fitted, unseen = (part.regression.equations(terms) for part in self.parts)
-        first, second = self._where
-        inside = cross_validated(
-            fitted, first, self.regression.hidden_noise(terms), self.regression.solve_without(terms)
-        )
-        outside = predicted(self.regression.solve(terms), unseen, second, self.holdout.regression.hidden_noise(terms))
-        told = np.concatenate([inside, outside])
-        if fitted.recorded is not None and unseen.recorded is not None:
-            known = replace(fitted.recorded, weights=self.regression.weights(terms))
-            recorded = np.concatenate(
-                [cross_validated(known, first), predicted(known.solve(), unseen.recorded, second)]
-            )
-            withouts = [tuple(other for other in terms if other is not term) for term in terms if term.lead]
-            gains = [self.bootstrap.gain(recorded, self.density(without)) for without in withouts]
-            if any(gain.chance > self.criterion.chance for gain in gains):
-                told = recorded  # a filter that only makes the torque smaller
+        told, (first, second) = self._predictive(terms), self._where
+        fitted, unseen = (part.regression.equations(terms).recorded for part in self.parts)
+        if fitted is not None and unseen is not None:
+            known = replace(fitted, weights=self.regression.weights(terms))
+            recorded = np.concatenate([cross_validated(known, first), predicted(known.solve(), unseen, second)])
+            for lag in (term for term in terms if term.lead):
+                without = tuple(other for other in terms if other is not lag)
+                if self.bootstrap.gain(recorded, self._predictive(without, lag)).chance > self.criterion.chance:
+                    return recorded  # a filter that only makes the torque smaller
         return told
+
+    def _predictive(self, terms: Terms, undone: Term | None = None) -> Array:
+        """Log predictive density of every block by what the terms leave of the torque that acts (S,) [nat].
+
+        To compare with a filter that is `undone`, with as much noise as the derivative of the acceleration has there.
+        """
+        regression, (first, second) = self.regression, self._where
+        fitted, unseen = (part.regression.equations(terms) for part in self.parts)
+        hidden = [part.regression.hidden_noise(terms) for part in self.parts]
+        if undone is not None:
+            inertia = self.left.inertia[undone.at or self.left.joints[0]]
+            for own, part in zip(hidden, self.parts, strict=True):
+                noise = [w.rate_noise(inertia) for w in part.data.part(undone.at).windows]
+                own.append((part.data.where(undone.at), float(np.mean(np.square(noise))) * undone.lead**2))
+        return np.concatenate(
+            [
+                cross_validated(fitted, first, hidden[0], regression.solve_without(terms)),
+                predicted(regression.solve(terms), unseen, second, hidden[1]),
+            ]
+        )
 
     @kept
     def fitted_anew(self, terms: Terms) -> Array:

@@ -234,6 +234,12 @@ class Windows:
         """Standard deviation of a window's residual due to noise [N m]; inertia of known loads is added."""
         return float(np.hypot(self.torque_noise, self._moved(inertia) * self.acceleration_noise))
 
+    def rate_noise(self, inertia: float) -> float:
+        """Standard deviation of the time derivative of the torque that moves an inertia, due to noise [N m/s]."""
+        padded = np.pad(self.kernel, 3)
+        bend, slope = (float(np.linalg.norm(np.diff(padded, order))) for order in (2, 3))
+        return self._moved(inertia) * self.acceleration_noise * self.recording.rate * slope / bend
+
     def shared_noise(self, inertia: float) -> float:
         """Covariance of the residuals of adjacent windows due to measurement noise [(N m)^2]."""
         of_torque = self.torque_noise**2 * shared(np.convolve(self.kernel, [0.5, 0.5]), len(self.kernel) // 2)
