@@ -56,6 +56,7 @@ class ResonanceSettings:
     amplitudes: tuple[float, float] = (0.8, 1.25)  # between which a free one has to be
     damped: float = 0.5  # ratio of damping from which nothing resonates
     backward: float = 0.8  # share of the error that is left in time that runs backward
+    rest: float = 0.1  # share of what is more than noise at its joint, that may be left
 
     @property
     def tried(self) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from estimators.checks.residual import Region, everywhere
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import KEPT, UNNAMED, Candidate, Diagnosis, Verdict
 from estimators.diagnosis.setting import Setting
-from estimators.preprocessing import Preprocessed
+from estimators.preprocessing import Parts, Preprocessed
 from estimators.selection.data import PreparedData
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
@@ -47,11 +48,11 @@ def examine_arm(
     left, beyond = left_at_joints(models, found.terms), None
     if left and all(own.link_position is None for own in of_arms([*recordings, *holdout])):
         beyond = beyond_resonance(models, found, body)
-    rigid, flexible = found.steps[:1], []
+    rigid, *_ = found.steps
     if beyond is not None:
-        found, transmission, candidate = beyond
-        models, flexible = found.models, [transmission]
-        given, left = given.holding((models.train, models.holdout)), left_at_joints(models, found.terms)
+        found, given = beyond.found, given.holding(beyond.parts)
+        models = found.models
+        left = left_at_joints(models, found.terms)
     candidates, groups = judge(found, found.terms)
     by_law = ([table for table in models.tables if table.at == at] for at in left)
     tables = tuple(id for laws in by_law if (id := explaining(models, found.terms, laws)) is not None)
@@ -62,21 +63,21 @@ def examine_arm(
     model = model.withholding(untold_of_arm([model], *map(np.column_stack, motion))[0])
     steps = (*others, replace(last, model=model))
     if beyond is not None:
-        steps = (*rigid, replace(steps[0], added=transmission.effect), *steps[1:])
-        candidates = [candidate, *candidates]
+        steps = (rigid, replace(steps[0], added=beyond.transmission.effect), *steps[1:])
+        candidates = [beyond.candidate, *candidates]
     return Diagnosis(
         steps=steps,
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=where_it_stands_out(models, found.terms, left),
         floors=models.left.floors,
-        advice=driving_friction(model),
+        advice=tuple(driving_friction(model)),
         forbidden=what_is_open(groups, tables, bool(left), body),
         tables=tables,
         torque_unit=given.unit,
         data=given.fresh(model.terms),
         left=left,
-        transmissions=tuple(flexible),
+        transmissions=() if beyond is None else (beyond.transmission,),
     )
 
 
@@ -98,35 +99,48 @@ def where_it_stands_out(models: Models, terms: Terms, joints: Collection[str]) -
     return tuple(next(iter(data.stand_out(residual, at, most=1)), replace(everywhere(""), at=at)) for at in joints)
 
 
-def beyond_resonance(models: Models, found: Selection, body: Body) -> tuple[Selection, Transmission, Candidate] | None:
-    """A transmission whose resonance surely explains what is left, and the search on what a rigid arm would have felt.
+class Beyond(NamedTuple):
+    """What is behind an elastic transmission: the search, and its data, with the torque that a rigid arm would feel."""
 
-    None if there is no such transmission.
-    """
-    resonance = find_resonance(models.train, models.holdout, found.terms)
+    found: Selection
+    parts: Parts
+    transmission: Transmission
+    candidate: Candidate
+
+
+def beyond_resonance(models: Models, found: Selection, body: Body) -> Beyond | None:
+    """An elastic transmission whose resonance surely explains what is left, if there is one."""
+    train, holdout = models.train, models.holdout
+    assert isinstance(train, PreparedData)
+    assert isinstance(holdout, PreparedData)
+    resonance = find_resonance(train, holdout, found.terms)
     if resonance is None:
         return None
-    train, holdout = (resonance.rigid(part) for part in (models.train, models.holdout))
-    again = replace(models, train=train, holdout=holdout, drawn=models.bootstrap)
+    parts = resonance.rigid(train), resonance.rigid(holdout)
+    again = replace(models, train=parts[0], holdout=parts[1], drawn=models.bootstrap)
+    at, tried = body.joints[resonance.spring.joint], RESONANCE.tried * len(body.joints)
+    floors = [models.left.noise_of(part, at) ** 2 for part in models.parts]
+    before, known = models.left.power(found.terms), models.density(found.terms)
 
-    tried = RESONANCE.tried * len(body.joints)
+    def is_explained(terms: Terms, most: float) -> bool:
+        powers = zip(again.left.power(terms), before, floors, strict=True)
+        explained = all(new[at].all - floor < most * (old[at].all - floor) for new, old, floor in powers)
+        return explained and gain(terms).chance <= models.criterion.chance
 
     def gain(terms: Terms) -> Gain:
-        return models.bootstrap.gain(again.density(terms), models.density(found.terms), float(np.log(tried)))
+        return models.bootstrap.gain(again.density(terms), known, float(np.log(tried)))
 
-    if gain(found.terms).chance > models.criterion.chance:
+    if not is_explained(found.terms, models.criterion.needed):
         return None
-    better, at = select(again), body.joints[resonance.spring.joint]
-    both = zip(again.left.power(better.terms), models.left.power(found.terms), strict=True)
-    shares = [after[at].all / before[at].all for after, before in both]
-    told = gain(better.terms)
-    if max(shares) > 1.0 - models.criterion.needed or told.chance > models.criterion.chance:
+    better = select(again)
+    if not is_explained(better.terms, RESONANCE.rest):
         return None
     transmission = resonance.transmission(body, again.left.structures(better.terms)[0][at].all)
-    ratio, score = float(np.sqrt(shares[1])), models.criterion.certain * (1.0 - max(shares))
-    reason = f"lowers the held-out torque error of {at} to {ratio:.1%}"
-    effect = transmission.effect
-    return better, transmission, Candidate(effect, score, Verdict.SELECTED, ratio, reason, told, tried)
+    ratio = float(np.sqrt(again.left.power(better.terms)[1][at].all / before[1][at].all))
+    reason, score = f"lowers the held-out torque error of {at} to {ratio:.1%}", models.criterion.certain
+    told = gain(better.terms)
+    candidate = Candidate(transmission.effect, score, Verdict.SELECTED, ratio, reason, told, tried)
+    return Beyond(better, parts, transmission, candidate)
 
 
 def what_is_open(groups: Sequence[tuple[str, ...]], tables: Sequence[str], is_left: bool, body: Body) -> str | None:

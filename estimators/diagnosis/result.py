@@ -125,8 +125,8 @@ class Diagnosis:
         torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
         data: that it was made of, without recordings that disagree; None of a diagnosis that was read from a file.
         left: of an arm, torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
-        transmissions: of an arm, those whose resonance showed; torque was corrected by them, and what more was found is of
-            the arm as if they were rigid.
+        transmissions: of an arm, those whose resonance showed; torque was corrected by them, and the model, its errors,
+            and what more was found are those of the arm as if it were rigid.
         by_torque: of a servo in the loop, effects that its torque calls for by itself; None if none was logged.
     """
 
