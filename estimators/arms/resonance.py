@@ -1,9 +1,9 @@
 """What lies between motor and link of a joint where the motor's side alone was measured: its resonance tells.
 
 With e the small angle by which the link of joint j is ahead of its motor, M the links' inertia without that motor's
-rotor, f the torque that they take if nothing yields, and G = dg/dq of their weight,
+rotor, f(q, q', q'') the torque that they take if nothing yields, and its slopes D = df/dq' and G = df/dq,
 
-    M_jj e'' + d e' + (k + G_jj) e = -f_j,      joint i feels M_ij e'' + G_ij e more than f_i.
+    M_jj e'' + (d + D_jj) e' + (k + G_jj) e = -f_j,      joint i feels M_ij e'' + D_ij e' + G_ij e more than f_i.
 
 M and f follow from the parameters of a rigid arm, so that k and d are all that is unknown, and a rotor that no rigid
 arm tells from the links. Two things are there to be wrong. There is no amplitude: a free one has to be about one. And
@@ -36,7 +36,7 @@ from pendulum_env.physics import Estimate
 from pendulum_env.physics.compiled import Recurrence, recurrence
 from pendulum_env.physics.symbols import name
 
-PLACE, TILT = 0.02, 1e-4  # [s] between places at which inertia is taken, and [rad], for slopes of weight
+PLACE, TILT = 0.02, 1e-4  # [s] between places at which inertia is taken, and [rad], for slopes
 SMOOTH = np.array([1.0, 10.0, 1.0]) / 12  # neighbours, as second differences are averages over the triangle
 FARTHEST = 10.0  # [rad], of an extension that diverges
 
@@ -52,7 +52,7 @@ class ResonanceSettings:
     steepest: float = 1.5  # rad from sample to sample, of what can be integrated
     finalists: int = 3  # joints that are looked at closely
     range: float = 5.0  # logarithm of a factor, that stiffness and damping may move by
-    turns: tuple[int, int] = (12, 5)  # of the search beside the links as they are, and together with them
+    turns: tuple[int, int] = (12, 7)  # of the search beside the links as they are, and together with them
     amplitudes: tuple[float, float] = (0.8, 1.25)  # between which a free one has to be
     damped: float = 0.5  # ratio of damping from which nothing resonates
     backward: float = 0.8  # share of the error that is left in time that runs backward
@@ -81,13 +81,15 @@ class Field(NamedTuple):
 
     Attributes:
         masses: M_ij (N, n) [kg m^2], the rotor included.
-        weights: G_ij (N, n) [N m/rad].
+        drags: D_ij (N, n) [N m s/rad].
+        pulls: G_ij (N, n) [N m/rad].
         load: f_j (N,) [N m], the rotor included; only averages are meaningful.
         still: the same without accelerations (N,) [N m].
     """
 
     masses: Array
-    weights: Array
+    drags: Array
+    pulls: Array
     load: Array
     still: Array
 
@@ -121,24 +123,28 @@ class Chain:
         return [np.unique(np.r_[begin:end:step, end - 1]) for begin, end in self.segments]
 
     @cached_property
-    def _regressors(self) -> tuple[Array, Array, Array]:
-        """Of M and G (S, n, n, P), and of what takes torque at a constant speed (S, n, P), at places."""
+    def _regressors(self) -> tuple[Array, ...]:
+        """Of M, D and G (S, n, n, P), and of torque without accelerations (S, n, P), at places."""
         every, body, units = np.concatenate(self._places), self.body, np.eye(len(self.windows))
-        q, v = (
-            np.column_stack(own)[every]
+        q, speeds = (
+            np.column_stack(own)
             for own in zip(*((w.samples.position, w.samples.velocity) for w in self.windows), strict=True)
         )
+        q, v, a = q[every], speeds[every], np.gradient(speeds, self.period, axis=0)[every]
         still = np.zeros_like(q)
         masses = [body.momentum(q, np.broadcast_to(unit, q.shape)) for unit in units]
-        pairs = ((body.torque(q + side * TILT * unit, still, still) for side in (1, -1)) for unit in units)
-        weights = [(more - less) / (2 * TILT) for more, less in pairs]
-        return np.stack(masses, axis=2), np.stack(weights, axis=2), body.torque(q, v, still)
+        drags = [body.torque(q, v + unit, still) - body.torque(q, v - unit, still) for unit in units]
+        pulls = [body.torque(q + TILT * unit, v, a) - body.torque(q - TILT * unit, v, a) for unit in units]
+        parts = np.stack(masses, axis=2), np.stack(drags, axis=2) / 2, np.stack(pulls, axis=2) / (2 * TILT)
+        return *parts, body.torque(q, v, still)
 
     def field(self, theta: Array, joint: int) -> Field:
         """What drives the extension of a joint, by the links' parameters (P,)."""
-        masses, weights, still = (self._along(own[..., joint, :] @ theta) for own in self._regressors)
+        *slopes, torques = self._regressors
+        masses, drags, pulls = (self._along(own[:, :, joint] @ theta) for own in slopes)
+        still = self._along(torques[:, joint] @ theta)
         smooth = np.convolve(np.pad(still, 1, mode="edge"), SMOOTH, "valid")
-        return Field(masses, weights, smooth + np.sum(masses * self.accelerations, axis=1), still)
+        return Field(masses, drags, pulls, smooth + np.sum(masses * self.accelerations, axis=1), still)
 
     def _along(self, values: Array) -> Array:
         """Values at places (S, ...), at all samples (N, ...)."""
@@ -159,26 +165,27 @@ class Chain:
         extension = np.zeros((len(load), 1 + 2 * len(self.segments)))
         for k, (begin, end) in enumerate(self.segments):
             here = np.arange(begin, end)[::time]
-            first = -field.still[here[0]] / (spring.stiffness + field.weights[here[0], j])
-            given = np.zeros((len(here), 3, 3))  # in three lanes
-            given[:, 0, 0], given[:, 1], given[:, 2] = load[here], masses[here, j, None], field.weights[here, j, None]
+            first = -field.still[here[0]] / (spring.stiffness + field.pulls[here[0], j])
+            slopes = np.column_stack([masses[here, j], time * field.drags[here, j], field.pulls[here, j]])
+            given = np.concatenate([np.zeros((len(here), 1, 3)), np.repeat(slopes[:, :, None], 3, axis=2)], axis=1)
+            given[:, 0, 0] = load[here]  # of three lanes
             path = _newmark()(given[1:-1], constants, np.array([[[first, 1.0, h]], [[first, 1.0, 0.0]]]))[:, :, 0]
             places = [0, 1 + 2 * k, 2 + 2 * k]
             extension[here[:, None], places] = np.concatenate([path[:1, 1], path[:, 0]])
         extension = np.nan_to_num(extension, nan=FARTHEST).clip(-FARTHEST, FARTHEST)
         bent = np.pad(np.diff(extension, 2, axis=0) / h**2, ((1, 1), (0, 0)))
-        return np.asarray(masses[:, :, None] * bent[:, None] + field.weights[:, :, None] * extension[:, None])
+        rates = np.gradient(extension, h, axis=0)
+        motion = np.stack([bent, rates, extension], axis=1)  # (N, 3, C)
+        return np.asarray(np.stack([masses, field.drags, field.pulls], axis=2) @ motion)
 
 
 @cache
 def _newmark() -> Recurrence:
     """Extension from its last two values to the next, its spring's torque smoothed as second differences are."""
-    load, mass, weight, k, d, h, now, before = (
-        name(text) for text in ("load", "mass", "weight", "stiffness", "damping", "period", "extension", "before")
-    )
-    inertia, drag, pull = mass / h**2, 0.5 * d / h, (k + weight) / 12
+    names = ["load", "mass", "drag", "pull"], ["stiffness", "damping", "period"], ["extension", "before"]
+    load, mass, more, own, k, d, h, now, before = (name(text) for part in names for text in part)
+    inertia, drag, pull = mass / h**2, 0.5 * (d + more) / h, (k + own) / 12
     known = (2 * inertia - 10 * pull) * now - (inertia - drag + pull) * before - load
-    names = ["load", "mass", "weight"], ["stiffness", "damping", "period"], ["extension", "before"]
     return recurrence(*names, [known / (inertia + drag + pull), now])
 
 
