@@ -1,4 +1,4 @@
-"""A level arm of two links by equations and an integrator of its own: its elbow is elastic, and motors alone are seen."""
+"""A level arm of two links by equations and an integrator of its own: its elbow is elastic, only motors are seen."""
 
 from functools import cache
 from math import cos, exp, sin, tanh
