@@ -54,7 +54,7 @@ class ResonanceSettings:
     range: float = 5.0  # logarithm of a factor, that stiffness and damping may move by
     turns: tuple[int, int] = (12, 7)  # of the search beside the links as they are, and together with them
     amplitudes: tuple[float, float] = (0.8, 1.25)  # between which a free one has to be
-    damped: float = 0.5  # ratio of damping from which nothing resonates
+    segments: int = 8  # of a recording, up to which what rings from their starts is fitted
     backward: float = 0.8  # share of the error that is left in time that runs backward
     rest: float = 0.1  # share of what is more than noise at its joint, that may be left
 
@@ -155,14 +155,15 @@ class Chain:
     def felt(self, field: Field, spring: Spring, time: int = 1) -> Array:
         """Torque that each joint feels more than on a rigid arm (N, n, C) [N m].
 
-        The first is that of an extension that starts at rest, two more for each segment what rings from its start, per
-        rad and per rad/s of the extension there. All in `time` that runs forward, 1, or backward, -1.
+        The first is that of an extension that starts at rest, two more for each segment, if these are few, what rings
+        from its start, per rad and per rad/s of the extension there; in `time` that runs forward, 1, or backward, -1.
         """
         j, h = spring.joint, self.period
         masses = field.masses - spring.rotor * (np.arange(len(self.windows)) == j)
         load = field.load - spring.rotor * self.accelerations[:, j]
         constants = np.tile(np.array([spring.stiffness, spring.damping, h])[:, None, None], 3)
-        extension = np.zeros((len(load), 1 + 2 * len(self.segments)))
+        rings = 2 * (len(self.segments) <= RESONANCE.segments)
+        extension = np.zeros((len(load), 1 + rings * len(self.segments)))
         for k, (begin, end) in enumerate(self.segments):
             here = np.arange(begin, end)[::time]
             first = -field.still[here[0]] / (spring.stiffness + field.pulls[here[0], j])
@@ -170,8 +171,10 @@ class Chain:
             given = np.concatenate([np.zeros((len(here), 1, 3)), np.repeat(slopes[:, :, None], 3, axis=2)], axis=1)
             given[:, 0, 0] = load[here]  # of three lanes
             path = _newmark()(given[1:-1], constants, np.array([[[first, 1.0, h]], [[first, 1.0, 0.0]]]))[:, :, 0]
-            places = [0, 1 + 2 * k, 2 + 2 * k]
-            extension[here[:, None], places] = np.concatenate([path[:1, 1], path[:, 0]])
+            lanes = slice(1 + rings)
+            extension[here[:, None], [0, 1 + 2 * k, 2 + 2 * k][lanes]] = np.concatenate([path[:1, 1], path[:, 0]])[
+                :, lanes
+            ]
         extension = np.nan_to_num(extension, nan=FARTHEST).clip(-FARTHEST, FARTHEST)
         bent = np.pad(np.diff(extension, 2, axis=0) / h**2, ((1, 1), (0, 0)))
         rates = np.gradient(extension, h, axis=0)
@@ -297,11 +300,7 @@ class Rows:
         change = least_squares(np.column_stack([ringing, self.slopes]), self.error - off[:, 0])[-len(self.theta) :]
         std = np.sqrt(np.diag(robust_covariance(found.jac, found.fun, self.clusters)))[:2]
         errors = np.hypot(std, amplitude - 1.0) * spring[1:3]  # where a free one is not one, there is more than noise
-        inertia = float(np.mean(np.concatenate([own.masses[:, joint] for own in fields]))) - spring.rotor
-        ratio = spring.damping / (2 * np.sqrt(spring.stiffness * max(inertia, 1e-300)))
-        return Resonance(
-            spring, (float(errors[0]), float(errors[1])), self.terms, self.theta + change, amplitude, ratio
-        )
+        return Resonance(spring, (float(errors[0]), float(errors[1])), self.terms, self.theta + change, amplitude)
 
 
 def _beyond(frame: Array, columns: Array) -> Array:
@@ -319,7 +318,6 @@ class Resonance:
         terms: beside it.
         theta: their parameters (P,).
         amplitude: that the link's motion has if it is free.
-        ratio: of its damping.
     """
 
     spring: Spring
@@ -327,7 +325,6 @@ class Resonance:
     terms: Terms
     theta: Array
     amplitude: float
-    ratio: float
 
     def transmission(self, body: Body, left: float) -> Transmission:
         """The same as it is reported, with the torque that remains [N m]."""
@@ -354,20 +351,20 @@ class Resonance:
 
 def find_resonance(train: PreparedData, holdout: PreparedData, terms: Terms) -> Resonance | None:
     """The elastic transmission that explains most of what terms leave, if it looks like one; None if none does."""
-    rows, unseen = Rows(train, terms), Rows(holdout, terms)
+    rows = Rows(train, terms)
     firsts = sorted((one for joint in range(len(rows.body.joints)) for one in rows.springs(joint)[:1]), reverse=True)
     found = [rows.fitted(spring) for gain, spring in firsts[: RESONANCE.finalists] if gain > 0]
     if not found:
         return None
     left, spring = min(found)
-    backward = rows.fitted(rows.springs(spring.joint, -1)[0][1], -1)
-    fields = unseen.fields(rows.theta, spring.joint)
-    later, earlier = (
-        float(np.sum(unseen.left(unseen.columns(fields, own, time), unseen.frame) ** 2))
-        for own, time in ((spring, 1), (backward[1], -1))
-    )
-    if left > RESONANCE.backward * backward[0] or later > RESONANCE.backward * earlier:
+    missed, reverse = rows.fitted(rows.springs(spring.joint, -1)[0][1], -1)
+    if left > RESONANCE.backward * missed:
         return None
-    settled = rows.settled(spring)
-    least, most = RESONANCE.amplitudes
-    return settled if least < settled.amplitude < most and settled.ratio < RESONANCE.damped else None
+    unseen = Rows(holdout, terms)
+    fields = unseen.fields(rows.theta, spring.joint)
+    columns = unseen.columns(fields, spring), unseen.columns(fields, reverse, -1)
+    left, missed = (float(np.sum(unseen.left(own, unseen.frame) ** 2)) for own in columns)
+    if left > RESONANCE.backward * missed:
+        return None
+    settled, (least, most) = rows.settled(spring), RESONANCE.amplitudes
+    return settled if least < settled.amplitude < most else None

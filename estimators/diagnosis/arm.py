@@ -31,6 +31,10 @@ from pendulum_env.arms.recording import of_arms
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing
 
+OF_RIGID = (
+    "the model and its errors are of a rigid arm, with the torque that it would have felt: {effect} is no term of it"
+)
+
 
 def examine_arm(
     recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, body: Body
@@ -71,7 +75,10 @@ def examine_arm(
         ambiguous=tuple(groups),
         unexplained=where_it_stands_out(models, found.terms, left),
         floors=models.left.floors,
-        advice=tuple(driving_friction(model)),
+        advice=(
+            *([] if beyond is None else [OF_RIGID.format(effect=beyond.transmission.effect)]),
+            *driving_friction(model),
+        ),
         forbidden=what_is_open(groups, tables, bool(left), body),
         tables=tables,
         torque_unit=given.unit,
