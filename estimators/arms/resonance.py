@@ -54,7 +54,7 @@ class ResonanceSettings:
     range: float = 5.0  # logarithm of a factor, that stiffness and damping may move by
     turns: tuple[int, int] = (12, 7)  # of the search beside the links as they are, and together with them
     amplitudes: tuple[float, float] = (0.8, 1.25)  # between which a free one has to be
-    segments: int = 8  # of a recording, up to which what rings from their starts is fitted
+    segments: int = 30  # of a recording, up to which what rings from their starts is fitted
     backward: float = 0.8  # share of the error that is left in time that runs backward
     rest: float = 0.1  # share of what is more than noise at its joint, that may be left
 
@@ -197,7 +197,7 @@ class Rows:
 
     def __init__(self, prepared: PreparedData, terms: Terms) -> None:
         regression, windows = prepared.regression, prepared.data.windows
-        self.body, self.clusters, self.where = links_of(prepared.base), prepared.data.clusters, prepared.data.where
+        self.body, self.clusters = links_of(prepared.base), prepared.data.clusters
         self.terms, self.theta, self.weights = terms, regression.solve(terms), regression.weights(terms)
         tangent, ends = regression.tangent(terms), np.cumsum([0, *(len(w.centers) for w in windows)])
         self.runs: dict[int | None, list[int]] = {}
