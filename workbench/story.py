@@ -36,7 +36,8 @@ def tell_diagnosis(
     """
     estimates = found.model.readable
     if found.body is not None:
-        estimates = {name: own for id in found.selected for name, own in found.model.of(id).items()}
+        added = [term.id for term in found.model.terms if term.id in found.selected]
+        estimates = {name: own for id in added for name, own in found.model.of(id).items()}
     lines = [*found.laws, errors_line(found)]
     lines += parameters_line(estimates, bool(found.unexplained))
     first = found.unexplained[:1] if found.body is None else found.unexplained  # of an arm, one a joint

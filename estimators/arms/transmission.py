@@ -66,15 +66,19 @@ class Transmission:
     hindrance: str = ""
 
     @property
+    def effect(self) -> str:
+        """`joint_flexibility@elbow`, or `backlash@elbow`."""
+        return f"{'joint_flexibility' if self.play is None else 'backlash'}@{self.joint}"
+
+    @property
     def text(self) -> str:
         """`joint_flexibility@elbow: 120 ± 2 N m/rad, ...`."""
         if self.hindrance:
             return self.hindrance
         if self.stiffness is None or self.damping is None:
             return f"the transmission of {self.joint} is as stiff as its encoders can tell"
-        effect = "joint_flexibility" if self.play is None else "backlash"
         play = "" if self.play is None else f", play {self.play} to either side"
-        return f"{effect}@{self.joint}: stiffness {self.stiffness}, damping {self.damping}{play}"
+        return f"{self.effect}: stiffness {self.stiffness}, damping {self.damping}{play}"
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from estimators.arms.resonance import RESONANCE, find_resonance
+from estimators.arms.transmission import Transmission
 from estimators.checks.identifiability import untold_of_arm
 from estimators.checks.residual import Region, everywhere
 from estimators.diagnosis.judge import judge
-from estimators.diagnosis.result import KEPT, UNNAMED, Diagnosis
+from estimators.diagnosis.result import KEPT, UNNAMED, Candidate, Diagnosis, Verdict
 from estimators.diagnosis.setting import Setting
-from estimators.preprocessing import Preprocessed, parted
-from estimators.regression.equations import IdentificationError
+from estimators.preprocessing import Parts, Preprocessed
 from estimators.selection.data import PreparedData
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.moves import explaining
 from estimators.selection.physical import driving_friction
-from estimators.selection.search import select
-from estimators.signals.motion import HALF_WIDTHS
+from estimators.selection.score import Gain
+from estimators.selection.search import Selection, select
 from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.windows import in_a_row
 from pendulum_env.arms.body import Body
@@ -29,7 +31,9 @@ from pendulum_env.arms.recording import of_arms
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing
 
-HEAVIER = 1.2  # times, by which a joint feels heavier in slow motion without its friction being the reason
+OF_RIGID = (
+    "the model and its errors are of a rigid arm, with the torque that it would have felt: {effect} is no term of it"
+)
 
 
 def examine_arm(
@@ -45,8 +49,15 @@ def examine_arm(
     given = Preprocessed(tuple(recordings), tuple(holdout), terms=(*setting.base, *setting.library.values())).timed()
     models = setting.models(given.parts)
     found = select(models)
+    left, beyond = left_at_joints(models, found.terms), None
+    if left and all(own.link_position is None for own in of_arms([*recordings, *holdout])):
+        beyond = beyond_resonance(models, found, body)
+    rigid, *_ = found.steps
+    if beyond is not None:
+        found, given = beyond.found, given.holding(beyond.parts)
+        models = found.models
+        left = left_at_joints(models, found.terms)
     candidates, groups = judge(found, found.terms)
-    left = left_at_joints(models, found.terms)
     by_law = ([table for table in models.tables if table.at == at] for at in left)
     tables = tuple(id for laws in by_law if (id := explaining(models, found.terms, laws)) is not None)
     *others, last = found.steps
@@ -54,20 +65,26 @@ def examine_arm(
     seen = (in_a_row([w.samples for w in models.train.data.part(at).windows]) for at in body.joints)
     motion = zip(*((x.position, x.velocity, x.torque) for x in seen), strict=True)
     model = model.withholding(untold_of_arm([model], *map(np.column_stack, motion))[0])
-    heavier = heavier_when_slow(models, given, left) if left else {}
+    steps = (*others, replace(last, model=model))
+    if beyond is not None:
+        steps = (rigid, replace(steps[0], added=beyond.transmission.effect), *steps[1:])
+        candidates = [beyond.candidate, *candidates]
     return Diagnosis(
-        steps=(*others, replace(last, model=model)),
+        steps=steps,
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=where_it_stands_out(models, found.terms, left),
         floors=models.left.floors,
-        advice=(*driving_friction(model), *(said_of_slow_motion(joint, times) for joint, times in heavier.items())),
+        advice=(
+            *([] if beyond is None else [OF_RIGID.format(effect=beyond.transmission.effect)]),
+            *driving_friction(model),
+        ),
         forbidden=what_is_open(groups, tables, bool(left), body),
         tables=tables,
         torque_unit=given.unit,
         data=given.fresh(model.terms),
         left=left,
-        heavier=heavier,
+        transmissions=() if beyond is None else (beyond.transmission,),
     )
 
 
@@ -89,24 +106,48 @@ def where_it_stands_out(models: Models, terms: Terms, joints: Collection[str]) -
     return tuple(next(iter(data.stand_out(residual, at, most=1)), replace(everywhere(""), at=at)) for at in joints)
 
 
-def heavier_when_slow(models: Models, given: Preprocessed, joints: Collection[str]) -> dict[str, float]:
-    """Of some joints those that feel surely heavier in the longest windows, and how many times."""
-    train, _ = parted(of_arms(given.recordings), of_arms(given.holdout))
-    try:
-        slow = PreparedData.of_arm(train, models.base, HALF_WIDTHS[-1]).inertias(models.base)
-    except IdentificationError:  # they are too few
-        return {}
-    times = {at: slow[at] / max(models.left.inertia[at], 1e-300) for at in joints}
-    return {at: ratio for at, ratio in times.items() if ratio > HEAVIER}
+class Beyond(NamedTuple):
+    """What is behind an elastic transmission: the search, and its data, with the torque that a rigid arm would feel."""
+
+    found: Selection
+    parts: Parts
+    transmission: Transmission
+    candidate: Candidate
 
 
-def said_of_slow_motion(joint: str, times: float) -> str:
-    """What is said of a joint that feels some times as heavy in slow motion as in all."""
-    return (
-        f"{joint} feels {times:.2g} times as heavy below {0.5 / HALF_WIDTHS[-1]:.2g} Hz as in all of its motion, as "
-        "behind an elastic transmission, on a base that gives, or where the encoder adds more than white noise: trust "
-        "slow motion"
-    )
+def beyond_resonance(models: Models, found: Selection, body: Body) -> Beyond | None:
+    """An elastic transmission whose resonance surely explains what is left, if there is one."""
+    train, holdout = models.train, models.holdout
+    assert isinstance(train, PreparedData)
+    assert isinstance(holdout, PreparedData)
+    resonance = find_resonance(train, holdout, found.terms)
+    if resonance is None:
+        return None
+    parts = resonance.rigid(train), resonance.rigid(holdout)
+    again = replace(models, train=parts[0], holdout=parts[1], drawn=models.bootstrap)
+    at, tried = body.joints[resonance.spring.joint], RESONANCE.tried * len(body.joints)
+    floors = [models.left.noise_of(part, at) ** 2 for part in models.parts]
+    before, known = models.left.power(found.terms), models.density(found.terms)
+
+    def is_explained(terms: Terms, most: float) -> bool:
+        powers = zip(again.left.power(terms), before, floors, strict=True)
+        explained = all(new[at].all - floor < most * (old[at].all - floor) for new, old, floor in powers)
+        return explained and gain(terms).chance <= models.criterion.chance
+
+    def gain(terms: Terms) -> Gain:
+        return models.bootstrap.gain(again.density(terms), known, float(np.log(tried)))
+
+    if not is_explained(found.terms, models.criterion.needed):
+        return None
+    better = select(again)
+    if not is_explained(better.terms, RESONANCE.rest):
+        return None
+    transmission = resonance.transmission(body, again.left.structures(better.terms)[0][at].all)
+    ratio = float(np.sqrt(again.left.power(better.terms)[1][at].all / before[1][at].all))
+    reason, score = f"lowers the held-out torque error of {at} to {ratio:.1%}", models.criterion.certain
+    told = gain(better.terms)
+    candidate = Candidate(transmission.effect, score, Verdict.SELECTED, ratio, reason, told, tried)
+    return Beyond(better, parts, transmission, candidate)
 
 
 def what_is_open(groups: Sequence[tuple[str, ...]], tables: Sequence[str], is_left: bool, body: Body) -> str | None:

@@ -57,15 +57,12 @@ class PreparedData:
         return cls(data, tuple(choose_segments(w) for w in data.windows))
 
     @classmethod
-    def of_arm(
-        cls, recordings: Sequence[ArmRecording], terms: Sequence[type[Term] | Term], shortest: float = 0.0
-    ) -> PreparedData:
+    def of_arm(cls, recordings: Sequence[ArmRecording], terms: Sequence[type[Term] | Term]) -> PreparedData:
         """Prepare recordings of an arm, with the columns of terms that joints share.
 
         Args:
             recordings: of the arm.
             terms: that may be fitted to it, the links first.
-            shortest: half a window at least [s].
 
         Raises:
             IdentificationError: if a joint hardly moves clear of stick.
@@ -77,7 +74,7 @@ class PreparedData:
         assert isinstance(links, Links)
         kinds = dict.fromkeys(term if isinstance(term, type) else type(term) for term in others)
         shared = [kind for kind in kinds if issubclass(kind, Coupling)]
-        return cls(prepare_arm(recordings, links, shared, shortest), base=arm_base(links.body))
+        return cls(prepare_arm(recordings, links, shared), base=arm_base(links.body))
 
     @cached_property
     def regression(self) -> Regression:

@@ -27,12 +27,8 @@ FEWEST = 20  # windows of each joint
 PLACES = 50  # samples of each recording over which a joint's inertia is averaged
 
 
-def prepare_arm(
-    recordings: Sequence[ArmRecording], links: Links, shared: Sequence[type[Coupling]] = (), shortest: float = 0.0
-) -> Dataset:
+def prepare_arm(recordings: Sequence[ArmRecording], links: Links, shared: Sequence[type[Coupling]] = ()) -> Dataset:
     """Windowed equations of recordings of an arm, in `links`, terms at joints, and `shared` by two joints.
-
-    Half a window is as long as the noise asks for, and at least `shortest` [s].
 
     Raises:
         IdentificationError: if a joint hardly moves clear of stick.
@@ -43,7 +39,7 @@ def prepare_arm(
             for name, joint in zip(links.body.joints, recording.joints, strict=True)
         ]
         for run, recording in enumerate(recordings)
-        for width in [max(shortest, *(choose_half_width(joint) for joint in recording.joints))]
+        for width in [max(choose_half_width(joint) for joint in recording.joints)]
     ]
     for k, name in enumerate(links.body.joints):
         if sum(len(own[k].centers) for own in entries) < FEWEST:

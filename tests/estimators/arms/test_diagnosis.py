@@ -78,16 +78,14 @@ def test_friction_by_temperature_is_named_where_it_is_measured_and_told_per_kelv
     assert unmeasured.selected == () and "elbow" in unmeasured.left
 
 
-def test_noise_of_an_encoder_that_is_not_white_is_said_to_make_joints_light(body):
+def test_noise_of_an_encoder_that_is_not_white_is_no_elastic_transmission(body):
     run = recorded(rate=500.0, scale=(5.0, 2.5), noise=0.0)
     wander = lfilter(*butter(4, 15.0, fs=500.0), np.random.default_rng(0).normal(size=run.position.shape), axis=0)
     noisy = replace(run, position=run.position + 4e-3 * wander / wander.std())
     base = arm_base(body)
     plain, found = (diagnose(recording, (), base, library={"stribeck": Stribeck}) for recording in (run, noisy))
-    assert plain.remarks == ()
+    assert plain.left == {} and plain.remarks == found.remarks == ()
     assert found.selected == () and found.headline.startswith("Something is missing at")
-    assert found.heavier["elbow"] > 1.2
-    assert any("elbow feels" in text and "below 6.2 Hz" in text for text in found.remarks)
 
 
 def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(six, tmp_path):
