@@ -42,7 +42,7 @@ class ChannelSettings:
     fewest_equations: int = 3  # equations for each column
     friction: tuple[float, ...] = (0.02, 0.1, 0.5)  # of the highest velocity: where friction, too, may bend
     bends: int = 3  # times that the torque of the model is refitted with columns that depend on it
-    nearby: float = 1e-4  # [s], difference for derivatives
+    nearby: float = 1e-4  # [s], difference for derivatives, and of what is alike
     negligible: float = 0.02  # of a sample: neither smoothing nor a clock is as exact as that
     between: int = 4  # recordings from which on their scatter, too, tells a standard error
     fewest_stretches: int = 3  # below which their scatter tells nothing
@@ -120,7 +120,7 @@ class Alignment:
         """Whether it is no other delay and lag than another's, as far as both are known."""
         apart = self.delay + self.lag - other.delay - other.lag
         spread = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
-        return bool(abs(apart) <= SEARCH.sure * spread)
+        return bool(abs(apart) <= SEARCH.sure * spread + SEARCH.nearby)
 
     def apply(self, recording: Recording) -> Recording:
         """The recording with the torque that acted, where it was logged late or filtered; else as it is.

@@ -299,14 +299,19 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
 
 
 def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:
-    """One alignment for all recordings, or each its own where they differ; see `align`."""
+    """One alignment for all recordings, or each its own where they differ; see `align`.
+
+    All have the same drive and log: what one alone tells is that of all, unless another contradicts.
+    """
     joint = align(recordings, beside)
     if len(recordings) == 1:
         return [joint]
     each = [align([recording], beside) for recording in recordings]
-    alone = [one if one.is_late or not one.is_found else joint for one in each]  # all have the same drive
-    shared = joint.is_found or not any(one.is_found for one in alone)
-    return [joint] * len(alone) if shared and all(one.agrees(joint) for one in alone) else alone
+    for law in (joint, *each):
+        if (law.is_late or (law is joint and law.is_found)) and all(one.agrees(law) for one in each):
+            return [law] * len(each)
+    alone = [one if one.is_late or not one.is_found else joint for one in each]
+    return alone if any(one.is_found for one in alone) else [joint] * len(each)
 
 
 def _under_loads(recordings: Sequence[Recording]) -> Dataset:

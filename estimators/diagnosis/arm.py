@@ -15,12 +15,14 @@ from estimators.checks.residual import Region, everywhere
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import KEPT, UNNAMED, Candidate, Diagnosis, Verdict
 from estimators.diagnosis.setting import Setting
+from estimators.diagnosis.unexplained import held_out, of_held_out
 from estimators.preprocessing import Parts, Preprocessed
 from estimators.selection.data import PreparedData
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.moves import explaining
 from estimators.selection.physical import driving_friction
+from estimators.selection.prepared import Comparable
 from estimators.selection.score import Gain
 from estimators.selection.search import Selection, select
 from estimators.weak_form.dataset import Dataset
@@ -33,6 +35,10 @@ from pendulum_env.words import listing
 
 OF_RIGID = (
     "the model and its errors are of a rigid arm, with the torque that it would have felt: {effect} is no term of it"
+)
+
+PERHAPS_CARRIED = (
+    "if the arm carried something there, `compare MODEL.json --payload` tells what, and whether that explains it"
 )
 
 
@@ -49,19 +55,19 @@ def examine_arm(
     given = Preprocessed(tuple(recordings), tuple(holdout), terms=(*setting.base, *setting.library.values())).timed()
     models = setting.models(given.parts)
     found = select(models)
-    left, beyond = left_at_joints(models, found.terms), None
+    (left, unseen), beyond = left_at_joints(models, found.terms), None
     if left and all(own.link_position is None for own in of_arms([*recordings, *holdout])):
         beyond = beyond_resonance(models, found, body)
     rigid, *_ = found.steps
     if beyond is not None:
         found, given = beyond.found, given.holding(beyond.parts)
         models = found.models
-        left = left_at_joints(models, found.terms)
+        left, unseen = left_at_joints(models, found.terms)
     candidates, groups = judge(found, found.terms)
     by_law = ([table for table in models.tables if table.at == at] for at in left)
     tables = tuple(id for laws in by_law if (id := explaining(models, found.terms, laws)) is not None)
     *others, last = found.steps
-    model = last.model.biased() if left else last.model
+    model = last.model.biased() if left or unseen else last.model
     seen = (in_a_row([w.samples for w in models.train.data.part(at).windows]) for at in body.joints)
     motion = zip(*((x.position, x.velocity, x.torque) for x in seen), strict=True)
     model = model.withholding(untold_of_arm([model], *map(np.column_stack, motion))[0])
@@ -73,37 +79,63 @@ def examine_arm(
         steps=steps,
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
-        unexplained=where_it_stands_out(models, found.terms, left),
+        unexplained=where_it_stands_out(models, found.terms, left, unseen),
         floors=models.left.floors,
         advice=(
             *([] if beyond is None else [OF_RIGID.format(effect=beyond.transmission.effect)]),
             *driving_friction(model),
+            *([PERHAPS_CARRIED] if unseen and not left else []),
+            *(f"{text}: this diagnosis has corrected it" for text in given.timing_texts(True)),
         ),
-        forbidden=what_is_open(groups, tables, bool(left), body),
+        forbidden=(of_held_out(models, found.terms) if unseen and not left else None)
+        or what_is_open(groups, tables, bool(left or unseen), body),
         tables=tables,
         torque_unit=given.unit,
         data=given.fresh(model.terms),
-        left=left,
+        left=left | unseen,
+        alignments=given.alignments,
         transmissions=() if beyond is None else (beyond.transmission,),
     )
 
 
-def left_at_joints(models: Models, terms: Terms) -> dict[str, float]:
-    """Torque that terms leave of joints and that is no noise [N m]: what neighbouring windows share, or all."""
-    found, data = models.left.structures(terms)[0], models.train.data
-    assert isinstance(data, Dataset)  # nothing simulates an arm in its loop
-    return {
-        at: own.shared if own.sure > models.criterion.sure else own.all
-        for at, own in found.items()
-        if not models.criterion.is_noise(own, max(models.left.floors[at], data.negligible(at)))
-    }
+def left_at_joints(models: Models, terms: Terms) -> tuple[dict[str, float], dict[str, float]]:
+    """Torque that terms leave of joints and that is no noise [N m]: what neighbouring windows share, or all.
+
+    The second are of the held-out data, at joints where nothing is left of what was fitted.
+    """
+    fitted, unseen = (
+        {
+            at: own.shared if own.sure > models.criterion.sure else own.all
+            for at, own in found.items()
+            if not models.criterion.is_noise(own, max(models.left.noise_of(part, at), _as_windows(part).negligible(at)))
+        }
+        for part, found in zip(models.parts, models.left.structures(terms), strict=True)
+    )
+    return fitted, {at: size for at, size in unseen.items() if at not in fitted}
 
 
-def where_it_stands_out(models: Models, terms: Terms, joints: Collection[str]) -> tuple[Region, ...]:
-    """Where what terms leave stands out most of the noise, one region of each joint, everywhere if it does nowhere."""
-    data, residual = models.train, models.regression.residual(terms)
-    assert isinstance(data, PreparedData)
-    return tuple(next(iter(data.stand_out(residual, at, most=1)), replace(everywhere(""), at=at)) for at in joints)
+def _as_windows(part: Comparable) -> Dataset:
+    assert isinstance(part.data, Dataset)  # nothing simulates an arm in its loop
+    return part.data
+
+
+def where_it_stands_out(
+    models: Models, terms: Terms, joints: Collection[str], unseen: Collection[str]
+) -> tuple[Region, ...]:
+    """Where what terms leave stands out most of the noise, one region of each joint, everywhere if it does nowhere.
+
+    Of the joints `unseen`, where that is in held-out data.
+    """
+    regions = []
+    for part, residual, places, prefix in (
+        (models.train, models.regression.residual(terms), joints, ""),
+        (models.holdout, models.left.unseen(terms), unseen, f"in what was held out ({held_out(models)})"),
+    ):
+        assert isinstance(part, PreparedData)
+        for at in places:
+            region = next(iter(part.stand_out(residual, at, most=1)), replace(everywhere(""), at=at))
+            regions.append(replace(region, text=f"{prefix} {region.text}".strip()))
+    return tuple(regions)
 
 
 class Beyond(NamedTuple):

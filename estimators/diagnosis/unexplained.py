@@ -41,7 +41,7 @@ def unexplained(found: Selection) -> list[Region]:
     unseen = models.left.unseen(last.model.terms)
     if not models.left.is_noise(models.holdout, unseen):
         beyond = stand_out(models.holdout.samples, unseen, models.left.noise_of(models.holdout))
-        unlike = f"in what was held out ({_held_out(models)})"
+        unlike = f"in what was held out ({held_out(models)})"
         beyond = beyond or _nowhere(models, models.holdout, unseen)
         return [replace(region, text=f"{unlike} {region.text}") for region in beyond]
     if not is_misfit(models, last):
@@ -58,10 +58,10 @@ def of_held_out(models: Models, final: Sequence[Term]) -> str | None:
     """What is said where held-out data alone show more."""
     if models.left.are_noise(tuple(final)) != (True, False):
         return None
-    return f"what was fitted is explained, and what was held out ({_held_out(models)}) is not: fit that, too"
+    return f"what was fitted is explained, and what was held out ({held_out(models)}) is not: fit that, too"
 
 
-def _held_out(models: Models) -> str:
+def held_out(models: Models) -> str:
     """Names of the held-out recordings."""
     return listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
 
