@@ -149,8 +149,8 @@ def agent(body: Body, seconds: float, rng: np.random.Generator, **limits: float)
     return plan(load("arm"), body, limits_of(body, **limits), seconds)
 
 
-def greedy(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
-    """Knot by knot, one joint after the other."""
+def by_knots(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
+    """What `record` plans unasked."""
     return design_excitation(body, seconds, rng=rng, **limits)
 
 
@@ -159,7 +159,7 @@ CONTENDERS: dict[str, Callable[..., Motion]] = {
     "with full limits": partial(random_fourier, share=1.0),
     "two tones": sinusoids,
     "fourier, CMA-ES": cma_fourier,
-    "greedy": greedy,
+    "knot by knot": by_knots,
     "agent": agent,
 }
 
@@ -233,7 +233,7 @@ def robots(folder: Path, seconds: float = 10.0) -> None:
         moving = [f"panda_joint{k}" for k in range(1, 8)] if name == "Panda" else None
         body = read_body(folder / file, joints=moving)
         first: Any = None
-        for own in (BASE, "fourier, CMA-ES", "greedy"):
+        for own in (BASE, "fourier, CMA-ES", "knot by knot"):
             motion: Any = CONTENDERS[own](body, seconds, np.random.default_rng(0))
             first = first or motion
             shares = deviation(motion, seconds) / deviation(first, seconds)
