@@ -74,15 +74,15 @@ def torque_of(motion: Any, time: Array) -> Array:
     return np.asarray(motion.body.torque(*motion(time)) @ motion.body.values)
 
 
-def scaled(body: Body, period: float, waves: Array, **limits: float) -> Series | None:
+def scaled(body: Body, period: float, waves: Array, share: float = 0.9, **limits: float) -> Series | None:
     """A Fourier series in the middle of the joints' angles, sines and cosines (2, K, n), as large as limits allow.
 
-    None where that takes more torque than there is.
+    It has a share of their angles and speeds. None where that takes more torque than there is.
     """
     low, high, speed, torque, _ = limits_of(body, **limits)
     time, middle = np.linspace(0, period, 200, endpoint=False), 0.5 * (low + high)
     q, v, _ = Series(body, 0 * middle, *waves, period)(time)
-    scale = 0.9 * np.minimum(0.5 * (high - low) / np.abs(q).max(axis=0), speed / np.abs(v).max(axis=0))
+    scale = share * np.minimum(0.5 * (high - low) / np.abs(q).max(axis=0), speed / np.abs(v).max(axis=0))
     motion = Series(body, middle, *(waves * scale), period)
     return motion if (np.abs(torque_of(motion, time)) <= torque).all() else None
 
@@ -149,16 +149,17 @@ def agent(body: Body, seconds: float, rng: np.random.Generator, **limits: float)
     return plan(load("arm"), body, limits_of(body, **limits), seconds)
 
 
-def greedy(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
-    """Knot by knot, one joint after the other."""
+def by_knots(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
+    """What `record` plans unasked."""
     return design_excitation(body, seconds, rng=rng, **limits)
 
 
 CONTENDERS: dict[str, Callable[..., Motion]] = {
     BASE: random_fourier,
+    "with full limits": partial(random_fourier, share=1.0),
     "two tones": sinusoids,
     "fourier, CMA-ES": cma_fourier,
-    "greedy": greedy,
+    "knot by knot": by_knots,
     "agent": agent,
 }
 
@@ -192,7 +193,7 @@ def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Gene
     return found, np.array(most)
 
 
-def two_link(bodies: int, limits: dict[str, float]) -> None:
+def two_link(bodies: int, seed: int, limits: dict[str, float]) -> None:
     """Real errors of every contender on the same bodies, beside the first."""
     file, told = body_in(PlanarArm()), {}
     print(f"{bodies} bodies within 30 %, noise {NOISE:g} N m, limits {limits}")
@@ -204,7 +205,7 @@ def two_link(bodies: int, limits: dict[str, float]) -> None:
             else None
         )
         for k in range(bodies):
-            rng = np.random.default_rng([k, 7])
+            rng = np.random.default_rng([k, seed])
             links = fresh(rng)
             motion = fixed or contender(file, MOMENTS[-1], rng, **limits)
             found, reached = errors(file, links, motion, rng)
@@ -232,7 +233,7 @@ def robots(folder: Path, seconds: float = 10.0) -> None:
         moving = [f"panda_joint{k}" for k in range(1, 8)] if name == "Panda" else None
         body = read_body(folder / file, joints=moving)
         first: Any = None
-        for own in (BASE, "fourier, CMA-ES", "greedy"):
+        for own in (BASE, "fourier, CMA-ES", "knot by knot"):
             motion: Any = CONTENDERS[own](body, seconds, np.random.default_rng(0))
             first = first or motion
             shares = deviation(motion, seconds) / deviation(first, seconds)
@@ -254,6 +255,7 @@ if __name__ == "__main__":
     parser.add_argument("what", choices=("two-link", "robots"))
     parser.add_argument("folder", nargs="?", type=Path, help="robots of example-robot-data")
     parser.add_argument("--bodies", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=7, help="of the bodies")
     parser.add_argument("--max-angle", type=float)
     parser.add_argument("--max-speed", type=float)
     arguments = parser.parse_args()
@@ -261,5 +263,9 @@ if __name__ == "__main__":
         robots(arguments.folder)
     else:
         asked = {name: getattr(arguments, name) for name in ("max_angle", "max_speed")}
-        two_link(arguments.bodies, {name: v for name, v in asked.items() if v is not None} | {"max_torque": TORQUE})
+        two_link(
+            arguments.bodies,
+            arguments.seed,
+            {name: v for name, v in asked.items() if v is not None} | {"max_torque": TORQUE},
+        )
     sys.exit()

@@ -1,8 +1,8 @@
 """Excitation of an arm knot by knot: which speeds its joints have next, within their limits, to learn most of it.
 
 Under a robot's own controller the motion, and so what it teaches, does not depend on the parameters that are to be
-learnt: it is chosen in advance, greedily, by A-optimality of relative errors (Fedorov, Theory of Optimal Experiments,
-1972).
+learnt: it is chosen in advance, by A-optimality of relative errors (Fedorov, Theory of Optimal Experiments, 1972) and a
+beam search (Lowerre, The Harpy Speech Recognition System, 1976).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from estimators.arms.limits import Limits, limits_of
 from estimators.arms.reference import HOLD, TICK, Reference, averaged, reachable, torque_rows
 from estimators.regression.equations import IdentificationError
-from pendulum_env._typing import Array, Mask
+from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.plane import friction_of
 from pendulum_env.plant import PAPER
@@ -22,7 +22,8 @@ from pendulum_env.plant import PAPER
 SLOW = 0.05  # [rad/s or m/s]; slower than this nothing is learnt: estimators keep clear of stick,
 GUARD = 0.03  # [s] before and after a reversal, their filters' reach included
 PRIOR = 0.1  # of the information: (noise / spread)^2 with 0.1 N m of noise on a tick and arms within some 30 %
-LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)  # of speed that are tried
+CRAWL = 0.15  # [rad/s or m/s], where dry friction is told from viscous best: slow, and clear of stick all the same
+BREADTH = 3200  # numbers in the information matrices of the motions that are carried on: 32 for two links, 1 for six
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the acceleration that are tried until the torque suffices
 TOO_WEAK = "moving needs more torque than the joints have: allow less speed or angle, or more torque"
 
@@ -76,13 +77,13 @@ class Moving:
         self.information = np.tile(PRIOR * np.eye(len(self._sizes)), (batch, 1, 1))
         self.variances = np.full((batch, len(self._sizes)), 1 / PRIOR)
 
-    def copies(self, count: int) -> Self:
-        """The only motion of a batch, several times."""
+    def chosen(self, which: Index) -> Self:
+        """Copies of those motions of the batch; one may be chosen several times."""
         other = object.__new__(type(self))
         other._body, other._sizes = self._body, self._sizes
-        other.limits = Limits(*(np.repeat(values, count, axis=0) for values in self.limits))
+        other.limits = Limits(*(values[which] for values in self.limits))
         for name in ("_place", "_before", "speed", "information", "variances"):
-            setattr(other, name, np.repeat(getattr(self, name), count, axis=0))
+            setattr(other, name, getattr(self, name)[which])
         return other
 
     @property
@@ -119,10 +120,11 @@ def design_excitation(
     max_acceleration: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> Reference:
-    """A motion within the joints' limits that teaches much: at each knot the speeds that promise to teach most.
+    """A motion within the joints' limits that teaches much, found knot by knot.
 
-    One joint after the other, in an order drawn anew at each knot, has that of five speeds after which all standard
-    errors together are smallest. After the time the arm is brought to rest.
+    One joint after the other, in an order drawn anew at each knot, goes at full speed or at a crawl, to either side. Of
+    all motions that come of this, those go on after which all standard errors together are smallest: many for a few
+    joints, the best alone for six. After the time the arm is brought to rest.
 
     Args:
         body: with the limits of its file; half a turn, or 0.2 m, to either side where it has none.
@@ -140,7 +142,7 @@ def design_excitation(
         raise IdentificationError(f"a motion cannot last {seconds:g} s: give {HOLD:g} s or more")
     rng, limits = rng or np.random.default_rng(0), limits_of(body, max_angle, max_speed, max_torque, max_acceleration)
     for share in SHARES:
-        found = _greedy(body, limits._replace(acceleration=share * limits.acceleration), seconds, rng)
+        found = _search(body, limits._replace(acceleration=share * limits.acceleration), seconds, rng)
         if not objection(found, limits):
             return found
     raise IdentificationError(f"{body.name}: {TOO_WEAK}")
@@ -156,18 +158,25 @@ def objection(motion: Reference, limits: Limits) -> str:
     return f"joint '{still[0]}' never moves" if len(still) else ""
 
 
-def _greedy(body: Body, limits: Limits, seconds: float, rng: np.random.Generator) -> Reference:
+def _search(body: Body, limits: Limits, seconds: float, rng: np.random.Generator) -> Reference:
     moving = Moving(body, limits, 1)
-    start, speeds, share = moving.position[0], [moving.speed], np.zeros((1, len(body.joints)))
+    start, speeds = moving.position[0], moving.speed[:, None]  # (W, knots, n) of the W motions that are carried on
+    shares, width = np.zeros_like(moving.speed), max(1, BREADTH // len(sizes(body)) ** 2)
+    crawl = np.minimum(CRAWL / limits.speed, 1.0)
+    levels = np.array([-np.ones_like(crawl), -crawl, crawl, np.ones_like(crawl)])
     for _ in range(round(seconds / HOLD)):
+        owners = np.arange(len(shares))
         for joint in rng.permutation(len(body.joints)):
-            tried, candidates = np.repeat(share, len(LEVELS), axis=0), moving.copies(len(LEVELS))
-            tried[:, joint] = LEVELS
+            of, tried = np.repeat(owners, len(levels)), np.repeat(shares, len(levels), axis=0)
+            tried[:, joint] = np.tile(levels[:, joint], len(shares))
+            candidates = moving.chosen(of)
             candidates.go(tried)
-            share = tried[[candidates.worth.argmax()]]
-        moving.go(share)
-        speeds.append(moving.speed)
-    return to_rest(body, moving, start, speeds)
+            # the same worth is the same motion, because limits leave no choice, or its image in a mirror
+            best = np.unique(candidates.worth.round(9), return_index=True)[1][::-1][:width]
+            shares, owners = tried[best], of[best]
+        moving = candidates.chosen(best)
+        speeds = np.concatenate([speeds[owners], moving.speed[:, None]], axis=1)
+    return to_rest(body, moving.chosen(np.arange(1)), start, list(speeds[0][:, None]))
 
 
 def to_rest(body: Body, moving: Moving, start: Array, speeds: list[Array]) -> Reference:
