@@ -9,7 +9,6 @@ import numpy as np
 
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves, that_may_show
 from estimators.checks.homogeneity import AGREEMENT, Disagreement, disagreements_with, misfits, own_fits
-from estimators.checks.residual import Profile, Region, everywhere, profiles
 from estimators.checks.torque_constant import unit_of
 from estimators.in_loop.fit import in_loop
 from estimators.in_loop.rollouts import are_driven
@@ -17,6 +16,7 @@ from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData
 from estimators.selection.errors import Errors, of_one
+from estimators.signals.residual import Profile, Region, everywhere, profiles
 from estimators.simulation.free_running import growth, select
 from estimators.weak_form.dataset import dataset
 from pendulum_env._typing import JSON, Array

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from estimators.checks.residual import AXES, SYMBOLS, Profile, profiles
 from estimators.preprocessing import gather
 from estimators.selection.data import fit_terms
+from estimators.signals.residual import AXES, SYMBOLS, Profile, profiles
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Coulomb, Inertia, Term, Viscous, effects

@@ -10,21 +10,21 @@ import numpy as np
 
 from estimators.arms.resonance import RESONANCE, find_resonance
 from estimators.arms.transmission import Transmission
-from estimators.checks.identifiability import untold_of_arm
-from estimators.checks.residual import Region, everywhere
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import KEPT, UNNAMED, Candidate, Diagnosis, Verdict
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.unexplained import held_out, of_held_out
 from estimators.preprocessing import Parts, Preprocessed
+from estimators.schemes.identifiability import untold_of_arm
 from estimators.selection.data import PreparedData
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
-from estimators.selection.moves import explaining
 from estimators.selection.physical import driving_friction
 from estimators.selection.prepared import Comparable
 from estimators.selection.score import Gain
 from estimators.selection.search import Selection, select
+from estimators.selection.tables import explaining
+from estimators.signals.residual import Region, everywhere
 from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.windows import in_a_row
 from pendulum_env.arms.body import Body

@@ -16,14 +16,14 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.checks.identifiability import Doubt
-from estimators.checks.residual import Region, turns
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.diagnosis.suggestion import RATE, Aim, Suggestion
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import least_squares
+from estimators.schemes.identifiability import Doubt
 from estimators.selection.models import Models
 from estimators.selection.moves import best
+from estimators.signals.residual import Region, turns
 from estimators.weak_form.dataset import Dataset, dataset
 from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array

@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 
 from estimators.checks.remedies import remedies
-from estimators.checks.residual import Region, everywhere
 from estimators.checks.torque_constant import widened
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import Diagnosis
@@ -30,6 +29,7 @@ from estimators.selection.errors import Step, of_one
 from estimators.selection.models import Models
 from estimators.selection.physical import sure_sign
 from estimators.selection.search import Selection, select
+from estimators.signals.residual import Region, everywhere
 from estimators.simulation.output_error import Point
 from estimators.weak_form.windows import WHOLE
 from pendulum_env.physics import Model, Term

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimators.checks.identifiability import Doubt
 from estimators.diagnosis.result import Candidate, Verdict
+from estimators.schemes.identifiability import Doubt
 from estimators.selection.errors import Step, error_at
 from estimators.selection.left import Terms
 from estimators.selection.models import Models

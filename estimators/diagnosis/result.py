@@ -9,7 +9,6 @@ import numpy as np
 from estimators.arms.transmission import Transmission
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
-from estimators.checks.residual import Region
 from estimators.comparison import of_joints
 from estimators.diagnosis.likeness import likenesses
 from estimators.diagnosis.suggestion import Suggestion
@@ -17,6 +16,7 @@ from estimators.preprocessing import Preprocessed
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step, of_one
 from estimators.selection.score import Gain
+from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of

@@ -16,9 +16,7 @@ from estimators.arguments import (
 )
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
-from estimators.checks.identifiability import identifiability, untold
 from estimators.checks.remedies import remedies, turned_round
-from estimators.checks.residual import Region
 from estimators.checks.torque_constant import of_the_drive, told
 from estimators.diagnosis.arm import examine_arm
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
@@ -31,15 +29,18 @@ from estimators.diagnosis.unexplained import of_held_out, unexplained
 from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, forward, no_progress
+from estimators.schemes.identifiability import identifiability, untold
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import fit_terms
 from estimators.selection.models import Models, held_out_cost
 from estimators.selection.motion import is_misfit, refine, refit
-from estimators.selection.moves import explaining, settle
+from estimators.selection.moves import settle
 from estimators.selection.physical import impossible
 from estimators.selection.prepared import Data
 from estimators.selection.search import Selection, select
+from estimators.selection.tables import explaining
 from estimators.signals.measurements import measure_segments
+from estimators.signals.residual import Region
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.arms.joints import body_of
 from pendulum_env.mistake import Mistake

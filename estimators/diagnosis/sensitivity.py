@@ -4,11 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimators.checks.residual import turns
 from estimators.diagnosis.experiment import of_typical_size
 from estimators.diagnosis.result import Detectable
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
+from estimators.signals.residual import turns
 from pendulum_env.physics import Term
 
 TOLD = ("stribeck", "quadratic_drag", "load_dependent_friction", "cogging", "spring")  # as long as they are known

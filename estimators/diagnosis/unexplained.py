@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.checks.residual import Region, everywhere, stand_out
 from estimators.selection.models import Models
 from estimators.selection.motion import is_misfit
 from estimators.selection.physical import impossible
 from estimators.selection.prepared import Comparable
 from estimators.selection.search import Selection
 from estimators.signals.motion import SLOWEST
+from estimators.signals.residual import Region, everywhere, stand_out
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.words import listing

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.checks.residual import profile, weight
 from estimators.online.binning import BLOCK, Bin
 from estimators.selection.score import NU
+from estimators.signals.residual import profile, weight
 from pendulum_env._typing import Array, Index, Mask
 
 

@@ -13,13 +13,13 @@ import numpy as np
 from estimators.arguments import Recordings, Terms, chosen_recordings, chosen_terms, within_limits
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
-from estimators.checks.identifiability import Doubt, identifiability, inseparable, is_driven, untold, untold_of_arm
 from estimators.checks.remedies import wrong_columns
 from estimators.checks.torque_constant import told, unit_of
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import Joints, for_arms, measure_arm, series
 from estimators.schemes.fitting import Identified, Segments, fitted, regressions, stack
+from estimators.schemes.identifiability import Doubt, identifiability, inseparable, is_driven, untold, untold_of_arm
 from estimators.schemes.six import SCHEMES, LowPass, Regression, Regressor, Scheme, chosen_schemes
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.physical import driving_friction

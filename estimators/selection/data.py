@@ -9,12 +9,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from estimators.checks.residual import SYMBOLS, Region, stand_out
 from estimators.regression.least_squares import Fit
 from estimators.selection.candidates import Screen
 from estimators.selection.errors import Errors
 from estimators.selection.prepared import Comparable, Fits
 from estimators.selection.regression import Regression
+from estimators.signals.residual import SYMBOLS, Region, stand_out
 from estimators.simulation.free_running import Segments, choose_segments, deviation, position_rms
 from estimators.simulation.multiple_shooting import hidden_state, watch
 from estimators.weak_form.dataset import Dataset, prepare

@@ -98,18 +98,6 @@ def rivals(models: Models, terms: Terms, term: Term) -> list[Terms]:
     return candidates(models, others, [term.id, *barred])
 
 
-def is_needed(models: Models, terms: Terms, without: Terms) -> bool:
-    """Whether an effect gains significantly and explains more than is left; else it may belong to that rest."""
-    return models.is_significant(terms, without) and models.left.explained(terms, without) > models.criterion.needed
-
-
-def explaining(models: Models, terms: Terms, laws: Iterable[type[Term]]) -> str | None:
-    """The id of the law that would best explain the residual of the terms; None if none explains enough."""
-    trials = [best(models, terms, law) for law in laws if law.id not in ids(terms)]
-    found = [trial.terms for trial in trials if trial is not None and is_needed(models, trial.terms, terms)]
-    return min(found, key=models.promise)[-1].id if found else None
-
-
 def settle(models: Models, terms: Terms) -> Terms:
     """Refit every shape parameter with all terms present."""
     trial = models.screen.trial(terms)

@@ -1,10 +1,11 @@
 """Tables that compete with effects: nonparametric functions, of which some effects are mere imitations."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
-from estimators.selection.moves import best, candidates, is_needed, settle
+from estimators.selection.moves import best, candidates, settle
+from pendulum_env.physics import Term
 from pendulum_env.physics.table import ByTime, Table
 from pendulum_env.physics.term import loads
 from pendulum_env.physics.terms import ids, parameters
@@ -106,3 +107,15 @@ def named(models: Models, terms: Terms) -> Terms:
 def table_of(models: Models, terms: Terms) -> Table:
     """The table among the terms that competes with effects."""
     return next(term for term in terms[len(models.base) :] if isinstance(term, Table))
+
+
+def is_needed(models: Models, terms: Terms, without: Terms) -> bool:
+    """Whether an effect gains significantly and explains more than is left; else it may belong to that rest."""
+    return models.is_significant(terms, without) and models.left.explained(terms, without) > models.criterion.needed
+
+
+def explaining(models: Models, terms: Terms, laws: Iterable[type[Term]]) -> str | None:
+    """The id of the law that would best explain the residual of the terms; None if none explains enough."""
+    trials = [best(models, terms, law) for law in laws if law.id not in ids(terms)]
+    found = [trial.terms for trial in trials if trial is not None and is_needed(models, trial.terms, terms)]
+    return min(found, key=models.promise)[-1].id if found else None

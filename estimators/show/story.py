@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.checks.homogeneity import Disagreement
-from estimators.checks.residual import SYMBOLS, Profile
 from estimators.comparison import Comparison
 from estimators.diagnosis.result import Addition, Candidate, Detectable, Diagnosis, Verdict
 from estimators.schemes.identification import Identification
 from estimators.selection.errors import Errors, Step
+from estimators.signals.residual import SYMBOLS, Profile
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.physics import Model

@@ -11,11 +11,11 @@ import pytest
 from agents import load
 from agents.evaluation import Outcome, evaluation_json
 from estimators.checks.homogeneity import Difference, Disagreement
-from estimators.checks.residual import Region, profiles, stand_out
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
 from estimators.paper import TABLE_2, WAYS, Experiment
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
+from estimators.signals.residual import Region, profiles, stand_out
 from pendulum_env.physics import BASE, Model, Samples
 from pendulum_env.physics.table import Extent, TorqueByAngle
 from pendulum_env.recording import Recording

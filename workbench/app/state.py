@@ -12,18 +12,18 @@ import numpy as np
 
 from estimators.arguments import chosen_effects, within_limits
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
-from estimators.checks.identifiability import Doubt, identifiability
-from estimators.checks.residual import Region, everywhere
 from estimators.checks.torque_constant import told
 from estimators.diagnosis.addition import fit
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.preprocessing import Preprocessed, parted
 from estimators.regression.equations import IdentificationError
+from estimators.schemes.identifiability import Doubt, identifiability
 from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData
 from estimators.selection.errors import Step
 from estimators.signals.measurements import measure_segments
+from estimators.signals.residual import Region, everywhere
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Links, arm_base, body_of, links_of

@@ -5,10 +5,10 @@ from functools import partial
 
 import numpy as np
 
-from estimators.checks.residual import REGIONS, profiles
 from estimators.comparison import of_joints
 from estimators.diagnosis.result import Diagnosis
 from estimators.selection.data import PreparedData
+from estimators.signals.residual import REGIONS, profiles
 from estimators.weak_form.dataset import NEGLIGIBLE
 from pendulum_env.arms.joints import body_of, links_of
 from pendulum_env.recording.record import NEWTON_METRE

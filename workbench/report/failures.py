@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from estimators.checks.residual import REGIONS, WITHIN, Profile, Region, profiles, stand_out, wrapped
+from estimators.signals.residual import REGIONS, WITHIN, Profile, Region, profiles, stand_out, wrapped
 from pendulum_env._typing import JSON, Array
 from workbench.report.case import Case
 from workbench.report.figure import Figure, Section, axis, band, line, numbers

@@ -5,10 +5,10 @@ import pytest
 
 from benchmarks.two_link import Multisine, TwoLink
 from estimators import compare, identify
-from estimators.checks.identifiability import untold, untold_of_arm
 from estimators.regression.equations import IdentificationError
 from estimators.schemes import six
 from estimators.schemes.balance import for_arms
+from estimators.schemes.identifiability import untold, untold_of_arm
 from estimators.schemes.six import PAPER, SCHEMES, Integral
 from estimators.signals.measurements import measure_segments
 from pendulum_env.arms.body import read_body

@@ -7,12 +7,12 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Diagnosis
-from estimators.checks.residual import Region
 from estimators.diagnosis.experiment import DESIGN, Limits, Question, of_typical_size, suggest
 from estimators.diagnosis.result import Verdict
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.preprocessing import gather
 from estimators.selection.models import Models
+from estimators.signals.residual import Region
 from pendulum_env.physics import BASE, effects
 from pendulum_env.reading import Value
 from pendulum_env.recording import Recording

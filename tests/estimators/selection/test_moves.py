@@ -9,8 +9,9 @@ from benchmarks.independent_plant import Experiment, Plant
 from estimators.diagnosis.judge import alternatives
 from estimators.preprocessing import gather
 from estimators.selection.models import Models
-from estimators.selection.moves import best, candidates, is_needed, rivals, settle
+from estimators.selection.moves import best, candidates, rivals, settle
 from estimators.selection.search import challenged, revise
+from estimators.selection.tables import is_needed
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests.cases import recorded

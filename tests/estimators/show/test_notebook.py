@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators import add, compare, diagnose, identify
-from estimators.checks.residual import Region
+from estimators.signals.residual import Region
 from estimators.wrappers import EstimateParameters, EstimateParametersVector
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation

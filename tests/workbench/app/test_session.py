@@ -14,7 +14,7 @@ from dash import dcc, html
 from plotly.utils import PlotlyJSONEncoder
 
 from estimators import add
-from estimators.checks.residual import AXES
+from estimators.signals.residual import AXES
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model, effects

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.checks.identifiability import identifiability
 from estimators.regression.equations import IdentificationError
+from estimators.schemes.identifiability import identifiability
 from estimators.schemes.identification import identify
 from estimators.signals.measurements import measure
 from pendulum_env.physics import BASE, effects

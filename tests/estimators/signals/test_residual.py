@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.checks.residual import AXES, Profile, Region, profile, profiles, spectrum, stand_out
+from estimators.signals.residual import AXES, Profile, Region, profile, profiles, spectrum, stand_out
 from pendulum_env.physics import Samples
 
 NOISE = 0.02  # N m
