@@ -18,10 +18,10 @@ from scipy.linalg import null_space
 
 from estimators.arms.standard import pseudo_inertia
 from estimators.regression.equations import Equations, IdentificationError
-from estimators.regression.least_squares import solve
+from estimators.regression.least_squares import Fit, solve
 from estimators.schemes.balance import ARM_SCHEMES, measure_arm
 from estimators.schemes.fitting import by_joint, regressions, stack
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.body import STANDARD
 from pendulum_env.arms.joints import links_of
 from pendulum_env.arms.recording import ArmRecording
@@ -131,15 +131,21 @@ def find_payload(
         for n, name in enumerate(STANDARD)
         if not unseen.size or np.linalg.norm(unseen[n]) < HIDDEN
     }
-    left = {}
-    for n, name in enumerate(body.joints):
-        if (own := loaded[use] & (data.joint[use] == n)).any():
-            before, after = (float(np.sqrt(np.mean(one.residual[own] ** 2))) for one in (empty, fit))
-            left[name] = before, after
+    left = _missed(body.joints, np.where(loaded, data.joint, -1)[use], empty, fit)
     center = _center(values, covariance) if set(STANDARD[:4]) <= estimates.keys() else None
     return Payload(
         joint, estimates, center, _exists(values, covariance) if len(estimates) == len(STANDARD) else None, left
     )
+
+
+def _missed(joints: Sequence[str], joint: Index, before: Fit, after: Fit) -> dict[str, tuple[float, float]]:
+    """Torque that two fits leave of each joint that has equations, by its number in each of them (R,), -1 for none."""
+    rows = {name: joint == n for n, name in enumerate(joints)}
+
+    def rms(fit: Fit, own: Mask) -> float:
+        return float(np.sqrt(np.mean(fit.residual[own] ** 2)))
+
+    return {name: (rms(before, own), rms(after, own)) for name, own in rows.items() if own.any()}
 
 
 def _center(values: Array, covariance: Array) -> tuple[Estimate, ...] | None:
