@@ -24,6 +24,7 @@ from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
+from pendulum_env.words import listing
 
 HELD_OUT = 0.3  # end of each recording that is held out when no recording is
 MOTION = 0.5  # of the motion, that has to come before what is held out of the end of recordings
@@ -167,10 +168,13 @@ class Preprocessed:
     def timing_texts(self, is_late: bool) -> tuple[str, ...]:
         """What was found of torque that is logged late, or of torque that acts late; with names where they differ."""
         every = zip((*self.recordings, *self.holdout), self.alignments, strict=bool(self.alignments))
-        said = {one.text: recording.name for recording, one in every if one.is_late == is_late and one.text}
+        said: dict[str, list[str]] = {}
+        for recording, one in every:
+            if one.is_late == is_late and one.text:
+                said.setdefault(one.text, []).append(recording.name)
         if all(one is self.alignments[0] for one in self.alignments):
             return tuple(said)
-        return tuple(f"{name}: {text}" for text, name in said.items())
+        return tuple(f"{listing(names)}: {text}" for text, names in said.items())
 
 
 def _turned(recording: Recording, constant: TorqueConstant) -> Recording:

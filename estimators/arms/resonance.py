@@ -130,7 +130,8 @@ class Chain:
             np.column_stack(own)
             for own in zip(*((w.samples.position, w.samples.velocity) for w in self.windows), strict=True)
         )
-        q, v, a = q[every], speeds[every], np.gradient(speeds, self.period, axis=0)[every]
+        rates = np.concatenate([np.gradient(speeds[a:b], self.period, axis=0) for a, b in self.segments])
+        q, v, a = q[every], speeds[every], rates[every]
         still = np.zeros_like(q)
         masses = [body.momentum(q, np.broadcast_to(unit, q.shape)) for unit in units]
         drags = [body.torque(q, v + unit, still) - body.torque(q, v - unit, still) for unit in units]

@@ -42,7 +42,7 @@ class ChannelSettings:
     fewest_equations: int = 3  # equations for each column
     friction: tuple[float, ...] = (0.02, 0.1, 0.5)  # of the highest velocity: where friction, too, may bend
     bends: int = 3  # times that the torque of the model is refitted with columns that depend on it
-    nearby: float = 1e-4  # [s], difference for derivatives, and of what is alike
+    nearby: float = 1e-4  # [s], difference for derivatives
     negligible: float = 0.02  # of a sample: neither smoothing nor a clock is as exact as that
     between: int = 4  # recordings from which on their scatter, too, tells a standard error
     fewest_stretches: int = 3  # below which their scatter tells nothing
@@ -91,6 +91,11 @@ class Alignment:
         """Whether torque is logged late or filtered, which no physical effect can do."""
         return self.channel.is_late
 
+    @property
+    def is_half(self) -> bool:
+        """Whether torque is taken for sampled with the position: half a sample late, whatever a recording's period."""
+        return self.channel.is_sampled and self.delay_std == 0
+
     def excels(self, other: Alignment, by_chance: float = 0.0) -> bool:
         """Whether it surely predicts better, by the scatter between stretches, whatever is left.
 
@@ -118,9 +123,11 @@ class Alignment:
 
     def agrees(self, other: Alignment) -> bool:
         """Whether it is no other delay and lag than another's, as far as both are known."""
+        if self.is_half and other.is_half:  # each of its own period
+            return True
         apart = self.delay + self.lag - other.delay - other.lag
         spread = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
-        return bool(abs(apart) <= SEARCH.sure * spread + SEARCH.nearby)
+        return bool(abs(apart) <= SEARCH.sure * spread)
 
     def apply(self, recording: Recording) -> Recording:
         """The recording with the torque that acted, where it was logged late or filtered; else as it is.
@@ -130,14 +137,15 @@ class Alignment:
         if not self.is_late:
             return recording
         period = 1.0 / recording.rate
+        channel = replace(self.channel, delay=0.5 * period) if self.is_half else self.channel
         edge = 2 * self.channel.is_sampled  # samples whose cubic has no neighbours
         first = max(edge, int(self.lag > 0))
-        beyond = int(np.ceil(max(self.delay, 0.0) / period - 1e-9)) + edge
+        beyond = int(np.ceil(max(channel.delay, 0.0) / period - 1e-9)) + edge
         kept, torque = [], []
         joints = recording.torque.reshape(len(recording), -1).T  # of an arm several
         for begin, end in pairwise((*recording.starts, len(recording))):
             if end - beyond - begin - first >= 2:
-                acting = np.column_stack([self.channel.held(own[begin:end], period) for own in joints])
+                acting = np.column_stack([channel.held(own[begin:end], period) for own in joints])
                 kept.append(np.arange(begin + first, end - beyond))
                 torque.append(acting[first : end - beyond - begin])
         if not kept:
@@ -166,7 +174,7 @@ class Alignment:
         either = f" (or {self.rival}: more steps of torque would tell)" if self.rival else ""
         if self.is_late:
             found = [
-                *([f"logged {delay} late" if self.delay_std else "logged half a sample late"] if self.delay else []),
+                *([f"logged {'half a sample' if self.is_half else delay} late"] if self.delay else []),
                 *([f"logged through a low-pass filter with a time constant of {lag}"] if self.lag else []),
             ]
             kind = ": it was sampled like the position and not held until the next sample, as where rows are left out"

@@ -237,8 +237,7 @@ class ChannelFits:
             both = self.fit([late * np.array([share, 1 - share]) for share in (0.25, 0.5, 0.75)], (0, 1), low=0.0)
             if both.stands(none) and both.lag > self.period and both.excels(delay) and both.excels(lag):
                 return both
-        is_likelier = (lag.density.sum(axis=1) > delay.density.sum(axis=1)).all()
-        is_filter = is_likelier and lag.stands(none) and abs(lag.lag) >= self.period
+        is_filter = lag.predicts_better(delay) and lag.stands(none) and abs(lag.lag) >= self.period
         law, other = (lag, delay) if is_filter else (delay, lag)
         return law if law.excels(other) or not other.stands(none) else replace(law, rival=other.as_rival)
 
@@ -286,7 +285,14 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
     fits = fits if fits.data.given else fits.sharpest()  # what links and smooth laws follow is wide enough
     found, sampled = fits.simplest(), replace(fits, is_sampled=True)
     half = sampled.fit([np.array([0.5 * fits.period, 0.0])])
-    if not found.is_found and fits.delayed.is_sure and half.predicts_better(found) and not fits.delayed.excels(half):
+    free = fits.delayed
+    if (
+        not found.is_found
+        and free.is_sure
+        and half.agrees(free)
+        and half.predicts_better(found)
+        and not free.excels(half)
+    ):
         return half
     if not found.is_late:
         return found
@@ -295,7 +301,7 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
     is_sampled = not found.excels(other) if is_usual else other.excels(found)
     if not (is_sampled and other.is_late):
         return found
-    return replace(other, rival=None) if other.excels(half) else half
+    return half if half.agrees(other) and not other.excels(half) else replace(other, rival=None)
 
 
 def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:
@@ -307,8 +313,8 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
     if len(recordings) == 1:
         return [joint]
     each = [align([recording], beside) for recording in recordings]
-    for law in (joint, *each):
-        if (law.is_late or (law is joint and law.is_found)) and all(one.agrees(law) for one in each):
+    for law in (joint, *sorted(each, key=lambda one: one.delay_std + one.lag_std)):
+        if (law.is_late or (law is joint and law.is_found)) and all(one.agrees(law) for one in (joint, *each)):
             return [law] * len(each)
     alone = [one if one.is_late or not one.is_found else joint for one in each]
     return alone if any(one.is_found for one in alone) else [joint] * len(each)

@@ -13,7 +13,7 @@ from estimators.arms.transmission import Transmission
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import KEPT, UNNAMED, Candidate, Diagnosis, Verdict
 from estimators.diagnosis.setting import Setting
-from estimators.diagnosis.unexplained import held_out, of_held_out
+from estimators.diagnosis.unexplained import fit_that, held_out
 from estimators.preprocessing import Parts, Preprocessed
 from estimators.schemes.identifiability import untold_of_arm
 from estimators.selection.data import PreparedData
@@ -37,9 +37,7 @@ OF_RIGID = (
     "the model and its errors are of a rigid arm, with the torque that it would have felt: {effect} is no term of it"
 )
 
-PERHAPS_CARRIED = (
-    "if the arm carried something there, `compare MODEL.json --payload` tells what, and whether that explains it"
-)
+PERHAPS_CARRIED = "; or, if the arm carried something there, `compare MODEL.json --payload` tells what"
 
 
 def examine_arm(
@@ -84,11 +82,11 @@ def examine_arm(
         advice=(
             *([] if beyond is None else [OF_RIGID.format(effect=beyond.transmission.effect)]),
             *driving_friction(model),
-            *([PERHAPS_CARRIED] if unseen and not left else []),
-            *(f"{text}: this diagnosis has corrected it" for text in given.timing_texts(True)),
+            *(f"{text}: this diagnosis has corrected it, other commands do not" for text in given.timing_texts(True)),
         ),
-        forbidden=(of_held_out(models, found.terms) if unseen and not left else None)
-        or what_is_open(groups, tables, bool(left or unseen), body),
+        forbidden=fit_that(models) + PERHAPS_CARRIED * bool(holdout)
+        if unseen and not left
+        else what_is_open(groups, tables, bool(left or unseen), body),
         tables=tables,
         torque_unit=given.unit,
         data=given.fresh(model.terms),
@@ -134,7 +132,8 @@ def where_it_stands_out(
         assert isinstance(part, PreparedData)
         for at in places:
             region = next(iter(part.stand_out(residual, at, most=1)), replace(everywhere(""), at=at))
-            regions.append(replace(region, text=f"{prefix} {region.text}".strip()))
+            nowhere = ", at no one speed, angle or time" if prefix else ""
+            regions.append(replace(region, text=f"{prefix} {region.text}".strip() if region.text else prefix + nowhere))
     return tuple(regions)
 
 

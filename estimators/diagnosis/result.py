@@ -307,6 +307,8 @@ class Diagnosis:
             "regions": {region.at: region.json() for region in self.unexplained if region.text},
             "tables": list(self.tables),
             "transmissions": [one.json() for one in self.transmissions],
+            "alignments": [alignment.json() for alignment in self.alignments],
+            "advice": list(self.advice),
             "model": self.model.json(),
         }
 

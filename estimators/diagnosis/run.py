@@ -79,7 +79,7 @@ def diagnose(
     the others are named and not fitted: no effect of one plant explains two plants. Known loads are no part of the
     model; where a current was logged, they tell the torque constant, and without them all is per ampere.
 
-    Of an arm, effects are looked for at its joints, by torque alone: nothing is corrected, simulated or suggested.
+    Of an arm, effects are looked for at its joints, by torque alone: nothing is simulated or suggested.
 
     Args:
         recordings: fitted jointly.
@@ -141,9 +141,14 @@ def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], se
         again = calibrated.timed(beside)
         if not again.agrees(given):
             pairs = (again, _of_one_plant(again, setting)), (given, found)
-            given, found = min(pairs, key=lambda pair: (bool(pair[1].unexplained), held_out_cost(pair[1].steps[-1])))
+            given, found = min(pairs, key=lambda pair: _open(pair[1]))
     setting.progress("done", 1.0)
     return _with_channel(found, given)
+
+
+def _open(found: Diagnosis) -> tuple[bool, int, float]:
+    """Sort key of diagnoses of the same recordings, the one that explains them best first."""
+    return bool(found.unexplained), len(found.disagreements), held_out_cost(found.steps[-1])
 
 
 def _usual_torque(given: Preprocessed) -> float:

@@ -56,8 +56,11 @@ def unexplained(found: Selection) -> list[Region]:
 
 def of_held_out(models: Models, final: Sequence[Term]) -> str | None:
     """What is said where held-out data alone show more."""
-    if models.left.are_noise(tuple(final)) != (True, False):
-        return None
+    return fit_that(models) if models.left.are_noise(tuple(final)) == (True, False) else None
+
+
+def fit_that(models: Models) -> str:
+    """What is said where what was fitted is explained, and what was held out is not."""
     return f"what was fitted is explained, and what was held out ({held_out(models)}) is not: fit that, too"
 
 

@@ -92,7 +92,9 @@ class Models:
             recorded = np.concatenate([cross_validated(known, first), predicted(known.solve(), unseen, second)])
             for lag in (term for term in terms if term.lead):
                 without = tuple(other for other in terms if other is not lag)
-                if self.bootstrap.gain(recorded, self._predictive(without, lag)).chance > self.criterion.chance:
+                several = any(other.lead for other in without)
+                acting = self.density(without) if several else self._predictive(without, lag)
+                if self.bootstrap.gain(recorded, acting).chance > self.criterion.chance:
                     return recorded  # a filter that only makes the torque smaller
         return told
 

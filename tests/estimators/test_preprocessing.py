@@ -36,6 +36,13 @@ def test_each_recording_is_timed_by_itself_where_they_differ():
     assert text.startswith("moving, late: torque is logged")
 
 
+def test_held_out_recordings_tell_the_timing_of_the_log_too():
+    good = recording("moving")
+    still = late(good).slice(0, 400)  # too short to tell
+    assert not Preprocessed.of([still]).timed().has_moved
+    assert all(one.is_late for one in Preprocessed.of([still], [late(good)]).timed().alignments)
+
+
 def test_what_is_said_of_recordings_goes_with_them_when_others_are_left_out():
     assert mixed().without([]) is mixed()
     left = mixed().without([2])

@@ -10,8 +10,10 @@ from scipy.signal import butter, lfilter
 
 from benchmarks import six_joint
 from benchmarks.six_joint import Hidden
+from benchmarks.two_link import TwoLink
 from estimators import add, compare, diagnose, identify
 from estimators.diagnosis.result import Verdict
+from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel
@@ -48,6 +50,34 @@ def test_nothing_is_named_where_nothing_is_hidden(six, plain):
     found = diagnose(plain, (), arm_base(six), library=SOME)
     assert found.selected == ()
     assert len(found.steps) == 1
+
+
+def test_torque_of_all_joints_that_was_sampled_is_late_by_half_a_sample(six, plain):
+    """A log of every fifth row, whose torque went on changing until the next."""
+    every = slice(None, None, 5)
+    sparse = ArmRecording.of("sparse", plain.names, plain.time[every], plain.position[every], plain.torque[every])
+    base = arm_base(six)
+    given = Preprocessed((sparse,), terms=base).timed()
+    (law,) = given.alignments
+    assert law.channel.is_sampled and law.delay == pytest.approx(2.5 / plain.rate, abs=0.6 / plain.rate)
+    assert not Preprocessed((plain,), terms=base).timed().has_moved
+    (mended,) = given.recordings
+    acted = plain.torque[: 5 * len(sparse)].reshape(-1, 5, len(six.joints)).mean(axis=1)
+    first = round(mended.time[0] * sparse.rate)
+    off = mended.torque - acted[first : first + len(mended)]
+    had = (sparse.torque - acted)[first : first + len(mended)]
+    assert np.all(np.std(off, axis=0)[:3] < 0.5 * np.std(had, axis=0)[:3])
+
+
+def test_a_payload_in_what_is_held_out_alone_is_left_at_the_joints_that_feel_it(body):
+    heavy = replace(TwoLink(), mass=(1.2, 1.1), inertia=(0.02, 0.012))
+    found = diagnose(recorded(seed=0), recorded(heavy, seed=4), arm_base(body), library=SOME)
+    assert found.selected == () and set(found.left) == {"shoulder", "elbow"}
+    assert all(region.text.startswith("in what was held out (run 4)") for region in found.unexplained)
+    assert found.next_step.startswith("what was fitted is explained, and what was held out (run 4) is not")
+    assert "--payload" in found.next_step and found.model.estimates["viscous@elbow"].is_biased
+    same = diagnose(recorded(seed=0), recorded(seed=1), arm_base(body), library=SOME)
+    assert not same.left and not same.remarks and "held out" not in same.next_step
 
 
 def test_an_effect_is_named_at_its_joint_and_the_error_falls(six):

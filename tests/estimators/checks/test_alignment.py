@@ -151,6 +151,45 @@ def test_a_log_of_every_few_samples_of_a_controller_holds_torque_that_was_sample
     assert abs(plain[0] / TRUTH[0] - 1) > 0.015  # taken for held
 
 
+def test_sampled_torque_is_late_by_half_a_sample_though_that_hardly_helps_to_predict():
+    """A hundred rows a second of a servo: nothing says so but that a delay is surely some, and about half a sample."""
+    fast = run("two_tone", 1000.0)
+    noisy = replace(fast, torque=fast.torque + np.random.default_rng(0).normal(0.0, 0.3, len(fast)))
+    found = align([every_few(noisy, 10)])
+    assert found.channel == Channel(0.005, 0.0, True) and found.delay_std == 0.0
+    assert str(found.text).startswith("torque is logged half a sample late: it was sampled like the position")
+    assert not align([noisy]).is_found
+
+
+@pytest.mark.parametrize("seed", slow.but_first(range(8)))
+def test_held_torque_that_is_a_whole_sample_late_is_never_half_a_sample_late(seed):
+    late = logged_late(run("two_tone", 100.0, seed), 1)
+    noise = np.random.default_rng(seed).normal(0.0, 1e-3, len(late))
+    found = align([replace(late, position=late.position + noise)])
+    assert not found.is_half and (not found.is_late or found.delay + found.lag > 0.007)
+
+
+def test_a_law_that_all_recordings_together_contradict_is_none_of_one_alone(monkeypatch):
+    """Laws by recording: the more exact one is that of all, and what contradicts the joint one is its own."""
+    blurred, sharp = Alignment(Channel(5e-3), 1e-3, 0.0), Alignment(Channel(3.2e-3), 5e-5, 0.0)
+    nothing = Alignment(Channel(), 1e-2, 1e-2)
+    laws = {("a", "b"): nothing, ("a",): blurred, ("b",): sharp}
+    recordings = [replace(run("two_tone", 500.0), name=name) for name in "ab"]
+    monkeypatch.setattr("estimators.checks.channel.align", lambda some, _: laws[tuple(one.name for one in some)])
+    assert align_each(recordings) == [sharp, sharp]
+    laws["a", "b"] = Alignment(Channel(), 1e-4, 1e-4)  # surely in time
+    assert align_each(recordings) == [blurred, sharp]
+
+
+def test_what_one_recording_tells_of_the_log_is_said_of_all_unless_another_contradicts():
+    told, untold = (every_few(run(kind, 500.0, seed), 5) for kind, seed in (("pd_loop", 3), ("two_tone", 4)))
+    brief = untold.slice(0, 120)
+    assert not align([brief]).is_found and align([told]).is_late
+    assert [one.delay for one in align_each([told, brief])] == pytest.approx([0.004, 0.004], abs=3e-4)
+    in_time = run("pd_loop", 500.0, 5)
+    assert [one.is_late for one in align_each([told, in_time])] == [True, False]
+
+
 @pytest.mark.slow
 def test_recordings_share_a_delay_unless_they_differ():
     early, late = run("multisine", 500.0), logged_late(run("two_tone", 500.0, seed=4), 3)

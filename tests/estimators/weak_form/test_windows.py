@@ -245,3 +245,15 @@ def test_neither_is_one_that_friction_of_another_law_makes(hidden, terms):
     experiment = Experiment(rate=500, seconds=8, seed=3)
     (run,) = simulate([(Plant(effects=hidden), experiment)])
     assert knocked(PreparedData.of([told(run)]), (*BASE, *terms)).impacts == 0
+
+
+def test_noise_of_the_rate_of_a_torque_is_that_of_white_encoder_noise():
+    rng, time = np.random.default_rng(1), np.arange(0.0, 60.0, 0.002)
+    q = np.sin(2.0 * time)
+    clean, noisy = (
+        cut(Recording("", time, q + noise * rng.standard_normal(len(q)), np.cos(2.0 * time)), 0.03)
+        for noise in (1e-9, 1e-4)
+    )
+    both = np.intersect1d(clean.centers, noisy.centers)
+    of_each = (w.rates.narrow[np.isin(w.centers, both)] @ w.acceleration for w in (clean, noisy))
+    assert noisy.rate_noise(0.5) == pytest.approx(0.5 * np.std(np.subtract(*of_each)), rel=0.1)
