@@ -140,15 +140,15 @@ def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], se
     if given.has_moved or (beside and found.unexplained):  # an effect may look like a delay, or hide one
         again = calibrated.timed(beside)
         if not again.agrees(given):
-            pairs = (again, _of_one_plant(again, setting)), (given, found)
-            given, found = min(pairs, key=lambda pair: _open(pair[1]))
+            given, found = min((again, _of_one_plant(again, setting)), (given, found), key=_complexity)
     setting.progress("done", 1.0)
     return _with_channel(found, given)
 
 
-def _open(found: Diagnosis) -> tuple[bool, int, float]:
-    """Sort key of diagnoses of the same recordings, the one that explains them best first."""
-    return bool(found.unexplained), len(found.disagreements), held_out_cost(found.steps[-1])
+def _complexity(timed: tuple[Preprocessed, Diagnosis]) -> tuple[bool, int, int]:
+    """Sort key of diagnoses under several timings, the one first that explains everything, or most, by least."""
+    given, found = timed
+    return bool(found.unexplained), len(found.disagreements), len(found.selected) + given.has_moved
 
 
 def _usual_torque(given: Preprocessed) -> float:
