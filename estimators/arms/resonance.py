@@ -25,7 +25,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares as search
 
 from estimators.arms.transmission import Transmission
-from estimators.regression.least_squares import least_squares, robust_covariance
+from estimators.regression.least_squares import least_squares, outside, robust_covariance
 from estimators.selection.data import PreparedData
 from estimators.selection.left import Terms
 from estimators.weak_form.windows import Windows
@@ -153,17 +153,18 @@ class Chain:
         every = zip(self.segments, self._places, parts, strict=True)
         return np.concatenate([CubicSpline(places, own)(np.arange(*segment)) for segment, places, own in every])
 
-    def felt(self, field: Field, spring: Spring, time: int = 1) -> Array:
+    def felt(self, field: Field, spring: Spring, time: int = 1, is_forced: bool = False) -> Array:
         """Torque that each joint feels more than on a rigid arm (N, n, C) [N m].
 
-        The first is that of an extension that starts at rest, two more for each segment, if these are few, what rings
-        from its start, per rad and per rad/s of the extension there; in `time` that runs forward, 1, or backward, -1.
+        The first is that of an extension that starts at rest. Two more for each segment are what rings from its start,
+        per rad and per rad/s of the extension there, if segments are few, and what is forced is not all that is asked.
+        In `time` that runs forward, 1, or backward, -1.
         """
         j, h = spring.joint, self.period
         masses = field.masses - spring.rotor * (np.arange(len(self.windows)) == j)
         load = field.load - spring.rotor * self.accelerations[:, j]
         constants = np.tile(np.array([spring.stiffness, spring.damping, h])[:, None, None], 3)
-        rings = 2 * (len(self.segments) <= RESONANCE.segments)
+        rings = 0 if is_forced or len(self.segments) > RESONANCE.segments else 2
         extension = np.zeros((len(load), 1 + rings * len(self.segments)))
         for k, (begin, end) in enumerate(self.segments):
             here = np.arange(begin, end)[::time]
@@ -172,10 +173,8 @@ class Chain:
             given = np.concatenate([np.zeros((len(here), 1, 3)), np.repeat(slopes[:, :, None], 3, axis=2)], axis=1)
             given[:, 0, 0] = load[here]  # of three lanes
             path = _newmark()(given[1:-1], constants, np.array([[[first, 1.0, h]], [[first, 1.0, 0.0]]]))[:, :, 0]
-            lanes = slice(1 + rings)
-            extension[here[:, None], [0, 1 + 2 * k, 2 + 2 * k][lanes]] = np.concatenate([path[:1, 1], path[:, 0]])[
-                :, lanes
-            ]
+            places = [0, 1 + 2 * k, 2 + 2 * k][: 1 + rings]
+            extension[here[:, None], places] = np.concatenate([path[:1, 1], path[:, 0]])[:, : 1 + rings]
         extension = np.nan_to_num(extension, nan=FARTHEST).clip(-FARTHEST, FARTHEST)
         bent = np.pad(np.diff(extension, 2, axis=0) / h**2, ((1, 1), (0, 0)))
         rates = np.gradient(extension, h, axis=0)
@@ -216,9 +215,9 @@ class Rows:
         """What drives a joint's extension along each recording."""
         return [own.field(theta[: self.count], joint) for own in self.chains]
 
-    def columns(self, fields: Sequence[Field], spring: Spring, time: int = 1) -> Array:
-        """Weighted columns of what is forced, and of what rings from the start of each segment (R, C)."""
-        felt = [own.felt(field, spring, time) for own, field in zip(self.chains, fields, strict=True)]
+    def columns(self, fields: Sequence[Field], spring: Spring, time: int = 1, is_forced: bool = False) -> Array:
+        """Weighted columns of what is forced, and else of what rings from the start of each segment (R, C)."""
+        felt = [own.felt(field, spring, time, is_forced) for own, field in zip(self.chains, fields, strict=True)]
         columns, first = np.zeros((len(self.error), 1 + sum(own.shape[2] - 1 for own in felt))), 1
         for chain, own in zip(self.chains, felt, strict=True):
             places = [0, *range(first, first := first + own.shape[2] - 1)]
@@ -228,14 +227,14 @@ class Rows:
 
     def left(self, columns: Array, frame: Array, off: Array | float = 0.0) -> Array:
         """Errors (R,) beside forced columns and any ringing, less what is taken off and what a frame imitates."""
-        columns = _beyond(frame, columns)
-        error = _beyond(frame, self.error - off) - columns[:, 0]
+        columns = outside(frame, columns)
+        error = outside(frame, self.error - off) - columns[:, 0]
         return np.asarray(error - columns[:, 1:] @ least_squares(columns[:, 1:], error))
 
     def springs(self, joint: int, time: int = 1) -> list[tuple[float, Spring]]:
         """Springs of a joint and what each explains with an amplitude of its own, the best one first."""
         fields, found = self.fields(self.theta, joint), []
-        masses, error = np.concatenate([own.masses[:, joint] for own in fields]), _beyond(self.frame, self.error)
+        masses, error = np.concatenate([own.masses[:, joint] for own in fields]), outside(self.frame, self.error)
         known, least = self.rotor(joint), float(masses.min())
         rotors = [share * least for share in RESONANCE.rotors] if known is None else [float(self.theta[known])]
         fastest = RESONANCE.steepest / max(own.period for own in self.chains)
@@ -244,7 +243,7 @@ class Rows:
             for w in (w for w in RESONANCE.frequencies if w < fastest):
                 for ratio in RESONANCE.ratios:
                     spring = Spring(joint, inertia * w**2, 2 * ratio * inertia * w, rotor)
-                    forced = _beyond(self.frame, self.columns(fields, spring, time)[:, 0])
+                    forced = outside(self.frame, self.columns(fields, spring, time, is_forced=True)[:, 0])
                     size = float(np.linalg.norm(forced)) + 1e-300
                     found.append((max(float(forced @ error) / size, 0.0) ** 2, spring))
         return sorted(found, key=lambda one: -one[0])
@@ -272,8 +271,8 @@ class Rows:
         """The spring of its joint that fits best together with all parameters."""
         joint, known, count = spring.joint, self.rotor(spring.joint), self.count
         others = np.linalg.qr(self.slopes[:, count:])[0]
-        factor = np.linalg.qr(_beyond(others, self.slopes[:, :count]), mode="r")
-        moves = np.linalg.pinv(factor, rcond=1e-8) * float(np.linalg.norm(_beyond(self.frame, self.error)))
+        factor = np.linalg.qr(outside(others, self.slopes[:, :count]), mode="r")
+        moves = np.linalg.pinv(factor, rcond=1e-8) * float(np.linalg.norm(outside(self.frame, self.error)))
         least = min(float(own.masses[:, joint].min()) for own in self.fields(self.theta, joint))
 
         def at(x: Array) -> tuple[Array, Spring]:
@@ -296,17 +295,12 @@ class Rows:
         theta, spring = at(found.x)
         fields = self.fields(theta, joint)
         off, ringing = np.split(self.columns(fields, spring), [1], axis=1)
-        forced = _beyond(self.frame, off[:, 0])
+        forced = outside(self.frame, off[:, 0])
         amplitude = 1.0 + float(forced @ found.fun) / (float(forced @ forced) + 1e-300)
         change = least_squares(np.column_stack([ringing, self.slopes]), self.error - off[:, 0])[-len(self.theta) :]
         std = np.sqrt(np.diag(robust_covariance(found.jac, found.fun, self.clusters)))[:2]
         errors = np.hypot(std, amplitude - 1.0) * spring[1:3]  # where a free one is not one, there is more than noise
         return Resonance(spring, (float(errors[0]), float(errors[1])), self.terms, self.theta + change, amplitude)
-
-
-def _beyond(frame: Array, columns: Array) -> Array:
-    """What of some columns (R, ...) an orthonormal frame (R, P) cannot imitate."""
-    return np.asarray(columns - frame @ (frame.T @ columns))
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,6 @@ from estimators.selection.criterion import Criterion
 from estimators.signals.channel import Channel
 from pendulum_env._typing import JSON, Array
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import QUANTITIES
 
 
 @dataclass(frozen=True)
@@ -151,8 +150,7 @@ class Alignment:
         if not kept:
             return recording
         rows, shape = np.concatenate(kept), (-1, *recording.torque.shape[1:])
-        every = {name: getattr(recording, name) for name in QUANTITIES}
-        own: dict[str, Any] = {name: values[rows] for name, values in every.items() if values is not None}
+        own: dict[str, Any] = {quantity: values[rows] for quantity, values in recording.series.items()}
         own |= {"torque": np.concatenate(torque).reshape(shape), "is_moved": True}
         starts = tuple(np.cumsum([0, *map(len, kept[:-1])]).tolist())
         return replace(recording, **own, starts=starts, notes=(*recording.notes, f"aligned: {self.text}"))

@@ -26,6 +26,7 @@ from scipy.optimize import least_squares
 from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
 from estimators.regression.balance import Balance, placed
 from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import outside
 from estimators.selection.regression import Regression
 from estimators.selection.score import BLOCK, Blocks, cross_validated
 from estimators.signals.channel import Channel
@@ -175,7 +176,7 @@ class ChannelFits:
 
     def residual(self, torque: Array) -> Array:
         """What the columns leave of a weighted torque (R, ...)."""
-        return torque - self.span @ (self.span.T @ torque)
+        return outside(self.span, torque)
 
     def misfit(self, x: Array) -> Array:
         """What the model leaves of the torque, (R,), weighted."""
@@ -284,18 +285,13 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
         return NO_ALIGNMENT
     fits = fits if fits.data.given else fits.sharpest()  # what links and smooth laws follow is wide enough
     found, sampled = fits.simplest(), replace(fits, is_sampled=True)
-    half = sampled.fit([np.array([0.5 * fits.period, 0.0])])
     free = fits.delayed
-    if (
-        not found.is_found
-        and free.is_sure
-        and half.agrees(free)
-        and half.predicts_better(found)
-        and not free.excels(half)
-    ):
-        return half
-    if not found.is_late:
+    if not (found.is_late or (free.is_sure and not found.is_found)):
         return found
+    half = sampled.fit([np.array([0.5 * fits.period, 0.0])])
+    if not found.is_late:
+        is_half = half.agrees(free) and half.predicts_better(found) and not free.excels(half)
+        return half if is_half else found
     other = sampled.simplest()
     is_usual = found.delay + found.lag < 0.5 * fits.period + SEARCH.sure * (found.delay_std + found.lag_std)
     is_sampled = not found.excels(other) if is_usual else other.excels(found)

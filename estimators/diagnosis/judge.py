@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from estimators.diagnosis.result import Candidate, Verdict
+from estimators.regression.least_squares import outside
 from estimators.schemes.identifiability import Doubt
 from estimators.selection.errors import Step, error_at
 from estimators.selection.left import Terms
@@ -199,7 +200,7 @@ def is_excited(models: Models, longer: Terms) -> bool:
         return False
     own = own * models.regression.weights(others)[:, None]
     frame = models.regression.frame(others)
-    left = own - frame @ (frame.T @ own)
+    left = outside(frame, own)
     return float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(own, axis=0))) > models.criterion.seen
 
 

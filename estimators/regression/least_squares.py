@@ -213,6 +213,11 @@ def information(covariance: Array) -> Array:
     return np.asarray(np.linalg.pinv(covariance / scale, rcond=1e-10, hermitian=True) / scale)
 
 
+def outside(frame: Array, columns: Array) -> Array:
+    """What of some columns (R, ...) an orthonormal frame (R, P) cannot imitate."""
+    return np.asarray(columns - frame @ (frame.T @ columns))
+
+
 def least_squares(phi: Array, y: Array) -> Array:
     """Parameters (P,) of least squared error, columns scaled to equal length first; zero for a column of zeros.
 

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -194,8 +194,13 @@ class Recording:
     @property
     def columns(self) -> dict[str, Array]:
         """What was recorded, (N,) each, by the names of a file's columns."""
-        columns = {quantity: getattr(self, quantity) for quantity in QUANTITIES}
-        return {quantity: values for quantity, values in columns.items() if values is not None}
+        return self.series
+
+    @property
+    def series(self) -> dict[str, Array]:
+        """What was recorded, with a value or one of each joint for every sample, by quantity."""
+        every = {quantity: getattr(self, quantity) for quantity in QUANTITIES}
+        return {quantity: values for quantity, values in every.items() if values is not None}
 
     @property
     def bus(self) -> Array:
@@ -239,10 +244,10 @@ class Recording:
         if last - 1 in self.starts:
             last -= 1
         part = slice(first, max(first, last))
-        own = {quantity: getattr(self, quantity) for quantity in QUANTITIES}
+        own: dict[str, Any] = {quantity: values[part] for quantity, values in self.series.items()}
         return replace(
             self,
-            **{quantity: values[part] for quantity, values in own.items() if values is not None},
+            **own,
             starts=(0, *(begin - first for begin in self.starts if first < begin < last)),
         )
 
