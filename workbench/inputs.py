@@ -124,9 +124,10 @@ class Opened:
 
     def preprocessed(self, terminal: Terminal, align: bool | None = None) -> Preprocessed:
         """Recordings in torque where known loads tell the torque constant, see `tell_preprocessed`."""
-        if self.body is not None:  # those of an arm are by now
-            return Preprocessed(tuple(self.recordings), tuple(self.holdout))
-        return tell_preprocessed(Preprocessed.of(self.recordings, self.holdout), align, terminal)
+        if self.body is None:
+            return tell_preprocessed(Preprocessed.of(self.recordings, self.holdout), align, terminal)
+        given = Preprocessed(tuple(self.recordings), tuple(self.holdout), terms=self.model.terms)  # in torque by now
+        return tell_preprocessed(given, align or None, terminal)  # unasked, looking takes too long
 
 
 def opened(

@@ -28,7 +28,7 @@ DRIVEN = f"as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KE
 READING = "--columns --unwrap --max-size"  # how recordings are to be read
 ROBOT = "--robot --rotors --joints --base --no-gravity"
 LIMITS = "--fix --bound"  # parameters that are known or bounded
-OF_PENDULUMS = f"--drive --theta --align --instruments {LIMITS}"  # which say nothing of an arm
+OF_PENDULUMS = f"--drive --theta --instruments {LIMITS}"  # which say nothing of an arm
 
 
 def _with_message(convert: Callable[[str], T]) -> Callable[[str], T]:

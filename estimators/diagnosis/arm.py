@@ -11,7 +11,7 @@ import numpy as np
 from estimators.arms.resonance import RESONANCE, find_resonance
 from estimators.arms.transmission import Transmission
 from estimators.diagnosis.judge import judge
-from estimators.diagnosis.result import KEPT, UNNAMED, Candidate, Diagnosis, Verdict
+from estimators.diagnosis.result import KEPT, MENDED, UNNAMED, Candidate, Diagnosis, Verdict
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.unexplained import fit_that, held_out
 from estimators.preprocessing import Parts, Preprocessed
@@ -28,9 +28,8 @@ from estimators.signals.residual import Region, everywhere
 from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.windows import in_a_row
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import kind_at
+from pendulum_env.arms.joints import kind_at, links_of
 from pendulum_env.arms.recording import of_arms
-from pendulum_env.recording import Recording
 from pendulum_env.words import listing
 
 OF_RIGID = (
@@ -40,21 +39,16 @@ OF_RIGID = (
 PERHAPS_CARRIED = "; or, if the arm carried something there, `compare MODEL.json --payload` tells what"
 
 
-def examine_arm(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, body: Body
-) -> Diagnosis:
+def examine_arm(given: Preprocessed, setting: Setting) -> Diagnosis:
     """Find the effects at joints that recordings of an arm call for.
 
     Raises:
         IdentificationError: if a joint hardly moves clear of stick.
     """
-    known = {term.id for term in setting.base}
-    setting = replace(setting, library={id: kind for id, kind in setting.library.items() if id not in known})
-    given = Preprocessed(tuple(recordings), tuple(holdout), terms=(*setting.base, *setting.library.values())).timed()
-    models = setting.models(given.parts)
+    body, models = links_of(setting.base), setting.models(given.parts)
     found = select(models)
     (left, unseen), beyond = left_at_joints(models, found.terms), None
-    if left and all(own.link_position is None for own in of_arms([*recordings, *holdout])):
+    if left and all(own.link_position is None for own in of_arms((*given.recordings, *given.holdout))):
         beyond = beyond_resonance(models, found, body)
     rigid, *_ = found.steps
     if beyond is not None:
@@ -82,9 +76,9 @@ def examine_arm(
         advice=(
             *([] if beyond is None else [OF_RIGID.format(effect=beyond.transmission.effect)]),
             *driving_friction(model),
-            *(f"{text}: this diagnosis has corrected it, other commands do not" for text in given.timing_texts(True)),
+            *(f"{text}: {MENDED}" for text in given.timing_texts(True)),
         ),
-        forbidden=fit_that(models) + PERHAPS_CARRIED * bool(holdout)
+        forbidden=fit_that(models) + PERHAPS_CARRIED * bool(given.holdout)
         if unseen and not left
         else what_is_open(groups, tables, bool(left or unseen), body),
         tables=tables,

@@ -32,6 +32,7 @@ SETTLED = "nothing is left open that an experiment would settle"
 CHANCE = "lowers the held-out errors by no more than chance would"
 SURE = 3.0  # times its standard errors, from which a table has a shape
 KEPT = "keep that law as a table, which also says what it looks like: `pendulum-ident add MODEL.json {table} ...`"
+MENDED = "this diagnosis has corrected it, other steps do where that is asked for (--align)"
 UNNAMED = "no effect of the library is open, so that no experiment would name what is left"
 
 

@@ -22,7 +22,7 @@ from estimators.diagnosis.arm import examine_arm
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.in_loop import diagnose_in_loop
 from estimators.diagnosis.judge import judge
-from estimators.diagnosis.result import KEPT, UNNAMED, Diagnosis
+from estimators.diagnosis.result import KEPT, MENDED, UNNAMED, Diagnosis
 from estimators.diagnosis.sensitivity import detectable
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.unexplained import of_held_out, unexplained
@@ -117,11 +117,10 @@ def diagnose(
 
 def _examined(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Diagnosis:
     """Find the effects by what was recorded: an arm, a servo with its controller, or a joint and its torque."""
-    if (body := body_of(setting.base)) is not None:
+    if body_of(setting.base) is not None:
         if setting.by_reference or setting.limits != Limits():
             raise Mistake("by_reference and bounds of an experiment are for pendulums alone: leave them out for an arm")
-        return examine_arm(recordings, holdout, setting, body)
-    if are_driven([*recordings, *holdout]):
+    elif are_driven([*recordings, *holdout]):
         return diagnose_in_loop(recordings, holdout, setting)
     return _by_torque(recordings, holdout, setting)
 
@@ -129,20 +128,24 @@ def _examined(recordings: Sequence[Recording], holdout: Sequence[Recording], set
 def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Diagnosis:
     """Find the effects that recorded torque calls for; timed anew where an effect explains its delay."""
     setting.progress("reading the motion", 0.0)
-    calibrated = Preprocessed.of(recordings, holdout)
+    links = setting.base if body_of(setting.base) is not None else ()
+    if links:
+        library = {id: kind for id, kind in setting.library.items() if id not in ids(links)}
+        terms: tuple[Term | type[Term], ...] = (*links, *library.values())
+        setting, examine = replace(setting, library=library), examine_arm
+        calibrated = Preprocessed(tuple(recordings), tuple(holdout), terms=terms)
+    else:
+        examine, calibrated = _of_one_plant, Preprocessed.of(recordings, holdout)
     setting.progress("timing the torque", 0.0)
     given = calibrated.timed()
-    usual = _usual_torque(given)
-    limits = replace(setting.limits, torque=setting.limits.torque or usual, usual=usual)
-    setting = replace(setting, limits=limits)
-    found = _of_one_plant(given, setting)
-    beside = [term for term in found.model.terms if term.id not in ids(BASE)]
-    if given.has_moved or (beside and found.unexplained):  # an effect may look like a delay, or hide one
-        again = calibrated.timed(beside)
+    found = examine(given, setting)
+    beside = [term for term in found.model.terms if term.id not in ids(links or BASE)]
+    if beside and (given.has_moved or found.unexplained):  # an effect may look like a delay, or hide one
+        again = calibrated.timed(found.model.terms if links else beside)
         if not again.agrees(given):
-            given, found = min((again, _of_one_plant(again, setting)), (given, found), key=_complexity)
+            given, found = min((again, examine(again, setting)), (given, found), key=_complexity)
     setting.progress("done", 1.0)
-    return _with_channel(found, given)
+    return found if links else _with_channel(found, given)
 
 
 def _complexity(timed: tuple[Preprocessed, Diagnosis]) -> tuple[bool, int, int]:
@@ -184,6 +187,9 @@ def _of_one_plant(given: Preprocessed, setting: Setting) -> Diagnosis:
     What no effect explains in all recordings together may be another plant: an effect that each recording alone takes
     for parameters of its own shows only in all of them.
     """
+    usual = _usual_torque(given)
+    limits = replace(setting.limits, torque=setting.limits.torque or usual, usual=usual)
+    setting = replace(setting, limits=limits)
     datasets = [part.data for part in (given.parts if given.holdout else given.parts[:1])]
     kept, found, odd = given, _examine(given, setting), dict[int, Disagreement]()
     named = disagreements(own_fits(datasets, setting.base), only_if_all_fit=True) if found.unexplained else ()
@@ -210,8 +216,7 @@ def _of_timing(given: Preprocessed, found: Diagnosis) -> list[str]:
     The latter is asked again beside the effects that were found, and not at all where they explain everything: then
     what looked like a delay of the drive was theirs.
     """
-    mended = "this diagnosis has corrected it, other steps do where that is asked for (--align)"
-    corrected = [f"{text}: {mended}" for text in given.timing_texts(True)]
+    corrected = [f"{text}: {MENDED}" for text in given.timing_texts(True)]
     named = {id for group in found.effects for id in group}
     if named & {"dead_time", "actuator_lag"}:
         return [*corrected, *given.timing_texts(False)]

@@ -98,6 +98,26 @@ def test_identify_compare_and_diagnose_an_arm(done, folder):
     out = done(*of_arm(folder, "compare", "better.json", "hidden.csv"))
 
 
+def test_torque_of_an_arm_that_is_logged_late_is_corrected_where_that_is_asked_for(done, folder):
+    late = read_arm_recording(folder / "plain.csv", ("shoulder", "elbow"))
+    samples = 4
+    late = replace(late, torque=np.roll(late.torque, samples, axis=0)).slice(samples, None)
+    write_recording(late, folder / "late.csv")
+    scheme = ("--scheme", "filtered_dynamic")
+    done(*of_arm(folder, "identify", "plain.csv", *scheme, "-o", "intime.json"))
+    for command in (("identify", "late.csv", *scheme), ("compare", "intime.json", "late.csv")):
+        assert "ms late" not in done(*of_arm(folder, *command))
+        delay = re.search(r"logged (\d+\.\d+) ± \S+ ms late: corrected", done(*of_arm(folder, *command, "--align")))
+        assert float(delay[1]) == pytest.approx(1e3 * samples / late.rate, rel=0.05)
+    files = ("intime.json", "spring@elbow", "late.csv", "--align")
+    assert "late: corrected" in done(*of_arm(folder, "add", *files))
+    errors = []
+    for align in ((), ("--align",)):
+        done(*of_arm(folder, "compare", "intime.json", "late.csv", "--json", "errors.json", *align))
+        errors.append([one["torque_rms"] for one in json.loads((folder / "errors.json").read_text())["joints"]])
+    assert np.all(np.array(errors[0]) > 3 * np.array(errors[1]))
+
+
 def test_compare_tells_what_an_arm_carries(done, refused, folder):
     """A body as heavy as the forearm, at the same place: twice its mass and moments."""
     done(*of_arm(folder, "identify", "plain.csv", "--scheme", "filtered_dynamic", "-o", "empty.json"))
@@ -234,7 +254,6 @@ MISTAKES = {
         ("record -o x.csv --excitation prbs", "arms know rl alone"),
         ("record -o x.csv --amplitude 0", "the largest torque cannot be 0"),
         ("record -o arm.urdf", "is one of the inputs"),
-        ("identify plain.csv --align", "--align is for pendulums"),
         ("diagnose plain.csv --only backlash", "unknown effect of joints 'backlash'"),
         ("diagnose plain.csv --experiment x.csv", "--experiment is for pendulums"),
         (

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 
 from estimators.arms.payload import Payload, find_payload
 from estimators.comparison import compare, in_units_of
@@ -70,7 +71,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         )
     if asked.body is None:
         given = tell_preprocessed(in_units_of(model, recordings), arguments.align, terminal)
-        recordings = list(given.recordings)
+    else:
+        given = asked.preprocessed(terminal, arguments.align)
+    recordings = [*given.recordings, *given.holdout]
     with terminal.progress("comparing"):
         found = compare(model, recordings)
     payload, is_asked = None, arguments.payload is not None
@@ -93,9 +96,10 @@ def carried(
     """What the arm carries in recordings beside a model; None where they do not tell and nobody asked."""
     sources = [source for name in arguments.without for source in sources_of(name, arguments)]
     sources = [read_as(own, asked.model.log_format, arguments.model) for own in sources]
-    without = of_arms(read_all(sources, terminal, asked.read))
+    empty = replace(asked, recordings=read_all(sources, terminal, asked.read), holdout=[])
+    without = empty.preprocessed(terminal, arguments.align).recordings if sources else ()
     try:
-        return find_payload(asked.model, of_arms(recordings), without, arguments.payload or None)
+        return find_payload(asked.model, of_arms(recordings), of_arms(without), arguments.payload or None)
     except IdentificationError:
         if arguments.payload is not None:
             raise
