@@ -167,7 +167,6 @@ BASELINE = "two-tone"  # the paper's
 BASELINES: dict[str, Callable[[Constraint, int], Policy]] = {
     BASELINE: partial(_drawn, "paper"),
     "multisine-optimised": _optimised,
-    "prbs": partial(_drawn, "prbs"),
     "greedy": lambda constraint, _: LookAhead(constraint, 1, 1, (-1.0, -0.5, 0.0, 0.5, 1.0)),
     "look-ahead": _look_ahead,
 }

@@ -10,9 +10,10 @@ from pendulum_env.lookup import find
 from pendulum_env.reading import Value, several, within
 
 ROLLOUT = 50_000_000  # decisions of all pendulums between two updates, of some 100 bytes each
+OF_SPEED = (-1.0, -0.4, -0.04, 0.04, 0.4, 1.0)  # with a crawl, in which dry friction is told from viscous best
 USUAL: dict[str, dict[str, Any]] = {  # what a constraint changes
     "peak": {},
-    "arm": {"pendulums": 256, "rollout": 50, "steps": 8_000_000, "batch": 3200, "gamma": 1.0},
+    "arm": {"pendulums": 256, "rollout": 50, "steps": 8_000_000, "batch": 3200, "gamma": 1.0, "levels": OF_SPEED},
     "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001, "steps": 3_600_000, "gamma": 0.985},
 }
 

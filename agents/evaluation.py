@@ -203,20 +203,10 @@ def interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) ->
     return float(low), float(high)
 
 
-def evaluation_json(outcomes: Mapping[str, Outcome], base: str, trained: Sequence[str] = (), **setting: object) -> JSON:
-    """All policies beside a baseline, for programs, and what else is to be written; the infinite or unknown is null.
-
-    Of several policies `trained`, of one training with several seeds, the median and worst gains are told as well.
-    """
+def evaluation_json(outcomes: Mapping[str, Outcome], base: str, **setting: object) -> JSON:
+    """All policies beside a baseline, for programs, and what else is to be written; the infinite or unknown is null."""
     policies = {name: _policy_json(outcome, outcomes[base]) for name, outcome in outcomes.items()}
-    written: JSON = {"schema": SCHEMA, **setting, "baseline": base, "policies": policies}
-    if len(trained) > 1:  # a ratio of None is what half the plants never reach
-        ratios = {
-            name: [policies[one]["gain"][name]["ratio"] or 0.0 for one in trained] for name in policies[base]["gain"]
-        }
-        gain = {name: {"median": float(np.median(each)), "worst": min(each)} for name, each in ratios.items()}
-        written["trainings"] = {"policies": list(trained), "gain": gain}
-    return written
+    return {"schema": SCHEMA, **setting, "baseline": base, "policies": policies}
 
 
 def _policy_json(outcome: Outcome, base: Outcome) -> JSON:

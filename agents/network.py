@@ -43,7 +43,9 @@ class Network:
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], State]:
-        """Actions (n,) or (B, n) of `ExcitationDesign` or `ArmExcitationDesign`, without chance.
+        """Actions (n,) or (B, n) of `ExcitationDesign` or `ArmExcitationDesign`, drawn by their odds if asked.
+
+        What draws them is the state; without one it begins anew, the same each time.
 
         Raises:
             ValueError: if the observation is of another length than those of its training.
@@ -58,7 +60,11 @@ class Network:
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = np.tanh(x @ weight.T + bias)
         output = x @ self.weights[-1].T + self.biases[-1]
-        best = output.reshape(*output.shape[:-1], -1, len(self.levels)).argmax(axis=-1)
+        odds = output.reshape(*output.shape[:-1], -1, len(self.levels))  # logarithms
+        if not deterministic:
+            state = state or (np.random.default_rng(0),)
+            odds = odds + state[0].gumbel(size=odds.shape)
+        best = odds.argmax(axis=-1)
         return (sign[..., None] * self.levels[best]).astype(np.float32), state
 
     def save(self, path: str | Path) -> None:
@@ -97,7 +103,8 @@ class Network:
             own, axes = arrays[name], 2 if name.startswith("weight") else 1
             if own.ndim != axes:
                 raise ValueError(f"{name} has {own.ndim} axes, where {axes} {'are' if axes > 1 else 'is'} needed")
-            if own.dtype.kind not in "iuf" or not own.size or not _bounded(own):
+            are_numbers = own.dtype.kind in "iuf" and own.size > 0  # of which NaN is none that is small
+            if not (are_numbers and (np.abs(own.astype(np.longdouble)) <= LARGEST_WEIGHT).all()):
                 raise ValueError(f"{name} holds something else than numbers up to {LARGEST_WEIGHT:g}")
         *parameters, levels = (arrays[name].astype(float) for name in names)
         weights, biases = parameters[:count], parameters[count:]
@@ -113,10 +120,6 @@ class Network:
         if np.abs(levels).max() > 1.0:
             raise ValueError("a level is beyond 1, the peak")
         return cls(weights, biases, levels, constraint)
-
-
-def _bounded(numbers: NDArray[Any]) -> bool:
-    return bool((np.abs(numbers.astype(np.longdouble)) <= LARGEST_WEIGHT).all())  # which NaN is not
 
 
 def load(name: str) -> Network:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import random
 from copy import copy
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from agents.arm_env import ArmExcitationDesignVector
 from agents.config import Config
 from agents.design_env import ExcitationDesignVector
 from agents.network import Network
-from agents.observer import ARM, CONSTRAINTS, mirrored
+from agents.observer import ARM, mirrored
 from agents.vec_env import BatchedVecEnv
 from estimators.progress import Progress
 from pendulum_env.files import write_whole
@@ -34,8 +34,6 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.reading import Unreadable, read_own
 
 CHECKPOINT = "training.pkl"  # in the folder of a training, beside policies `steps-N.npz` and `tensorboard`
-TUNING = 2**21  # added to seeds, for plants that neither training nor evaluation draws
-SCALES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)
 
 
 class CheckpointError(Mistake):
@@ -53,8 +51,9 @@ class InLevels(VectorWrapper):
         self.action_space = batch_space(self.single_action_space, env.num_envs)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Play levels (B, n)."""
-        return self.env.step(self._levels[actions])
+        """Play levels (B, n); what is known in the end counts, and nothing is to be expected after it."""
+        observation, reward, _, ends, info = self.env.step(self._levels[actions])
+        return observation, reward, ends, np.zeros_like(ends), info
 
 
 class LearntOn(InLevels):
@@ -126,14 +125,12 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
         model.tensorboard_log = log
         callback, left = _Watch(config, tell, folder), config.steps - model.num_timesteps
         model.learn(left, callback, reset_num_timesteps=model.num_timesteps == 0, tb_log_name="training")
-    network = export(model, config)
-    constraint = CONSTRAINTS.get(config.constraint)
-    return network if constraint is None or constraint.rms is None else rescaled(network, config)
+    return export(model, config)
 
 
 def make_model(config: Config) -> PPO:
     """What learns, before it has."""
-    env = BatchedVecEnv(_task(config))
+    env = BatchedVecEnv(make_task(config))
     model = PPO(
         policy="MlpPolicy",
         env=env,
@@ -151,7 +148,8 @@ def make_model(config: Config) -> PPO:
     return model
 
 
-def _task(config: Config) -> InLevels:
+def make_task(config: Config) -> InLevels:
+    """What is learnt on."""
     many: dict[str, Any] = {"num_envs": config.pendulums, "autoreset_mode": "SameStep"}
     if config.constraint == ARM:
         return InLevels(ArmExcitationDesignVector(robot=config.robot or None, draw=True, **many), config)
@@ -166,24 +164,6 @@ def export(model: PPO, config: Config) -> Network:
         *((layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in layers), strict=True
     )
     return Network(weights, biases, np.array(config.levels), config.constraint)
-
-
-def rescaled(network: Network, config: Config, plants: int = 64) -> Network:
-    """Policy with its levels as far apart as it learns most with: without chance, it may not spend the whole budget.
-
-    What counts is what an episode adds to log det on plants of no training and no evaluation.
-    """
-    env = ExcitationDesignVector(plants, constraint=network.constraint)
-
-    def learnt(candidate: Network) -> float:
-        observation, _ = env.reset(seed=TUNING + config.seed)
-        total = 0.0
-        for _ in range(env.observer.ticks):
-            observation, reward, *_ = env.step(candidate.predict(observation)[0])
-            total += float(reward.mean())
-        return total
-
-    return max((replace(network, levels=network.levels * factor) for factor in SCALES), key=learnt)
 
 
 def _keep(path: Path, model: PPO, config: Config) -> None:

@@ -7,10 +7,10 @@ import pytest
 from agents import ARM_DESIGN, Network, load
 from agents.arm_env import TORQUE, plan
 from agents.config import Config
-from agents.training import train
+from agents.training import make_task, train
 from benchmarks import six_joint
 from benchmarks.arm_excitation import deviation, random_fourier
-from estimators.arms.excitation import PRIOR
+from estimators.arms.excitation import PRIOR, design_excitation
 from estimators.arms.limits import limits_of
 from estimators.arms.reference import HOLD
 from estimators.wrappers.options import body_in
@@ -42,11 +42,40 @@ def test_a_training_ends_in_a_policy_that_plays_whole_motions(tmp_path):
     np.testing.assert_array_equal(train(Config.of(SMALL)).weights[0], network.weights[0])
 
 
-def test_the_policy_that_ships_teaches_more_than_series():
-    body = body_in(PlanarArm())
-    motion = plan(load("arm"), body, limits_of(body, max_torque=TORQUE), 5.0)
-    series = random_fourier(body, 5.0, np.random.default_rng(0), max_torque=TORQUE)
-    assert deviation(motion, 5.0) < 0.7 * deviation(series, 5.0)
+def test_nothing_is_to_be_expected_after_the_end_of_a_motion():
+    """As return is not discounted, a value beyond the end, of which no reward tells, would make up what it likes."""
+    task = make_task(Config.of(SMALL))
+    task.reset(seed=0)
+    ends = False
+    while not ends:
+        _, _, terminated, truncated, _ = task.step(np.zeros((8, 2), dtype=int))
+        ends = terminated.all()
+        assert not truncated.any() and ends == terminated.any()
+
+
+@pytest.mark.parametrize(("limits", "seconds"), [({}, 5.0), ({"max_angle": 1.5, "max_speed": 3.0}, 8.0)])
+def test_the_policy_that_ships_teaches_as_much_as_planning_and_more_than_series(limits, seconds):
+    body, limits = body_in(PlanarArm()), {"max_torque": TORQUE, **limits}
+    motion = plan(load("arm"), body, limits_of(body, **limits), seconds)
+    series = random_fourier(body, seconds, np.random.default_rng(0), **limits)
+    assert deviation(motion, seconds) < 0.7 * deviation(series, seconds)
+    assert deviation(motion, seconds) < 1.05 * deviation(design_excitation(body, seconds, **limits), seconds)
+    q, v, a = motion(np.linspace(0, motion.seconds, 2000))
+    within = limits_of(body, **limits)
+    for moved, most in ((q, within.high), (v, within.speed), (a, within.acceleration)):
+        assert (np.abs(moved) <= most + 1e-9).all()
+
+
+def test_a_motion_is_the_best_of_many_that_are_drawn_and_the_same_each_time():
+    policy, body = load("arm"), body_in(PlanarArm())
+    first, again = (plan(policy, body, limits_of(body), 2.0) for _ in range(2))
+    np.testing.assert_array_equal(first.speeds, again.speeds)
+
+    class Sure:
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            return policy.predict(observation, state, episode_start, deterministic=True)
+
+    assert deviation(first, 2.0) < deviation(plan(Sure(), body, limits_of(body), 2.0), 2.0)
 
 
 def test_a_policy_of_another_arm_is_refused():

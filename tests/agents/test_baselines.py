@@ -31,9 +31,8 @@ def test_every_baseline_plays_within_the_constraint_and_repeats(name, constraint
     np.testing.assert_array_equal(torques, play(name, constraint, steps=20)[0])
 
 
-@pytest.mark.parametrize("name", ["two-tone", "prbs"])
-def test_signals_spend_the_whole_budget_and_differ_between_pendulums(name):
-    policy, state, shares = baseline(name, "rms", seed=4), None, []
+def test_signals_spend_the_whole_budget_and_differ_between_pendulums():
+    policy, state, shares = baseline("two-tone", "rms", seed=4), None, []
     for k in range(500):
         action, state = policy.predict(np.zeros((2, 20)), state, np.full(2, k == 0))
         shares.append(action[:, 0])

@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         )
     told = ("constraint", "plants", "seed", "scheme", "effects", "spread", "max_speed", "max_turns")
     setting = {name: getattr(arguments, name) for name in told}
-    figures = evaluation_json(outcomes, BASELINE, list(dict.fromkeys(files)), **setting)
+    figures = evaluation_json(outcomes, BASELINE, **setting)
     show(figures, terminal)
     write_json(arguments.json, figures)
     write_page(arguments.report, terminal, "workbench.report.excitation:render", figures, outcomes)
@@ -89,19 +89,15 @@ def show(report: JSON, terminal: Terminal) -> None:
     policies = report["policies"]
     first = policies[report["baseline"]]
 
-    def table(headers: Iterable[str], row: Callable[[JSON], Iterable[str]], more: Iterable[list[str]] = ()) -> None:
-        terminal.table(("policy", *headers), [*([name, *row(figures)] for name, figures in policies.items()), *more])
+    def table(headers: Iterable[str], row: Callable[[JSON], Iterable[str]]) -> None:
+        terminal.table(("policy", *headers), [[name, *row(figures)] for name, figures in policies.items()])
 
     plants = f"{report['plants']} plants within {100 * report['spread']:g} %"
     terminal.say(f"{plants}, 10 s, constraint {report['constraint']}; medians over plants")
     terminal.heading("RMS error of the parameters [%] (Cramer-Rao bound), and time until all stay within [s]")
     table((*(f"at {moment}" for moment in first["error"]), *first["time_to"]), _errors)
     terminal.heading(f"Gain over {report['baseline']}, above 1 is better, with bootstrap intervals of 95 %")
-    trainings = [
-        [f"{which} of the trainings", *(f"{gain[which]:.2f}" for gain in report["trainings"]["gain"].values())]
-        for which in (("median", "worst") if "trainings" in report else ())
-    ]
-    table(first["gain"], lambda figures: map(_gain, figures["gain"].values()), trainings)
+    table(first["gain"], lambda figures: map(_gain, figures["gain"].values()))
     terminal.heading("What it takes")
     table(("peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision for all [ms]"), _use)
     if PLANNER in policies and SHIPPED in policies:
