@@ -85,11 +85,11 @@ class Preprocessed:
         return cls(fitted, unseen)
 
     def timed(self, beside: Sequence[Term] = ()) -> Self:
-        """The same with the torque that acted, beside effects that the joint has: see `estimators.align`.
+        """The same with the torque that acted, beside effects that joints have: see `estimators.align`.
 
         The log's timing is no part of the model, so that held-out recordings tell it, too.
         """
-        beside = beside or [term for term in self.terms if isinstance(term, Term)]
+        beside = [*(term for term in self.terms if isinstance(term, Term)), *beside]
         return self.corrected(align_each((*self.recordings, *self.holdout), beside))
 
     def corrected(self, alignments: Sequence[Alignment]) -> Self:

@@ -127,7 +127,7 @@ class Opened:
         if self.body is None:
             return tell_preprocessed(Preprocessed.of(self.recordings, self.holdout), align, terminal)
         given = Preprocessed(tuple(self.recordings), tuple(self.holdout), terms=self.model.terms)  # in torque by now
-        return tell_preprocessed(given, align or None, terminal)  # unasked, looking takes too long
+        return tell_preprocessed(given, align or None, terminal)  # looking takes long, so none is warned unasked
 
 
 def opened(

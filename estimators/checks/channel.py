@@ -14,9 +14,9 @@ Society B 31(2), 1969 (powers of the fitted values).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Self
 
@@ -89,7 +89,9 @@ class ChannelFits:
         rows = np.flatnonzero(np.concatenate([_clear(w) for w in data.windows]))
         joints = [(data.where(at), data.part(at)) for at in data.joints]
         laws = [(here, own.columns([law])[0][0]) for here, own in joints for law in _smooth_laws(own)]
-        known = [(data.where(term.at), data.columns([term])[0][0]) for term in beside if not term.fixed]
+        beside = [term for term in beside if not term.fixed]
+        of_torque = [term for term in beside if any(column.of_torque for column in term.columns)]
+        known = [(data.where(term.at), data.columns([term])[0][0]) for term in beside if term not in of_torque]
         load, *friction = (data.rows.column(column, data.rows.samples) for column in (LOAD, OWN, HUNG))
         carried, gain = (load, []) if recordings[0].torque_unit == NEWTON_METRE else (0.0 * load, [load])
         pressed = [] if is_arm else friction if len({recording.load for recording in recordings}) > 1 else friction[:1]
@@ -101,7 +103,8 @@ class ChannelFits:
         recording = of_block[block[rows]]
         where = Blocks(stretch, recording, recording[begin], stretch)
         weighted = phi[rows] * data.weights[rows, None]
-        return cls(data, rows, weighted, np.zeros_like(weighted), where, carried)
+        found = cls(data, rows, weighted, np.zeros_like(weighted), where, carried)
+        return found.under_its_own(partial(found._columns, of_torque)) if of_torque else found
 
     def beside(self, columns: Array, by_torque: Array | None = None) -> Self:
         """The same with more columns (R, P), and their slopes by the torque where they depend on it."""
@@ -110,18 +113,31 @@ class ChannelFits:
         phi, by_torque = np.column_stack([self.phi, weighted]), np.column_stack([self.by_torque, slopes])
         return replace(self, phi=phi, by_torque=by_torque)
 
+    def _columns(self, terms: Sequence[Term], torque: Array) -> Array:
+        """Columns (R, P) of terms under a torque (R,) [N m]."""
+        x = replace(self.data.samples, torque=np.zeros(len(self.data.weights)))
+        x.torque[self.rows] = torque
+        every = ((self.data.where(term.at), column) for term in terms for column in term.columns)
+        values = [(here, column.force(x) + column.dry(x) * np.sign(x.velocity)) for here, column in every]
+        return placed(len(x.torque), [(here, own[here, None]) for here, own in values])[self.rows]
+
     def rubbing(self) -> Self:
         """The same with friction that is pressed by the motor."""
         parts = [self.data.rows.column(column, self.data.rows.samples)[self.rows, None] for column in (MOTOR, SENSE)]
         return self.beside(*parts)
 
+    def under_its_own(self, columns: Callable[[Array], Array]) -> Self:
+        """The same with columns (R, P) of the torque (R,) [N m]: that of the model, which no log makes late."""
+        torque, weights, found = self.torque(self.channel(self.start)), self.data.weights[self.rows], self
+        for _ in range(SEARCH.bends):
+            fitted = (torque - found.residual(torque)) / weights + self.carried[self.rows]
+            found = self.beside(columns(fitted))
+        return found
+
     def bent(self) -> Self:
         """The same with columns that bend with the torque of the model: friction under load, and a bent gain."""
-        sign, torque, bent = np.sign(self.data.samples.velocity[self.rows]), self.torque(self.channel(self.start)), self
-        for _ in range(SEARCH.bends):
-            fitted = (torque - bent.residual(torque)) / self.data.weights[self.rows] + self.carried[self.rows]
-            bent = self.beside(np.column_stack([np.abs(fitted) * sign, fitted**2, fitted**3]))
-        return bent
+        sign = np.sign(self.data.samples.velocity[self.rows])
+        return self.under_its_own(lambda torque: np.column_stack([np.abs(torque) * sign, torque**2, torque**3]))
 
     def drifting(self) -> Self:
         """The same with parameters that change along each recording."""
@@ -134,6 +150,12 @@ class ChannelFits:
         """Orthonormal basis of the columns (R, P)."""
         left, singular, _ = np.linalg.svd(self.phi / np.maximum(np.linalg.norm(self.phi, axis=0), 1e-300), False)
         return np.asarray(left[:, singular > 1e-9 * singular[0]])
+
+    @property
+    def columns(self) -> tuple[Array, Array]:
+        """What is fitted (R, P), and its slopes by the torque: a basis, unless single parameters are asked for."""
+        is_asked = self.by_torque.any() or self.data.windows[0].recording.torque_unit != NEWTON_METRE
+        return (self.phi, self.by_torque) if is_asked else (self.span, np.zeros_like(self.span))
 
     @cached_property
     def start(self) -> Array:
@@ -209,8 +231,9 @@ class ChannelFits:
             )
             x = x + moved.x @ ways
         channel, slopes = self.channel(x), self.slopes(x, ways)
-        design, count = np.column_stack([self.phi, -slopes]), self.phi.shape[1]
-        by_torque, far = np.column_stack([self.by_torque, 0 * slopes]), np.full(design.shape[1], np.inf)
+        own, by_torque = self.columns
+        design, count = np.column_stack([own, -slopes]), own.shape[1]
+        by_torque, far = np.column_stack([by_torque, 0 * slopes]), np.full(design.shape[1], np.inf)
         balance = Balance(design, self.torque(channel), by_torque, -far, far, np.ones(len(design)))
         fits = [balance.fit(clusters) for clusters in self.clusters]
         errors = np.max([fit.std for fit in fits], axis=0)

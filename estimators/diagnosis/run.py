@@ -128,24 +128,23 @@ def _examined(recordings: Sequence[Recording], holdout: Sequence[Recording], set
 def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Diagnosis:
     """Find the effects that recorded torque calls for; timed anew where an effect explains its delay."""
     setting.progress("reading the motion", 0.0)
-    links = setting.base if body_of(setting.base) is not None else ()
-    if links:
-        library = {id: kind for id, kind in setting.library.items() if id not in ids(links)}
-        terms: tuple[Term | type[Term], ...] = (*links, *library.values())
-        setting, examine = replace(setting, library=library), examine_arm
+    if is_arm := body_of(setting.base) is not None:
+        known, examine = ids(setting.base), examine_arm
+        setting = replace(setting, library={id: kind for id, kind in setting.library.items() if id not in known})
+        terms: tuple[Term | type[Term], ...] = (*setting.base, *setting.library.values())
         calibrated = Preprocessed(tuple(recordings), tuple(holdout), terms=terms)
     else:
-        examine, calibrated = _of_one_plant, Preprocessed.of(recordings, holdout)
+        known, examine, calibrated = ids(BASE), _of_one_plant, Preprocessed.of(recordings, holdout)
     setting.progress("timing the torque", 0.0)
     given = calibrated.timed()
     found = examine(given, setting)
-    beside = [term for term in found.model.terms if term.id not in ids(links or BASE)]
+    beside = [term for term in found.model.terms if term.id not in known]
     if beside and (given.has_moved or found.unexplained):  # an effect may look like a delay, or hide one
-        again = calibrated.timed(found.model.terms if links else beside)
+        again = calibrated.timed(beside)
         if not again.agrees(given):
             given, found = min((again, examine(again, setting)), (given, found), key=_complexity)
     setting.progress("done", 1.0)
-    return found if links else _with_channel(found, given)
+    return found if is_arm else _with_channel(found, given)
 
 
 def _complexity(timed: tuple[Preprocessed, Diagnosis]) -> tuple[bool, int, int]:

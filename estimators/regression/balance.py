@@ -9,9 +9,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.regression.equations import Equations
 from estimators.regression.gauss_newton import Near, Rule, gauss_newton
-from estimators.regression.least_squares import SOLVER, Fit, least_squares, solve, solved, within_bounds, without_each
+from estimators.regression.least_squares import (
+    SOLVER,
+    Fit,
+    least_squares,
+    robust_covariance,
+    solved,
+    within_bounds,
+    without_each,
+    worst_direction,
+)
 from pendulum_env._typing import Array, Index, Mask
 
 LEAST_SLOPE = 0.05  # of an equation by the torque, so that an error stays finite
@@ -222,13 +230,14 @@ class Balance:
         error, slopes = self.error(theta), self.slopes(theta, jacobian)
         free = (theta > self.least) & (theta < self.most)
         own, extra = slopes[:, : len(theta)][:, free], slopes[:, len(theta) :]
-        fit = solve(Equations(own, own @ theta[free] + error), self.weights, clusters, extra)
+        weighted = np.column_stack([own, extra]) * self.weights[:, None]
+        condition, worst = worst_direction(weighted[:, : own.shape[1]])
         kept = np.flatnonzero(np.append(free, np.ones(extra.shape[1], dtype=bool)))
         covariance = np.zeros((len(theta) + extra.shape[1],) * 2)
-        covariance[np.ix_(kept, kept)] = fit.covariance
+        covariance[np.ix_(kept, kept)] = robust_covariance(weighted, error * self.weights, clusters)
         direction = np.zeros(len(theta))
-        direction[free] = fit.worst_direction
-        return Fit(theta, covariance, error, direction, fit.condition)
+        direction[free] = worst
+        return Fit(theta, covariance, error, direction, condition)
 
     def slopes(self, theta: Array, jacobian: Array | None = None) -> Array:
         """Derivatives (R, P) of the predicted torque at parameters (P,).

@@ -69,6 +69,21 @@ def test_torque_of_all_joints_that_was_sampled_is_late_by_half_a_sample(six, pla
     assert np.all(np.std(off, axis=0)[:3] < 0.5 * np.std(had, axis=0)[:3])
 
 
+def test_torque_of_an_arm_is_timed_again_beside_what_was_found(body):
+    """Gears that rub under load hide that torque is late; beside their friction it shows, and nothing is left."""
+    plain, share = recorded(seed=0, seconds=8.0, rate=500.0), 0.4
+    drives = plain.torque * np.gradient(plain.position, 1 / plain.rate, axis=0) > 0
+    asked = np.where(drives, plain.torque / (1 - share), plain.torque / (1 + share))  # of motors behind such gears
+    late = replace(plain, torque=np.roll(asked, 1, axis=0)).slice(1, None)
+    assert not Preprocessed((late,), terms=arm_base(body)).timed().has_moved
+    found = diagnose(late, (), arm_base(body), only=["load_dependent_friction", "cogging"])
+    rubs = {f"load_dependent_friction@{joint}" for joint in ("shoulder", "elbow")}
+    assert set(found.selected) == rubs and not found.left
+    assert found.alignments[0].delay == pytest.approx(1 / plain.rate, abs=1.5e-4)
+    for name in rubs:
+        assert found.model.estimates[name].value == pytest.approx(share, abs=0.02)
+
+
 def test_a_payload_in_what_is_held_out_alone_is_left_at_the_joints_that_feel_it(body):
     heavy = replace(TwoLink(), mass=(1.2, 1.1), inertia=(0.02, 0.012))
     found = diagnose(recorded(seed=0), recorded(heavy, seed=4), arm_base(body), library=SOME)

@@ -14,6 +14,7 @@ from estimators.selection.data import PreparedData, fit_terms
 from estimators.signals.channel import Channel
 from pendulum_env.physics import BASE
 from pendulum_env.physics.actuation import TorqueRipple
+from pendulum_env.physics.library import effect
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
 from tests import slow
@@ -126,6 +127,16 @@ def test_torque_that_is_late_is_timed_beside_an_effect_of_the_torque():
     assert abs(beside.delay - 2e-3) < 4 * beside.delay_std < 4e-4
     assert not alone.is_late or alone.delay_std > 2 * beside.delay_std
     assert not align([ripples], [TorqueRipple(14)]).is_late
+
+
+def test_torque_that_is_late_is_timed_beside_friction_that_it_presses():
+    """As friction follows the torque, the log that has one late has the other late as well."""
+    rubs, term = run("pd_loop", 500.0, load_dependent_friction={"load_mu": 0.3}), effect("load_dependent_friction")()
+    assert not align([rubs], [term]).is_late
+    for samples in (1, 2):
+        found = align([logged_late(rubs, samples)], [term])
+        assert found.is_late and found.delay_std < 6e-5
+        assert found.delay == pytest.approx(2e-3 * samples, abs=4 * found.delay_std)
 
 
 def every_few(fast: Recording, every: int) -> Recording:
