@@ -27,7 +27,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.policy import Policy, State
 
 SECONDS = (2.0, 10.0)  # length of an episode, where nobody says
-SHARES = {"angle": (0.2, 1.0), "speed": (0.3, 1.5), "torque": (0.8, 1.2), "acceleration": (0.7, 2.5)}  # of the usual
+SHARES = {"angle": (0.2, 1.0), "speed": (0.3, 1.5), "torque": (0.8, 1.2), "acceleration": (0.7, 2.5)}  # of the limits
 TORQUE = 12.0  # [N m], the bound where neither file nor argument has one
 PLAYS = 256  # of a policy, of which the best is taken
 PACE = 5.0  # [s], by which the time left is divided in the observation
@@ -131,13 +131,11 @@ class ArmExcitationDesign(Task):
 
 
 def plan(policy: Policy, body: Body, limits: Limits, seconds: float) -> Reference:
-    """The motion that a policy chooses for an arm within limits, the best of many that it draws by its odds.
+    """The motion that a policy chooses for an arm, of many that it draws by its odds the best within limits.
 
-    After `seconds` it is brought to rest.
-
-    A policy knows nothing of the arm but what it observes: one of as many joints and parameters is not told from that
-    which it was trained for. It has learnt `SHARES` of the usual limits, and motions of `SECONDS`; beyond, it may do
-    worse than chance. Torque is bounded as in its training, by 12 N m where nobody says less.
+    After `seconds` it is brought to rest. A policy knows nothing of the arm but what it observes: one of as many joints
+    and parameters is not told from that which it was trained for. It has learnt `SHARES` of the usual limits, and
+    motions of `SECONDS`; beyond, it may do worse than chance. Nobody gets more torque than in training, 12 N m.
 
     Raises:
         ValueError: if the policy was trained for an arm of other numbers of joints or parameters.
@@ -145,15 +143,17 @@ def plan(policy: Policy, body: Body, limits: Limits, seconds: float) -> Referenc
     """
     limits = limits._replace(torque=np.minimum(limits.torque, TORQUE))
     moving = Moving(body, limits, PLAYS)
-    state: State = None
+    state: State = (np.random.default_rng(0),)
     start, speeds = moving.position[0], [moving.speed]
     for left in range(round(seconds / HOLD), 0, -1):
         begins = np.full(PLAYS, len(speeds) == 1)
         action, state = policy.predict(observe(moving, left * HOLD), state, begins, deterministic=False)
         moving.go(np.clip(np.asarray(action, dtype=float), -1.0, 1.0))
         speeds.append(moving.speed)
-    best = np.array([moving.worth.argmax()])
-    motion = to_rest(body, moving.chosen(best), start, [speed[best] for speed in speeds])
-    if told := objection(motion, limits):
-        raise IdentificationError(f"{body.name}: under the policy {told}")
-    return motion
+    told = ""
+    for best in np.argsort(-moving.worth)[:, None]:
+        motion = to_rest(body, moving.chosen(best), start, [speed[best] for speed in speeds])
+        if not (against := objection(motion, limits)):
+            return motion
+        told = told or against
+    raise IdentificationError(f"{body.name}: under the policy {told}")

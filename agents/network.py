@@ -45,7 +45,7 @@ class Network:
     ) -> tuple[NDArray[np.float32], State]:
         """Actions (n,) or (B, n) of `ExcitationDesign` or `ArmExcitationDesign`, drawn by their odds if asked.
 
-        What draws them is the state; without one it begins anew, the same each time.
+        The state is what draws them, `(numpy.random.Generator,)`; without one, each call draws by chance.
 
         Raises:
             ValueError: if the observation is of another length than those of its training.
@@ -62,7 +62,7 @@ class Network:
         output = x @ self.weights[-1].T + self.biases[-1]
         odds = output.reshape(*output.shape[:-1], -1, len(self.levels))  # logarithms
         if not deterministic:
-            state = state or (np.random.default_rng(0),)
+            state = state or (np.random.default_rng(),)
             odds = odds + state[0].gumbel(size=odds.shape)
         best = odds.argmax(axis=-1)
         return (sign[..., None] * self.levels[best]).astype(np.float32), state
@@ -103,7 +103,7 @@ class Network:
             own, axes = arrays[name], 2 if name.startswith("weight") else 1
             if own.ndim != axes:
                 raise ValueError(f"{name} has {own.ndim} axes, where {axes} {'are' if axes > 1 else 'is'} needed")
-            are_numbers = own.dtype.kind in "iuf" and own.size > 0  # of which NaN is none that is small
+            are_numbers = own.dtype.kind in "iuf" and own.size > 0  # NaN fails the comparison
             if not (are_numbers and (np.abs(own.astype(np.longdouble)) <= LARGEST_WEIGHT).all()):
                 raise ValueError(f"{name} holds something else than numbers up to {LARGEST_WEIGHT:g}")
         *parameters, levels = (arrays[name].astype(float) for name in names)

@@ -77,7 +77,8 @@ def torque_of(motion: Any, time: Array) -> Array:
 def scaled(body: Body, period: float, waves: Array, share: float = 0.9, **limits: float) -> Series | None:
     """A Fourier series in the middle of the joints' angles, sines and cosines (2, K, n), as large as limits allow.
 
-    It has a share of their angles and speeds; accelerations are low by themselves. None where torque does not suffice.
+    It has a share of their angles and speeds; five waves in 5 s at 4 rad/s never take more than 25 rad/s^2. None where
+    that takes more torque than there is.
     """
     low, high, speed, torque, _ = limits_of(body, **limits)
     time, middle = np.linspace(0, period, 200, endpoint=False), 0.5 * (low + high)
@@ -258,7 +259,7 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=7, help="of the bodies")
     parser.add_argument("--max-angle", type=float)
     parser.add_argument("--max-speed", type=float)
-    parser.add_argument("--max-acceleration", type=float, default=40.0, help="full speed takes 0.1 s")
+    parser.add_argument("--max-acceleration", type=float, default=40.0, help="of two links; no series needs more")
     arguments = parser.parse_args()
     if arguments.what == "robots":
         robots(arguments.folder)

@@ -60,10 +60,22 @@ def test_the_policy_that_ships_teaches_as_much_as_planning_and_more_than_series(
     series = random_fourier(body, seconds, np.random.default_rng(0), **limits)
     assert deviation(motion, seconds) < 0.7 * deviation(series, seconds)
     assert deviation(motion, seconds) < 1.05 * deviation(design_excitation(body, seconds, **limits), seconds)
+    are_kept(motion, limits_of(body, **limits))
+
+
+def are_kept(motion, limits):
     q, v, a = motion(np.linspace(0, motion.seconds, 2000))
-    within = limits_of(body, **limits)
-    for moved, most in ((q, within.high), (v, within.speed), (a, within.acceleration)):
-        assert (np.abs(moved) <= most + 1e-9).all()
+    torque = motion.body.torque(q, v, a) @ motion.body.values
+    assert (q >= limits.low - 1e-9).all()
+    bounded = (v, limits.speed), (a, limits.acceleration), (torque, limits.torque)
+    for moved, most in ((q, limits.high), *((np.abs(own), most) for own, most in bounded)):
+        assert (moved <= most + 1e-6).all()
+
+
+def test_what_needs_more_torque_than_there_is_is_not_chosen():
+    body = body_in(PlanarArm())
+    limits = limits_of(body, max_torque=6.0)
+    are_kept(plan(load("arm"), body, limits, 5.0), limits)
 
 
 def test_a_motion_is_the_best_of_many_that_are_drawn_and_the_same_each_time():
