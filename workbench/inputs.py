@@ -162,6 +162,8 @@ def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Termina
     terminal.torque_unit = given.unit
     align = align if all(own.has_logged_torque for own in given.recordings) else None
     timed = given if align is None else given.timed()
+    if align and not timed.has_moved:
+        terminal.say("no torque shows to be logged late: taken as it was logged")
     for text in timed.timing_texts(True):
         terminal.say(f"{text}: corrected" if align else f"warning: {text}: correct it with --align", style="yellow")
     return timed if align else given

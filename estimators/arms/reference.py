@@ -64,7 +64,7 @@ def reachable(body: Body, limits: Limits, q: Array, v: Array, share: Array) -> A
         )
         for room, speed in ((limits.high - q - 0.5 * h * v, v), (q + 0.5 * h * v - limits.low, -v))
     )
-    high, low = np.minimum(up, limits.speed), -np.minimum(down, limits.speed)
+    high, low = (sign * np.clip(own, -limits.speed, limits.speed) for sign, own in ((1, up), (-1, down)))
     change = np.clip(np.clip(share * limits.speed, low, high) - v, -most, most)
     taken, excess = np.zeros_like(change), np.full(len(q), np.inf)
     for wanted, part in itertools.product((change, np.clip(-v, -most, most)), PARTS):  # or else it slows down

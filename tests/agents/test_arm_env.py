@@ -72,6 +72,15 @@ def are_kept(motion, limits):
         assert (moved <= most + 1e-6).all()
 
 
+@pytest.mark.parametrize("limits", [(0.5, 0.5, 12.0, 40.0), (None, 2.0, 12.0, 150.0), (None, 4.0, 12.0, 500.0)])
+def test_limits_are_kept_however_large_acceleration_may_be(limits):
+    body = body_in(PlanarArm())
+    names = ("max_angle", "max_speed", "max_torque", "max_acceleration")
+    planned = design_excitation(body, 5.0, **dict(zip(names, limits, strict=True)))
+    for motion in (plan(load("arm"), body, limits_of(body, *limits), 5.0), planned):
+        are_kept(motion, limits_of(body, *limits))
+
+
 def test_what_needs_more_torque_than_there_is_is_not_chosen():
     body = body_in(PlanarArm())
     limits = limits_of(body, max_torque=6.0)
