@@ -114,12 +114,19 @@ class ChannelFits:
         return replace(self, phi=phi, by_torque=by_torque)
 
     def _columns(self, terms: Sequence[Term], torque: Array) -> Array:
-        """Columns (R, P) of terms under a torque (R,) [N m]."""
-        x = replace(self.data.samples, torque=np.zeros(len(self.data.weights)))
-        x.torque[self.rows] = torque
-        every = ((self.data.where(term.at), column) for term in terms for column in term.columns)
-        values = [(here, column.force(x) + column.dry(x) * np.sign(x.velocity)) for here, column in every]
-        return placed(len(x.torque), [(here, own[here, None]) for here, own in values])[self.rows]
+        """Columns (R, P) of terms under a torque (R,) [N m] that is interpolated between the windows."""
+        windows, first = [], 0
+        for w in self.data.windows:
+            last = first + len(w.centers)
+            known = slice(*np.searchsorted(self.rows, (first, last)))
+            centers, first = w.centers[self.rows[known] - first], last
+            acting = (
+                np.interp(np.arange(len(w.moving)), centers, torque[known]) if len(centers) else np.zeros(len(w.moving))
+            )
+            windows.append(w.under(w.recording.torque, acting))
+        moved = replace(self.data, windows=tuple(windows))
+        parts = [(moved.where(term.at), moved.columns([term])[0][0]) for term in terms]
+        return placed(len(self.data.weights), parts)[self.rows]
 
     def rubbing(self) -> Self:
         """The same with friction that is pressed by the motor."""
