@@ -104,7 +104,7 @@ class ChannelFits:
         where = Blocks(stretch, recording, recording[begin], stretch)
         weighted = phi[rows] * data.weights[rows, None]
         found = cls(data, rows, weighted, np.zeros_like(weighted), where, carried)
-        return found.under_its_own(partial(found._columns, of_torque)) if of_torque else found
+        return found.under_its_own(partial(found._pressed, of_torque)) if of_torque else found
 
     def beside(self, columns: Array, by_torque: Array | None = None) -> Self:
         """The same with more columns (R, P), and their slopes by the torque where they depend on it."""
@@ -113,16 +113,15 @@ class ChannelFits:
         phi, by_torque = np.column_stack([self.phi, weighted]), np.column_stack([self.by_torque, slopes])
         return replace(self, phi=phi, by_torque=by_torque)
 
-    def _columns(self, terms: Sequence[Term], torque: Array) -> Array:
-        """Columns (R, P) of terms under a torque (R,) [N m] that is interpolated between the windows."""
+    def _pressed(self, terms: Sequence[Term], torque: Array) -> Array:
+        """Columns (R, P) of effects of the torque under another one (R,) [N m], interpolated between the windows."""
         windows, first = [], 0
         for w in self.data.windows:
             last = first + len(w.centers)
             known = slice(*np.searchsorted(self.rows, (first, last)))
             centers, first = w.centers[self.rows[known] - first], last
-            acting = (
-                np.interp(np.arange(len(w.moving)), centers, torque[known]) if len(centers) else np.zeros(len(w.moving))
-            )
+            instants = np.arange(len(w.moving), dtype=float)
+            acting = np.interp(instants, centers, torque[known]) if len(centers) else 0.0 * instants
             windows.append(w.under(w.recording.torque, acting))
         moved = replace(self.data, windows=tuple(windows))
         parts = [(moved.where(term.at), moved.columns([term])[0][0]) for term in terms]

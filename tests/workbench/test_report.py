@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from agents import load
+from agents.evaluation import Outcome, evaluation_json
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
 from estimators.paper import TABLE_2, WAYS, Experiment
@@ -23,13 +24,16 @@ from tests.cases import diagnosed, of_the_paper
 from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values, whole
 from workbench.cli import main
+from workbench.commands.evaluate import show
 from workbench.report import render
+from workbench.report.excitation import render as render_excitation
 from workbench.report.failures import profile_figure
 from workbench.report.figure import broken, numbers, thin
 from workbench.report.numbers import of_models
 from workbench.report.page import SECTIONS
 from workbench.report.paper import SECTIONS as PAPER
 from workbench.report.paper import render as render_paper
+from workbench.terminal import Terminal
 
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
 REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "for q from 0.1 to 0.2 rad the joint needs <more>")
@@ -338,3 +342,20 @@ def test_a_cluster_that_is_not_there_is_one_line(monkeypatch, refused):
     monkeypatch.setattr(distributed, "Client", refuse)
     there = "tcp://127.0.0.1:1"
     assert f"there is no Dask cluster at {there}" in refused("evaluate", "greedy", "--plants", "2", "--dask", there)
+
+
+def test_what_a_policy_never_reaches_is_told_without_a_number(capsys):
+    def outcome(log_det: float, error: float) -> Outcome:
+        course, none = np.full((500, 4), error), np.zeros((500, 4))
+        return Outcome(course, course, none + log_det, np.full((3, 4), 1e-4), none, none, np.ones(4), 1e-3)
+
+    outcomes = {"two-tone": outcome(0, 2e-3), "a": outcome(4, 1e-3), "b": outcome(2, 2e-2)}
+    setting = {"plants": 4, "constraint": "peak", "scheme": "energy", "effects": (), "spread": 0.3}
+    figures = evaluation_json(outcomes, "two-tone", **setting)
+    sooner, never = (figures["policies"][name]["gain"] for name in ("a", "b"))
+    assert sooner["information"]["ratio"] == pytest.approx(np.exp(4 / 4))
+    assert (sooner["error 2 s"]["ratio"], never["error 2 s"]["ratio"]) == pytest.approx((2.0, 0.1))
+    assert never["time to 1 %"]["ratio"] is None
+    show(figures, Terminal())
+    assert "nan" not in capsys.readouterr().out
+    assert '<td class="number">–</td>' in render_excitation(figures, outcomes)
