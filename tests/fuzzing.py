@@ -387,15 +387,14 @@ class Page:
     ID = "f" * 32
 
     def __init__(self) -> None:
-        from workbench.app import live
         from workbench.app.page.server import make_app
         from workbench.app.session import Session
 
         def idle(*_: object) -> None:
             raise InputError("nothing is started here")
 
-        self._before = Session.work, live.Run.__init__
-        Session.work = live.Run.__init__ = idle  # type: ignore[assignment, method-assign]
+        self._before = Session.work
+        Session.work = idle  # type: ignore[assignment, method-assign]
         app, self.sessions = make_app()
         self.client = app.server.test_client()
         self.client.get("/_dash-layout")
@@ -403,10 +402,9 @@ class Page:
         self.session = self.sessions.of(self.ID)
 
     def close(self) -> None:
-        from workbench.app import live
         from workbench.app.session import Session
 
-        Session.work, live.Run.__init__ = self._before  # type: ignore[method-assign]
+        Session.work = self._before  # type: ignore[method-assign]
         self.sessions.close()
 
     def ask(self, callback: dict[str, Any], values: list[Any]) -> int:

@@ -19,7 +19,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import write_recording
 from tests.test_machines import DATA
-from tests.workbench.app.plants import filled, press, recorded
+from tests.workbench.app.plants import press, recorded
 from tools.gallery import gallery, machines
 from tools.prose import ROOT
 from workbench.report import write_report
@@ -52,7 +52,7 @@ def keep(tab: Page, name: str, **options: bool) -> None:
 
 
 def tour(tab: Page, folder: Path) -> None:
-    """The stages of the app that its page shows, with Stribeck friction hidden and then with a cog."""
+    """The stages of the app that its page shows, with Stribeck friction hidden."""
     write_recording(recorded("swing", 1, 10.0), folder / "swing.csv")
     command = [sys.executable, "-m", "workbench.cli", "app", "--port", "0", "--no-browser", str(folder / "swing.csv")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
@@ -69,13 +69,6 @@ def tour(tab: Page, folder: Path) -> None:
         tab.click("#to-add")
         tab.wait_for_selector(".add .js-line")
         keep(tab, "app-add", full_page=True)
-        tab.click("#to-live")
-        tab.click(filled("live-effect"))
-        tab.click(".dash-dropdown-option:has-text('Cogging torque')")
-        tab.click(press("live-start"))
-        tab.wait_for_selector("#live-verdict:has-text('cogging')")
-        tab.wait_for_timeout(4000)  # for evidence to grow
-        keep(tab, "app-live", full_page=True)
         server.terminate()
 
 

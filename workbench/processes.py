@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import distributed
 
 LOST = "the work ended unexpectedly: try again"
-LIBRARIES = ("workbench.cli", "estimators.diagnosis.addition", "workbench.app.live")  # what tasks of the app need
+LIBRARIES = ("workbench.cli", "workbench.commands.record", "estimators.diagnosis.addition")  # of the tasks of the app
 
 
 Task = Callable[[Progress], Any]  # of the app; it travels to another process, and so does what it returns
@@ -116,14 +116,8 @@ class Worker:
         except (EOFError, OSError):
             return End(why=LOST)
 
-    def end(self, grace: float = 0.0) -> None:
-        """See to it that the process ends: by itself within a time [s], else whatever it does."""
-        until = time.monotonic() + grace
-        while self.process.is_alive() and time.monotonic() < until:
-            with suppress(EOFError, OSError):
-                while self.connection.poll():
-                    self.connection.recv()  # else it could wait for somebody to listen
-            self.process.join(0.02)  # [s] between two looks at a process that is about to end
+    def end(self) -> None:
+        """End the process, whatever it does."""
         if self.process.is_alive():
             self.process.terminate()
         self.process.join()

@@ -30,9 +30,10 @@ def graph(figure: Figure, caption: Content = None, kind: str = PLOT, bar: bool =
     buttons = [*BUTTONS[:2], "select2d", *BUTTONS[2:]] if figure.layout.get("dragmode") == "select" else BUTTONS
     config: Any = {"displaylogo": False, "modeBarButtons": [buttons]} if bar else {"displayModeBar": False}
     style, id = {"height": figure.height}, {"kind": kind, "of": figure.id}
+    spec = {"data": figure.data, "layout": figure.layout}  # what the page needs to draw it
     drawn = dcc.Graph(id=id, figure=EMPTY, responsive=True, config=config, style=style)
     parts: list[Component] = [html.Figcaption(caption)] if caption is not None else []
-    parts.append(dcc.Store(id={"kind": f"{kind}-{SPEC}", "of": figure.id}, data=spec(figure)))
+    parts.append(dcc.Store(id={"kind": f"{kind}-{SPEC}", "of": figure.id}, data=spec))
     parts.append(html.Div(drawn, role="group", className="plot", style=style, **aria(label=figure.label)))
     return html.Figure(parts)
 
@@ -40,11 +41,6 @@ def graph(figure: Figure, caption: Content = None, kind: str = PLOT, bar: bool =
 def aria(**attributes: str) -> dict[str, Any]:
     """Attributes for those who cannot see the page: `label` becomes `aria-label`."""
     return {f"aria-{name}": value for name, value in attributes.items()}
-
-
-def spec(figure: Figure) -> dict[str, Any]:
-    """What the page needs to draw a figure."""
-    return {"data": figure.data, "layout": figure.layout}
 
 
 def fragment(section: Section) -> Component:

@@ -107,24 +107,23 @@ def free_name(state: State) -> str:
     return next(name for k in range(1, 1000) if (name := f"recording-{k}.csv") not in known)
 
 
-def fields(prefix: str, seconds: float) -> list[Component]:
-    """A form for a run of so many seconds: its torque, and what is hidden in the plant; `options` reads it."""
+def fields() -> list[Component]:
+    """A form for a run: its torque, and what is hidden in the plant; `options` reads it."""
     torques = {id: opening(id) for id in EXCITATIONS}
     torques |= {id: f"Learnt policy, {bound} torque bounded" for id, bound in LEARNT.items()}
     hidden = {id: text for id, text in effects_to_choose(nothing="nothing").items() if id not in MEASURED}
     return [
-        labelled("Excitation", dropdown(f"{prefix}excitation", torques, "paper", searchable=False, **KEPT)),
-        labelled("Hidden effect", dropdown(f"{prefix}effect", hidden, "", **KEPT)),
-        labelled("Peak torque [N m]", number_field(f"{prefix}amplitude", None, min=0, placeholder="usual")),
-        labelled("Length [s]", number_field(f"{prefix}seconds", seconds, min=1, max=LONGEST)),
+        labelled("Excitation", dropdown("excitation", torques, "paper", searchable=False, **KEPT)),
+        labelled("Hidden effect", dropdown("effect", hidden, "", **KEPT)),
+        labelled("Peak torque [N m]", number_field("amplitude", None, min=0, placeholder="usual")),
+        labelled("Length [s]", number_field("seconds", 20, min=1, max=LONGEST)),
+        labelled("Seed", number_field("seed", 0, min=0, step=1)),
     ]
 
 
-def options(form: Mapping[str, Any], prefix: str, seed: float | None) -> Options:
+def options(form: Mapping[str, Any]) -> Options:
     """Options of `record` from the controls of a form; each is one word, so that none can be taken for another."""
-    torque, effect, amplitude, seconds = (
-        form.get(f"{prefix}{field}") for field in ("excitation", "effect", "amplitude", "seconds")
-    )
+    torque, effect, amplitude, seconds = (form.get(field) for field in ("excitation", "effect", "amplitude", "seconds"))
     if seconds is None or not 1 <= seconds <= LONGEST:
         raise InputError(f"a run from here lasts from 1 to {LONGEST:g} s: use the command line for more")
     words = [f"--seconds={seconds:.15g}", f"--excitation={torque}"]
@@ -134,4 +133,4 @@ def options(form: Mapping[str, Any], prefix: str, seed: float | None) -> Options
         words[1:] = ["--excitation=rl", f"--policy={LEARNT[torque]}"]
     words += [] if amplitude is None else [f"--amplitude={amplitude:.15g}"]
     words += [f"--effect={effect}"] if effect else []
-    return (*words, f"--seed={seed or 0:.15g}")
+    return (*words, f"--seed={form.get('seed') or 0:.15g}")

@@ -20,7 +20,6 @@ from pendulum_env.recording.record import ColumnError
 from pendulum_env.words import listing
 from workbench.app import saved, uploads
 from workbench.app.card import Card
-from workbench.app.live import Run
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import unpack
 from workbench.mistakes import MISTAKES, InputError, sentence
@@ -38,9 +37,9 @@ class Session:
     Files of the folder that no state and no card speaks of are deleted after each change.
     """
 
-    def __init__(self, folder: Path, workers: Workers | None = None, rig: Path | None = None) -> None:
-        """Take a folder of its own, who does long work, and the configuration of the rig if there is one."""
-        self.folder, self.workers, self.rig = folder, workers or Workers(), rig
+    def __init__(self, folder: Path, workers: Workers | None = None) -> None:
+        """Take a folder of its own, and who does long work."""
+        self.folder, self.workers = folder, workers or Workers()
         self.lock = RLock()
         self.state = State()  # what the session knows now
         self._past = list[tuple[str, State]]()  # what was done, and the state before
@@ -49,7 +48,6 @@ class Session:
         self.version = time.time_ns() // 1_000_000  # grows with all that the page shows; no two sessions share one
         self.asked = time.monotonic()  # when somebody asked for the session last
         self.job: Job | None = None
-        self.run: Run | None = None
         self._begun = self._over = False
 
     def begin(self, sources: Sequence[Source], robot: RobotFile | None) -> None:
@@ -253,26 +251,13 @@ class Session:
         packed = unpack(self.place(uploads.size([coming])), *coming)
         self._past, self.state, self.cards = [], saved.opened(packed, self.place), ()
 
-    def halt(self) -> None:
-        """Stop the live run, whatever else is going on, and one that is just being started."""
-        self._stop()  # at once: long work may hold the lock
-        with self.lock:
-            self._stop()
-            self.version += 1
-
-    def _stop(self) -> None:
-        if (run := self.run) is not None:
-            run.stop()
-
     def end(self) -> None:
         """Stop what runs and delete the folder; nothing begins any more. No answer that takes long is waited for."""
         self._over = True
-        self._stop()
         if (job := self.job) is not None:
             job.cancel()
         if self.lock.acquire(timeout=GRACE):
             try:
-                self.halt()  # a run that was just being started
                 self.cancel()
             finally:
                 self.lock.release()
@@ -282,11 +267,9 @@ class Session:
 class Sessions:
     """All sessions of a server by the id that each page holds, and the workers that they share."""
 
-    def __init__(
-        self, recordings: Sequence[Source] = (), rig: Path | None = None, robot: RobotFile | None = None
-    ) -> None:
-        """Make a folder for their folders; every session begins with the recordings, and may run the rig."""
-        self._recordings, self._rig, self._robot = tuple(recordings), rig, robot
+    def __init__(self, recordings: Sequence[Source] = (), robot: RobotFile | None = None) -> None:
+        """Make a folder for their folders; every session begins with the recordings."""
+        self._recordings, self._robot = tuple(recordings), robot
         self.workers = Workers()
         self._root = tempfile.TemporaryDirectory(prefix="pendulum-ident-", ignore_cleanup_errors=True)
         self._all: dict[str, Session] = {}  # the one used last is last
@@ -298,7 +281,7 @@ class Sessions:
             raise InputError("this page has no session: load it again")
         now = time.monotonic()
         with self._lock:
-            session = self._all.pop(id, None) or Session(Path(self._root.name) / token_hex(8), self.workers, self._rig)
+            session = self._all.pop(id, None) or Session(Path(self._root.name) / token_hex(8), self.workers)
             late = [k for k, other in self._all.items() if now - other.asked > uploads.LIMITS.idle and not other.busy()]
             late += list(self._all)[: max(0, len(self._all) + 1 - uploads.LIMITS.sessions)]
             ended = [self._all.pop(k) for k in dict.fromkeys(late)]
@@ -310,11 +293,8 @@ class Sessions:
         return session
 
     def close(self) -> None:
-        """End all sessions, motors first, and the workers."""
+        """End all sessions and the workers."""
         with self._lock:
-            for session in self._all.values():
-                if session.run is not None:
-                    session.run.stop()
             for session in self._all.values():
                 session.end()
             self._all.clear()
@@ -338,5 +318,3 @@ class Stage:
     # Registers callbacks that do nothing to the session, if it has some
     connect: Callable[[Dash, Sessions], None] | None = None
     needs_model: bool = True  # whether there is nothing to see before a model is fitted
-    # Kicker, headline and lead of a stage that is not about the loaded recordings
-    headline: tuple[str, str, str] | None = None

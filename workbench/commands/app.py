@@ -8,7 +8,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from threading import Timer
 
-from pendulum_env.backends.hardware.config import load
 from pendulum_env.recording import Source
 from pendulum_env.recording.record import ColumnError
 from workbench.inputs import given, read_all, robot_of
@@ -26,7 +25,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"""
         recordings  {KINDS}; to begin with
         {READING} {ROBOT}
-        --config FILE  rig.toml of a rig, that the live view then offers, too
         --fleet FOLDER  of a survey, whose page is then beside the stages
         --port  of this computer (default 8050); 0: any
         --no-browser  open none, only print the address
@@ -51,18 +49,17 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             if robot is not None:
                 raise
             terminal.say(f"{error}: the browser asks what the columns mean")
-    rig = None if arguments.config is None else load(arguments.config).path
     survey = None if arguments.fleet is None else Path(arguments.fleet)
     if survey is not None and not is_survey(survey):
         raise InputError(f"{survey}: holds no survey: name what `survey` wrote with -o")
     from workbench.app.page.server import Server  # dash takes a while to import
 
-    server = Server(arguments.port, recordings=recordings, rig=rig, survey=survey, robot=robot)
+    server = Server(arguments.port, recordings=recordings, survey=survey, robot=robot)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
     sys.stdout.flush()  # a pipe would keep it to itself
     if not arguments.no_browser:
         Timer(0.3, webbrowser.open, [server.address]).start()
-    for name in ("SIGTERM", "SIGHUP"):  # so that the motor stops and the sessions' folders go, however it ends
+    for name in ("SIGTERM", "SIGHUP"):  # so that jobs end and the sessions' folders go
         number = getattr(signal, name, None)  # the second is unknown to Windows, and ignored under nohup
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)

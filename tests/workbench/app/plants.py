@@ -41,15 +41,9 @@ def url(content: bytes) -> str:
     return f"data:application/octet-stream;base64,{base64.b64encode(content).decode()}"
 
 
-def run_form(excitation: str = "paper", prefix: str = "", **fields: object) -> dict[str, object]:
+def run_form(excitation: str = "paper", **fields: object) -> dict[str, object]:
     """Controls of a run as the page has them."""
-    usual = {"excitation": excitation, "seconds": 10.0, "effect": "", "amplitude": None}
-    return {f"{prefix}{name}": value for name, value in (usual | fields).items()}
-
-
-def live_form(backend: str, replay: str | None = None, **fields) -> dict[str, object]:
-    """The same of the live view."""
-    return {"live-backend": backend, "live-replay": replay, **run_form(prefix="live-", **fields)}
+    return {"excitation": excitation, "seconds": 10.0, "effect": "", "amplitude": None, "seed": 0} | fields
 
 
 def press(does: str) -> str:

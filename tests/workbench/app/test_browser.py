@@ -18,7 +18,6 @@ from pendulum_env.physics import Model
 from pendulum_env.recording import write_recording
 from tests import slow
 from tests.patience import PATIENCE
-from tests.pendulum_env.rigs import Disturbed
 from tests.workbench.app.fleets import surveyed
 from tests.workbench.app.plants import filled, press, recorded
 
@@ -32,7 +31,6 @@ STAGES = {
     "diagnose": press("diagnose"),
     "add": filled("any"),
     "export": "#commands",
-    "live": press("live-start"),
 }
 
 
@@ -198,7 +196,8 @@ def test_a_file_is_not_lost_where_the_page_is_drawn_anew_while_it_is_chosen_or_r
         FileReader.prototype.readAsDataURL = function (file) { held.push(() => read.call(this, file)); };
     }""")
     tab.choose_files("upload", str(folder / "swing.csv"))
-    tab.go("live")
+    page.evaluate("location.hash = '#model'")
+    page.wait_for_selector(".model .empty")
     page.evaluate("held.splice(0).forEach((read) => read())")
     page.click("#to-data")
     page.wait_for_selector("td:has-text('swing')")
@@ -277,12 +276,11 @@ def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_s
     page.set_viewport_size({"width": 420, "height": 900})
     page.wait_for_selector("#to-compare[aria-disabled=true][title='Load a recording first']")
     page.click("#to-compare", force=True)
-    tab.go("live")
-    place, holder = (page.locator(which).bounding_box() for which in ("#to-live", "#nav"))
-    assert place["x"] >= holder["x"] and place["x"] + place["width"] <= holder["x"] + holder["width"] + 1
-    page.click("#to-data")
     tab.load(folder / "swing.csv")
     tab.go("compare")
+    tab.go("export")
+    place, holder = (page.locator(which).bounding_box() for which in ("#to-export", "#nav"))
+    assert place["x"] >= holder["x"] and place["x"] + place["width"] <= holder["x"] + holder["width"] + 1
 
 
 @pytest.mark.slow
@@ -457,37 +455,6 @@ def test_a_keyboard_is_enough(tab):
     page.wait_for_selector(press("undo"), state="detached")
 
 
-@pytest.mark.realtime
-def test_the_live_view_converges_and_becomes_a_recording(tab):
-    page = tab.page
-    page.set_viewport_size({"width": 1400, "height": 1000})
-    tab.go("live")
-    page.click(press("live-start"))
-    page.wait_for_selector(".live .js-line")
-    assert tab.title() == "Estimates as they converge"  # whatever else is known
-    page.wait_for_selector("#pendulum .arm[transform]", state="attached")
-    page.wait_for_function("() => parseFloat(document.querySelector('#live-said').textContent) > 2")
-    row = page.inner_text("#live-table tbody tr").split("\t")
-    assert float(row[1].split(" ± ")[0]) == pytest.approx(0.0895, rel=0.02)
-    wide, seen = (
-        page.evaluate(f"document.querySelector('#live-table .scroll').{of}Width") for of in ("scroll", "client")
-    )
-    assert wide <= seen  # no column is cut off
-    page.wait_for_selector("#live-verdict:has-text('Model base: ')")
-    assert page.is_disabled(press("live-undo"))
-    page.wait_for_function(
-        "() => [...document.querySelectorAll('.odds th')].some(th => th.textContent.includes('Nothing')) || "
-        "/^(Ended|Stopped)/.test(document.querySelector('#live-said').textContent)"
-    )
-    if (said := page.inner_text("#live-said")).startswith(("Ended", "Stopped")):  # as no page asked about it in time
-        raise Disturbed(said)
-    page.click(press("live-stop"))
-    page.wait_for_function("() => document.querySelector('#live-said').textContent.startsWith('Ended')")
-    page.click(press("live-keep"))
-    tab.page.click("#to-data")
-    page.wait_for_selector("td:has-text('recording-1')")
-
-
 @pytest.mark.slow
 def test_no_stage_is_wider_than_the_window_or_has_text_that_is_cut_or_overlaps(browser, address, folder):
     tab = Tab(browser, address, color_scheme="dark")
@@ -511,7 +478,6 @@ def test_a_fleet_is_walked_from_the_workbench_to_a_case_and_back(browser, tmp_pa
     with served("--fleet", str(survey.folder)) as (address, _):
         tab = Tab(browser, address)
         page = tab.page
-        page.click("#to-live")
         page.click("#to-fleet")
         page.wait_for_selector(".kicker:has-text('Survey of 4 recordings')")
         assert tab.title() == "Stribeck friction is missing in 1"

@@ -11,7 +11,6 @@ from threading import Event, Thread
 import numpy as np
 import pytest
 from dash import dcc, html
-from plotly.utils import PlotlyJSONEncoder
 
 from estimators import add
 from estimators.signals.residual import AXES
@@ -29,7 +28,6 @@ from tests.workbench.app.plants import (
     comes_to_the_same,
     files_of,
     limited,
-    live_form,
     loaded,
     recorded,
     run_form,
@@ -44,7 +42,7 @@ from workbench.app.recorder import options
 from workbench.app.saved import study
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import add as add_stage
-from workbench.app.stages import compare, data, diagnose, export, live, model
+from workbench.app.stages import compare, data, diagnose, export, model
 from workbench.app.stages.compare import MAP, PHASE, TIME, inside, lit, within
 from workbench.app.stages.export import commands
 from workbench.app.state import NOTHING, Asked, Loaded, State
@@ -359,39 +357,16 @@ def test_only_this_computer_is_answered():
     sessions.close()
 
 
-def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path):
-    def offered(session: Session) -> str:
-        return json.dumps(live.show(session), cls=PlotlyJSONEncoder)
-
-    named, plain = Session(tmp_path, rig=tmp_path / "rig.toml"), Session(tmp_path)
-    assert '"dm1015b"' in offered(named) and '"dm1015b"' not in offered(plain)
-    with pytest.raises(InputError, match="there is no rig here"):
-        live.options(plain, live_form("dm1015b"))
-
-
-def test_what_there_is_not_yet_is_asked_for_first(tmp_path):
-    session = Session(tmp_path)
-    for asked, why in [
-        (lambda: live.keep(session), "nothing has run yet"),
-        (lambda: live.options(session, live_form("replay")), "there is no recording to replay"),
-        (lambda: live.options(session, live_form("replay", "a", excitation="rl-rms")), "does not follow a policy"),
-        (lambda: live.ACTIONS["live-add"](session, "", {}), "nothing is missing that could be added"),
-        (lambda: export.file(session.state, "experiment", ""), "the diagnosis suggests no experiment"),
-    ]:
-        with pytest.raises(InputError, match=why):
-            asked()
-
-
 def test_a_form_becomes_options_and_cannot_pass_for_others():
-    assert {"--excitation=rl", "--policy=rms"} <= set(options(run_form("rl-rms"), "", 0))
-    assert "--excitation=rl-/tmp/own.npz" in options(run_form("rl-/tmp/own.npz"), "", 0)  # which knows no such name
-    words = options(run_form(effect="stribeck=0.4 --output=elsewhere.csv"), "", 3)
+    assert {"--excitation=rl", "--policy=rms"} <= set(options(run_form("rl-rms")))
+    assert "--excitation=rl-/tmp/own.npz" in options(run_form("rl-/tmp/own.npz"))  # which knows no such name
+    words = options(run_form(effect="stribeck=0.4 --output=elsewhere.csv", seed=3))
     assert all(word.count("--") <= 1 or word.startswith("--effect=") for word in words)
     assert words[-1] == "--seed=3"
     with pytest.raises(InputError, match="lasts from 1"):
-        options(run_form(seconds=None), "", 0)
+        options(run_form(seconds=None))
     with pytest.raises(InputError, match="bound of its own"):
-        options(run_form("rl-rms", amplitude=3.0), "", 0)
+        options(run_form("rl-rms", amplitude=3.0))
 
 
 # ------------------------------------------------------------------------------------------------ states

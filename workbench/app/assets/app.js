@@ -1,5 +1,5 @@
 "use strict";
-// What the page does by itself: its colours, its plots, its brushing and the pendulum; everything else is the server's.
+// What the page does by itself: its colours, its plots and its brushing; everything else is the server's.
 (() => {
   const root = document.documentElement;
   const keep = (key, value) => { try { sessionStorage.setItem(key, value); } catch { /* storage may be barred */ } };
@@ -50,38 +50,6 @@
     const place = document.getElementById(name);
     if (place && markup) place.innerHTML = markup;
     return same();
-  }
-
-  // The pendulum is drawn half a second late, so that its motion is smooth between two looks.
-  const LATE = 0.5;
-  let motion = null, frame = 0;
-  function swing(looked) {
-    const place = document.getElementById("pendulum");
-    if (!place || !looked || !looked.rows.length) return same();
-    if (!place.firstChild) place.innerHTML = `<svg viewBox="-120 -120 240 240" aria-hidden="true"><circle class="turn" r="100"/><path class="torque"/><g class="arm"><line y2="88"/><circle cy="88" r="13"/></g><circle class="pivot" r="6"/></svg>`;
-    const now = performance.now() / 1000, last = looked.rows.at(-1)[0];
-    const rows = motion && motion.rows.length && motion.rows.at(-1)[0] <= last ? motion.rows.filter((row) => row[0] < looked.rows[0][0]) : [];
-    const rebase = !motion || !rows.length || Math.abs(now - motion.offset - last) > 0.6;
-    motion = { rows: [...rows.slice(-100), ...looked.rows], offset: rebase ? now - last : motion.offset, running: looked.running };
-    cancelAnimationFrame(frame);
-    frame = requestAnimationFrame(paint);
-    return same();
-  }
-  function paint() {
-    const place = document.getElementById("pendulum");
-    if (!place || !place.firstChild || !motion) return;
-    const rows = motion.rows, at = performance.now() / 1000 - motion.offset - LATE;
-    let k = rows.findIndex((row) => row[0] > at);
-    const done = k < 0;
-    if (done) k = rows.length - 1;
-    const [t1, q1, torque] = rows[k], [t0, q0] = rows[Math.max(0, k - 1)];
-    const share = t1 > t0 ? Math.min(1, Math.max(0, (at - t0) / (t1 - t0))) : 1;
-    const q = q0 + share * (q1 - q0);
-    place.querySelector(".arm").setAttribute("transform", `rotate(${(-q * 180) / Math.PI})`);
-    const turn = Math.max(-3, Math.min(3, torque / 3)), r = 34;
-    const end = [r * Math.sin(turn), r * Math.cos(turn)];
-    place.querySelector(".torque").setAttribute("d", `M0 ${r}A${r} ${r} 0 ${Math.abs(turn) > Math.PI ? 1 : 0} ${turn > 0 ? 0 : 1} ${end[0]} ${end[1]}`);
-    if (!done || motion.running) frame = requestAnimationFrame(paint);
   }
 
   // A stage that is drawn anew gives the focus back to where it was, or takes it, so that a keyboard keeps its place.
@@ -169,5 +137,5 @@
     document.getElementById("stage").focus();
   }, true);
 
-  window.dash_clientside = { ...window.dash_clientside, app: { session, theme, draw, brush, reveal, warm, fragment, swing } };
+  window.dash_clientside = { ...window.dash_clientside, app: { session, theme, draw, brush, reveal, warm, fragment } };
 })();

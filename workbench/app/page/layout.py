@@ -22,7 +22,6 @@ from workbench.report.page import shared
 
 NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
 VERSION = Output("version", "data", allow_duplicate=True)
-URGENT = {"cancel": Session.cancel, "live-stop": Session.halt}  # a motor stops whenever it is told to
 
 
 def index() -> str:
@@ -93,9 +92,9 @@ def navigation(here: Stage, fleet: str | None, trouble: str) -> list[Component]:
     return [*stages, html.A("Fleet", href=fleet, id="to-fleet")] if fleet else stages
 
 
-def story_so_far(state: Work, stage: Stage) -> list[Component]:
+def story_so_far(state: Work) -> list[Component]:
     """The headline, and the numbers behind it."""
-    kicker, title, lead = stage.headline or told(state)
+    kicker, title, lead = told(state)
     parts: list[Component] = [html.P(kicker, className="kicker"), html.H1(title)]
     return [*parts, html.P(lead, className="lead")] if lead else parts
 
@@ -197,7 +196,7 @@ def _connect_page(app: Dash, sessions: Sessions, fleet: str | None) -> None:
                 session.notice = ""  # it was about another stage
         return (
             navigation(stage, fleet, session.state.trouble),
-            [*story_so_far(session.state, stage), *steps(session)],
+            [*story_so_far(session.state), *steps(session)],
             session.notice,
             html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),
         )
@@ -250,10 +249,10 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
                 raise PreventUpdate
             return session.version
         asked = ctx.triggered_id
-        if asked["do"] in URGENT:  # at once, whatever goes on
-            URGENT[asked["do"]](session)
+        if asked["do"] == "cancel":  # at once, whatever goes on
+            session.cancel()
             return session.version
-        return act(session, asked["do"], asked["of"], filled(ctx.states_list) | {"clicks": clicks})
+        return act(session, asked["do"], asked["of"], filled(ctx.states_list))
 
     @app.callback(VERSION, Input("came", "data"), State("session", "data"), prevent_initial_call=True)
     def take(came: Form, id: str) -> int:
@@ -301,4 +300,3 @@ def _connect_scripts(app: Dash) -> None:
     in_the_page("fragment", Output(text, "title"), Input({"kind": "markup", "of": MATCH}, "data"), State(text, "id"))
     in_the_page("reveal", Output("nav", "title"), Input("nav", "children"))
     in_the_page("warm", Output("warm", "children"), Input("stage", "children"))
-    in_the_page("swing", Output("pendulum", "title"), Input("live-motion", "data"))

@@ -39,7 +39,6 @@ POLICY = (  # nothing comes from elsewhere, and nothing goes there
 
 def make_app(
     recordings: Sequence[Source] = (),
-    rig: Path | None = None,
     survey: Path | None = None,
     robot: RobotFile | None = None,
 ) -> tuple[Dash, Sessions]:
@@ -47,7 +46,6 @@ def make_app(
 
     Args:
         recordings: what every session begins with.
-        rig: configuration of the rig that the live view may run; the page cannot name another.
         survey: folder of a survey whose page is shown beside the stages; the page cannot name another.
         robot: whose recordings they are; None: a pendulum's.
     """
@@ -65,7 +63,7 @@ def make_app(
         on_error=_excuse,
     )
     address = None if survey is None else _show_fleet(app.server, survey)
-    sessions = Sessions(recordings, rig, robot)
+    sessions = Sessions(recordings, robot)
     app.layout = layout.page(address)
     layout.connect(app, sessions, address)
     _guard(app.server)

@@ -1,7 +1,7 @@
 """Stages in the order of the work; a new one joins by its module and a line here."""
 
 from workbench.app.session import Stage
-from workbench.app.stages import add, compare, data, diagnose, export, live, model
+from workbench.app.stages import add, compare, data, diagnose, export, model
 
 STAGES: tuple[Stage, ...] = (
     data.STAGE,
@@ -10,7 +10,6 @@ STAGES: tuple[Stage, ...] = (
     diagnose.STAGE,
     add.STAGE,
     export.STAGE,
-    live.STAGE,
 )
 
 __all__ = ["STAGES"]

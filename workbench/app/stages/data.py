@@ -15,7 +15,7 @@ from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing, name, number, opening, percent
 from workbench.app import card, recorder, uploads
-from workbench.app.parts import UNWRAP, aria, button, drop, field, graph, labelled, number_field, panel, saves, table
+from workbench.app.parts import UNWRAP, aria, button, drop, field, graph, panel, saves, table
 from workbench.app.session import Action, Form, Session, Stage
 from workbench.app.state import WEIGHTLESS, Loaded, State
 from workbench.app.uploads import STUDY
@@ -88,7 +88,6 @@ def upload(state: State) -> Component:
 
 
 def _record() -> Component:
-    fields = [*recorder.fields("", 20), labelled("Seed", number_field("seed", 0, min=0, step=1))]
     return panel(
         "Or record a simulated pendulum",
         html.P(
@@ -96,7 +95,7 @@ def _record() -> Component:
             "0.02\N{NO-BREAK SPACE}N\N{NO-BREAK SPACE}m of torque noise.",
             className="note",
         ),
-        html.Div(fields, className="fields"),
+        html.Div(recorder.fields(), className="fields"),
         button("Record", "record"),
     )
 
@@ -190,7 +189,7 @@ def course(r: Recording, id: str, title: str, said: Callable[[str], str] = str, 
 
 
 def _record_as_said(session: Session, _: str, form: Form) -> None:
-    recorder.start(session, {recorder.free_name(session.state): recorder.options(form, "", form.get("seed"))})
+    recorder.start(session, {recorder.free_name(session.state): recorder.options(form)})
 
 
 def _align(session: Session, is_aligned: bool, what: str) -> None:
