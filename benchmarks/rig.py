@@ -15,7 +15,7 @@ import numpy as np
 from pendulum_env.registration import PENDULUM
 from workbench.terminal import Terminal
 
-RATES = {"serial": (500.0, 1000.0, 2000.0), "canopen402": (250.0, 500.0, 1000.0), "nidaq": (100.0, 250.0, 500.0)}
+RATES = {"serial": (500.0, 1000.0, 2000.0), "nidaq": (100.0, 250.0, 500.0)}
 
 
 def row(kind: str, rate: float, seconds: float, realtime: bool) -> tuple[str, ...]:
@@ -71,7 +71,7 @@ def main(argv: list[str] | None = None) -> int:
     with terminal.progress("running") as tell:
         for kind, rates in RATES.items():
             for rate in rates:
-                tell(f"{kind} at {rate:g} Hz", len(table) / 9)
+                tell(f"{kind} at {rate:g} Hz", len(table) / sum(map(len, RATES.values())))
                 table.append(row(kind, rate, arguments.seconds, arguments.realtime))
     terminal.table(headers, table)
     return 0

@@ -22,7 +22,7 @@ from pendulum_env.plant import PAPER
 from pendulum_env.registration import PENDULUM
 from workbench.terminal import Terminal
 
-RATES = {"serial": 500.0, "canopen402": 250.0, "nidaq": 100.0}  # [Hz]
+RATES = {"serial": 500.0, "nidaq": 100.0}  # [Hz]
 TORQUES = (0.5, 1.0, 2.0, 3.5, 6.0)  # [N m]
 DRIVES = {"gain 3": "gain 3", "gain -1": "gain -1"}
 FAULTS = {name: f"encoder {name}" for name in MISREADINGS} | DRIVES

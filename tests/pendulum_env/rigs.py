@@ -32,13 +32,11 @@ emulate(
     asked["settings"], lambda text: print(text, flush=True), first=asked["first"], log=Path(asked["log"]),
 )
 """
-KINDS = ("serial", "canopen402", "nidaq")
-RATES = {"serial": 500.0, "canopen402": 250.0, "nidaq": 100.0}  # [Hz], that they hold on a machine that is busy
+KINDS = ("serial", "nidaq")
+RATES = {"serial": 500.0, "nidaq": 100.0}  # [Hz], that they hold on a machine that is busy
 SLOW = (  # what the guard says where the machine was too slow,
     "was held up or is too slow",
     "commands came too late",
-    "did not hear of this computer in time",
-    "does not say why",
 )
 LATE = (*SLOW, "did not answer within", "does not move under")  # or may have been: a push may be slept through
 ATTEMPTS = 40  # at what is disturbed every time: a mistake

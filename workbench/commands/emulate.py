@@ -9,7 +9,7 @@ from workbench.inputs import check_outputs, plant_of
 from workbench.options import declare, number, whole
 from workbench.terminal import Terminal
 
-RATES = {"serial": 1000.0, "canopen402": 500.0, "nidaq": 250.0}  # [Hz], that each holds
+RATES = {"serial": 1000.0, "nidaq": 250.0}  # [Hz], that each holds
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

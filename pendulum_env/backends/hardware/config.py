@@ -91,28 +91,6 @@ class SerialSettings:
 
 
 @dataclass(frozen=True)
-class CanSettings:
-    """A CiA 402 servo drive on any bus of python-can."""
-
-    drive: ClassVar = ("canopen402", "Canopen402")
-    packages: ClassVar = ("can", "serial")
-
-    interface: str
-    channel: str
-    node: int = within(1, 127, 1)
-    rated_torque: float = within(0.001, default=15.0)  # [N m]; the drive counts in thousandths of it
-    bitrate: int = within(10_000, 1_000_000, 1_000_000)
-    host: int = within(1, 127, 127)  # node number of this computer, for its heartbeat
-    timestamp: bool = False  # the drive has object 1013h and maps it
-
-    @property
-    def device(self) -> str:
-        """What is owned by one process at a time."""
-        channel = os.path.realpath(self.channel) if os.path.exists(self.channel) else self.channel
-        return f"{self.interface} {channel} node {self.node}"
-
-
-@dataclass(frozen=True)
 class DaqSettings:
     """A National Instruments card and the Dynaserv's own analogue drive."""
 
@@ -149,9 +127,9 @@ class Plant:
     delay: float = within(0.0, 1.0, 0.01)  # [s] until a torque acts
 
 
-Link = SerialSettings | CanSettings | DaqSettings
+Link = SerialSettings | DaqSettings
 # each with module and class of its drive, and what that imports
-LINKS: Mapping[str, type[Link]] = {"serial": SerialSettings, "canopen402": CanSettings, "nidaq": DaqSettings}
+LINKS: Mapping[str, type[Link]] = {"serial": SerialSettings, "nidaq": DaqSettings}
 TABLES: Mapping[str, type[Any]] = {
     "encoder": EncoderSettings,
     "limits": Limits,

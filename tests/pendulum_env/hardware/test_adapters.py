@@ -91,21 +91,10 @@ def test_no_run_ends_for_an_answer_that_is_lost_or_late(tmp_path, monkeypatch, l
     assert port.now < 0.6 * config.limits.gap
 
 
-def test_the_drives_rated_torque_is_the_one_that_torque_is_scaled_by(emulated):
-    with pytest.raises(DriveError, match=r"rated torque is 15 N m \(object 6076h\).*rated_torque says 5"):
-        opened(emulated, "canopen402", canopen402={"rated_torque": 5.0})
-
-
 @pytest.mark.parametrize(
     ("kind", "keys", "said"),
     [
         ("serial", 'port = "/dev/none"', "/dev/none cannot be opened .*check serial.port"),
-        # whatever the driver of a bus raises
-        (
-            "canopen402",
-            'interface = "socketcand"\nchannel = "can0"',
-            r"opened \(.*missing 2 .*\): check canopen402.interf",
-        ),
         ("nidaq", 'torque = "Dev1/ao0"\nencoder = "Dev1/ctr0"\nenable = "Dev1/port0/line0"', "driver is not installed"),
     ],
 )

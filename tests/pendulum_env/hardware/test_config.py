@@ -26,7 +26,7 @@ def written(tmp_path):
     [
         ("adapter = ", "is not TOML"),
         ("", "it lacks 'adapter'"),
-        ('adapter = "can"\n', "'adapter' is 'can': it has to be one of serial, canopen402, nidaq"),
+        ('adapter = "can"\n', "'adapter' is 'can': it has to be one of serial, nidaq"),
         ('adapter = "serial"\n', r"there is no table \[serial\]: add it"),
         ('adapter = "serial"\n[serial]\n', "it lacks 'port' under 'serial'"),
         (PLAIN + "[limit]\ntorque = 3\n", "unknown table 'limit': did you mean limits"),

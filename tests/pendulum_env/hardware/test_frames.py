@@ -1,11 +1,11 @@
-"""The protocols on the wire: serial, by what its documentation promises, and transfers of CANopen."""
+"""The serial protocol on the wire, by what its documentation promises."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pendulum_env.backends.hardware import cia402, frames
+from pendulum_env.backends.hardware import frames
 
 
 def test_the_crc_is_the_one_that_is_named():
@@ -67,24 +67,3 @@ def test_a_damaged_frame_is_dropped():
 def test_every_kind_arrives_as_it_was_sent(kind, values):
     (found,) = frames.Splitter().feed(frames.pack(kind, *values))
     assert found == (kind, *values)
-
-
-@pytest.mark.parametrize(
-    ("message", "command", "where", "value"),
-    [
-        ("2F60600000000000", cia402.DOWNLOAD, (0x6060, 0), b"\0"),
-        ("2B07600001000000", cia402.DOWNLOAD, (0x6007, 0), b"\1\0"),
-        ("23161001500001AA", cia402.DOWNLOAD, (0x1016, 1), b"\x50\0\1\xaa"),
-        ("6007600000000000", cia402.DOWNLOADED, (0x6007, 0), b""),
-        ("4076600000000000", cia402.UPLOAD, (0x6076, 0), b""),
-        ("43766000983A0000", cia402.UPLOADED, (0x6076, 0), b"\x98\x3a\0\0"),
-        ("4B3F600010430000", cia402.UPLOADED, (0x603F, 0), b"\x10\x43"),
-    ],
-)
-def test_a_service_data_object_is_transferred_as_cia_301_lays_it_out(message, command, where, value):
-    data = bytes.fromhex(message)
-    assert cia402.pack_sdo(command, where, value) == data
-    found = cia402.unpack_sdo(data)
-    assert found[:2] == (command, where) and found[2][: len(value)] == value
-    whole = bytes.fromhex("42766000983A0000")  # a drive need not tell the size
-    assert cia402.unpack_sdo(whole) == (cia402.UPLOADED, (0x6076, 0), b"\x98\x3a\0\0")

@@ -14,7 +14,7 @@ from pendulum_env.physics.simulation import simulate
 from pendulum_env.plant import hide, paper_plant
 
 STEP = 2 * math.pi / 1_024_000  # [rad]
-NOISE = {500.0: 5e-5, 250.0: 5e-5, 100.0: 3e-4}  # [s] of a reading's time, by rate [Hz]: those of the three buses
+NOISE = {500.0: 5e-5, 250.0: 5e-5, 100.0: 3e-4}  # [s] of a reading's time, by rate [Hz]
 SOON = 0.3  # [s]
 NAMES = tuple(EXCITATIONS)
 AMPLITUDES = {500.0: (2.0, 3.5, 6.0), 250.0: (2.0, 3.5, 6.0), 100.0: (3.5, 6.0)}  # [N m]; the slowest sees less

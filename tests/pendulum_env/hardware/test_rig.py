@@ -19,7 +19,6 @@ from pendulum_env.plant import PAPER
 from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import read_recording
 from pendulum_env.registration import PENDULUM
-from tests import slow
 from tests.disks import full_after
 from tests.pendulum_env.rigs import PATIENT, Disturbed
 from workbench.cli import main
@@ -44,9 +43,8 @@ def make(rig, **options):
     return gym.make(PENDULUM, backend="dm1015b", config=rig.config, max_episode_steps=-1, **options)
 
 
-@pytest.mark.parametrize("kind", slow.but_first(["serial", "canopen402"]))
-def test_six_estimators_find_the_emulated_plant_while_it_runs(emulated, kind):
-    rig = emulated(kind, rate=ONLINE, limits=PATIENT, encoder=HANGING)
+def test_six_estimators_find_the_emulated_plant_while_it_runs(emulated):
+    rig = emulated("serial", rate=ONLINE, limits=PATIENT, encoder=HANGING)
     signal = excitation("paper", np.random.default_rng(0))
 
     env = EstimateParameters(make(rig))
@@ -65,7 +63,7 @@ def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, monkeypatch
     few = ("torque_offset", "coulomb_asymmetry", "stribeck", "quadratic_drag", "cogging")  # a quick search
     known = {id: effects()[id] for id in few}
     monkeypatch.setattr(estimators.arguments, "nameable", lambda: known)
-    rig = emulated("canopen402", effects=["cogging"], limits=PATIENT, encoder=HANGING)
+    rig = emulated("serial", effects=["cogging"], limits=PATIENT, encoder=HANGING)
     path = rig.folder / "run.csv"
     command = ["record", "--backend", "dm1015b", "--config", str(rig.config), "--seconds", "5", "-o", str(path)]
 
