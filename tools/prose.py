@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pendulum_env.backends import BACKENDS
+from pendulum_env.backends.hardware import drive
 from pendulum_env.physics import library
 from workbench.cli import main
 
@@ -150,7 +151,7 @@ def run_command(words: list[str]) -> str:
 @contextlib.contextmanager
 def own_folder(folder: Path) -> Iterator[None]:
     """A folder to run in; what a page adds to the library is forgotten afterwards."""
-    registries: list[dict[str, Any]] = [library._registered, BACKENDS]
+    registries: list[dict[str, Any]] = [library._registered, BACKENDS, drive._registered]
     before = [dict(registry) for registry in registries]
     try:
         with contextlib.chdir(folder):

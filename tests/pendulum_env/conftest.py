@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from pendulum_env.backends.hardware.drive import need
+from pendulum_env.backends.hardware.drive import find_adapter
 from tests.pendulum_env.rigs import EmulatedRig, Host
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # windows of mode human need no screen
@@ -19,7 +19,7 @@ def emulated(tmp_path):
 
     def make(kind, **options):
         try:
-            need(kind)
+            find_adapter(kind)
         except ModuleNotFoundError as error:
             pytest.skip(str(error))
         while rigs:  # of an attempt that was not in time

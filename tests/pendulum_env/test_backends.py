@@ -1,4 +1,4 @@
-"""One contract for every backend: simulated, replayed, and the rig over each of its adapters."""
+"""One contract for every backend: simulated, replayed, and the rig over each of its adapters and a package's."""
 
 import gymnasium as gym
 import numpy as np
@@ -11,6 +11,7 @@ from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import read_recording, write_recording
 from pendulum_env.registration import PENDULUM
 from pendulum_env.wrappers import RecordMeasurements
+from tests.pendulum_env.packages import install_bench
 from tests.pendulum_env.rigs import KINDS, PATIENT, Disturbed
 
 pytestmark = pytest.mark.realtime
@@ -18,8 +19,8 @@ pytestmark = pytest.mark.realtime
 PUSH = np.array([2.0], dtype=np.float32)  # [N m], enough to move the arm
 
 
-@pytest.fixture(params=["pymunk", "mujoco", "replay", *KINDS])
-def settings(request, tmp_path):
+@pytest.fixture(params=["pymunk", "mujoco", "replay", *KINDS, "package"])
+def settings(request, tmp_path, monkeypatch):
     """Arguments with which the environment has each backend."""
     if request.param == "replay":
         file = tmp_path / "played.csv"
@@ -29,6 +30,12 @@ def settings(request, tmp_path):
     if request.param in KINDS:
         rig = request.getfixturevalue("emulated")(request.param, limits=PATIENT, first=2**31 - 1000)
         return {"backend": "dm1015b", "config": rig.config}
+    if request.param == "package":
+        install_bench(tmp_path, monkeypatch)
+        limits = "".join(f"{name} = {value}\n" for name, value in {**PATIENT, "behind": 60.0}.items())
+        file = tmp_path / "rig.toml"
+        file.write_text(f'adapter = "bench"\nrate = 200\n[bench]\naddress = "left"\n[limits]\n{limits}')
+        return {"backend": "dm1015b", "config": file}
     if request.param == "mujoco":
         pytest.importorskip("mujoco")
     return {"backend": request.param}

@@ -4,7 +4,6 @@ import argparse
 from pathlib import Path
 
 from pendulum_env.backends.emulators import MISHAPS, emulate
-from pendulum_env.backends.hardware.config import LINKS
 from workbench.inputs import check_outputs, plant_of
 from workbench.options import declare, number, whole
 from workbench.terminal import Terminal
@@ -27,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         --watchdog  the drive's, in the configuration [s]
         --reply  to wait for the drive, in the configuration [s]
         """,
-        kind={"choices": list(LINKS)},
+        kind={"choices": list(RATES)},
         output={"default": "rig.toml"},
         rate=number(10.0, 5000.0),
         first_count=(whole(0, 2**32 - 1), 0),

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.wire import Cable
 from pendulum_env.backends.hardware import process
-from pendulum_env.backends.hardware.config import LINKS, load, mark_checked
-from pendulum_env.backends.hardware.drive import need
+from pendulum_env.backends.hardware.config import load, mark_checked
+from pendulum_env.backends.hardware.drive import BUILT_IN, find_adapter
 from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
@@ -76,8 +76,8 @@ def emulate(
         ValueError: if there is no such emulator.
         FileExistsError: if the configuration is somebody else's file.
     """
-    find("emulator", kind, LINKS)
-    need(kind)
+    find("emulator", kind, BUILT_IN)
+    find_adapter(kind)
     module = importlib.import_module(f"pendulum_env.backends.emulators.{kind}")
     if realtime:
         process.realtime()

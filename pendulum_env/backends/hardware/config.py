@@ -12,8 +12,9 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
+from pendulum_env.backends.hardware.drive import Settings, adapters, find_adapter
 from pendulum_env.files import write_whole
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
@@ -78,9 +79,6 @@ class Rest:
 class SerialSettings:
     """A microcontroller with DAC, counter and watchdog."""
 
-    drive: ClassVar = ("serial_drive", "SerialDrive")
-    packages: ClassVar = ("serial",)
-
     port: str
     baud: int = within(9600, 12_000_000, 2_000_000)
 
@@ -93,9 +91,6 @@ class SerialSettings:
 @dataclass(frozen=True)
 class DaqSettings:
     """A National Instruments card and the Dynaserv's own analogue drive."""
-
-    drive: ClassVar = ("nidaq", "NiDaq")
-    packages: ClassVar = ("nidaqmx", "grpc")
 
     torque: str  # analogue output, +-10 V
     encoder: str  # counter
@@ -127,9 +122,6 @@ class Plant:
     delay: float = within(0.0, 1.0, 0.01)  # [s] until a torque acts
 
 
-Link = SerialSettings | DaqSettings
-# each with module and class of its drive, and what that imports
-LINKS: Mapping[str, type[Link]] = {"serial": SerialSettings, "nidaq": DaqSettings}
 TABLES: Mapping[str, type[Any]] = {
     "encoder": EncoderSettings,
     "limits": Limits,
@@ -143,7 +135,7 @@ TABLES: Mapping[str, type[Any]] = {
 class Top:
     """What stands in no table."""
 
-    adapter: str = one_of(*LINKS)
+    adapter: str
     rate: float = within(10.0, 20_000.0, 1000.0)  # of the loop [Hz]
     torque_sign: int = one_of(1, -1, default=1)  # of the torque that turns the arm counter-clockwise
     realtime: bool = False  # whether the loop asks for real-time priority
@@ -154,7 +146,7 @@ class Top:
 class RigConfig(Top):
     """A rig, as its file describes it."""
 
-    link: Link  # settings of the adapter
+    link: Settings  # of the adapter
     encoder: EncoderSettings
     limits: Limits
     fault: OnFault
@@ -176,7 +168,7 @@ class RigConfig(Top):
     @property
     def wiring(self) -> str:
         """Digest of all that the check has tried: other limits do not void it, another wiring does."""
-        tried = [self.adapter, asdict(self.link), self.torque_sign, asdict(self.encoder)]
+        tried = [self.adapter, vars(self.link), self.torque_sign, asdict(self.encoder)]
         return hashlib.sha256(json.dumps(tried).encode()).hexdigest()
 
     @property
@@ -218,13 +210,14 @@ def mark_checked(config: RigConfig) -> Path:
 
 def _rig(path: Path, data: dict[str, Any]) -> RigConfig:
     tables = {name: value for name, value in data.items() if isinstance(value, dict)}
-    for name in tables:
-        find("table", name, {**TABLES, **LINKS})
     top = Value("", "", {name: value for name, value in data.items() if name not in tables}).record(Top)
+    kind_of_link = find_adapter(top.adapter).settings
+    for name in tables:
+        find("table", name, {**TABLES, **adapters()})
     if top.adapter not in tables:
         raise ValueError(f"adapter is '{top.adapter}' but there is no table [{top.adapter}]: add it")
     settings = {name: Value("", name, tables.get(name, {})).record(kind) for name, kind in TABLES.items()}
-    link = Value("", top.adapter, tables[top.adapter]).record(LINKS[top.adapter])
+    link = Value("", top.adapter, tables[top.adapter]).record(kind_of_link)
     config = RigConfig(**vars(top), link=link, **settings, path=path.resolve())
     limits, rest = config.limits, config.rest
     if limits.soft_velocity > limits.hard_velocity:

@@ -1,17 +1,24 @@
 """What an adapter offers: a motor drive that takes a torque and tells the encoder's counts, and nothing else.
 
 Adapters neither judge nor wait for the next sample: the guard does the one, the rig the other, for all of them.
+Installed packages offer further adapters by the entry points of `ENTRY_POINTS`: see docs/how-to/drive.md.
 """
 
-import importlib
-import importlib.util
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import NamedTuple, Protocol
+from dataclasses import is_dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, NamedTuple, Protocol
 
-from pendulum_env.backends.hardware.config import LINKS, RigConfig
-from pendulum_env.mistake import one_line
+from pendulum_env.lookup import find
+from pendulum_env.mistake import Mistake, one_line, told
 
+ENTRY_POINTS = "pendulum_ident.drives"
+HERE = "pendulum_env.backends.hardware"
+BUILT_IN = {
+    "serial": EntryPoint("serial", f"{HERE}.serial_drive:SerialDrive", ENTRY_POINTS),
+    "nidaq": EntryPoint("nidaq", f"{HERE}.nidaq:NiDaq", ENTRY_POINTS),
+}
 STILL_ON = "the drive says that it has power still: use the emergency stop"
 OPENING = 2.0  # [s] to wait for an answer at least while the drive is opened, without power: it may set itself up
 
@@ -74,24 +81,65 @@ class Drive(Protocol):
         """Let go, at any time and as often as one likes; never raises."""
 
 
-def need(adapter: str) -> None:
-    """Refuse an adapter, or the emulator of its drive, whose packages are not installed.
+class Settings(Protocol):
+    """How a drive is reached: a frozen dataclass, whose fields are the keys of the adapter's table in `rig.toml`."""
+
+    @property
+    def device(self) -> str:
+        """Name of the device, which one process at a time may use."""
+
+
+class Adapter(Protocol):
+    """Class of a drive. Called with the `RigConfig`, whose `link` has the settings, it makes the drive."""
+
+    settings: type[Settings]
+
+    def __call__(self, config: Any, /) -> Drive:
+        """Make the drive, not yet open."""
+
+
+_registered: dict[str, Adapter] = {}
+
+
+def register(name: str, adapter: Adapter) -> None:
+    """Make an adapter known to this process: the name is that of its table in `rig.toml`.
 
     Raises:
-        ModuleNotFoundError: with the command that installs them.
+        ValueError: if the name is that of a built-in adapter.
     """
-    for package in LINKS[adapter].packages:
-        if importlib.util.find_spec(package) is None:
-            raise ModuleNotFoundError(f"the {adapter} rig needs {package}: pip install 'pendulum-ident[hardware]'")
+    if name in BUILT_IN:
+        raise ValueError(f"adapter name '{name}' is taken: choose another one")
+    _registered[name] = adapter
 
 
-def make_drive(config: RigConfig) -> Drive:
-    """Drive of a configuration, not yet open; the packages that it needs are imported now.
+def adapters() -> dict[str, EntryPoint | Adapter]:
+    """List all known adapters by name; those of installed packages are not loaded."""
+    return {point.name: point for point in entry_points(group=ENTRY_POINTS)} | _registered | BUILT_IN
+
+
+def find_adapter(name: str) -> Adapter:
+    """Load the adapter of a name; the packages that it needs are imported now.
 
     Raises:
+        Mistake: if there is none, or what a package offers cannot be used.
         ModuleNotFoundError: if the extra `hardware` is not installed.
     """
-    need(config.adapter)
-    module, kind = config.link.drive
-    drive: Drive = getattr(importlib.import_module(f"pendulum_env.backends.hardware.{module}"), kind)(config)
-    return drive
+    found = find("adapter", name, adapters())
+    if not isinstance(found, EntryPoint):
+        return found
+    try:
+        adapter: Adapter = found.load()
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever another package does wrong must not end this one
+        if name in BUILT_IN and isinstance(error, ModuleNotFoundError):
+            raise ModuleNotFoundError(
+                f"the {name} rig needs {error.name}: pip install 'pendulum-ident[hardware]'"
+            ) from None
+        why = one_line(told(error))
+        raise Mistake(
+            f"the adapter '{name}' cannot be loaded from {found.value} ({why}): mend or reinstall its package"
+        ) from None
+    if not is_dataclass(getattr(adapter, "settings", None)):
+        raise Mistake(f"the adapter '{name}' ({found.value}) has no dataclass 'settings': see docs/how-to/drive.md")
+    return adapter

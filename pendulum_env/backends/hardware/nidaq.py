@@ -37,6 +37,7 @@ class _Timeout(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
 class NiDaq:
     """The Dynaserv's analogue drive behind a card."""
 
+    settings = DaqSettings
     full_scale = 10.0  # [V]
     reserved = -50103  # error code of NI-DAQmx
     tries = 3  # at a reading that takes twice as long as usual: nobody knows when in that time it was taken

@@ -7,11 +7,20 @@ import weakref
 from collections.abc import Callable
 
 from pendulum_env.backends.hardware.config import RigConfig, load
-from pendulum_env.backends.hardware.drive import Drive, DriveError, make_drive
+from pendulum_env.backends.hardware.drive import Drive, DriveError, find_adapter
 from pendulum_env.backends.hardware.guard import Fault, Guard
 from pendulum_env.backends.hardware.measuring import Ticks
 from pendulum_env.backends.hardware.process import Ownership, Signals, ordinary, realtime
 from pendulum_env.backends.port import Sample, Setup, Start, Status, Timing, Traits
+
+
+def make_drive(config: RigConfig) -> Drive:
+    """Make the drive of a configuration, not yet open.
+
+    Raises:
+        ModuleNotFoundError: if the extra `hardware` is not installed.
+    """
+    return find_adapter(config.adapter)(config)
 
 
 class Rig:

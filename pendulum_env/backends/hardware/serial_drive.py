@@ -15,6 +15,7 @@ from pendulum_env.backends.hardware.measuring import DriveClock
 class SerialDrive:
     """The motor's analogue drive behind a microcontroller."""
 
+    settings = SerialSettings
     noise = 0.0  # it tells the time of its readings
     refusals = 5  # torques in a row that are not set: more than damaged frames
     tries = 4  # requests in the time allowed for a reply, or between two commands: a damaged frame alone ends no run

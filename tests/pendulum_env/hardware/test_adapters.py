@@ -10,8 +10,9 @@ from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.serial import Firmware
 from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.config import load
-from pendulum_env.backends.hardware.drive import DriveError, make_drive, need
+from pendulum_env.backends.hardware.drive import DriveError, find_adapter
 from pendulum_env.backends.hardware.measuring import DriveClock
+from pendulum_env.backends.hardware.rig import make_drive
 from pendulum_env.plant import paper_plant
 from pendulum_env.registration import PENDULUM
 from tests.pendulum_env.rigs import PATIENT
@@ -102,7 +103,7 @@ def test_what_is_not_there_is_named_with_its_key(tmp_path, kind, keys, said):
     path = tmp_path / "rig.toml"
     path.write_text(f'adapter = "{kind}"\n[{kind}]\n{keys}\n')
     try:
-        need(kind)
+        find_adapter(kind)
     except ModuleNotFoundError as error:
         pytest.skip(str(error))
     with pytest.raises(DriveError, match=said):

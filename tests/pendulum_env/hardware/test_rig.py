@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+import sys
 import time
 
 import gymnasium as gym
@@ -223,11 +224,10 @@ def test_an_interrupt_while_the_rig_is_closed_leaves_no_handler_behind(emulated,
 
 
 def test_a_missing_extra_is_named_with_the_command(monkeypatch, tmp_path):
-    from pendulum_env.backends.hardware import drive
-
     path = tmp_path / "rig.toml"
     path.write_text('adapter = "serial"\n[serial]\nport = "/dev/none"\n')
-    monkeypatch.setattr(drive.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "serial", None)
+    monkeypatch.delitem(sys.modules, "pendulum_env.backends.hardware.serial_drive", raising=False)
     with pytest.raises(ModuleNotFoundError, match=r"pip install 'pendulum-ident\[hardware\]'"):
         gym.make(PENDULUM, backend="dm1015b", config=path)
 
