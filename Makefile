@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test lint fuzz bench docs pages tutorial package clean
+.PHONY: demo test lint bench docs pages tutorial package clean
 
 demo: .venv/core
 	$(BIN)/pendulum-ident demo
@@ -43,11 +43,6 @@ style: .venv/dev
 
 types: .venv/dev
 	$(BIN)/mypy
-
-# Files and requests that nobody meant, FUZZ of each kind; what is found is kept in tests/corpus, which the tests read.
-FUZZ ?= 5000
-fuzz: .venv/dev
-	FUZZ=$(FUZZ) OMP_NUM_THREADS=1 nice $(BIN)/pytest tests/test_fuzz.py
 
 bench: .venv/dev
 	$(BIN)/python -m benchmarks

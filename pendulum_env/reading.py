@@ -1,14 +1,11 @@
-"""Files that anybody may have written, as far as they are parsed here: regular ones, of a size that is looked at first.
+"""Read JSON, TOML and NPZ, and check what stands in them.
 
-JSON and TOML are read with texts and whole numbers that can be printed, and archives of a known size; each takes time
-in proportion to its size. What is more than that has a helper: `isolated.py`. What stands in a JSON file is then taken
-by `Value`, which knows its key. Every fault is an `Unreadable`: one sentence with the file and, where
-there is one, the key.
+What stands in a JSON file is taken by `Value`, which knows its key. Every fault is an `Unreadable`: one sentence with
+the file and, where there is one, the key.
 """
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import re
@@ -18,6 +15,7 @@ import tomllib
 import zipfile
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -27,14 +25,11 @@ from pendulum_env.files import at_once
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake, one_line
 
-LARGEST = 500_000_000  # bytes that a recording may take, as a file and in memory: some 8 million rows of CSV
-REMEDY = "shorten it, or allow more by --max-size (largest=)"  # on the command line and in Python
-DOCUMENT = 5_000_000  # bytes of JSON; a long diagnosis takes 100 kB
+LARGEST = 500_000_000  # bytes of a file: some 8 million rows of CSV
 DIGITS = 18  # of a whole number: those fit into 64 bits
 LARGE = 1e9  # of any number in a file: in SI units no pendulum has more of anything, and squares stay finite
 SHOWN = 60  # characters of a value that a sentence quotes
 LONGEST = 1000  # characters of a text in a record
-DOTS = 60  # in a line of TOML: to read a key takes the square of its dots
 
 T = TypeVar("T")
 
@@ -62,43 +57,35 @@ def amount(size: float) -> str:
 # ----------------------------------------------------------------------------------------------------------- files
 
 
-def regular_size(path: str | os.PathLike[str], most: float, remedy: str = "it is not what was asked for") -> int:
-    """Size of a regular file, links followed [bytes].
+def check_size(path: str | os.PathLike[str], largest: float = LARGEST) -> None:
+    """Refuse what is no file, or a file too large to be what was meant.
 
     Raises:
-        Unreadable: if there is none of that name, it is a folder, a device or a pipe, or larger than `most`.
+        Unreadable: if there is none of that name, it is a folder, a device or a pipe, or of more than `largest` bytes.
     """
     try:
         status = os.stat(path)
-        made_up = status.st_size == 0 and hasattr(os, "statvfs") and os.statvfs(path).f_blocks == 0  # as /proc/kmsg
     except (OSError, ValueError) as error:
         raise Unreadable(f"{path}: cannot be read ({_reason(error)}): check the path") from None
-    if stat.S_ISDIR(status.st_mode):
-        raise Unreadable(f"{path}: cannot be read (it is a directory): name a file in it")
     if not stat.S_ISREG(status.st_mode):
-        raise Unreadable(f"{path}: cannot be read (it is a device or a pipe): copy what it gives to a file first")
-    if made_up:
-        raise Unreadable(f"{path}: cannot be read (the system makes it up, maybe without end): copy it to a file first")
-    if status.st_size > most:
-        raise Unreadable(f"{path}: holds {amount(status.st_size)}, of which at most {amount(most)} are read: {remedy}")
-    return status.st_size
+        raise Unreadable(f"{path}: cannot be read (it is a folder, a device or a pipe): name a file")
+    if status.st_size > largest:
+        raise Unreadable(
+            f"{path}: has {status.st_size / 1e6:.4g} MB, of which at most {largest / 1e6:.4g} are read: shorten it"
+        )
 
 
-def read_bytes(path: str | os.PathLike[str], most: int = DOCUMENT) -> bytes:
-    """What is in a regular file.
+def read_bytes(path: str | os.PathLike[str]) -> bytes:
+    """Read a file.
 
     Raises:
-        Unreadable: as `regular_size`, or if it cannot be read.
+        Unreadable: as `check_size`, or if it cannot be read.
     """
-    regular_size(path, most)
+    check_size(path)
     try:
-        with open(path, "rb") as file:
-            data = file.read(most + 1)  # it may have grown, or another have taken its name, since it was looked at
+        return Path(path).read_bytes()
     except OSError as error:
-        raise Unreadable(f"{path}: cannot be read ({_reason(error)})") from None
-    if len(data) > most:
-        raise Unreadable(f"{path}: holds more than the {amount(most)} that are read: it is not what was asked for")
-    return data
+        raise Unreadable(f"{path}: cannot be read ({_reason(error)}): check the path") from None
 
 
 def read_own(path: str | os.PathLike[str]) -> bytes:
@@ -127,13 +114,11 @@ def read_own(path: str | os.PathLike[str]) -> bytes:
 def read_text(path: str | os.PathLike[str]) -> str:
     """The text that somebody typed into a regular file, each line ended by a line feed.
 
-    TOML takes 300 times as much memory; a study of 1000 recordings has 300 kB.
-
     Raises:
         Unreadable: as `read_bytes`, or if it is not UTF-8.
     """
     try:
-        return read_bytes(path, 1_000_000).decode("utf-8-sig").replace("\r\n", "\n")
+        return read_bytes(path).decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError:
         raise Unreadable(f"{path}: is no text: save it as UTF-8") from None
 
@@ -168,19 +153,13 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     """What a TOML file holds.
 
     Raises:
-        Unreadable: as `read_json`, or if a key nests too deeply.
+        Unreadable: as `read_json`.
     """
     text = read_text(path)
-    if any(line.partition("#")[0].count(".") > DOTS for line in text.split("\n")):
-        raise Unreadable(
-            f"{path}: has a line of more than {DOTS} dots: write fewer in a key, or a list in several lines"
-        )
     try:
         content = tomllib.loads(text)
-    except RecursionError:
-        raise Unreadable(f"{path}: nests too deeply: write it flatter") from None
-    except ValueError as error:  # also of a whole number of 4,300 digits
-        raise Unreadable(f"{path}: is not TOML: {one_line(error)}") from None
+    except (ValueError, RecursionError) as error:  # also of a whole number of 4,300 digits
+        raise Unreadable(f"{path}: is not TOML ({one_line(error)}): correct it in an editor") from None
     _refuse_values(path, content)
     return content
 
@@ -345,9 +324,9 @@ def read_archive(path: str | os.PathLike[str], hint: str, most: int) -> dict[str
     """What is in the files of a ZIP archive, by name; the hint says which file is meant, as in `read_json`.
 
     Raises:
-        Unreadable: as `regular_size`, if it holds more than `most` bytes, is none, or damaged.
+        Unreadable: as `check_size`, if it holds more than `most` bytes, is none, or damaged.
     """
-    regular_size(path, most)
+    check_size(path, most)
     try:
         with zipfile.ZipFile(path) as archive:
             size = sum(info.file_size for info in archive.infolist())  # of each no more than this is unpacked
@@ -360,18 +339,19 @@ def read_archive(path: str | os.PathLike[str], hint: str, most: int) -> dict[str
         raise Unreadable(f"{path}: is damaged, or no ZIP archive ({one_line(error)}); {hint}") from None
 
 
-def read_arrays(path: str | os.PathLike[str], hint: str, most: int = 50_000_000) -> dict[str, NDArray[Any]]:
-    """All arrays of an NPZ file, by name, a policy's of at most 50 MB (those that ship take 60 kB); none is unpickled.
+def read_arrays(path: str | os.PathLike[str], hint: str) -> dict[str, NDArray[Any]]:
+    """Read all arrays of an NPZ file by name; none is unpickled.
+
+    Args:
+        path: of the file.
+        hint: which file is meant, as in `read_json`.
 
     Raises:
-        Unreadable: as `read_archive`.
+        Unreadable: as `check_size`, or if it is damaged, or no NPZ file.
     """
-    files = read_archive(path, hint, most)
+    check_size(path)
     try:
-        return {
-            name.removesuffix(".npy"): np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
-            for name, content in files.items()
-            if name.endswith(".npy")
-        }
-    except Exception as error:  # an array's description may hold anything
-        raise Unreadable(f"{path}: is damaged, or no ZIP archive ({one_line(error)}); {hint}") from None
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
+            return dict(archive)
+    except Exception as error:  # a damaged file may fail anywhere in zipfile, zlib and NumPy
+        raise Unreadable(f"{path}: not a readable NPZ file ({one_line(error)}); {hint}") from None

@@ -1,13 +1,13 @@
 """Robots in files, URDF or MJCF, as they come: which joints move, which are held, and which follow others.
 
-The file is parsed by Pinocchio in a helper process, of which nothing reaches the user but plain numbers and a sentence.
 Joints that are held are gone, their links part of those before. Those that mimic others, as the fingers of a gripper,
 stay links of their own: with joints at q, all links' joints are at R q + r.
 """
 
+import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -17,13 +17,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from pendulum_env._typing import JSON
-from pendulum_env.isolated import Answer, isolated
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake, one_line
-from pendulum_env.reading import DOCUMENT, LARGE, regular_size, shown
+from pendulum_env.reading import LARGE, check_size, shown
 
 MOST = 64  # joints
-SPARSE = "write it without what does not move"  # what helps where a robot takes too long or too much memory
 TURNS, SLIDES = "Revolute", "Prismatic"  # Pinocchio's words
 ENDLESS = "1e30"  # of a limit that there is none
 
@@ -34,20 +32,14 @@ class BodyError(Mistake):
 
 def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> JSON:
     """Fields of a `Body` as a file has it; arguments and errors are those of `read_body`."""
-    model = pinocchio().Model()
     try:
-        regular_size(path, DOCUMENT)
-        asked = None if joints is None else tuple(joints)
-        fields, (ratios, offsets) = isolated(_fields, Path(path), asked, dict(held), bolted, remedy=SPARSE)
+        check_size(path)
+        return _fields(Path(path), joints, held, bolted)
     except Mistake as error:
         raise BodyError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-    model.loadFromString(fields["model"])
-    many = {"joints": tuple(fields["joints"]), "links": tuple(fields["links"]), "sliding": frozenset(fields["sliding"])}
-    return {**fields, **many, "model": model, "ratios": ratios, "offsets": offsets}
 
 
-def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> Answer:
-    """Names, joints and links of a robot in a file, Pinocchio's model as text, and what follows what."""
+def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> JSON:
     pin = pinocchio()
     try:
         tree = ElementTree.parse(path).getroot()
@@ -63,11 +55,12 @@ def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float],
     ties = _ties(tree)
     _bound(tree)
     try:
-        model = (
-            pin.buildModelFromXML(ElementTree.tostring(tree, encoding="unicode"))
-            if tree.tag == "robot"
-            else pin.buildModelFromMJCF(str(path))
-        )
+        with _silenced():
+            model = (
+                pin.buildModelFromXML(ElementTree.tostring(tree, encoding="unicode"))
+                if tree.tag == "robot"
+                else pin.buildModelFromMJCF(str(path))
+            )
     except Exception as error:  # Pinocchio raises what its parsers raise
         told = str(error).rpartition("message:")[2]  # after file, function and line of its own
         raise BodyError(f"Pinocchio cannot read it: {one_line(told or error)}") from None
@@ -102,8 +95,29 @@ def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float],
         raise BodyError(f"holds a number beyond {LARGE:g}: give lengths in m and masses in kg")
     if not np.allclose(axes, 1.0):
         raise BodyError("has a joint without an axis: give it one, of length 1")
-    fields = {"name": name, "joints": moves, "held": still, "links": links, "sliding": sliding}
-    return fields | {"model": model.saveToString()}, (ratios, offsets)
+    return {
+        "name": name,
+        "joints": tuple(moves),
+        "held": still,
+        "links": tuple(links),
+        "sliding": frozenset(sliding),
+        "model": model,
+        "ratios": ratios,
+        "offsets": offsets,
+    }
+
+
+@contextmanager
+def _silenced() -> Iterator[None]:
+    """Discard what a C++ library prints to the standard error, beside the exception that it raises."""
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, "wb") as nothing:
+            os.dup2(nothing.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def _bound(tree: ElementTree.Element) -> None:

@@ -12,9 +12,8 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
-from pendulum_env.isolated import Answer, isolated
 from pendulum_env.mistake import one_line
-from pendulum_env.reading import LARGEST, REMEDY, Unreadable, regular_size
+from pendulum_env.reading import Unreadable, check_size
 from pendulum_env.recording.record import RecordingError
 from pendulum_env.recording.table import WIDEST, Find, Table, need, numbers
 
@@ -28,7 +27,7 @@ def read_npz(path: Path, find: Find) -> Table:
     if not is_zipfile(path):  # NumPy would advise to unpickle it
         raise RecordingError("it is no NPZ archive, or a damaged one: write it with numpy.savez")
     arrays: dict[str, NDArray[Any]] = {}
-    with np.load(path, allow_pickle=False) as archive:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         for name in archive.files:
             try:
                 arrays[name] = np.asarray(archive[name])  # of a file that is no array, its bytes
@@ -48,8 +47,9 @@ def read_mat(path: Path, find: Find) -> Table:
     with path.open("rb") as file:
         if file.read(128).startswith(b"MATLAB 7.3"):
             return read_hdf5(path, find)
-    from scipy.io import loadmat  # takes a while to import
+    from scipy.io import loadmat, whosmat  # take a while to import
 
+    whosmat(path)  # refuses a damaged file that crashes loadmat
     content = loadmat(path, simplify_cells=True)
     return _table(dict(_flat("", {name: value for name, value in content.items() if not name.startswith("__")})), find)
 
@@ -156,31 +156,21 @@ def read_parquet(path: Path, find: Find) -> Table:
 
 
 def read_rows(path: Path, schema: pa.Schema | None = None) -> pa.Table:
-    """The rows of a Parquet file, or the columns that are asked for, parsed by a helper.
+    """Read the rows of a Parquet file, or the columns that are asked for.
 
     Raises:
-        Unreadable: if they cannot be read, are of other types, or far more than a file of its size has.
+        Unreadable: if they cannot be read, or are of other types.
     """
-    size = regular_size(path, LARGEST, REMEDY)
-    _, (packed,) = isolated(_packed, path, schema, size=LARGEST + 20 * size)  # rows that repeat themselves pack well
-    with pa.ipc.open_stream(pa.py_buffer(packed)) as stream:
-        return stream.read_all()
-
-
-def _packed(path: Path, schema: pa.Schema | None) -> Answer:
-    """Rows as a stream of Arrow."""
-    sink = pa.BufferOutputStream()
+    check_size(path)
     try:
         with pq.ParquetFile(path) as file:
             table = file.read(None if schema is None else schema.names)
         if schema is not None:
             table = table.select(schema.names).cast(schema)
         table.validate(full=True)  # texts are texts
-        with pa.ipc.new_stream(sink, table.schema) as stream:
-            stream.write_table(table)
     except Exception as error:  # a damaged file may fail anywhere in Arrow
         raise Unreadable(f"{path}: {one_line(error)}") from None
-    return None, [np.frombuffer(sink.getvalue(), np.uint8)]
+    return table
 
 
 def _places(file: pq.ParquetFile) -> list[tuple[str, int | None]]:

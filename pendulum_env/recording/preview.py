@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.isolated import Answer
 from pendulum_env.reading import LARGEST
 from pendulum_env.recording.columns import Column, guess_columns, named_column
 from pendulum_env.recording.record import RecordingError
-from pendulum_env.recording.storage import parsed, read_here
+from pendulum_env.recording.storage import read_table
 from pendulum_env.recording.table import WIDEST
 
 
@@ -56,14 +55,12 @@ def preview(path: str | os.PathLike[str], largest: float = LARGEST, most: int = 
     """
     path = Path(path)
     try:
-        headers, values = parsed(_look, path, most, largest=largest)
+        return _look(path, largest, most)
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error.__cause__
-    return Preview(tuple(headers), tuple(array if len(array) else None for array in values))
 
 
-def _look(path: Path, most: int) -> Answer:
-    """Headers, and values of each column, empty where these are no numbers."""
+def _look(path: Path, largest: float, most: int) -> Preview:
     headers: list[str] = []
 
     def some(places: slice, names: Sequence[str]) -> dict[str, Column]:
@@ -73,18 +70,17 @@ def _look(path: Path, most: int) -> Answer:
         chosen = list(enumerate(headers))[places]
         return {q: Column(q, name, k, None) for q, (k, name) in zip(quantities, chosen, strict=False)}
 
+    def alone(k: int) -> Array | None:
+        try:
+            values = read_table(path, partial(some, slice(k, k + 1)), largest).values["time"]
+        except RecordingError:  # no numbers
+            return None
+        return values if len(values) > 1 else None
+
     try:
-        return headers, list(read_here(path, partial(some, slice(None))).values.values())
+        values: list[Array | None] = list(read_table(path, partial(some, slice(None)), largest).values.values())
     except RecordingError:
         if not headers:
             raise
-    return headers, [_alone(path, partial(some, slice(k, k + 1))) for k in range(len(headers))]
-
-
-def _alone(path: Path, find: "partial[dict[str, Column]]") -> Array:
-    """Values of one column, none if these are no numbers, or only one."""
-    try:
-        values = read_here(path, find).values["time"]
-    except RecordingError:
-        return np.empty(0)
-    return values if len(values) > 1 else np.empty(0)
+        values = [alone(k) for k in range(len(headers))]
+    return Preview(tuple(headers), tuple(None if x is None or not len(x) else x for x in values))

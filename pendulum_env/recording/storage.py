@@ -16,9 +16,8 @@ import pyarrow.parquet as pq
 
 from pendulum_env._typing import Array
 from pendulum_env.files import replacing
-from pendulum_env.isolated import Answer, isolated
 from pendulum_env.mistake import one_line
-from pendulum_env.reading import LARGEST, REMEDY, Unreadable, regular_size
+from pendulum_env.reading import LARGEST, Unreadable, check_size
 from pendulum_env.recording import checks, cleaning, sampling
 from pendulum_env.recording.arrays import read_hdf5, read_mat, read_npz, read_parquet
 from pendulum_env.recording.bags import is_bag, read_bag
@@ -31,7 +30,6 @@ from pendulum_env.recording.text import read_csv, read_excel
 from pendulum_env.recording.vocabulary import OUTPUTS
 from pendulum_env.servo.drive import Drive
 
-HERE = 50_000_000  # bytes of plain text that are read in this process: a helper takes a while to begin
 READERS: dict[str, Callable[[Path, Find], Table]] = {
     ".csv": read_csv,
     ".csv.gz": read_csv,
@@ -91,8 +89,7 @@ def read_recording(
             the counts of a turn (`enc:counts/4096`), and currents a torque constant (`*?` if it is to be found).
         drive: the controller that followed the reference. Then torque is what a column of its output (duty, current)
             or of the user's naming holds, or else what the controller asked for.
-        largest: bytes that the file may hold, and that its columns may take; what unpacks to more is refused before it
-            fills the memory, and what takes longer than 20 s to read, or in proportion.
+        largest: bytes that the file may hold.
 
     Raises:
         RecordingError: if the file cannot be read or its content cannot be trusted: one sentence with the file, the
@@ -149,55 +146,26 @@ def _format(path: Path, known: Collection[str] = READERS) -> str:
 
 
 def read_table(path: Path, find: Find, largest: float = LARGEST) -> Table:
-    """Columns as they stand in the file.
+    """Read the columns in need as they stand in a file, whatever its library raises as a RecordingError.
 
     Raises:
         RecordingError: if it cannot be read; without the file's name.
-    """
-    (headers, notes), arrays = parsed(_told, path, find, largest=largest)
-    columns = find(headers)
-    return Table(headers, columns, dict(zip(columns, arrays, strict=True)), tuple(notes))
-
-
-def _told(path: Path, find: Find) -> Answer:
-    """What `read_table` makes a table of."""
-    table = read_here(path, find)
-    return (list(table.headers), table.notes), list(table.values.values())
-
-
-def parsed(work: Callable[..., Answer], path: Path, *arguments: object, largest: float) -> Answer:
-    """What `work(path, *arguments)` makes of a file: here if it is plain text of no great size, else in a helper.
-
-    Raises:
-        RecordingError: as `work` does, if it is no regular file, or a folder that is no bag of such, or too large.
     """
     ending = _format(path)
     if not os.path.exists(path):
         raise RecordingError("there is no such file: check the path")
     try:
-        size = sum(regular_size(file, largest, REMEDY) for file in (path.iterdir() if is_bag(path) else [path]))
-        if ending in (".csv", ".tsv", ".txt") and size < HERE:
-            return work(path, *arguments)
-        return isolated(work, path, *arguments, size=largest)
-    except Unreadable as error:
-        raise RecordingError(str(error).removeprefix(f"{path}: ")) from None
-
-
-def read_here(path: Path, find: Find) -> Table:
-    """Columns as they stand in the file; whatever the libraries below raise becomes a RecordingError."""
-    ending = _format(path)
-    try:
+        for file in path.iterdir() if is_bag(path) else [path]:
+            check_size(file, largest)
         return READERS[ending](path, find)
     except RecordingError:
         raise
-    except MemoryError:
-        raise RecordingError(f"it takes more memory than there is: {REMEDY}") from None
+    except Unreadable as error:
+        raise RecordingError(str(error).removeprefix(f"{path}: ")) from None
     except UnicodeEncodeError:
         raise RecordingError("its name is no UTF-8, which libraries need: rename it") from None
     except Exception as error:  # a damaged file may fail anywhere in zlib, zipfile, numpy or arrow
-        raise RecordingError(
-            f"it cannot be read as {ending} ({one_line(error)}): it may be damaged, export it again"
-        ) from error
+        raise RecordingError(f"not a readable {ending} file ({one_line(error)}): export it again") from error
 
 
 def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named: Mapping[str, str]) -> Recording:

@@ -21,7 +21,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.mistake import Mistake, told
 from pendulum_env.physics import Term, load_plugin
 from pendulum_env.physics.plugin import fault
-from pendulum_env.reading import REMEDY, regular_size
+from pendulum_env.reading import check_size
 from pendulum_env.recording import Recording
 from pendulum_env.recording.study import read_sources
 from workbench.mistakes import MISTAKES, InputError, printable, sentence
@@ -166,7 +166,7 @@ def content_hash(file: Path, most: float = math.inf) -> str:
     """
     digest = hashlib.blake2b(digest_size=20)
     for path in sorted(file.iterdir()) if file.is_dir() else [file]:
-        regular_size(path, most, REMEDY)
+        check_size(path, most)
         with path.open("rb") as stream:
             hashlib.file_digest(stream, lambda: digest)
     return digest.hexdigest()

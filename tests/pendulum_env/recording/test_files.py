@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pendulum_env.recording import Recording, RecordingError, read_recording, storage, write_recording
+from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.sampling import uniform
@@ -436,17 +436,3 @@ def test_samples_lost_at_regular_intervals_are_told_by_the_motion(every: int) ->
     assert len(log.values["time"]) == len(time)
     assert log.values["position"] == pytest.approx(signals["position"], abs=1e-5)
     assert "missing" in log.notes[0] or "resampled" in log.notes[0]
-
-
-# Size
-
-
-def test_plain_text_is_read_in_this_process_unless_it_is_large(write: Write, columns: Columns, monkeypatch) -> None:
-    path = write(columns)
-    with monkeypatch.context() as patch:
-        patch.setattr(storage, "isolated", None)
-        here = read_recording(path)
-    monkeypatch.setattr(storage, "HERE", 1000)
-    monkeypatch.setattr(storage, "read_here", None)
-    there = read_recording(path)
-    np.testing.assert_array_equal(here.position, there.position)

@@ -8,11 +8,13 @@ from threading import Thread
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from plotly.utils import PlotlyJSONEncoder
 
-from tests.fuzzing import Page
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import files_of, limited, upload
+from tests.workbench.app.requests import Page, ask_anything
 from workbench.app import session as session_module
 from workbench.app import uploads
 from workbench.app.page import server
@@ -117,3 +119,12 @@ def test_names_of_files_and_columns_are_text(session):
     assert "DangerouslySetInnerHTML" not in shown and "dangerously_allow_html" not in shown
     source = "".join(path.read_text() for path in Path(data.__file__).parent.parent.rglob("*.py"))
     assert "dangerously_allow_html" not in source and "DangerouslySetInnerHTML" not in source
+
+
+def test_a_request_with_anything_in_it_gets_an_answer(page):
+    @settings(max_examples=60, derandomize=True, deadline=None, database=None)
+    @given(data=st.data())
+    def each(data):
+        ask_anything(page, data)
+
+    each()

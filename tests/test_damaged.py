@@ -1,0 +1,174 @@
+"""Damaged files of every format that is read: each is refused in one sentence, or read without what is not there."""
+
+import functools
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from agents.config import Config
+from agents.network import SHIPPED, Network
+from benchmarks.two_link import TwoLink
+from pendulum_env.arms import read_body
+from pendulum_env.backends.hardware.config import load as load_rig
+from pendulum_env.mistake import Mistake
+from pendulum_env.physics import Model
+from pendulum_env.plant import hide, paper_plant
+from pendulum_env.reading import read_toml
+from pendulum_env.recording import Recording, read_recording, write_recording
+from pendulum_env.recording.study import read_sources
+from tests.pendulum_env.recording.test_formats import write_bag, write_xlsx
+from workbench.inputs import read_suggestion
+from workbench.mistakes import sentence
+
+for module in ("h5py", "pinocchio", "python_calamine", "rosbags"):
+    pytest.importorskip(module)
+
+CORPUS = Path(__file__).parent / "corpus"  # damaged in ways that once ended a program
+RIG = 'adapter = "serial"\nrate = 500\n[serial]\nport = "/dev/ttyACM0"\n[limits]\ntorque = 3.5\n[encoder]\nzero = 7\n'
+STUDY = (
+    '[columns]\ntorque = "i:A*0.09"\n[[recording]]\nfile = "a.csv"\nrange = [1, 2.5]\n'
+    'load = {mass = 0.5, length = 0.2}\n[[recording]]\nfile = "b.csv"\nrole = "holdout"\n'
+)
+TRAINING = 'hidden = 32\nsteps = 1000\nlevels = [-1.0, 0.0, 1.0]\nconstraint = "rms"\n'
+DIAGNOSIS = {
+    "schema": "pendulum-ident/diagnosis@1",
+    "suggestion": {
+        "reach": [-1.0, 1.5],
+        "seconds": 20.0,
+        "peak_torque": 3.0,
+        "peak_speed": 9.0,
+        "settles": [{"effect": "spring", "instead": None}, {"effect": "cogging", "instead": "gravity"}],
+        "signal": {"kind": "multisine", "amplitude": 3.0, "base": 0.1, "harmonics": [2, 9], "phases": [0.1, 2.0]},
+    },
+}
+MJCF = (
+    '<mujoco model="one"><default><joint armature="0.01"/></default><worldbody><body name="arm" pos="0 0 1">'
+    '<joint name="shoulder" axis="0 -1 0" range="-90 90"/>'
+    '<inertial pos="0 0 -0.2" mass="1" diaginertia="0.1 0.1 0.01"/></body></worldbody></mujoco>'
+)
+
+
+def signals() -> dict[str, np.ndarray]:
+    at = np.arange(300) / 100.0
+    return {"time": at, "position": np.sin(3 * at), "torque": np.cos(3 * at)}
+
+
+def stored(path: Path) -> bytes:
+    write_recording(Recording("run", **signals()), path)
+    return path.read_bytes()
+
+
+def matlab(path: Path) -> bytes:
+    packed = io.BytesIO()
+    savemat(packed, signals())
+    return packed.getvalue()
+
+
+def hdf5(path: Path) -> bytes:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for name, values in signals().items():
+            file.create_dataset(name, data=values, compression="gzip" if name == "torque" else None)
+    return path.read_bytes()
+
+
+def excel(path: Path) -> bytes:
+    columns = signals()
+    write_xlsx(path, [list(columns), *np.column_stack(list(columns.values())).tolist()])
+    return path.read_bytes()
+
+
+def bag(path: Path, kind: str = "mcap") -> bytes:
+    place = path.with_suffix(".bag" if kind == "ros1" else "")
+    write_bag(place, kind)
+    inner = place if kind == "ros1" else next(file for file in place.iterdir() if file.suffix in (".mcap", ".db3"))
+    return inner.read_bytes()
+
+
+def read_elbow(path: Path) -> Recording:
+    topic = "/joint_states/elbow"
+    columns = {"position": f"{topic}/position", "velocity": f"{topic}/velocity", "torque": f"{topic}/effort"}
+    return read_recording(path, columns=columns)
+
+
+Format = tuple[str, Callable[[Path], object], Callable[[Path], bytes]]  # a file's ending, its reader, and a good one
+FORMATS: dict[str, Format] = {
+    "model": (".json", Model.load, lambda _: json.dumps(hide(paper_plant(), "stribeck").json()).encode()),
+    "diagnosis": (".json", lambda path: read_suggestion(str(path)), lambda _: json.dumps(DIAGNOSIS).encode()),
+    "rig": (".toml", load_rig, lambda _: RIG.encode()),
+    "study": (".toml", read_sources, lambda _: STUDY.encode()),
+    "training": (".toml", lambda path: Config.of(read_toml(path)), lambda _: TRAINING.encode()),
+    "policy": (".npz", Network.load, lambda _: (SHIPPED / "peak.npz").read_bytes()),
+    **{f"recording{end}": (end, read_recording, stored) for end in (".csv", ".csv.gz", ".npz", ".parquet")},
+    "recording.mat": (".mat", read_recording, matlab),
+    "recording.h5": (".h5", read_recording, hdf5),
+    "recording.xlsx": (".xlsx", read_recording, excel),
+    "recording.mcap": (".mcap", read_elbow, bag),
+    "recording.bag": (".bag", read_elbow, functools.partial(bag, kind="ros1")),
+    "recording.db3": (".db3", read_elbow, functools.partial(bag, kind="sqlite3")),
+    "robot.urdf": (".urdf", read_body, lambda _: TwoLink().urdf().encode()),
+    "robot.xml": (".xml", read_body, lambda _: MJCF.encode()),
+}
+DAMAGE: dict[str, Callable[[bytes], bytes]] = {
+    "empty": lambda content: b"",
+    "cut in half": lambda content: content[: len(content) // 2],
+    "without its beginning": lambda content: content[len(content) // 2 :],
+    "of another format": lambda content: bytes(range(256)),
+    "overwritten in the middle": lambda content: content[: len(content) // 2] + bytes(999) + content[-99:],
+}
+READABLE = {("recording.csv", "cut in half"), ("training", "empty")}
+
+
+def refusal(read: Callable[[Path], object], path: Path) -> str | None:
+    """The sentence that refuses a file; None if it is read, a recording with finite numbers."""
+    try:
+        found = read(path)
+    except Mistake as mistake:
+        told = sentence(mistake)
+        assert path.name in told and len(told) <= 500 and told.isprintable()
+        return told
+    if isinstance(found, Recording):
+        assert all(np.isfinite(values).all() for values in found.columns.values())
+    return None
+
+
+@pytest.fixture(scope="module", params=FORMATS)
+def whole(request, tmp_path_factory):
+    """Name, ending, reader and content of a whole file."""
+    ending, read, make = FORMATS[request.param]
+    path = tmp_path_factory.mktemp("whole") / f"run{ending}"
+    content = make(path)
+    path.write_bytes(content)
+    assert refusal(read, path) is None
+    return request.param, ending, read, content
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_file_is_refused_in_one_sentence(whole, damage, tmp_path):
+    name, ending, read, content = whole
+    path = tmp_path / f"run{ending}"
+    path.write_bytes(DAMAGE[damage](content))
+    assert (refusal(read, path) is None) == ((name, damage) in READABLE)
+
+
+def test_what_is_no_file_or_too_large_is_refused(whole, tmp_path):
+    _, ending, read, _ = whole
+    folder, large, nowhere = (tmp_path / f"{name}{ending}" for name in ("folder", "large", "nowhere"))
+    folder.mkdir()
+    with large.open("wb") as file:
+        file.truncate(10**12)  # takes no room
+    for path, reason in [(folder, "folder"), (large, "of which at most 500 are read: shorten it"), (nowhere, "o such")]:
+        assert reason in refusal(read, path)
+
+
+@pytest.mark.parametrize("path", sorted(CORPUS.glob("*-*")), ids=lambda path: path.name)
+def test_a_file_that_once_ended_the_program_is_read_or_refused(path):
+    kind = path.name.partition("-")[0]
+    _, read, _ = FORMATS.get(kind) or FORMATS.get(f"{kind}{path.suffix}") or FORMATS["recording.csv"]
+    refusal(read, path)

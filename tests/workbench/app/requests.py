@@ -1,0 +1,87 @@
+"""The app without a browser, and requests with anything in them."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from hypothesis import strategies as st
+
+from workbench.app.page.server import make_app
+from workbench.app.session import Session
+from workbench.mistakes import InputError
+
+ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.just(10**400) | st.just(1e308),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+class Page:
+    """The app without a browser, and without work that goes on by itself."""
+
+    ID = "f" * 32
+
+    def __init__(self) -> None:
+        def idle(*_: object) -> None:
+            raise InputError("nothing is started here")
+
+        self._before = Session.work
+        Session.work = idle  # type: ignore[assignment, method-assign]
+        app, self.sessions = make_app()
+        self.client = app.server.test_client()
+        self.client.get("/_dash-layout")
+        self.callbacks = self.client.get("/_dash-dependencies").get_json()
+        self.session = self.sessions.of(self.ID)
+
+    def close(self) -> None:
+        Session.work = self._before  # type: ignore[method-assign]
+        self.sessions.close()
+
+    def ask(self, callback: dict[str, Any], values: list[Any]) -> int:
+        """Ask a callback with values for what it depends on; returns the status."""
+
+        def named(id: str) -> Any:
+            return json.loads(id) if id.startswith("{") else id
+
+        def part(of: dict[str, Any]) -> Any:
+            id, value = named(of["id"]), values.pop() if values and of["id"] != "session" else None
+            many = isinstance(id, dict) and ["ALL"] in id.values()
+            if isinstance(id, dict):
+                id = {key: "run.csv" if isinstance(value, list) else value for key, value in id.items()}
+            one = {"id": id, "property": of["property"], "value": self.ID if id == "session" else value}
+            return [one] if many else one
+
+        def output(text: str) -> dict[str, Any]:
+            id, _, name = text.rpartition(".")
+            return {"id": named(id), "property": name.partition("@")[0]}
+
+        told, inputs = callback["output"], [part(one) for one in callback["inputs"]]
+        first = inputs[0][0] if isinstance(inputs[0], list) else inputs[0]
+        name = first["id"] if isinstance(first["id"], str) else json.dumps(first["id"], separators=(",", ":"))
+        ask = {
+            "output": told,
+            "outputs": [output(one) for one in told[2:-2].split("...")] if told.startswith("..") else output(told),
+            "inputs": inputs,
+            "state": [part(one) for one in callback.get("state", [])],
+            "changedPropIds": [f"{name}.{first['property']}"],
+        }
+        return self.client.post("/_dash-update-component", json=ask).status_code
+
+
+VALUES = (
+    ANYTHING
+    | st.sampled_from(["#data", "#compare", "run.csv", "../../x", "-1", "<script>alert(1)</script>", "paper", 1, 0, -5])
+    | st.just(["run.csv"])
+    | st.builds(lambda body: [f"data:text/csv;base64,{body}"], st.sampled_from(["AAAA", "dGltZSxhLGIKMCwxLDIK", "%%%"]))
+)
+
+
+def ask_anything(page: Page, data: st.DataObject) -> None:
+    """One request with anything in it: an answer, or a refusal, but no failure of the server."""
+    callback = data.draw(st.sampled_from([one for one in page.callbacks if not one.get("clientside_function")]))
+    count = len(callback["inputs"]) + len(callback.get("state", []))
+    values = data.draw(st.lists(VALUES, min_size=count, max_size=count))
+    status = page.ask(callback, values)
+    assert status in (200, 204, 400), (callback["output"], values, status)
