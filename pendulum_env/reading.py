@@ -57,11 +57,11 @@ def amount(size: float) -> str:
 # ----------------------------------------------------------------------------------------------------------- files
 
 
-def check_size(path: str | os.PathLike[str], largest: float = LARGEST) -> None:
+def check_size(path: str | os.PathLike[str]) -> None:
     """Refuse what is no file, or a file too large to be what was meant.
 
     Raises:
-        Unreadable: if there is none of that name, it is a folder, a device or a pipe, or of more than `largest` bytes.
+        Unreadable: if there is none of that name, it is a folder, a device or a pipe, or of more than `LARGEST` bytes.
     """
     try:
         status = os.stat(path)
@@ -69,9 +69,9 @@ def check_size(path: str | os.PathLike[str], largest: float = LARGEST) -> None:
         raise Unreadable(f"{path}: cannot be read ({_reason(error)}): check the path") from None
     if not stat.S_ISREG(status.st_mode):
         raise Unreadable(f"{path}: cannot be read (it is a folder, a device or a pipe): name a file")
-    if status.st_size > largest:
+    if status.st_size > LARGEST:
         raise Unreadable(
-            f"{path}: has {status.st_size / 1e6:.4g} MB, of which at most {largest / 1e6:.4g} are read: shorten it"
+            f"{path}: has {status.st_size / 1e6:.4g} MB, at most {LARGEST / 1e6:g} MB are read: shorten it"
         )
 
 
@@ -326,7 +326,7 @@ def read_archive(path: str | os.PathLike[str], hint: str, most: int) -> dict[str
     Raises:
         Unreadable: as `check_size`, if it holds more than `most` bytes, is none, or damaged.
     """
-    check_size(path, most)
+    check_size(path)
     try:
         with zipfile.ZipFile(path) as archive:
             size = sum(info.file_size for info in archive.infolist())  # of each no more than this is unpacked

@@ -163,7 +163,7 @@ def test_what_is_no_file_or_too_large_is_refused(whole, tmp_path):
     folder.mkdir()
     with large.open("wb") as file:
         file.truncate(10**12)  # takes no room
-    for path, reason in [(folder, "folder"), (large, "of which at most 500 are read: shorten it"), (nowhere, "o such")]:
+    for path, reason in [(folder, "folder"), (large, "at most 500 MB are read: shorten it"), (nowhere, "o such")]:
         assert reason in refusal(read, path)
 
 

@@ -64,14 +64,12 @@ def sources_of(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
 
     Raises InputError if arguments say what a study says itself, and StudyError if a study makes no sense.
     """
-    largest, drive = 1e6 * arguments.max_size, getattr(arguments, "drive", None)  # not every command takes one
+    drive = getattr(arguments, "drive", None)  # not every command takes one
     if not name.lower().endswith(".toml"):
-        return (
-            Source(Path(name), columns=arguments.columns or {}, unwrap=arguments.unwrap, drive=drive, largest=largest),
-        )
+        return (Source(Path(name), columns=arguments.columns or {}, unwrap=arguments.unwrap, drive=drive),)
     if arguments.columns or arguments.unwrap or drive:
         raise InputError(f"{name}: says itself how its recordings are read: write columns, unwrap and drive there")
-    return tuple(replace(source, largest=largest) for source in read_sources(name))
+    return read_sources(name)
 
 
 def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Source], Logged]) -> list[Logged]:

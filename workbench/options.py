@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from pendulum_env.lookup import find
 from pendulum_env.physics import Term, nameable
 from pendulum_env.plant import hide, paper_plant, read_parameters
-from pendulum_env.reading import DIGITS, LARGE, LARGEST, shown
+from pendulum_env.reading import DIGITS, LARGE, shown
 from pendulum_env.recording.columns import refuse_unknown_quantity
 from pendulum_env.recording.vocabulary import TOLD
 from pendulum_env.servo.drive import KEYS, Drive
@@ -25,7 +25,7 @@ COUPLING = "coupling"  # of two joints: no effect of a pendulum
 FORMATS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag"
 KINDS = f"{FORMATS}, or a study.toml (several recordings, known loads)"
 DRIVEN = f"as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KEYS)}"
-READING = "--columns --unwrap --max-size"  # how recordings are to be read
+READING = "--columns --unwrap"  # how recordings are to be read
 ROBOT = "--robot --rotors --joints --base --no-gravity"
 LIMITS = "--fix --bound"  # parameters that are known or bounded
 OF_PENDULUMS = f"--drive --theta --instruments {LIMITS}"  # which say nothing of an arm
@@ -197,7 +197,6 @@ recordings RECORDING  {KINDS}; fitted jointly
     time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=unused;
     units: {"; ".join(TOLD[quantity] for quantity in ("time", "position", "velocity", "torque"))} (default: SI)
 --unwrap  undo jumps of 2 pi in position
---max-size MB  largest recording that is read, unpacked (default {LARGEST / 1e6:g} MB)
 --drive KEY=VALUE,...  the controller that followed the reference, {DRIVEN};
     diagnose, add and compare then simulate the closed loop
 --robot ARM.urdf  recordings are of an arm with these links, URDF or MJCF (needs the extra arms), with columns time,
@@ -252,7 +251,6 @@ SETTINGS: dict[str, Any] = {  # of these, see `declare`
     "theta": lambda text: paper_plant(read_parameters(text)),
     "holdout": {"action": "append", "default": []},
     "columns": _columns,
-    "max_size": (number(1.0, 1e6), LARGEST / 1e6),
     "drive": _drive,
     "joints": _names,
     "base": {"choices": ("fixed",)},

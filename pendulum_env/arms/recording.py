@@ -14,7 +14,6 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.lookup import find
 from pendulum_env.physics.term import ROOM
-from pendulum_env.reading import LARGEST
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import UNUSED, named_column
 from pendulum_env.recording.preview import Preview, preview
@@ -110,7 +109,6 @@ def read_arm_recording(
     held: Collection[str] = (),
     unwrap: bool = False,
     columns: Mapping[str, str] | None = None,
-    largest: float = LARGEST,
 ) -> ArmRecording:
     """Read a file with columns time, and for each joint `position_<joint>` and `torque_<joint>`.
 
@@ -125,14 +123,13 @@ def read_arm_recording(
         unwrap: undo jumps of 2 pi in positions.
         columns: columns by `time`, `position_<joint>` or `torque_<joint>` where their names do not tell, with unit and
             gain as for one joint: `{"torque_elbow": "i_2:A*0.4"}`.
-        largest: bytes, as of `read_recording`.
 
     Raises:
         RecordingError: as `read_recording`, and if columns of joints are missing, or are of other joints.
     """
-    look = preview(path, largest, most=500)  # columns: four of 64 joints, and what else a robot logs
+    look = preview(path, most=500)  # columns: four of 64 joints, and what else a robot logs
     named = _named(path, look.headers, joints, held, dict(columns or {}))
-    single = [_read_joint(path, joint, named, unwrap, largest) for joint in joints]
+    single = [_read_joint(path, joint, named, unwrap) for joint in joints]
     _refuse_twice(path, joints, single)
     _refuse_other_instants(joints, single)
     first = single[0]
@@ -185,15 +182,13 @@ def _refuse_twice(path: str | os.PathLike[str], joints: Sequence[str], single: S
                     )
 
 
-def _read_joint(
-    path: str | os.PathLike[str], joint: str, named: Mapping[str, str], unwrap: bool, largest: float
-) -> Recording:
+def _read_joint(path: str | os.PathLike[str], joint: str, named: Mapping[str, str], unwrap: bool) -> Recording:
     """The columns of one joint, by the columns of quantities of all joints."""
     own = {quantity: named.get(f"{quantity}_{joint}", UNUSED) for quantity in OF_JOINTS}
     own |= {"time": named["time"]} if "time" in named else {}
     unused = {"velocity": UNUSED, "reference": UNUSED}
     try:
-        read = read_recording(path, unwrap=unwrap, columns=own | unused, largest=largest)
+        read = read_recording(path, unwrap=unwrap, columns=own | unused)
     except RecordingError as error:
         text = _of_joint(joint, str(error).removeprefix(f"{path}: "))
         raise RecordingError(f"{path}: joint '{joint}': {text}") from None
@@ -232,9 +227,7 @@ def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str]
 
 
 def _of_arm(source: Source, joints: Sequence[str], held: Collection[str]) -> ArmRecording:
-    return read_arm_recording(
-        source.file, joints, held=held, unwrap=source.unwrap, columns=source.columns, largest=source.largest
-    )
+    return read_arm_recording(source.file, joints, held=held, unwrap=source.unwrap, columns=source.columns)
 
 
 def _named(

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.reading import LARGEST
 from pendulum_env.recording.columns import Column, guess_columns, named_column
 from pendulum_env.recording.record import RecordingError
 from pendulum_env.recording.storage import read_table
@@ -47,20 +46,20 @@ class Preview:
         return column.scale * (values - finite[0]) if values is not None and len(finite) else None
 
 
-def preview(path: str | os.PathLike[str], largest: float = LARGEST, most: int = WIDEST) -> Preview:
-    """Look at the first columns of a file, read as `read_recording` reads those in need, up to as many bytes.
+def preview(path: str | os.PathLike[str], most: int = WIDEST) -> Preview:
+    """Look at the first columns of a file, read as `read_recording` reads those in need.
 
     Raises:
         RecordingError: if the file cannot be read at all.
     """
     path = Path(path)
     try:
-        return _look(path, largest, most)
+        return _look(path, most)
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error.__cause__
 
 
-def _look(path: Path, largest: float, most: int) -> Preview:
+def _look(path: Path, most: int) -> Preview:
     headers: list[str] = []
 
     def some(places: slice, names: Sequence[str]) -> dict[str, Column]:
@@ -72,13 +71,13 @@ def _look(path: Path, largest: float, most: int) -> Preview:
 
     def alone(k: int) -> Array | None:
         try:
-            values = read_table(path, partial(some, slice(k, k + 1)), largest).values["time"]
+            values = read_table(path, partial(some, slice(k, k + 1))).values["time"]
         except RecordingError:  # no numbers
             return None
         return values if len(values) > 1 else None
 
     try:
-        values: list[Array | None] = list(read_table(path, partial(some, slice(None)), largest).values.values())
+        values: list[Array | None] = list(read_table(path, partial(some, slice(None))).values.values())
     except RecordingError:
         if not headers:
             raise

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from pendulum_env._typing import Array
 from pendulum_env.files import replacing
 from pendulum_env.mistake import one_line
-from pendulum_env.reading import LARGEST, Unreadable, check_size
+from pendulum_env.reading import Unreadable, check_size
 from pendulum_env.recording import checks, cleaning, sampling
 from pendulum_env.recording.arrays import read_hdf5, read_mat, read_npz, read_parquet
 from pendulum_env.recording.bags import is_bag, read_bag
@@ -70,7 +70,6 @@ def read_recording(
     unwrap: bool = False,
     columns: Mapping[str, str] | None = None,
     drive: Drive | None = None,
-    largest: float = LARGEST,
 ) -> Recording:
     """Read a file with columns time, position, torque and perhaps velocity, reference, segment, supply and enabled.
 
@@ -89,7 +88,6 @@ def read_recording(
             the counts of a turn (`enc:counts/4096`), and currents a torque constant (`*?` if it is to be found).
         drive: the controller that followed the reference. Then torque is what a column of its output (duty, current)
             or of the user's naming holds, or else what the controller asked for.
-        largest: bytes that the file may hold.
 
     Raises:
         RecordingError: if the file cannot be read or its content cannot be trusted: one sentence with the file, the
@@ -99,7 +97,7 @@ def read_recording(
     try:
         name = path.name if is_bag(path) else path.name[: -len(_format(path))]
         output = None if drive is None else drive.output
-        table = read_table(path, partial(find_columns, named=columns, output=output), largest)
+        table = read_table(path, partial(find_columns, named=columns, output=output))
         return _recording(name, table, unwrap, drive, columns or {})
     except RecordingError as error:
         raise type(error)(f"{path}: {error}") from error.__cause__
@@ -145,7 +143,7 @@ def _format(path: Path, known: Collection[str] = READERS) -> str:
     raise RecordingError(f"the name does not end in {', '.join(known)}: {recipe}")
 
 
-def read_table(path: Path, find: Find, largest: float = LARGEST) -> Table:
+def read_table(path: Path, find: Find) -> Table:
     """Read the columns in need as they stand in a file, whatever its library raises as a RecordingError.
 
     Raises:
@@ -156,7 +154,7 @@ def read_table(path: Path, find: Find, largest: float = LARGEST) -> Table:
         raise RecordingError("there is no such file: check the path")
     try:
         for file in path.iterdir() if is_bag(path) else [path]:
-            check_size(file, largest)
+            check_size(file)
         return READERS[ending](path, find)
     except RecordingError:
         raise

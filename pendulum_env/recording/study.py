@@ -36,7 +36,7 @@ import numpy as np
 
 from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
-from pendulum_env.reading import LARGE, LARGEST, LONGEST, Unreadable, Value, one_of, read_toml, several, toml, within
+from pendulum_env.reading import LARGE, LONGEST, Unreadable, Value, one_of, read_toml, several, toml, within
 from pendulum_env.recording.columns import refuse_unknown_quantity
 from pendulum_env.recording.record import ColumnError, Load, Recording, RecordingError
 from pendulum_env.recording.storage import read_recording
@@ -84,7 +84,6 @@ class Source:
     load: Load | None = None  # what is known to hang on the joint
     carried: Carried | None = None  # what an arm is known to carry
     drive: Drive | None = None  # the controller that followed the reference
-    largest: float = LARGEST  # bytes that it may take
     joints: tuple[str, ...] | None = None  # of an arm, those that move; None: all that can
     of_study: bool = field(default=False, compare=False)  # which says all of it
     said_by: str = ""  # the model file that says what nobody else did
@@ -140,9 +139,7 @@ def _read_once(read: Callable[..., Any], source: Source, written: int | None, *a
 
 def _of_one_joint(source: Source) -> Recording:
     try:
-        return read_recording(
-            source.file, unwrap=source.unwrap, columns=source.columns, drive=source.drive, largest=source.largest
-        )
+        return read_recording(source.file, unwrap=source.unwrap, columns=source.columns, drive=source.drive)
     except ColumnError as error:
         if not source.said_by:
             raise

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from pendulum_env.plant import hide, paper_plant
-from pendulum_env.recording import Recording, write_recording
 from workbench.cli import main
 from workbench.mistakes import LONGEST, InputError, sentence
 
@@ -258,15 +257,6 @@ def test_time_that_would_become_billions_of_samples_is_refused(refused):
 def test_the_largest_numbers_that_are_taken_give_no_warning(capsys, options):
     assert main(["record", "--seconds", "1.5", *options, "-o", "run.csv"]) in (0, 2)
     assert capsys.readouterr().err.count("\n") <= 1
-
-
-def test_a_recording_above_the_size_that_is_allowed_is_refused_with_the_option(refused):
-    time = np.arange(30_000) / 1000
-    write_recording(Recording("run", time, np.sin(3 * time), np.cos(3 * time)), "run.csv")
-    Path("study.toml").write_text('[[recording]]\nfile = "run.csv"\n')
-    for name in ("run.csv", "study.toml"):
-        error = refused("identify", name, "--max-size", "1")
-        assert "run.csv" in error and "allow more by --max-size" in error
 
 
 def test_a_sentence_is_short_and_holds_nothing_that_a_terminal_obeys() -> None:

@@ -48,7 +48,7 @@ SCHEMES = ("dynamic", "filtered_dynamic", "filtered_hamiltonian")  # of an arm, 
 
 def read_one(source: Source) -> Recording:
     """A recording of a pendulum; raises RecordingError, in the words of the command line."""
-    return replace(replace(source, largest=uploads.LIMITS.unpacked).read(), drive=None)  # pages draw it by its torque
+    return replace(source.read(), drive=None)  # pages draw it by its torque
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +213,7 @@ class State:
             return read_one(source)
         if source.joints not in (None, self.robot.joints):
             raise InputError(f"{source.file.name}: its study has other joints move: drop it together with the robot")
-        return self.robot.read(replace(source, largest=uploads.LIMITS.unpacked))
+        return self.robot.read(source)
 
     @cached_property
     def body(self) -> Body | None:

@@ -22,7 +22,6 @@ class Limits:
     """What a page may take of this computer, see SECURITY.md."""
 
     upload: int = 48_000_000  # bytes of one file, a quarter of an hour at 1 kHz
-    unpacked: int = 400_000_000  # bytes of what a packed file holds, and of its columns in memory
     space: int = 300_000_000  # bytes of a session's files
     samples: int = 20_000_000  # of all recordings of a state, and of all past states
     undone: int = 20  # changes that can be taken back

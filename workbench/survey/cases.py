@@ -48,7 +48,7 @@ def find_cases(names: Sequence[str], reading: Namespace, pattern: str | None = N
 
     Args:
         names: of folders, `study.toml`, tables, or recordings.
-        reading: how recordings are read that no study speaks of: `columns`, `unwrap`, `max_size`.
+        reading: how recordings are read that no study speaks of: `columns`, `unwrap`.
         pattern: what names mean, such as `{robot}/{joint}_{date}`, for files that no table speaks of.
 
     Raises:

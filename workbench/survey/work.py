@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 import os
 import re
 import warnings
@@ -55,7 +54,7 @@ class Settings:
         if row["report"] is None and row["verdict"] in PAGES[self.reports]:
             return False
         try:
-            return content_hash(case.source.file, case.source.largest) == row["hash"]
+            return content_hash(case.source.file) == row["hash"]
         except MISTAKES:
             return row["hash"] is None
 
@@ -127,7 +126,7 @@ def examined(case: Case, settings: Settings, look: Look = look) -> JSON:
     begun = perf_counter()
     row = row_of(case, settings)
     try:
-        row["hash"] = content_hash(case.source.file, case.source.largest)
+        row["hash"] = content_hash(case.source.file)
         if case.source.file.suffix == ".toml":
             read_sources(case.source.file)  # says what is wrong in a study that could not be read
         with warnings.catch_warnings():
@@ -159,14 +158,14 @@ def trouble(error: BaseException, case: Case) -> JSON:
     return {"status": "failed", "reason": sentence(error)}
 
 
-def content_hash(file: Path, most: float = math.inf) -> str:
+def content_hash(file: Path) -> str:
     """Hash of what is in a file, or in the files of a folder.
 
-    Raises OSError if it cannot be read, and Unreadable if it is no regular file, or larger than `most` bytes.
+    Raises OSError if it cannot be read, and Unreadable as `check_size`.
     """
     digest = hashlib.blake2b(digest_size=20)
     for path in sorted(file.iterdir()) if file.is_dir() else [file]:
-        check_size(path, most)
+        check_size(path)
         with path.open("rb") as stream:
             hashlib.file_digest(stream, lambda: digest)
     return digest.hexdigest()

@@ -19,7 +19,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model, effects
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.plant import paper_plant
-from pendulum_env.recording import Recording, RecordingError, Source, write_recording
+from pendulum_env.recording import Recording, RecordingError, Source
 from pendulum_env.recording.study import read_sources
 from tests import slow
 from tests.cases import diagnosed
@@ -92,17 +92,6 @@ def test_uploads_that_are_too_large_or_damaged_are_refused(session, monkeypatch)
     assert "larger than" in session.notice
     session.act(lambda: session.receive([("run.csv", "data:text/csv;base64,!!!!")], unwrap=False))
     assert "did not arrive whole" in session.notice and files_of(session) == []
-
-
-def test_a_packed_file_that_holds_too_much_is_refused_unread(session, swing, tmp_path, monkeypatch):
-    file = tmp_path / "run.parquet"
-    write_recording(swing, file)
-    limited(monkeypatch, unpacked=24 * len(swing) - 1)
-    upload(session, file.name, file.read_bytes())
-    assert "allow more by --max-size" in session.notice and session.state.loaded == ()
-    limited(monkeypatch, unpacked=10_000_000)
-    upload(session, file.name, file.read_bytes())
-    assert session.notice == "" and len(session.state.loaded) == 1
 
 
 def test_of_several_files_those_that_can_be_read_stay(session, swing, tmp_path):
