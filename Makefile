@@ -17,7 +17,7 @@ unexport PYTHONDONTWRITEBYTECODE # else every process that a test starts compile
 test: style
 	$(MAKE) --no-print-directory --keep-going --jobs=3 computing realtime types
 
-# What takes longer: statistics over many runs, every drive, and what README, docs/ and the tutorial show: written with
+# What takes longer: statistics over many runs, every drive, and what README, docs/ and the notebooks show: written with
 # the kernels of a new processor, it must come out with those of an old one.
 test-slow: .venv/dev
 	$(MAKE) --no-print-directory --keep-going --jobs=2 computing realtime WHICH="slow and not pages"
@@ -50,12 +50,12 @@ bench: .venv/dev
 docs: .venv/dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-# Runs what README, docs/ and the tutorial show, and puts in what is printed now; `git diff` shows what changed.
+# Runs what README, docs/ and the notebooks show, and puts in what is printed now; `git diff` shows what changed.
 pages: tutorial
 	$(BIN)/python -m tools.refresh
 	$(BIN)/python -m tools.pictures
 
-# Runs the tutorial notebook and stores what comes out in it.
+# Runs the notebooks of examples/ and stores their outputs in them.
 tutorial: .venv/dev
 	$(BIN)/python tools/execute.py
 

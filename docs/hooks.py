@@ -36,7 +36,8 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
         "contributing.md": from_root("CONTRIBUTING.md"),
         "security.md": from_root("SECURITY.md"),
         "changelog.md": from_root("CHANGELOG.md"),
-        "tutorial.md": tutorial(),
+        "tutorial.md": notebook("tutorial"),
+        "paper.md": notebook("paper"),
         "reference/command-line.md": command_line(),
         "which-effect.md": which_effect(),
         "reference/effects.md": effects_page(),
@@ -61,16 +62,16 @@ def on_page_content(content: str, **_: Any) -> str:
 def from_root(name: str) -> str:
     """A file beside docs/ as a page: its links and pictures as seen from there."""
     page = (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](").replace('src="docs/', 'src="')
-    page = page.replace("](README.md", "](index.md").replace("](examples/tutorial.ipynb)", "](tutorial.md)")
+    page = re.sub(r"\]\(examples/(\w+)\.ipynb\)", r"](\1.md)", page.replace("](README.md", "](index.md"))
     return re.sub(r"\]\((CONTRIBUTING|SECURITY|CHANGELOG)\.md", lambda found: found[0].lower(), page)
 
 
-def tutorial() -> str:
-    """The notebook with its stored outputs, which a test compares with fresh ones."""
-    cells = json.loads((ROOT / "examples" / "tutorial.ipynb").read_text(encoding="utf-8"))["cells"]
+def notebook(name: str) -> str:
+    """Make a page of a notebook with its stored outputs, which a test compares with fresh ones."""
+    cells = json.loads((ROOT / "examples" / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
     parts = [part for cell in cells for part in _cell(cell)]
     parts.insert(
-        1, '!!! note ""\n    This page is the notebook `examples/tutorial.ipynb`, with what came out when it ran.'
+        1, f'!!! note ""\n    This page is the notebook `examples/{name}.ipynb`, with what came out when it ran.'
     )
     return "\n\n".join(parts)
 
@@ -78,7 +79,7 @@ def tutorial() -> str:
 def _cell(cell: dict[str, Any]) -> Iterator[str]:
     source = "".join(cell["source"])
     if cell["cell_type"] == "markdown":
-        yield source
+        yield source.replace("](../docs/", "](")
         return
     yield f"```python\n{source}\n```"
     for output in cell["outputs"]:

@@ -10,10 +10,7 @@ import numpy as np
 
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 from estimators import Diagnosis, diagnose
-from estimators.paper import Experiment as PaperExperiment
-from estimators.paper import paper_experiment
 from pendulum_env.physics import BASE, Model
-from pendulum_env.plant import paper_plant
 from pendulum_env.recording import Recording
 from tests import slow
 from tests.once import once
@@ -208,15 +205,3 @@ def _listed(some: Some) -> list[Recording]:
 def plain() -> Model:
     """The plant of the catalogue, with nothing hidden."""
     return Model.build(BASE, TRUTH)
-
-
-def independent(rng: np.random.Generator, seconds: float, name: str) -> Recording:
-    """The paper's run from a simulator that shares no code with the packages."""
-    experiment = Experiment(seconds=seconds, seed=int(rng.integers(1000)))
-    return replace(recorded(Plant(*paper_plant().theta), experiment)[0], name=name)
-
-
-@once("benchmarks", "estimators", "pendulum_env")
-def of_the_paper() -> PaperExperiment:
-    """The paper's experiment, twice."""
-    return paper_experiment(runs=2, seconds=6.0, seed=5, rollout=independent)

@@ -82,6 +82,7 @@ def test_equations_are_drawn_without_scripts(site):
         ("reference/schemes.html", [scheme.id for scheme in SCHEMES]),
         ("theory.html", [scheme.id for scheme in SCHEMES]),
         ("reference/estimators.html", ["identify", "compare", "diagnose", "add", "Diagnosis"]),
+        ("paper.html", ["Table 2", "Figures 2 to 7", "Figure 8", "Figure 9", "Slips in the paper"]),
         ("tutorial.html", ["Stribeck friction is missing", "Stribeck friction and cubic damping are missing"]),
     ],
 )

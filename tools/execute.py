@@ -1,4 +1,4 @@
-"""Run the tutorial notebook and keep what comes out in it: python tools/execute.py [NOTEBOOK].
+"""Run the notebooks of examples/ and store their outputs in them: python tools/execute.py [NOTEBOOK ...].
 
 Needs nbclient and ipykernel, which are part of the extra dev.
 """
@@ -11,11 +11,11 @@ from typing import Any
 import nbformat
 from nbclient import NotebookClient
 
-TUTORIAL = Path(__file__).parents[1] / "examples" / "tutorial.ipynb"
+EXAMPLES = Path(__file__).parents[1] / "examples"
 LONGEST = 300  # [s] that a cell may take
 
 
-def execute(path: Path = TUTORIAL) -> Any:
+def execute(path: Path) -> Any:
     """The notebook with fresh outputs; raises nbclient's CellExecutionError where a cell fails."""
     notebook = nbformat.read(path, nbformat.NO_CONVERT)
     here = str(Path(__file__).parents[1])  # the code beside this file, installed or not
@@ -31,7 +31,7 @@ def execute(path: Path = TUTORIAL) -> Any:
 
 
 if __name__ == "__main__":
-    notebooks = [Path(name) for name in sys.argv[1:]] or [TUTORIAL]
+    notebooks = [Path(name) for name in sys.argv[1:]] or sorted(EXAMPLES.glob("*.ipynb"))
     for notebook in notebooks:
         nbformat.write(execute(notebook), notebook)
         print(f"wrote {notebook}")

@@ -28,7 +28,6 @@ COMMANDS: dict[str, str] = {  # in the order of a first visit, and what help say
     "add": "add one effect to a model, refit it, and compare the errors",
     "export": "write a model for MuJoCo, ROS or Gazebo, as Python or C",
     "effects": "list the effects that a model may lack, with their laws and parameters",
-    "paper": "repeat the source paper's experiment: its Table 2 and figures beside ours",
     "hardware": "check a rig, step by step",
     "emulate": "emulate a rig behind a real protocol, with effects hidden in it if asked for",
     "train": "train a policy that chooses excitations (needs the extra rl)",

@@ -117,7 +117,6 @@ def identify(
     *,
     fixed: Mapping[str, float] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
-    measured: Callable[[Recording], Sequence[Measurements]] = measure_segments,
 ) -> Identification:
     """Fit the linear parameters of the terms to recordings, one set for all, by each scheme.
 
@@ -135,7 +134,6 @@ def identify(
             comes after the scheme that lends it.
         fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
         bounds: of other parameters: `{"viscous": (0.0, 0.5)}`; an estimate that would leave them stays at the bound.
-        measured: how motion and torque are taken from the segments of a recording.
 
     Raises:
         IdentificationError: if there is too little motion, or no torque at all.
@@ -148,19 +146,16 @@ def identify(
     terms, _ = within_limits(terms, {}, fixed, bounds)
     if (body := body_of(terms)) is not None:
         return _of_arm(recordings, terms, chosen, body)
-    return _of_pendulum(recordings, terms, chosen, measured)
+    return _of_pendulum(recordings, terms, chosen)
 
 
 def _of_pendulum(
-    recordings: Sequence[Recording],
-    terms: Sequence[Term],
-    schemes: Sequence[Regressor],
-    measured: Callable[[Recording], Sequence[Measurements]],
+    recordings: Sequence[Recording], terms: Sequence[Term], schemes: Sequence[Regressor]
 ) -> Identification:
     """The same of one joint, whose torque constant may be unknown."""
     given = Preprocessed.of(recordings)
     recordings = given.recordings
-    segments = _measured(recordings, terms, measured)
+    segments = _measured(recordings, terms)
     measurements = [m for own in segments for (m,) in own]
     if not any(is_driven(m) for m in measurements):
         raise IdentificationError(
@@ -173,7 +168,7 @@ def _of_pendulum(
     if given.constant is not None:
         larger = 1 + given.constant.std / given.constant.value
         moved = [replace(one, torque=larger * one.torque) if one.torque_constant else one for one in recordings]
-        there = _by_schemes(chosen, _measured(moved, terms, measured), terms, recordings, regressions(terms))
+        there = _by_schemes(chosen, _measured(moved, terms), terms, recordings, regressions(terms))
         results = {id: own.calibrated(given.constant, there[id].model) for id, own in results.items()}
     else:
         results = {id: own.per(given.unit) for id, own in results.items()}
@@ -235,13 +230,9 @@ def _names(recordings: Sequence[Recording]) -> str:
     return ", ".join(recording.name for recording in recordings)
 
 
-def _measured(
-    recordings: Sequence[Recording],
-    terms: Sequence[Term],
-    measured: Callable[[Recording], Sequence[Measurements]],
-) -> Segments:
+def _measured(recordings: Sequence[Recording], terms: Sequence[Term]) -> Segments:
     """Measurements of the one joint of a pendulum, with the states of the terms along them."""
-    return [[(remember(m, terms),) for m in measured(recording)] for recording in recordings]
+    return [[(remember(m, terms),) for m in measure_segments(recording)] for recording in recordings]
 
 
 def _at_rate(schemes: Sequence[Regressor], segments: Segments) -> tuple[tuple[Regressor, ...], tuple[Doubt, ...]]:

@@ -172,18 +172,6 @@ def test_demo_tells_the_story_and_reveals_the_truth(tmp_path, few_effects, monke
     assert {file.name for file in tmp_path.iterdir()} == {"report.html", "report.train.csv", "report.holdout.csv"}
 
 
-def test_paper_prints_table_2_and_writes_page_and_numbers(done):
-    out = done("paper --runs 1 --seconds 5 --report paper.html --json paper.json")
-    assert "0.3874" in out and "1.1201" in out  # the paper's
-    assert out.index("Table 2") < out.index("this project") < out.index("as printed") < out.index("each care buys")
-    data = held("paper.json")
-    assert data["schema"] == "pendulum-ident/paper@1" and data["runs"] == 1
-    schemes = data["ways"]["ours"]["schemes"]
-    assert set(schemes) == set(data["paper"]) == set(data["torque_norm"]["printed"]) - {"truth"}
-    assert all(error < 0.01 for scheme in schemes.values() for error in scheme["median_error"].values())
-    assert Path("paper.html").read_text(encoding="utf-8").rstrip().endswith("</html>")
-
-
 def test_effects_are_listed_with_their_laws_or_told_how_they_show(done):
     out = done("effects")
     assert all(id in out and kind.law in out for id, kind in effects().items())

@@ -1,0 +1,46 @@
+"""The notebooks of examples/ run, and still say what is stored in them."""
+
+import re
+from html import unescape
+
+import pytest
+
+from tools.prose import first_untold
+
+pytest.importorskip("nbclient", reason="running the notebooks needs nbclient")
+pytest.importorskip("ipykernel", reason="running the notebooks needs ipykernel")
+
+from tools.execute import EXAMPLES, execute
+
+
+def words(cell) -> str:
+    """What a reader sees of a cell's outputs, but for the curves."""
+    told = []
+    for output in cell.outputs:
+        assert output.output_type != "error"
+        html = output.get("data", {}).get("text/html", "")
+        told.append(output.get("text", "") or re.sub(r"<svg.*?</svg>|</(div|tr|li)>", "\n", html, flags=re.S))
+    return unescape(re.sub("<[^>]+>", " ", "\n".join(told)))
+
+
+@pytest.mark.slow
+@pytest.mark.pages
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("tutorial", ["Stribeck friction is missing", "Stribeck friction and cubic damping are missing"]),
+        ("paper", ["filtered_hamiltonian differs from filtered_dynamic by 0.000 % at most"]),
+    ],
+)
+def test_a_notebook_runs_and_its_stored_output_is_what_comes_out(name, said):
+    import nbformat
+
+    path = EXAMPLES / f"{name}.ipynb"
+    stored = [cell for cell in nbformat.read(path, 4).cells if cell.cell_type == "code"]
+    fresh = [cell for cell in execute(path).cells if cell.cell_type == "code"]
+    assert len(fresh) > 5
+    for old, new in zip(stored, fresh, strict=True):
+        line = first_untold(words(old), words(new))
+        assert line is None, f"{path.name} shows what no longer comes out, run tools/execute.py: {line}"
+    told = "".join(map(words, fresh))
+    assert not [text for text in said if text not in told]
