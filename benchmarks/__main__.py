@@ -15,7 +15,7 @@ SHORT = (  # about two minutes on two cores
 COMMANDS = (
     "environments", "joint_state", "watching", "diagnosis_time", "hidden_effects", "known_truth",
     "cramer_rao", "ambiguity", "fleet", "rig", "rig_faults",
-    "servos", "sim_to_real", "six_joint", "survey", "sysid", "timing",
+    "servos", "six_joint", "survey", "sysid", "timing",
 )  # fmt: skip
 
 

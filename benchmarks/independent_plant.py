@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from benchmarks.excitation import CLOSED_LOOP, EXCITATIONS, OPEN_LOOP
 
 Array = NDArray[np.float64]
-Policy = Callable[[Array], Array]  # positions (B,) [rad], one for each plant, to torques (B,) [N m]
 
 MAX_STEP = 1e-3  # s, inner step of a rigid joint
 STIFF_STEP = 0.5e-3  # s, inner step with walls or presliding
@@ -415,12 +414,12 @@ def _controlled(loop: Any, rate: float, now: Any, sample: Any, before: Any) -> f
 
 
 @_compiled
-def _advance(p: Any, loop: Any, sensors: Any, now: Any, samples: Any, pushes: Array, first: int, last: int) -> None:
-    """Go on from one sample to another: note the motion, decide a closed loop's command, and take the inner steps."""
+def _advance(p: Any, loop: Any, sensors: Any, now: Any, samples: Any, pushes: Array) -> None:
+    """Simulate all samples: note the motion, decide a closed loop's command, and take the inner steps."""
     seen, every = 2 * int(p.motor_encoder), int(sensors.every)
     direction = now.direction
     x = (now.x[0], now.x[1], now.x[2], now.x[3], now.x[4], now.x[5])
-    for k in range(first, last):
+    for k in range(len(samples)):
         sample = samples[k]
         sample.angle, sample.rate = x[seen], x[seen + 1]
         sample.position = _read(p, sensors, sample.angle, sample.position_noise)
@@ -441,9 +440,6 @@ def _advance(p: Any, loop: Any, sensors: Any, now: Any, samples: Any, pushes: Ar
                 sample.rate_change = _rate(p, command, push, time, x, direction)[seen + 1]
                 sample.sliding = abs(direction)
             x, direction = _step(p, command, push, time, sensors.step, x, direction)
-    for j in range(6):
-        now.x[j] = x[j]
-    now.direction = direction
 
 
 def _record(kind: np.dtype[Any], values: dict[str, Any]) -> Any:
@@ -455,7 +451,7 @@ def _record(kind: np.dtype[Any], values: dict[str, Any]) -> Any:
 
 
 class _Run:
-    """A plant in an experiment, and how far it has come.
+    """A plant in an experiment.
 
     Args:
         command: torque (N,) [N m] in place of the excitation, where not None.
@@ -503,14 +499,9 @@ class _Run:
         self.samples.position_noise = experiment.position_noise * noise.standard_normal(n)
         self.pushes = _pushes(plant, experiment)
 
-    def read(self, k: int) -> float:
-        """The position at sample k, where the run has come to."""
-        seen = 2 * int(self.p.motor_encoder)
-        return _read(self.p, self.sensors, self.now.x[seen], self.samples.position_noise[k])
-
-    def advance(self, first: int, last: int) -> None:
-        """Simulate from one sample to another."""
-        _advance(self.p, self.loop, self.sensors, self.now, self.samples, self.pushes, first, last)
+    def advance(self) -> None:
+        """Simulate all samples."""
+        _advance(self.p, self.loop, self.sensors, self.now, self.samples, self.pushes)
 
     def recording(self) -> SimulatedRecording:
         """What a user would have, with the truth behind it."""
@@ -568,16 +559,6 @@ def _inner_steps(plant: Plant, experiment: Experiment) -> int:
     return max(1, int(np.ceil(1 / (experiment.rate * longest) - 1e-9)))
 
 
-def steer(cases: Sequence[tuple[Plant, Experiment]], policy: Policy) -> list[SimulatedRecording]:
-    """Simulate plants side by side, for as many samples each, under a policy that is asked once a sample."""
-    runs = [_Run(plant, experiment) for plant, experiment in cases]
-    for k in range(cases[0][1].samples):
-        for run, torque in zip(runs, policy(np.array([run.read(k) for run in runs])).tolist(), strict=True):
-            run.samples.command[k] = torque
-            run.advance(k, k + 1)
-    return [run.recording() for run in runs]
-
-
 def simulate(
     cases: Sequence[tuple[Plant, Experiment]], commands: Sequence[Array | None] | None = None
 ) -> list[SimulatedRecording]:
@@ -589,7 +570,7 @@ def simulate(
     done = []
     for (plant, experiment), command in zip(cases, commands or [None] * len(cases), strict=True):
         run = _Run(plant, experiment, command)
-        run.advance(0, experiment.samples)
+        run.advance()
         done.append(run.recording())
     return done
 
