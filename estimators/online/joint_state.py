@@ -1,8 +1,8 @@
 """A seventh estimator, beyond the paper: position, velocity and parameters in one state, by an unscented Kalman filter.
 
-The position is the only measurement. It is not differentiated, so there is no delay of smoothing, and the model's own
-step includes stick and reversals, so there is no guard around stick. Each sigma point is a pendulum of its own, with
-its position, velocity and parameters, stepped under the held torque.
+The position is the only measurement. It is not differentiated, so there is no delay of smoothing, and the model's
+simulation includes stick and reversals, so there is no guard around stick. Each sigma point is a pendulum of its own,
+with its position, velocity and parameters, simulated under the held torque.
 
 The encoder noise is known. The noise of the acting torque is learnt from the innovations of the filter, which should
 have the predicted variance and no correlation between samples.
@@ -18,7 +18,8 @@ of Variances and Adaptive Kalman Filtering, IEEE Transactions on Automatic Contr
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -28,8 +29,8 @@ from estimators.online.confidence import Wandering, wandered
 from estimators.online.estimates import Estimates
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Samples, Term
-from pendulum_env.physics.simulation import Balance, CommandLine, step, substeps
-from pendulum_env.physics.term import zero
+from pendulum_env.physics.simulation import Balance, Prepared, prepared, simulate
+from pendulum_env.physics.term import Memory, zero
 
 
 @dataclass(frozen=True)
@@ -175,23 +176,27 @@ class _Filter:
         theta: Array,
         P: Array,
     ) -> None:
-        from estimators.online.unscented import Unscented  # loads scipy.stats
+        from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # loads scipy.stats, which takes long
 
-        self._period, self._walk = period, walk
+        self._terms, self._period, self._walk = terms, period, walk
         self._learns = torque_noise is None
         self.log_variance = 2 * np.log(FILTER.shaken if torque_noise is None else torque_noise)
-        self._substeps = substeps(period)
-        self._commands = CommandLine([term for term in terms if term.delay], period, self._substeps)
-        self._moving = [term for term in terms if not term.delay]
-        self._memory: dict[str, Any] | None = None
+        known = 2 + int(sum(term.delay for term in terms) / period)  # commands that may act within a period
+        self._commands = deque(known * [0.0], maxlen=known)
+        self._memory: Mapping[str, Memory] | None = None
+        self._program: Prepared | None = None
         size = 2 + len(theta)
-        self._ukf = Unscented(size, period, self._forward)
+        points = MerweScaledSigmaPoints(size, alpha=1.0, beta=0.0, kappa=0.0)  # equal weights, none for the mean
+        self._ukf = UnscentedKalmanFilter(size, 1, period, _measure, self._forward, points)
         self._ukf.x, self._ukf.P = np.r_[0.0, 0.0, theta], np.zeros((size, size))
         self._ukf.P[2:, 2:] = P
         self._ukf.R[:] = position_noise**2
         self._fade = np.r_[1.0, 1.0, np.full(len(theta), forgetting**-0.5)]
         self._last = 0.0  # of what was new, as far as it is remembered, of unit variance
         self.lost = True
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_program": None}  # a compiled program cannot be pickled
 
     @property
     def theta(self) -> Array:
@@ -204,15 +209,13 @@ class _Filter:
     def take(self, time: float, position: float, torque: float) -> tuple[float, float]:
         """Take in a sample; returns what was new in it [rad], and as a share of its standard deviation."""
         ukf = self._ukf
-        command = self._commands.push(np.asarray(torque))
+        self._commands.append(torque)
         if self.lost:
             ukf.x[:2], ukf.P[:2], ukf.P[:, :2] = (position, 0.0), 0.0, 0.0
             ukf.P[0, 0], ukf.P[1, 1] = ukf.R[0, 0], FILTER.speed**2
             self.lost, self._memory = False, None
             return 0.0, 0.0
-        ukf.P *= np.outer(self._fade, self._fade)
-        ukf.Q = self._shaken()
-        ukf.predict(time=time - self._period, command=command)
+        self._predict(time - self._period)
         ukf.update(position)
         gain, new = float(ukf.K[0, 0]), float(ukf.y[0] / np.sqrt(ukf.S[0, 0]))
         if self._learns:
@@ -224,11 +227,23 @@ class _Filter:
             self._last = kept * self._last + np.sqrt(max(1.0 - kept**2, 0.0)) * bounded
         return float(ukf.y[0]), new
 
-    def _shaken(self) -> Array:
+    def _predict(self, time: float) -> None:
+        """Predict the state one period after `time`; state variables of terms follow the mean."""
+        ukf = self._ukf
+        ukf.P *= np.outer(self._fade, self._fade)
+        ukf.Q = self._process_noise()
+        self._program = self._program or prepared(self._terms)
+        mean, after = ukf.x, list[Samples]()
+        ukf.predict(time=time)
+        if any(term.remembers for term in self._terms):
+            self._forward(mean, self._period, time, after.append)
+            self._memory = after[-1].memory
+
+    def _process_noise(self) -> Array:
         """Covariance that a period adds: torque noise that is held over it, and parameters that wander."""
         ukf, period = self._ukf, self._period
-        x = Samples(np.zeros(1), ukf.x[:1], ukf.x[1:2], np.zeros(1), self._memory or {})
-        balance = Balance(self._moving, ukf.x[2:])
+        x = Samples(np.zeros(1), ukf.x[:1], ukf.x[1:2], np.zeros(1))
+        balance = Balance(self._terms, ukf.x[2:])
         inertia = float(np.ravel(balance.mass(replace(x, memory=self._memory or balance.start(x))))[0])
         speed = np.exp(self.log_variance) * (period / inertia) ** 2
         added = np.zeros_like(ukf.P)
@@ -236,13 +251,26 @@ class _Filter:
         added[2:, 2:] = np.diag(wandered(self._walk, ukf.x[2:]) ** 2 * period)
         return added
 
-    def _forward(self, sigmas: Array, time: float, command: Any) -> Array:
-        """Sigma points (K, 2 + P) a period later; state variables of terms follow the first, which is the mean."""
-        theta = sigmas[:, 2:].T
-        balance = Balance(self._moving, theta)
-        x = Samples(np.full(len(sigmas), time), sigmas[:, 0], sigmas[:, 1], np.zeros(()))
-        x = replace(x, memory=self._memory if self._memory is not None else balance.start(x))
-        for _, torque in zip(range(self._substeps), command, strict=False):
-            x = step(balance, replace(x, torque=torque), self._period / self._substeps)
-        self._memory = {id: tuple(np.ravel(part)[:1] for part in parts) for id, parts in x.memory.items()}
-        return np.column_stack([x.position, x.velocity, sigmas[:, 2:]])
+    def _forward(
+        self, state: Array, period: float, time: float, observe: Callable[[Samples], None] | None = None
+    ) -> Array:
+        """Simulate one sigma point over a period that begins at `time`."""
+        commands = np.array(self._commands)
+        motion = simulate(
+            self._terms,
+            state[2:],
+            period,
+            commands[-1:],
+            *state[:2],
+            time,
+            before=commands[:-1],
+            memory=self._memory,
+            observe=observe,
+            program=self._program,
+        )
+        return np.r_[motion.position[-1], motion.velocity[-1], state[2:]]
+
+
+def _measure(state: Array) -> Array:
+    """Return the position."""
+    return state[:1]
