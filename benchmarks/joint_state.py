@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.independent_plant import SimulatedRecording, random_case, simulate
 from estimators.online import Estimates, JointState, OnlineEstimator
 from estimators.online.estimator import RECURSIONS
-from estimators.schemes.six import CUTOFF, SCHEMES, Scheme
+from estimators.schemes.six import SCHEMES, LowPass, Scheme
 from estimators.signals.measurements import Smoothing, of_steps
 from workbench.terminal import Terminal
 
@@ -68,7 +68,7 @@ def feed(estimator: OnlineEstimator, runs: Sequence[SimulatedRecording]) -> tupl
 
 
 def seven(runs: Sequence[SimulatedRecording], rate: float, counts: int) -> dict[str, Found]:
-    can = [one for one in SHOWN if not hasattr(one, "cutoff") or CUTOFF < np.pi * rate]
+    can = [one for one in SHOWN if not isinstance(one.operator, LowPass) or one.operator.cutoff < np.pi * rate]
     estimator = OnlineEstimator(
         rate,
         schemes=[*can, JointState()],
