@@ -88,11 +88,10 @@ class JointFilters:
         """Take the time between samples [s], the noise of positions [rad], and the rest as `OnlineEstimator` does."""
         noise = max(position_noise, FILTER.finest)
         self._begin = functools.partial(_Filter, torque_noise, tuple(terms), period, noise, forgetting, walk)
-        self._period, self._batch = period, batch
+        self._period = period
         columns = [column for term in terms for column in term.columns]
         self._inertia = next((k for k, column in enumerate(columns) if column.mass is not zero), None)
         self.filters: list[_Filter | None] = [None] * batch
-        self.theta, self.P = np.zeros((batch, len(columns))), np.zeros((batch, len(columns), len(columns)))
         self.error = np.zeros((batch, 1))  # what was new in the last sample [rad]
         self._surprise = Wandering((batch, 1), period)
 
@@ -111,8 +110,7 @@ class JointFilters:
 
         Those that begin anew (B,), as after a gap, keep their parameters, but not position and velocity.
         """
-        self.theta, self.P, self.error = self.theta.copy(), self.P.copy(), np.zeros((self._batch, 1))
-        new = np.zeros((self._batch, 1))
+        self.error, new = np.zeros((2, len(self.filters), 1))
         for b, one in enumerate(self.filters):
             if one is None:
                 if lent.usable[b, -1]:
@@ -125,8 +123,6 @@ class JointFilters:
                 self.error[b, 0], new[b, 0] = one.take(time[b], position[b], torque[b])
             except np.linalg.LinAlgError:  # no longer positive definite: another start
                 self.filters[b] = None
-                continue
-            self.theta[b], self.P[b] = one.theta, one.P
         if self._surprise.take(new, new, self.running[:, None]):
             self._surprise.close()
 
@@ -140,26 +136,19 @@ class JointFilters:
 
     def beside(self, now: Estimates) -> Estimates:
         """Estimates with this one in the place of the last regression, whose own it repeats until it runs."""
-        running, noise = self.running, np.maximum(self._surprise.noise, 1.0)
-
-        def beside(lent: Array, own: Array) -> Array:
-            runs = running.reshape(-1, *[1] * (own.ndim - 1))
-            return np.concatenate([lent[:, :-1], np.where(runs, own, lent[:, -1])[:, None]], axis=1)
-
-        P, covariance = beside(now.P, self.P), beside(now.covariance, noise[..., None] * self.P)
-        return replace(
-            now,
-            theta=beside(now.theta, self.theta),
-            error=np.concatenate([now.error[:, :-1], self.error], axis=1),
-            usable=np.concatenate([now.usable[:, :-1], running[:, None]], axis=1),
-            spread=functools.partial(_as_found, P),
-            judge=functools.partial(_as_found, covariance),
-        )
+        theta, P, covariance = now.theta.copy(), now.P.copy(), now.covariance.copy()
+        error, usable, noise = now.error.copy(), now.usable.copy(), np.maximum(self._surprise.noise, 1.0)
+        error[:, -1:], usable[:, -1] = self.error, self.running
+        for b, one in enumerate(self.filters):
+            if one is not None:
+                theta[b, -1], P[b, -1], covariance[b, -1] = one.theta, one.P, noise[b] * one.P
+        spread, judge = functools.partial(np.asarray, P), functools.partial(_as_found, covariance)
+        return replace(now, theta=theta, error=error, usable=usable, spread=spread, judge=judge)
 
 
-def _as_found(own: Array, P: Array | None = None) -> Array:
-    """What was found already, in the place of what a recursion would give."""
-    return own
+def _as_found(covariance: Array, P: Array) -> Array:
+    """Return a covariance that needs no P."""
+    return covariance
 
 
 class _Filter:
@@ -261,7 +250,8 @@ class _Filter:
             state[2:],
             period,
             commands[-1:],
-            *state[:2],
+            state[0],
+            state[1],
             time,
             before=commands[:-1],
             memory=self._memory,

@@ -65,7 +65,8 @@ def test_it_borrows_a_regression_until_that_knows_enough_and_then_waits_for_noth
     assert not course[begin - 1].error[0, 2] and course[-1].error[0, 2]  # of the newest sample
     assert course[-1].index[0] < len(course) - 5  # where the others are still smoothing
     early = course[begin - 1]
-    assert (early.theta[0, 2] != 0).all() and np.isfinite(early.covariance[0, 2]).all()
+    for now in (early, course[begin]):  # before and at the start
+        assert (now.theta[0, 2] != 0).all() and np.isfinite(now.covariance[0, 2]).all()
 
 
 @pytest.mark.slow
