@@ -82,7 +82,7 @@ def per(text: str, torque_unit: str) -> str:
     """
     if torque_unit == "N m":
         return text
-    text = {"J": "N m rad", "W": "N m rad/s", "kg m": "N m s^2/m", "kg": "N m s^2/m^2"}.get(text, text)
+    text = {"J": "N m rad", "W": "N m rad/s"}.get(text, text)
     for space in SPACES:
         for square in ("^2", "²", "\\u00b2"):
             text = text.replace(f"kg{space}m{square}", f"N{space}m{space}s{square}")

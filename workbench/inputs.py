@@ -3,7 +3,7 @@
 import argparse
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -23,11 +23,11 @@ from pendulum_env.physics import Model, ModelError
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.reading import Unreadable, Value, read_json
 from pendulum_env.recording import Recording, Source
-from pendulum_env.recording.record import WARNING, TorqueConstant
+from pendulum_env.recording.record import WARNING
 from pendulum_env.recording.study import format_of, named_twice, read_as, read_sources
 from pendulum_env.words import listing, plus_minus
 from workbench.mistakes import InputError
-from workbench.robot import Logs, RobotFile, held_text, meaning, straying
+from workbench.robot import RobotFile, held_text, straying
 from workbench.terminal import Terminal
 
 Logged = TypeVar("Logged", bound=Recording)
@@ -124,7 +124,7 @@ class Opened:
         """Recordings in torque where known loads tell the torque constant, see `tell_preprocessed`."""
         if self.body is None:
             return tell_preprocessed(Preprocessed.of(self.recordings, self.holdout), align, terminal)
-        given = Preprocessed(tuple(self.recordings), tuple(self.holdout), terms=self.model.terms)  # in torque by now
+        given = Preprocessed(tuple(self.recordings), tuple(self.holdout), terms=self.model.terms)
         return tell_preprocessed(given, align or None, terminal)  # looking takes long, so none is warned unasked
 
 
@@ -168,7 +168,7 @@ def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Termina
 
 
 def _opened_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: str, terminal: Terminal) -> Opened:
-    """What a command was given of an arm, read: in N m, and without known loads, which tell gains of currents."""
+    """What a command was given of an arm, read."""
     made = Asked.of_model(path) if path else Asked()
     sources = [read_as(source, made.log_format, path) for source in sources]
     robot = robot_of(arguments, sources, made)
@@ -177,29 +177,14 @@ def _opened_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: 
     body = robot.body(made.held) if made.held else robot.holding(recordings)
     tell_held(body, recordings, terminal)
     model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
-    held_out = [source.role == "holdout" for source in sources]
-    logs = Logs.of(recordings, held_out, body, model.torque_unit if path else None)
-    for text in logs.texts:
-        terminal.say(text)
-    terminal.torque_unit = logs.torques.unit
-    for text in meaning(logs.torques.recordings, body):
-        terminal.say(f"warning: {text}", style="yellow")
-    fitted = tuple(_with_gains(source, logs.torques.gains) for source in sources if source.role == "fit")
-    train, unseen = logs.bare
-    return Opened(model, fitted, [*train], [*unseen], robot.read)
+    fitted = tuple(source for source in sources if source.role == "fit")
+    return Opened(model, fitted, [*recordings[: len(fitted)]], [*recordings[len(fitted) :]], robot.read)
 
 
 def read_arm_model(arguments: argparse.Namespace) -> ArmModel:
     """The model of a robot that the arguments name; raises ModelError, BodyError as `RobotFile.body`."""
     made = Asked.of_model(arguments.model)
     return ArmModel.load(arguments.model, robot_of(arguments, made=made).body(made.held))
-
-
-def _with_gains(source: Source, gains: Mapping[str, TorqueConstant]) -> Source:
-    """A source read with the gains of currents that known weights gave, as the next log of the arm has to be."""
-    found = {f"torque_{joint}": f"{gain.value:.6g}" for joint, gain in gains.items()}
-    columns = {name: text.replace("?", found.get(name, "?")) for name, text in source.columns.items()}
-    return replace(source, columns=columns)
 
 
 def robot_of(arguments: argparse.Namespace, sources: Sequence[Source] = (), made: Asked | None = None) -> RobotFile:

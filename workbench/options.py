@@ -193,7 +193,7 @@ recordings RECORDING  {KINDS}; fitted jointly
 --theta NAME=VALUE,...  inertia, gravity, viscous, coulomb of the plant, where they differ from the paper's
 --holdout RECORDING  recording to confirm the result on (may be repeated; default: the last 30 %% of each recording)
 --columns QUANTITY=NAME[:UNIT][*GAIN]...,...  columns of time, position, torque, velocity, reference, segment, supply,
-    enabled, temperature and link_position whose names are not known, with unit and conversion, e.g.
+    enabled and temperature whose names are not known, with unit and conversion, e.g.
     time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=unused;
     units: {"; ".join(TOLD[quantity] for quantity in ("time", "position", "velocity", "torque"))} (default: SI)
 --unwrap  undo jumps of 2 pi in position

@@ -27,7 +27,6 @@ from pendulum_env.arms.joints import links_of
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.lookup import find
 from pendulum_env.physics import Estimate, Model
-from pendulum_env.recording.record import NEWTON_METRE
 
 SCHEME = ARM_SCHEMES[1]  # filtered dynamic: the torque of each joint, without differentiating noise
 HIDDEN = 1e-6  # share of a direction that no motion of the joints shows, from which a parameter is unknown
@@ -95,13 +94,9 @@ def find_payload(
         joint: in front of the link that carries it, the last one by default.
 
     Raises:
-        IdentificationError: if there is too little motion, or if the model has torques in a current's unit.
+        IdentificationError: if there is too little motion.
         ValueError: if there is no such joint.
     """
-    if model.torque_unit != NEWTON_METRE:
-        raise IdentificationError(
-            f"the model is per {model.torque_unit}, in which no load has its mass: give the gain of that joint"
-        )
     body = links_of(model.terms)
     joint = joint or body.joints[-1]
     k = body.links.index(find("joint", joint, {name: name for name in body.joints}))

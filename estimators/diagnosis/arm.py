@@ -4,37 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from estimators.arms.resonance import RESONANCE, find_resonance
-from estimators.arms.transmission import Transmission
 from estimators.diagnosis.judge import judge
-from estimators.diagnosis.result import KEPT, MENDED, UNNAMED, Candidate, Diagnosis, Verdict
+from estimators.diagnosis.result import KEPT, MENDED, UNNAMED, Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.unexplained import fit_that, held_out
-from estimators.preprocessing import Parts, Preprocessed
+from estimators.preprocessing import Preprocessed
 from estimators.schemes.identifiability import untold_of_arm
 from estimators.selection.data import PreparedData
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.physical import driving_friction
 from estimators.selection.prepared import Comparable
-from estimators.selection.score import Gain
-from estimators.selection.search import Selection, select
+from estimators.selection.search import select
 from estimators.selection.tables import explaining
 from estimators.signals.residual import Region, everywhere
 from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.windows import in_a_row
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import kind_at, links_of
-from pendulum_env.arms.recording import of_arms
 from pendulum_env.words import listing
-
-OF_RIGID = (
-    "the model and its errors are of a rigid arm, with the torque that it would have felt: {effect} is no term of it"
-)
 
 PERHAPS_CARRIED = "; or, if the arm carried something there, `compare MODEL.json --payload` tells what"
 
@@ -47,14 +38,7 @@ def examine_arm(given: Preprocessed, setting: Setting) -> Diagnosis:
     """
     body, models = links_of(setting.base), setting.models(given.parts)
     found = select(models)
-    (left, unseen), beyond = left_at_joints(models, found.terms), None
-    if left and all(own.link_position is None for own in of_arms((*given.recordings, *given.holdout))):
-        beyond = beyond_resonance(models, found, body)
-    rigid, *_ = found.steps
-    if beyond is not None:
-        found, given = beyond.found, given.holding(beyond.parts)
-        models = found.models
-        left, unseen = left_at_joints(models, found.terms)
+    left, unseen = left_at_joints(models, found.terms)
     candidates, groups = judge(found, found.terms)
     by_law = ([table for table in models.tables if table.at == at] for at in left)
     tables = tuple(id for laws in by_law if (id := explaining(models, found.terms, laws)) is not None)
@@ -64,9 +48,6 @@ def examine_arm(given: Preprocessed, setting: Setting) -> Diagnosis:
     motion = zip(*((x.position, x.velocity, x.torque) for x in seen), strict=True)
     model = model.withholding(untold_of_arm([model], *map(np.column_stack, motion))[0])
     steps = (*others, replace(last, model=model))
-    if beyond is not None:
-        steps = (rigid, replace(steps[0], added=beyond.transmission.effect), *steps[1:])
-        candidates = [beyond.candidate, *candidates]
     return Diagnosis(
         steps=steps,
         candidates=tuple(candidates),
@@ -74,7 +55,6 @@ def examine_arm(given: Preprocessed, setting: Setting) -> Diagnosis:
         unexplained=where_it_stands_out(models, found.terms, left, unseen),
         floors=models.left.floors,
         advice=(
-            *([] if beyond is None else [OF_RIGID.format(effect=beyond.transmission.effect)]),
             *driving_friction(model),
             *(f"{text}: {MENDED}" for text in given.timing_texts(True)),
         ),
@@ -82,11 +62,9 @@ def examine_arm(given: Preprocessed, setting: Setting) -> Diagnosis:
         if unseen and not left
         else what_is_open(groups, tables, bool(left or unseen), body),
         tables=tables,
-        torque_unit=given.unit,
         data=given.fresh(model.terms),
         left=left | unseen,
         alignments=given.alignments,
-        transmissions=() if beyond is None else (beyond.transmission,),
     )
 
 
@@ -129,50 +107,6 @@ def where_it_stands_out(
             nowhere = ", at no one speed, angle or time" if prefix else ""
             regions.append(replace(region, text=f"{prefix} {region.text}".strip() if region.text else prefix + nowhere))
     return tuple(regions)
-
-
-class Beyond(NamedTuple):
-    """What is behind an elastic transmission: the search, and its data, with the torque that a rigid arm would feel."""
-
-    found: Selection
-    parts: Parts
-    transmission: Transmission
-    candidate: Candidate
-
-
-def beyond_resonance(models: Models, found: Selection, body: Body) -> Beyond | None:
-    """An elastic transmission whose resonance surely explains what is left, if there is one."""
-    train, holdout = models.train, models.holdout
-    assert isinstance(train, PreparedData)
-    assert isinstance(holdout, PreparedData)
-    resonance = find_resonance(train, holdout, found.terms)
-    if resonance is None:
-        return None
-    parts = resonance.rigid(train), resonance.rigid(holdout)
-    again = replace(models, train=parts[0], holdout=parts[1], drawn=models.bootstrap)
-    at, tried = body.joints[resonance.spring.joint], RESONANCE.tried * len(body.joints)
-    floors = [models.left.noise_of(part, at) ** 2 for part in models.parts]
-    before, known = models.left.power(found.terms), models.density(found.terms)
-
-    def is_explained(terms: Terms, most: float) -> bool:
-        powers = zip(again.left.power(terms), before, floors, strict=True)
-        explained = all(new[at].all - floor < most * (old[at].all - floor) for new, old, floor in powers)
-        return explained and gain(terms).chance <= models.criterion.chance
-
-    def gain(terms: Terms) -> Gain:
-        return models.bootstrap.gain(again.density(terms), known, float(np.log(tried)))
-
-    if not is_explained(found.terms, models.criterion.needed):
-        return None
-    better = select(again)
-    if not is_explained(better.terms, RESONANCE.rest):
-        return None
-    transmission = resonance.transmission(body, again.left.structures(better.terms)[0][at].all)
-    ratio = float(np.sqrt(again.left.power(better.terms)[1][at].all / before[1][at].all))
-    reason, score = f"lowers the held-out torque error of {at} to {ratio:.1%}", models.criterion.certain
-    told = gain(better.terms)
-    candidate = Candidate(transmission.effect, score, Verdict.SELECTED, ratio, reason, told, tried)
-    return Beyond(better, parts, transmission, candidate)
 
 
 def what_is_open(groups: Sequence[tuple[str, ...]], tables: Sequence[str], is_left: bool, body: Body) -> str | None:

@@ -6,7 +6,6 @@ from enum import StrEnum
 
 import numpy as np
 
-from estimators.arms.transmission import Transmission
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.comparison import of_joints
@@ -125,8 +124,6 @@ class Diagnosis:
         torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
         data: that it was made of, without recordings that disagree; None of a diagnosis that was read from a file.
         left: of an arm, torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
-        transmissions: of an arm, those whose resonance showed; torque was corrected by them, and the model, its errors,
-            and what more was found are those of the arm as if it were rigid.
         by_torque: of a servo in the loop, effects that its torque calls for by itself; None if none was logged.
     """
 
@@ -147,7 +144,6 @@ class Diagnosis:
     torque_constant: TorqueConstant | None = None
     data: Preprocessed | None = field(default=None, compare=False, repr=False)
     left: Mapping[str, float] = field(default_factory=dict)
-    transmissions: tuple[Transmission, ...] = ()
     by_torque: tuple[str, ...] | None = None
 
     @property
@@ -184,9 +180,8 @@ class Diagnosis:
     @property
     def laws(self) -> list[str]:
         """Laws of the effects found to be missing: `stribeck: fs exp(-|q'/vs|^n) sgn q'`."""
-        known = {term.id: f"{term.id}: {term.law}" for term in self.model.terms}
-        known |= {one.effect: one.text for one in self.transmissions}
-        return [known[id] for id in self.selected if id in known]
+        known = {term.id: term.law for term in self.model.terms}
+        return [f"{id}: {known[id]}" for id in self.selected if id in known]
 
     @property
     def searched(self) -> bool:
@@ -307,7 +302,6 @@ class Diagnosis:
             "unexplained": dict(self.left),
             "regions": {region.at: region.json() for region in self.unexplained if region.text},
             "tables": list(self.tables),
-            "transmissions": [one.json() for one in self.transmissions],
             "alignments": [alignment.json() for alignment in self.alignments],
             "advice": list(self.advice),
             "model": self.model.json(),

@@ -30,8 +30,7 @@ Joints = tuple[Measurements, ...]  # of n joints
 
 
 def measure_arm(recording: ArmRecording) -> list[Joints]:
-    """Measurements of each segment of a recording, see `measure_joints`; raises RecordingError for a current."""
-    recording.refuse_currents()
+    """Measurements of each segment of a recording, see `measure_joints`."""
     return measure_joints(recording.joints)
 
 

@@ -14,7 +14,7 @@ from estimators.arguments import Recordings, Terms, chosen_recordings, chosen_te
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
 from estimators.checks.remedies import wrong_columns
-from estimators.checks.torque_constant import told, unit_of
+from estimators.checks.torque_constant import told
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import Joints, for_arms, measure_arm, series
@@ -216,14 +216,12 @@ def _of_arm(
     if alone := sorted(frozenset.intersection(*unknown.values()) - alike):  # by no scheme; others show no number for it
         text = f"{listing(alone)} cannot be told: these data hardly depend on {'it' if len(alone) == 1 else 'them'}"
         doubts.append(Doubt(f"{text}, move all joints faster, wider and together", tuple(alone)))
-    unit = unit_of(recordings)
     results = {id: replace(one, model=one.model.withholding(unknown[id] | alike)) for id, one in results.items()}
-    results = {id: one.per(unit) for id, one in results.items()}
     doubts += (Doubt(f"{text}, run diagnose") for text in driving_friction(next(iter(results.values())).model))
     with suppress(IdentificationError):
         prepared = PreparedData.of_arm(of_arms(recordings), terms)
         doubts += map(Doubt, _lacking(list(results.values()), prepared, terms))
-    return Identification(results, tuple(doubts), tuple(recording.name for recording in recordings), torque_unit=unit)
+    return Identification(results, tuple(doubts), tuple(recording.name for recording in recordings))
 
 
 def _names(recordings: Sequence[Recording]) -> str:

@@ -66,10 +66,7 @@ class PreparedData:
 
         Raises:
             IdentificationError: if a joint hardly moves clear of stick.
-            RecordingError: if a joint's torque is a current of unknown gain.
         """
-        for recording in recordings:
-            recording.refuse_currents()
         links, *others = terms
         assert isinstance(links, Links)
         kinds = dict.fromkeys(term if isinstance(term, type) else type(term) for term in others)

@@ -15,7 +15,6 @@ from pendulum_env.physics.model import ARM_SCHEMA, read_estimate
 from pendulum_env.physics.table import Table, read_table
 from pendulum_env.physics.term import loads
 from pendulum_env.reading import Unreadable, Value, read_json
-from pendulum_env.recording.record import NEWTON_METRE
 
 HINT = "an arm's model is what `identify --robot` or `diagnose --robot` write with -o"
 
@@ -51,7 +50,6 @@ class ArmModel(Model):
                 for own in self.terms[1:]
             ],
             "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
-            **({} if self.torque_unit == NEWTON_METRE else {"torque_unit": self.torque_unit}),
         } | ({"log_format": dict(self.log_format)} if self.log_format else {})
 
     @classmethod
@@ -85,8 +83,8 @@ class ArmModel(Model):
         terms = [
             _term(item, body, f"coupling.inertia@{item['joint'].text()}" in known) for item in data["terms"].items(1000)
         ]
-        unit, log_format = data.get("torque_unit"), data.get("log_format")
-        model = cls.build((Links(body), *terms), 0.0).per(NEWTON_METRE if unit is None else unit.text())
+        model = cls.build((Links(body), *terms), 0.0)
+        log_format = data.get("log_format")
         return replace(
             model,
             estimates={name: read_estimate(theta[name], own.unit) for name, own in model.estimates.items()},
@@ -98,7 +96,7 @@ def model_of(model: Model) -> Model:
     """A model as that of an arm, if links are the first of its terms."""
     if body_of(model.terms) is None:
         return model
-    return ArmModel(model.terms, model.estimates, correlation=model.correlation, torque_unit=model.torque_unit)
+    return ArmModel(model.terms, model.estimates, correlation=model.correlation)
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,11 @@ from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import UNUSED, named_column
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE, ColumnError
-from pendulum_env.recording.study import Carried, Source
-from pendulum_env.words import listing
+from pendulum_env.recording.study import Source
 
 QUANTITIES = ("position", "torque")
-OF_JOINTS = (*QUANTITIES, "temperature", "link_position")  # the last two where there are any
-CURRENT = ", as torque_JOINT=NAME:A*? if it is a current"  # for --columns
+OF_JOINTS = (*QUANTITIES, "temperature")  # the last where there are any
+CURRENT = ", as torque_JOINT=NAME:A*0.4 if it is a current"  # for --columns
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,9 +34,6 @@ class ArmRecording(Recording):
     Attributes:
         names: of the joints that move (n,).
         still: positions (M,) of joints that do not move, of those that have a column, as rows of the file have them.
-        currents: units of joints whose torque is still a current, `A`, or another word of a motor whose gain is to be
-            found.
-        carried: what the arm is known to carry at its last link, if anything is known.
 
     Raises:
         RecordingError: as `Recording` does.
@@ -45,21 +41,6 @@ class ArmRecording(Recording):
 
     names: tuple[str, ...] = ()
     still: Mapping[str, Array] = field(default_factory=dict)
-    currents: Mapping[str, str] = field(default_factory=dict)
-    carried: Carried | None = None
-
-    def refuse_currents(self) -> None:
-        """Refuse what is no torque yet.
-
-        Raises:
-            RecordingError: if a joint's torque is a current of unknown gain.
-        """
-        for joint, unit in self.currents.items():
-            raise RecordingError(
-                f"{self.name}: joint '{joint}': torque is in {unit}, and nothing tells its gain: give it, --columns "
-                f"torque_{joint}=NAME:{unit}*0.4, or that of another joint, or record with a known load, too, which a "
-                "study names"
-            )
 
     @classmethod
     def of(cls, name: str, names: Sequence[str], time: Array, position: Array, torque: Array) -> ArmRecording:
@@ -77,8 +58,7 @@ class ArmRecording(Recording):
         of_each: list[dict[str, Any]] = [
             {name: np.ascontiguousarray(own[:, k]) for name, own in series.items()} for k in range(len(self.names))
         ]
-        unit = self.torque_unit
-        return tuple(Recording(self.name, self.time, starts=self.starts, torque_unit=unit, **own) for own in of_each)
+        return tuple(Recording(self.name, self.time, starts=self.starts, **own) for own in of_each)
 
     @property
     def columns(self) -> dict[str, Array]:
@@ -113,8 +93,7 @@ def read_arm_recording(
     """Read a file with columns time, and for each joint `position_<joint>` and `torque_<joint>`.
 
     Instead of the joints' names, columns may bear numbers, as many as there are joints: `position_1`, ... Columns
-    `temperature_<joint>` [deg C] may be there, too; joints without one are taken to be at 25 deg C; and, of all joints,
-    `link_position_<joint>` [rad], where `position_<joint>` is that of the motor by the ratio of its gear.
+    `temperature_<joint>` [deg C] may be there, too; joints without one are taken to be at 25 deg C.
 
     Args:
         path: in any format that `read_recording` reads.
@@ -125,7 +104,8 @@ def read_arm_recording(
             gain as for one joint: `{"torque_elbow": "i_2:A*0.4"}`.
 
     Raises:
-        RecordingError: as `read_recording`, and if columns of joints are missing, or are of other joints.
+        RecordingError: as `read_recording`, and if columns of joints are missing, are of other joints, or are currents
+            without a torque constant.
     """
     look = preview(path, most=500)  # columns: four of 64 joints, and what else a robot logs
     named = _named(path, look.headers, joints, held, dict(columns or {}))
@@ -133,13 +113,9 @@ def read_arm_recording(
     _refuse_twice(path, joints, single)
     _refuse_other_instants(joints, single)
     first = single[0]
-    links = [own.link_position for own in single if own.link_position is not None]
     measured = [own.temperature for own in single]
     warm = np.column_stack([np.full(len(first), ROOM) if own is None else own for own in measured])
     notes = [note for own in single for note in own.notes]
-    if links and len(links) < len(joints):
-        without = [joint for joint, own in zip(joints, single, strict=True) if own.link_position is None]
-        notes.append(f"positions of links are not used, as there are none of {listing(without)}")
     columns_of = {joint: named.get(f"position_{joint}", UNUSED) for joint in held}
     return ArmRecording(
         first.name,
@@ -147,13 +123,9 @@ def read_arm_recording(
         np.column_stack([own.position for own in single]),
         np.column_stack([own.torque for own in single]),
         notes=tuple(dict.fromkeys(notes)),
-        link_position=np.column_stack(links) if len(links) == len(joints) else None,
         temperature=None if all(own is None for own in measured) else warm,
         starts=first.starts,
         names=tuple(joints),
-        currents={
-            joint: own.torque_unit for joint, own in zip(joints, single, strict=True) if own.torque_unit != NEWTON_METRE
-        },
         still={joint: _still(path, look, column) for joint, column in columns_of.items() if column != UNUSED},
     )
 
@@ -192,6 +164,11 @@ def _read_joint(path: str | os.PathLike[str], joint: str, named: Mapping[str, st
     except RecordingError as error:
         text = _of_joint(joint, str(error).removeprefix(f"{path}: "))
         raise RecordingError(f"{path}: joint '{joint}': {text}") from None
+    if read.torque_unit != NEWTON_METRE:
+        column = own["torque"].replace("*?", "*0.4")
+        raise ColumnError(
+            f"{path}: joint '{joint}' has no torque constant: give it, as in --columns torque_{joint}={column}"
+        )
     return replace(read, notes=tuple(_of_joint(joint, note) for note in read.notes))
 
 
@@ -209,6 +186,7 @@ def _still(path: str | os.PathLike[str], look: Preview, text: str) -> Array:
 
 def _of_joint(joint: str, text: str) -> str:
     """A text about columns of one joint, ready to paste."""
+    text = re.sub(r", or torque=.*\*\? to have it found by known loads", "", text)  # of a pendulum
     text = re.sub(",(velocity|reference)=unused", "", text)
     text = re.sub(f"^({'|'.join(OF_JOINTS)}) is", lambda found: f"{found[1]}_{joint} is", text)
     return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})=", lambda found: f"{found[1]}_{joint}=", text)
@@ -218,12 +196,13 @@ def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str]
     """Read a recording of an arm as a study asks for.
 
     Raises:
-        RecordingError: as `read_arm_recording`, if there is too little within the range, or if a load is told as that
-            of one joint.
+        RecordingError: as `read_arm_recording`, if there is too little within the range, or if a load is given.
     """
     if source.load is not None:
-        raise RecordingError(f"{source.file}: a load of an arm is told by mass and center = [x, y, z]")
-    return replace(source.within_range(_of_arm, tuple(joints), tuple(held)), carried=source.carried)
+        raise RecordingError(
+            f"{source.file}: `load` is of one joint: leave it out, `compare --payload` identifies what an arm carries"
+        )
+    return source.within_range(_of_arm, tuple(joints), tuple(held))
 
 
 def _of_arm(source: Source, joints: Sequence[str], held: Collection[str]) -> ArmRecording:

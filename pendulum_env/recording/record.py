@@ -26,7 +26,6 @@ QUANTITIES = (  # the columns of a recording, those first that it needs
     "supply",
     "enabled",
     "temperature",
-    "link_position",
 )
 NEWTON_METRE = "N m"
 WARNING = "warning: "  # begins a note of what is likely wrong
@@ -57,7 +56,7 @@ class Load:
 
 @dataclass(frozen=True)
 class TorqueConstant:
-    """Torque per unit of the current that was logged, as known loads, or other joints of an arm, tell it."""
+    """Torque per unit of the current that was logged, as known loads tell it."""
 
     value: float  # [N m/unit]
     std: float  # standard error [N m/unit]
@@ -108,7 +107,6 @@ class Recording:
     supply: Array | None = None  # (N,) [V], voltage of the bus, if it was recorded
     enabled: Array | None = None  # (N,), 1 while the motor is powered and 0 while it is open, if it was recorded
     temperature: Array | None = None  # (N,) [deg C], of the joint, if it was recorded
-    link_position: Array | None = None  # (N,) [rad], of the link behind the transmission, if it was recorded
     load: Load | None = None  # known load on the joint, None if nothing is known of one
     torque_unit: str = NEWTON_METRE  # or that of a current, `A`, whose gain is to be found
     torque_constant: TorqueConstant | None = None  # by which a current became the torque, if one did

@@ -14,8 +14,7 @@ file = "monday.csv"              # beside the study
 role = "fit"                     # or "holdout"
 unwrap = true                    # undo jumps of 2 pi in position
 range = [2.0, 30.0]              # [s] from the first sample
-load = {mass = 0.5, length = 0.2}    # [kg] at [m] from the axis, or inertia [kg m^2] and gravity [N m];
-                                     # of an arm center = [0, 0, 0.1], [m] in the frame of the last joint
+load = {mass = 0.5, length = 0.2}    # [kg] at [m] from the axis, or inertia [kg m^2] and gravity [N m]
 drive = {kp = 400}               # beside what [drive] says of all
 columns = {torque = "i_q:A*0.091"}   # instead of those above
 """
@@ -36,7 +35,7 @@ import numpy as np
 
 from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
-from pendulum_env.reading import LARGE, LONGEST, Unreadable, Value, one_of, read_toml, several, toml, within
+from pendulum_env.reading import LONGEST, Unreadable, Value, one_of, read_toml, toml, within
 from pendulum_env.recording.columns import refuse_unknown_quantity
 from pendulum_env.recording.record import ColumnError, Load, Recording, RecordingError
 from pendulum_env.recording.storage import read_recording
@@ -56,23 +55,6 @@ Sliced = TypeVar("Sliced", bound=Recording)  # of one joint or of several
 
 
 @dataclass(frozen=True)
-class Carried:
-    """A weight of known mass [kg] at the last link of an arm, small beside its distance from the joints.
-
-    Attributes:
-        mass: [kg].
-        center: of mass, in the frame of the last joint [m].
-    """
-
-    mass: float = within(0.0)
-    center: tuple[float, ...] = several(-LARGE, LARGE, 3)
-
-    def __post_init__(self) -> None:
-        if len(self.center) != 3:
-            raise RecordingError(f"a load of an arm has its center at [x, y, z], in m, not {list(self.center)}")
-
-
-@dataclass(frozen=True)
 class Source:
     """A file with a recording: how it is to be read, and what it is for."""
 
@@ -82,7 +64,6 @@ class Source:
     unwrap: bool = False
     range: tuple[float, float] | None = None  # [s] from the first sample; None: all of it
     load: Load | None = None  # what is known to hang on the joint
-    carried: Carried | None = None  # what an arm is known to carry
     drive: Drive | None = None  # the controller that followed the reference
     joints: tuple[str, ...] | None = None  # of an arm, those that move; None: all that can
     of_study: bool = field(default=False, compare=False)  # which says all of it
@@ -102,8 +83,7 @@ class Source:
     @property
     def format(self) -> JSON:
         """How it is read, in the words of a study, as far as anything is said."""
-        load: JSON | None = None if self.load is None else {"inertia": self.load.inertia, "gravity": self.load.gravity}
-        load = load if self.carried is None else {"mass": self.carried.mass, "center": list(self.carried.center)}
+        load = None if self.load is None else {"inertia": self.load.inertia, "gravity": self.load.gravity}
         drive = None if self.drive is None else self.drive.told()
         said = (dict(self.columns), self.unwrap, load, drive)
         return {key: value for key, value in zip(FORMAT, said, strict=True) if value}
@@ -116,7 +96,7 @@ class Source:
         """
         if self.range is None:
             return read(self, *arguments)
-        whole = replace(self, role="fit", range=None, load=None, carried=None)
+        whole = replace(self, role="fit", range=None, load=None)
         written = None
         with suppress(OSError, ValueError):  # which reading tells of
             written = self.file.stat().st_mtime_ns
@@ -298,11 +278,9 @@ class _Weight:
 def _source(folder: Path, table: Value, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:
     said = table.record(_Said)
     told = _drive(said.drive, drive)
-    carried = said.load.record(Carried) if said.load is not None and "center" in said.load.table() else None
     return Source(
         folder / said.file, said.role, {**shared, **_columns(said.columns)}, said.unwrap, _range(said.range),
-        _load(said.load) if carried is None else None, carried,
-        Drive.of(told) if told else None,
+        _load(said.load), Drive.of(told) if told else None,
     )  # fmt: skip
 
 

@@ -19,7 +19,6 @@ ALIASES = {
     "supply": "supply volts vbus busvoltage supplyvoltage batteryvoltage presentinputvoltage",
     "enabled": "enabled powered torqueenable torqueenabled",
     "temperature": "temperature temp motortemperature motortemp jointtemperature jointtemp presenttemperature",
-    "link_position": "linkposition linkangle outputposition",
     "segment": "segment segments episode episodeindex trial",
 }
 MEASURED = ("meas", "measured", "actual", "act")  # before or after an alias
@@ -51,7 +50,7 @@ RAW = {  # factor to SI, of units of which a gain makes the quantity, by what th
 }
 GAINS = {  # what such a gain is, as an example that mends it
     "torque": "torque={}:A*0.1 with the torque constant [N m/A] times the gear ratio, or torque={}:A*? to have it "
-    "found by known loads, or by other joints of an arm",
+    "found by known loads",
     "position": "position={}:counts/4096 with the counts of a turn",
     "velocity": "velocity={}:counts/s/4096 with the counts of a turn",
     "reference": "reference={}:counts/4096 with the counts of a turn",
@@ -66,10 +65,9 @@ RAW_NAMES = {  # names that tell of such a unit
 OUTPUTS = {"duty": "duty", "current": "A"}  # units of what a known controller gives, by the name of its column
 LINEAR = {"position": {"m": 1.0, "mm": 1e-3}, "velocity": {"ms": 1.0, "mms": 1e-3}, "torque": {"n": 1.0, "kn": 1e3}}
 for _of in (RAW, LINEAR):
-    _of["reference"] = _of["link_position"] = _of["position"]
+    _of["reference"] = _of["position"]
 UNITS |= {
     "reference": UNITS["position"] | UNITS["velocity"],
-    "link_position": UNITS["position"],
     "segment": {},
     "supply": {"v": 1.0, "mv": 1e-3},
     "enabled": {},
@@ -85,7 +83,6 @@ SI = {
     "supply": "V",
     "enabled": "",
     "temperature": "deg C",
-    "link_position": "rad",
 }
 TOLD = {  # of UNITS, what people are told of
     "time": "s, ms, us, ns",
@@ -95,9 +92,8 @@ TOLD = {  # of UNITS, what people are told of
     "reference": "rad, mrad, deg, rev, counts, rad/s, deg/s, rpm, rev/s",
     "supply": "V, mV",
     "temperature": "degC",
-    "link_position": "rad, mrad, deg, rev, counts",
 }
-OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature", "link_position")
+OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature")
 SPARE = OPTIONAL[1:]  # of which the first column will do
 
 

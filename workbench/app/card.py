@@ -207,9 +207,8 @@ def show(card: Card) -> Component:
         html.P(
             f"{ASKED_OF_ARM if card.joints else ASKED} What is written in the last "
             "column is done to a column one after the other, as by --columns: a gain, a ratio, an offset. For the "
-            "current, voltage or duty cycle of a motor that is its torque constant, or *? to find it from known loads, "
-            "or from other joints of an arm. "
-            f"{brush}",
+            "current, voltage or duty cycle of a motor that is its torque constant"
+            f"{'' if card.joints else ', or *? to find it from known loads'}. {brush}",
             className="note",
         ),
         table(

@@ -39,10 +39,9 @@ from workbench.options import ids as effects_of
 from workbench.options import known as values_of
 from workbench.options import ranges
 from workbench.report.case import Case
-from workbench.robot import Logs, RobotFile, meaning, straying
+from workbench.robot import RobotFile, straying
 
 NO_RECORDING = "load a recording first"
-WEIGHTLESS = "Its torques are without gravity"  # what a button says
 SCHEMES = ("dynamic", "filtered_dynamic", "filtered_hamiltonian")  # of an arm, the sure ones
 
 
@@ -232,18 +231,9 @@ class State:
         return of_arms([one.recording for one in self.loaded])
 
     @cached_property
-    def _logs(self) -> Logs:
-        """What is loaded of an arm, currents turned into torques where anything tells the gains."""
-        return Logs.of(self._arms, [one.held_out for one in self.loaded], links_of(self.base_terms))
-
-    @cached_property
     def questions(self) -> list[str]:
-        """What is doubtful in the recordings of an arm, a sentence or a question each."""
-        away = straying(links_of(self.base_terms), self._arms)
-        if self.trouble:
-            return away
-        torques = self._logs.torques.recordings
-        return [*away, *self._logs.texts, *meaning(torques, self._logs.body, f"press “{WEIGHTLESS}”")]
+        """What is doubtful in the recordings of an arm, a sentence each."""
+        return straying(links_of(self.base_terms), self._arms)
 
     def anew(self, **choices: Any) -> State:
         """Other choices, from which the ladder begins anew."""
@@ -287,7 +277,8 @@ class State:
             known = Asked(fix=self.asked.fix, bound=self.asked.bound)
             if self.body is None:
                 return prepare(self.loaded, self.base_terms, self.is_aligned, known)
-            return prepare_arm(*map(tuple, self._logs.bare), self.body, self.terms)
+            parts = (of_arms([one.recording for one in self.loaded if one.held_out is held]) for held in (False, True))
+            return prepare_arm(*map(tuple, parts), self.body, self.terms)
         except (Mistake, IdentificationError) as error:
             return str(error)
 
@@ -311,10 +302,8 @@ class State:
     @property
     def recordings(self) -> list[Recording]:
         """Those that are loaded, in N m and in time as far as that is known and asked for."""
-        if self.trouble:
+        if self.trouble or self.body is not None:
             return [one.recording for one in self.loaded]
-        if self.body is not None:
-            return list(self._logs.torques.recordings)
         fitted, held_out = iter(self.train), iter(self.holdout)
         return [next(held_out if one.held_out else fitted) for one in self.loaded]
 

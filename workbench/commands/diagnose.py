@@ -3,10 +3,8 @@
 import argparse
 import math
 
-from estimators.arms.transmission import find_transmissions
 from estimators.diagnosis.experiment import USUAL
 from estimators.diagnosis.run import diagnose
-from pendulum_env.arms.recording import of_arms
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from workbench.inputs import opened, write_json, write_model, write_page, wrote
@@ -59,13 +57,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         )
     if arguments.experiment is not None and found.suggestion is not None:
         write_whole(arguments.experiment, found.suggestion.csv())
-    body = asked.body
-    between = find_transmissions(of_arms(asked.recordings), body.sliding) if body is not None else ()
-    more = {"transmissions": [one.json() for one in between]} if between else {}
-    write_json(arguments.json, found.json() | more)
+    write_json(arguments.json, found.json())
     write_page(arguments.report, terminal, "workbench.report:render", found)
-    for one in between:
-        terminal.say(one.text)
     hint = MORE if arguments.report is None else ""
     tell_diagnosis(found, terminal, arguments.verbose or arguments.all, arguments.all, hint)
     if arguments.experiment is not None and found.suggestion is None:

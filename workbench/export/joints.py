@@ -5,7 +5,6 @@ where these leave it open. Shapes and meshes are not part of a model and so of n
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
@@ -34,7 +33,7 @@ def at(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
     terms = [term(one.id.partition("@")[0])(**one.shape) for one in own if not isinstance(one, Table)]
     names = [column.name for one in terms for column in one.columns]
     theta = np.array([value(model, f"{name}@{joint}") for name in names])
-    return replace(Model.build(terms, theta), torque_unit=model.torque_unit), tables
+    return Model.build(terms, theta), tables
 
 
 def mjcf(model: ArmModel, request: Request) -> Exported:

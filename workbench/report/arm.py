@@ -45,13 +45,11 @@ def joints(
     final = models[-1][2].model
     body = links_of(final.terms)
     selected, left = (found.selected, found.left.items()) if found is not None else ((), ())
-    flexible = found.transmissions if found is not None else ()
-    laws = [(one.effect, "k s + d s'", {"stiffness": one.stiffness, "damping": one.damping}) for one in flexible]
     content = {
         "measured": measured,
         "labels": [label for label, _, _ in models],
         "rows": list(zip(*(of_joints(step.errors["holdout"], floors, body) for _, _, step in models), strict=True)),
-        "laws": [*laws, *((own.id, own.law, final.of(own.id)) for own in final.terms if own.id in selected)],
+        "laws": [(own.id, own.law, final.of(own.id)) for own in final.terms if own.id in selected],
         "unexplained": [(joint, size, body.worded(joint, NEWTON_METRE)) for joint, size in left],
         "next_step": found.next_step if found is not None else "",
     }

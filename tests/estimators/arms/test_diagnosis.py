@@ -123,7 +123,7 @@ def test_friction_by_temperature_is_named_where_it_is_measured_and_told_per_kelv
     assert unmeasured.selected == () and "elbow" in unmeasured.left
 
 
-def test_noise_of_an_encoder_that_is_not_white_is_no_elastic_transmission(body):
+def test_noise_of_an_encoder_that_is_not_white_is_left_unexplained(body):
     run = recorded(rate=500.0, scale=(5.0, 2.5), noise=0.0)
     wander = lfilter(*butter(4, 15.0, fs=500.0), np.random.default_rng(0).normal(size=run.position.shape), axis=0)
     noisy = replace(run, position=run.position + 4e-3 * wander / wander.std())

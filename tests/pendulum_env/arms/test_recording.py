@@ -58,6 +58,8 @@ OFF = np.where(abs(TIME - 1.0) < 0.2, np.nan, POSITION[:, 1])
         (ARM | {"position_knee": TIME}, {}, "column 'position_knee' is of no joint"),
         (ARM, {"torque_elbo": "x"}, "unknown column of the arm 'torque_elbo': did you mean torque_elbow"),
         (ARM | {"position_elbow": OFF}, {}, "joint 'elbow' has other instants"),
+        (ARM, {"torque_elbow": "torque_elbow:A*?"}, "'elbow' has no torque constant: .* torque_elbow=torque_elbow:A"),
+        (ARM, {"torque_elbow": "torque_elbow:A"}, r"torque_elbow=torque_elbow:A\*0.1 with the .* gear ratio$"),
         (ARM | {"position_elbow": 0 * TIME}, {}, "joint 'elbow': position_elbow is 0 rad in every row, so nothing can"),
         (ARM | {"position_wrist": np.nan * TIME}, {}, "column 'position_wrist' has no numbers: say --columns"),
         (ARM | {"position_wrist": TIME}, {"position_wrist": "position_wrist:mile"}, "'mile' of position is not known"),
@@ -91,8 +93,3 @@ def test_temperatures_of_some_joints_may_be_there(tmp_path):
     write_recording(recording, tmp_path / "again.csv")
     again = read_arm_recording(tmp_path / "again.csv", ("hip", "knee"))
     np.testing.assert_allclose(again.temperature, recording.temperature)
-
-
-def test_positions_of_some_links_alone_are_not_used(tmp_path):
-    read = read_arm_recording(table(tmp_path / "run.csv", time=TIME, **ARM, link_position_elbow=POSITION[:, 1]), JOINTS)
-    assert read.link_position is None and "as there are none of shoulder" in read.notes[-1]

@@ -17,7 +17,7 @@ from pendulum_env.words import listing, name, number, opening, percent
 from workbench.app import card, recorder, uploads
 from workbench.app.parts import UNWRAP, aria, button, drop, field, graph, panel, saves, table
 from workbench.app.session import Action, Form, Session, Stage
-from workbench.app.state import WEIGHTLESS, Loaded, State
+from workbench.app.state import Loaded, State
 from workbench.app.uploads import STUDY
 from workbench.options import FORMATS
 from workbench.report.figure import Figure, line, stacked, thin
@@ -50,7 +50,7 @@ def _robot(state: State, body: Body) -> Component:
         "(joints) and what other columns mean",
     ]
     is_light = state.robot is not None and state.robot.weightless
-    gravity = button("Its torques are with gravity" if is_light else WEIGHTLESS, "turn-gravity")
+    gravity = button(f"Its torques are with{'' if is_light else 'out'} gravity", "turn-gravity")
     leave = button("Leave the robot", "leave-robot")
     return panel("The robot", *(html.P(f"{opening(text)}.") for text in texts), leave, " ", gravity)
 
