@@ -1,4 +1,4 @@
-"""Rate and jitter of the rig's loop over each adapter, its drive emulated in another process."""
+"""Rate and jitter of the rig's loop over the serial adapter, its drive emulated in another process."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ import numpy as np
 from pendulum_env.registration import PENDULUM
 from workbench.terminal import Terminal
 
-RATES = {"serial": (500.0, 1000.0, 2000.0), "nidaq": (100.0, 250.0, 500.0)}
+RATES = (500.0, 1000.0, 2000.0)  # [Hz]
 
 
-def row(kind: str, rate: float, seconds: float, realtime: bool) -> tuple[str, ...]:
-    """Adapter, rate, cost of an exchange, and how late its samples were."""
+def row(rate: float, seconds: float, realtime: bool) -> tuple[str, ...]:
+    """Rate, cost of an exchange, and how late its samples were."""
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder) / "rig.toml"
-        command = [sys.executable, "-m", "workbench.cli", "emulate", kind, "--rate", str(rate), "-o", str(config)]
+        command = [sys.executable, "-m", "workbench.cli", "emulate", "serial", "--rate", str(rate), "-o", str(config)]
         command += ["--watchdog", "2", *(["--realtime"] if realtime else [])]
         with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as emulator:
             assert emulator.stdout is not None
@@ -32,7 +32,7 @@ def row(kind: str, rate: float, seconds: float, realtime: bool) -> tuple[str, ..
             finally:
                 emulator.communicate("quit\n")
     shown = [f"{1e3 * value:.2f}" for value in (*np.percentile(cost, (50, 99)), *np.percentile(late, (50, 99, 100)))]
-    return (kind, f"{rate:g}", *shown, f"{100 * missed / len(late):.2g}")
+    return (f"{rate:g}", *shown, f"{100 * missed / len(late):.2g}")
 
 
 def measured(config: Path, steps: int) -> tuple[list[float], list[float], int]:
@@ -64,15 +64,14 @@ def main(argv: list[str] | None = None) -> int:
     arguments = parser.parse_args(sys.argv[1:] if argv is None else argv)
     terminal = Terminal()
     headers = (
-        "adapter", "rate [Hz]", "exchange, median [ms]", "99 % [ms]", "late, median [ms]", "99 % [ms]", "worst [ms]",
+        "rate [Hz]", "exchange, median [ms]", "99 % [ms]", "late, median [ms]", "99 % [ms]", "worst [ms]",
         "ticks missed [%]",
     )  # fmt: skip
     table = []
     with terminal.progress("running") as tell:
-        for kind, rates in RATES.items():
-            for rate in rates:
-                tell(f"{kind} at {rate:g} Hz", len(table) / sum(map(len, RATES.values())))
-                table.append(row(kind, rate, arguments.seconds, arguments.realtime))
+        for rate in RATES:
+            tell(f"{rate:g} Hz", len(table) / len(RATES))
+            table.append(row(rate, arguments.seconds, arguments.realtime))
     terminal.table(headers, table)
     return 0
 

@@ -1,4 +1,4 @@
-"""How soon the guard sees faults of encoder and drive on emulated rigs, and whether it ever stops a sound one."""
+"""How soon the guard sees faults of encoder and drive on an emulated rig, and whether it ever stops a sound one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pendulum_env.plant import PAPER
 from pendulum_env.registration import PENDULUM
 from workbench.terminal import Terminal
 
-RATES = {"serial": 500.0, "nidaq": 100.0}  # [Hz]
+RATE = 500.0  # [Hz]
 TORQUES = (0.5, 1.0, 2.0, 3.5, 6.0)  # [N m]
 DRIVES = {"gain 3": "gain 3", "gain -1": "gain -1"}
 FAULTS = {name: f"encoder {name}" for name in MISREADINGS} | DRIVES
@@ -33,14 +33,14 @@ NOISE = {1000.0: 5e-5, 250.0: 5e-5, 100.0: 3e-4}  # uncertainty of a reading's t
 STEP = 2 * np.pi / COUNTS  # [rad]
 
 
-def until_stopped(kind: str, mishap: str, torque: float, seed: int) -> tuple[float, float]:
+def until_stopped(mishap: str, torque: float, seed: int) -> tuple[float, float]:
     """Time from the fault until the guard took the torque away, inf if it did not [s]; how far the arm went [rad]."""
     rng = np.random.default_rng(seed)
     name = list(EXCITATIONS)[seed % len(EXCITATIONS)]
     signal, moment = excitation(name, rng, 10.0, torque).signal, rng.uniform(0.5, 1.5)
     with tempfile.TemporaryDirectory() as folder:
         config, log = Path(folder) / "rig.toml", Path(folder) / "motor.log"
-        command = [sys.executable, "-m", "workbench.cli", "emulate", kind, "--rate", str(RATES[kind])]
+        command = [sys.executable, "-m", "workbench.cli", "emulate", "serial", "--rate", str(RATE)]
         command += ["-o", str(config), "--log", str(log), "--watchdog", "3", "--reply", "1.5"]
         with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as emulator:
             assert emulator.stdin is not None and emulator.stdout is not None
@@ -73,14 +73,14 @@ def until_stopped(kind: str, mishap: str, torque: float, seed: int) -> tuple[flo
     return off[0] - since[0], float(np.ptp(positions))
 
 
-def patiently(kind: str, mishap: str, torque: float, seed: int) -> tuple[float, float]:
+def patiently(mishap: str, torque: float, seed: int) -> tuple[float, float]:
     """The same, again where a busy machine disturbed it."""
     for _ in range(2):
         try:
-            return until_stopped(kind, mishap, torque, seed)
+            return until_stopped(mishap, torque, seed)
         except (RuntimeError, ValueError) as error:
-            print(f"{kind}, {mishap}, {torque:g} N m, run {seed}: {error}", file=sys.stderr)
-    return until_stopped(kind, mishap, torque, seed)
+            print(f"{mishap}, {torque:g} N m, run {seed}: {error}", file=sys.stderr)
+    return until_stopped(mishap, torque, seed)
 
 
 def false_stops(samples: int, seed: int = 0) -> tuple[int, int]:
@@ -114,25 +114,22 @@ def sound(position: list[float], command: list[float], rate: float, noise: float
 
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=5, help="of every fault, torque and bus, one of each excitation")
-    parser.add_argument("--bus", choices=list(RATES), action="append", help="only this one (may be repeated)")
+    parser.add_argument("--runs", type=int, default=5, help="of every fault and torque, one of each excitation")
     parser.add_argument("--samples", type=int, default=1_000_000, help="of sound runs")
     arguments = parser.parse_args(sys.argv[1:] if argv is None else argv)
-    terminal, buses = Terminal(), arguments.bus or list(RATES)
+    terminal = Terminal()
     with terminal.progress("sound runs"):
         stops, done = false_stops(arguments.samples) if arguments.samples else (0, 0)
     terminal.say(f"{stops} false stops in {done:,} samples of sound runs")
-    for kind in buses if arguments.runs else ():
-        terminal.heading(
-            f"{kind} at {RATES[kind]:g} Hz: stopped after [s], median and worst; runs that were not stopped"
-        )
+    if arguments.runs:
+        terminal.heading(f"serial at {RATE:g} Hz: stopped after [s], median and worst; runs that were not stopped")
         table = []
-        with terminal.progress(kind) as tell:
+        with terminal.progress("faults") as tell:
             for row, (name, mishap) in enumerate(FAULTS.items()):
                 cells = []
                 for column, torque in enumerate(TORQUES):
                     tell(f"{name}, {torque:g} N m", (row + column / len(TORQUES)) / len(FAULTS))
-                    cells.append(_cell([patiently(kind, mishap, torque, seed) for seed in range(arguments.runs)]))
+                    cells.append(_cell([patiently(mishap, torque, seed) for seed in range(arguments.runs)]))
                 table.append((name, *cells))
         terminal.table(("fault", *(f"{torque:g} N m" for torque in TORQUES)), table)
     return 0

@@ -14,6 +14,7 @@ from pathlib import Path
 from pendulum_env.backends.hardware.check import CheckFailed
 from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.backends.hardware.guard import Fault
+from tests.once import ROOT
 from tests.patience import PATIENCE, wait_until
 
 FIRST = """
@@ -28,11 +29,15 @@ from pendulum_env.backends.emulators import emulate
 from pendulum_env.plant import make_plant
 asked = json.loads(sys.argv[1])
 emulate(
-    asked["kind"], make_plant(asked["theta"], asked["effects"]), Path(asked["config"]), asked["rate"],
+    make, make_plant(asked["theta"], asked["effects"]), Path(asked["config"]), asked["rate"],
     asked["settings"], lambda text: print(text, flush=True), first=asked["first"], log=Path(asked["log"]),
 )
 """
-KINDS = ("serial", "nidaq")
+MADE = {
+    "serial": "from pendulum_env.backends.emulators import make_serial as make",
+    "nidaq": "from tests.emulators.nidaq import make_nidaq as make",
+}
+KINDS = tuple(MADE)
 RATES = {"serial": 500.0, "nidaq": 100.0}  # [Hz], that they hold on a machine that is busy
 SLOW = (  # what the guard says where the machine was too slow,
     "was held up or is too slow",
@@ -79,11 +84,12 @@ class EmulatedRig:
         settings = {"limits": {"reply": 0.25, "overruns": 10**9, "behind": 60.0, "gap": 0.07, **(limits or {})}}
         settings |= {"rest": {"seconds": 0.1}, **tables}
         asked = {
-            "kind": kind, "theta": theta, "effects": list(effects), "config": str(self.config), "rate": self.rate,
+            "theta": theta, "effects": list(effects), "config": str(self.config), "rate": self.rate,
             "settings": settings, "first": first, "log": str(self.log),
         }  # fmt: skip
+        code = FIRST + MADE[kind] + EMULATOR
         self.process = subprocess.Popen(
-            [sys.executable, "-c", FIRST + EMULATOR, json.dumps(asked)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            [sys.executable, "-c", code, json.dumps(asked)], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
         try:
             self.heard(b"ready")

@@ -3,12 +3,13 @@
 import argparse
 from pathlib import Path
 
-from pendulum_env.backends.emulators import MISHAPS, emulate
+from pendulum_env.backends.emulators import MISHAPS, emulate, make_serial
+from pendulum_env.backends.hardware.drive import find_adapter
 from workbench.inputs import check_outputs, plant_of
 from workbench.options import declare, number, whole
 from workbench.terminal import Terminal
 
-RATES = {"serial": 1000.0, "nidaq": 250.0}  # [Hz], that each holds
+RATE = 1000.0  # [Hz], that the serial rig holds
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -19,16 +20,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
         kind  how the drive is reached
         -o, --output FILE  configuration (default rig.toml)
         --effect --theta
-        --rate  of the loop [Hz] (default {", ".join(f"{kind} {rate:g}" for kind, rate in RATES.items())})
+        --rate  of the loop [Hz] (default {RATE:g})
         --log FILE  what the motor does, line by line with monotonic times
         --first-count  of the 32-bit counter (default 0)
         --realtime  ask for real-time priority, here and in the loop
         --watchdog  the drive's, in the configuration [s]
         --reply  to wait for the drive, in the configuration [s]
         """,
-        kind={"choices": list(RATES)},
+        kind={"choices": ["serial"]},
         output={"default": "rig.toml"},
-        rate=number(10.0, 5000.0),
+        rate=(number(10.0, 5000.0), RATE),
         first_count=(whole(0, 2**32 - 1), 0),
         watchdog=(number(0.005, 5.0), 0.08),
         reply=(number(0.001, 5.0), 0.25),
@@ -38,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Run until interrupted."""
     check_outputs([arguments.output, arguments.log])
-    rate = arguments.rate or RATES[arguments.kind]
+    find_adapter(arguments.kind)  # or what reaches it is not installed
 
     def report(text: str) -> None:
         terminal.say(text)
@@ -50,16 +51,16 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
     limits = {
         "watchdog": arguments.watchdog,
-        "gap": max(0.75 * arguments.watchdog, 2.0 / rate),  # before the watchdog: the guard can say why
+        "gap": max(0.75 * arguments.watchdog, 2.0 / arguments.rate),  # before the watchdog: the guard can say why
         "reply": arguments.reply,
         "behind": 5.0,  # a machine that does other things as well is no fault
         "overruns": 1_000_000,
     }
     emulate(
-        arguments.kind,
+        make_serial,
         plant_of(arguments),
         Path(arguments.output),
-        rate,
+        arguments.rate,
         {"limits": limits},
         report,
         first=arguments.first_count,

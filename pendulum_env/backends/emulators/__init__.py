@@ -1,5 +1,6 @@
-"""Drives that are not there: the project's own plant in real time, behind the protocols that the adapters speak."""
+"""A rig that is not there: the project's own plant in real time, behind the serial protocol."""
 
 from pendulum_env.backends.emulators.emulator import MISHAPS, emulate
+from pendulum_env.backends.emulators.serial import make_serial
 
-__all__ = ["MISHAPS", "emulate"]
+__all__ = ["MISHAPS", "emulate", "make_serial"]

@@ -1,6 +1,5 @@
-"""Emulated rigs by name: each is a process that listens, and writes the rig.toml by which it is reached."""
+"""An emulated rig: a process that listens, and writes the rig.toml by which it is reached."""
 
-import importlib
 import math
 import os
 import select
@@ -12,10 +11,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from pendulum_env.backends.emulators.motor import Motor
-from pendulum_env.backends.emulators.wire import Cable
+from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import process
 from pendulum_env.backends.hardware.config import load, mark_checked
-from pendulum_env.backends.hardware.drive import BUILT_IN, find_adapter
 from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
@@ -27,16 +25,18 @@ TICK = 0.01  # [s], longest sleep: how soon the log tells of the watchdog, which
 
 
 class Emulated(NamedTuple):
-    """What is emulated."""
+    """A motor, and how it is reached."""
 
     motor: Motor
-    cable: Cable
+    wire: Wire
+    adapter: str
+    keys: Mapping[str, Any]  # of the adapter's table in rig.toml
 
 
 MISHAPS: dict[str, Callable[[Emulated, str], None]] = {  # by name, with the word that may follow it
     "fault": lambda rig, _: rig.motor.fail(),  # the drive reports over-temperature
-    "unplug": lambda rig, _: rig.cable.pull(),
-    "corrupt": lambda rig, p: rig.cable.corrupt(_number(p)),  # each bit on the cable is wrong with that probability
+    "unplug": lambda rig, _: rig.wire.pull(),
+    "corrupt": lambda rig, p: rig.wire.corrupt(_number(p)),  # each bit on the wire is wrong with that probability
     "push": lambda rig, torque: rig.motor.push(_number(torque)),  # [N m], by somebody
     # a hand turns the arm to so many degrees and holds it there; without a number it lets go
     "hold": lambda rig, angle: rig.motor.hold(math.radians(_number(angle)) if angle else None),
@@ -47,7 +47,7 @@ MISHAPS: dict[str, Callable[[Emulated, str], None]] = {  # by name, with the wor
 
 
 def emulate(
-    kind: str,
+    make: Callable[[Motor], Emulated],
     plant: Model,
     config: Path,
     rate: float,
@@ -61,7 +61,7 @@ def emulate(
     """Run an emulated rig until interrupted or told to `quit`; lines on standard input are mishaps, see `MISHAPS`.
 
     Args:
-        kind: of adapter that reaches it.
+        make: how the motor is reached, such as `make_serial`.
         plant: the arm on its motor, with effects.
         config: where to write the rig.toml.
         rate: of the loop in it [Hz].
@@ -73,49 +73,43 @@ def emulate(
 
     Raises:
         ModuleNotFoundError: if the extra `hardware` is not installed.
-        ValueError: if there is no such emulator.
         FileExistsError: if the configuration is somebody else's file.
     """
-    find("emulator", kind, BUILT_IN)
-    find_adapter(kind)
-    module = importlib.import_module(f"pendulum_env.backends.emulators.{kind}")
     if realtime:
         process.realtime()
     _own(config)
-    motor = Motor(plant, first=first, log=log)
-    cable, reached = module.make(motor)
+    rig = make(Motor(plant, first=first, log=log))
     try:
         # its arm hangs down at the first count, and later rests wherever friction holds it
-        tables = {kind: reached, "encoder": {"zero": first % 2**32}, "plant": _plant(plant)}
+        tables = {rig.adapter: rig.keys, "encoder": {"zero": first % 2**32}, "plant": _plant(plant)}
         for name, values in settings.items():
             tables[name] = {**tables.get(name, {}), **values}
-        lines = toml({"adapter": kind, "rate": rate, "realtime": realtime})
+        lines = toml({"adapter": rig.adapter, "rate": rate, "realtime": realtime})
         lines += [line for name, table in tables.items() for line in ("", f"[{name}]", *toml(table))]
         write_whole(config, MARK + "\n".join([*lines, ""]))
         mark_checked(load(config))  # nobody gets hurt
-        report(f"ready: an emulated {kind} rig at {cable.place}, described by {config}")
-        _serve(Emulated(motor, cable), report)
+        report(f"ready: an emulated {rig.adapter} rig at {rig.wire.place}, described by {config}")
+        _serve(rig, report)
     finally:
-        cable.pull()
+        rig.wire.pull()
 
 
 def _serve(rig: Emulated, report: Callable[[str], None]) -> None:
     keyboard = sys.stdin.fileno() if sys.stdin is not None else -1
     while True:
         listening = keyboard if keyboard >= 0 and _in_front(keyboard) else -1
-        ready, _, _ = select.select([end for end in (rig.cable.descriptor, listening) if end >= 0], [], [], TICK)
-        with rig.motor.turn:
-            if rig.cable.descriptor in ready:
-                rig.cable.come()
-            if keyboard in ready:
-                line = os.read(keyboard, 1000).decode(errors="replace")
-                if not line:
-                    keyboard = -1  # nobody is there: go on until interrupted
-                for words in filter(None, map(str.split, line.splitlines())):
-                    if words == ["quit"]:
-                        return
-                    report(_mishap(rig, words))
-            rig.motor.advance()
+        ready, _, _ = select.select([end for end in (rig.wire.descriptor, listening) if end >= 0], [], [], TICK)
+        if rig.wire.descriptor in ready:
+            rig.wire.come()
+        if keyboard in ready:
+            line = os.read(keyboard, 1000).decode(errors="replace")
+            if not line:
+                keyboard = -1  # nobody is there: go on until interrupted
+            for words in filter(None, map(str.split, line.splitlines())):
+                if words == ["quit"]:
+                    return
+                report(_mishap(rig, words))
+        rig.motor.advance()
 
 
 def _in_front(terminal: int) -> bool:

@@ -2,7 +2,6 @@
 
 import math
 import os
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -29,8 +28,6 @@ MISREADINGS: dict[str, Callable[[float, float], float]] = {  # angle that it tel
 class Motor:
     """A motor with the arm, as its drive sees it; every method first lets the plant move on to now.
 
-    Where several threads call it, they hold its `turn` meanwhile.
-
     The watchdog is that of real drives, in hardware: it acts at its time even if this process was not running then.
     The log has a line `TIME EVENT VALUE` for each event, monotonic time: every `command` with its torque, `torque` when
     what acts changes from or to zero, `power` 1 or 0, `expired` when the watchdog runs out, `mishap` when encoder or
@@ -45,7 +42,6 @@ class Motor:
         self._per_radian, self._first = counts / (2 * math.pi), first
         self._delay = sum(term.delay for term in model.terms)
         self._arriving: deque[tuple[float, float]] = deque()  # commands on a delayed way: when, and torque
-        self.turn = threading.Lock()
         self.moment = time.monotonic()  # that the plant has reached [s]
         self._angle = 0.0
         self.torque = 0.0  # that the motor gives [N m]

@@ -1,7 +1,6 @@
 """The microcontroller of the serial rig, emulated: what its firmware does, in a page."""
 
-from typing import Any
-
+from pendulum_env.backends.emulators.emulator import Emulated
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import frames
@@ -47,7 +46,7 @@ class Firmware:
         return frames.pack(frames.STATE, sequence, flags, self.over_temperature * motor.faulty, micro, counts, torque)
 
 
-def make(motor: Motor) -> tuple[Wire, dict[str, Any]]:
-    """The cable to a firmware around a motor, and keys of its table in rig.toml."""
+def make_serial(motor: Motor) -> Emulated:
+    """Put a firmware around a motor, at the end of a serial cable."""
     wire = Wire(Firmware(motor).answer)
-    return wire, {"port": wire.place}
+    return Emulated(motor, wire, "serial", {"port": wire.place})

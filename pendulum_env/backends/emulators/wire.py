@@ -1,4 +1,4 @@
-"""Cables that are not there; of a serial one, a pseudo-terminal, that can be pulled out or damage what passes."""
+"""The serial cable, a pseudo-terminal, that can be pulled out or damage what passes."""
 
 import os
 import random
@@ -6,29 +6,13 @@ from collections.abc import Callable
 from contextlib import suppress
 
 
-class Cable:
-    """How a drive is reached; this one lets nothing damaged through, as TCP does, and nothing comes by a descriptor.
+class Wire:
+    """The drive's end of a pseudo-terminal.
 
     Attributes:
-        place: where the other end is.
-        descriptor: to watch; -1 if there is none, or once the cable is pulled.
+        place: path of the other end.
+        descriptor: to watch; -1 once the cable is pulled.
     """
-
-    place: str
-    descriptor = -1
-
-    def come(self) -> None:
-        """Let the drive take what has come there, and answer."""
-
-    def corrupt(self, probability: float) -> None:
-        """Damage bits on the way with a probability."""
-
-    def pull(self) -> None:
-        """Pull it out; may be done twice."""
-
-
-class Wire(Cable):
-    """The drive's end of a pseudo-terminal; `place` is the path of the other one."""
 
     chunk = 4096  # bytes that are taken at once
 

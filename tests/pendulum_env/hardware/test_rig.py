@@ -26,7 +26,7 @@ from workbench.cli import main
 
 pytestmark = pytest.mark.realtime
 
-ONLINE = 200.0  # [Hz], that leaves a busy machine time, but not the card, which is asked over a server
+ONLINE = 200.0  # [Hz], that leaves a busy machine time
 TRUTH = np.array(list(PAPER.values()))
 STILL = 0.03  # [s]
 HANGING = {"zero": 0}

@@ -1,16 +1,18 @@
 """An NI gRPC device server with one card and an analogue drive on it, emulated: the calls that the adapter makes."""
 
 import math
+import os
 import struct
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from queue import SimpleQueue
 from typing import Any
 
 import grpc
 from nidaqmx._stubs import nidaqmx_pb2 as messages
 
+from pendulum_env.backends.emulators.emulator import Emulated
 from pendulum_env.backends.emulators.motor import Motor
-from pendulum_env.backends.emulators.wire import Cable
 
 SERVICE = "nidaqmx_grpc.NiDAQmx"
 CHANNELS = {"torque": "Dev1/ao0", "encoder": "Dev1/ctr0", "enable": "Dev1/port0/line0", "fault": "Dev1/port0/line1"}
@@ -95,33 +97,43 @@ class Card:
         return {"read_array": level, "samps_per_chan_read": 1, "num_bytes_per_samp": 1}
 
 
-class Server(Cable):
-    """The network to a card; calls come in a thread of its own, one after the other."""
+class Server:
+    """The network to a card, in the place of a wire: a call waits until the emulator's loop lets it `come`."""
+
+    patience = 5.0  # [s] of a call
 
     def __init__(self, card: Card) -> None:
-        handlers = {name: _handler(name, work, card.motor) for name, work in card.calls.items()}
+        self._calls: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self.descriptor, self._bell = os.pipe()
+        handlers = {name: self._handler(name, work) for name, work in card.calls.items()}
         service = grpc.method_handlers_generic_handler(SERVICE, handlers)
         self._server = grpc.server(ThreadPoolExecutor(max_workers=1), handlers=[service])
         self.place = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
         self._server.start()
 
+    def come(self) -> None:
+        """Answer a call."""
+        os.read(self.descriptor, 1)
+        self._calls.get()()
+
     def pull(self) -> None:
         """No network."""
         self._server.stop(None)
 
+    def _handler(self, name: str, work: Callable[[Any], Fields]) -> Any:
+        """What gRPC does at a call, in a thread of its own."""
+        request, response = (getattr(messages, f"{name}{part}") for part in ("Request", "Response"))
 
-def _handler(name: str, work: Callable[[Any], Fields], motor: Motor) -> Any:
-    """What gRPC does at a call."""
-    request, response = (getattr(messages, f"{name}{part}") for part in ("Request", "Response"))
+        def answer(asked: Any, context: Any) -> Any:
+            done: Future[Fields] = Future()
+            self._calls.put(lambda: done.set_result(work(asked)))
+            os.write(self._bell, b"\0")
+            return response(**done.result(self.patience))
 
-    def answer(asked: Any, context: Any) -> Any:
-        with motor.turn:
-            return response(**work(asked))
-
-    return grpc.unary_unary_rpc_method_handler(answer, request.FromString, response.SerializeToString)
+        return grpc.unary_unary_rpc_method_handler(answer, request.FromString, response.SerializeToString)
 
 
-def make(motor: Motor) -> tuple[Server, dict[str, Any]]:
-    """The network to a card with a motor, and keys of its table in rig.toml."""
+def make_nidaq(motor: Motor) -> Emulated:
+    """Put a motor behind a card, at the end of a network."""
     server = Server(Card(motor))
-    return server, {**CHANNELS, "newton_metres_per_volt": Card.scale, "server": server.place}
+    return Emulated(motor, server, "nidaq", {**CHANNELS, "newton_metres_per_volt": Card.scale, "server": server.place})
