@@ -6,7 +6,6 @@ Python runs neither `atexit` nor `finally` on SIGTERM and SIGHUP as they are; he
 import hashlib
 import os
 import signal
-import sys
 import tempfile
 import threading
 from collections.abc import Callable
@@ -15,20 +14,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from filelock import FileLock, Timeout
+
 from pendulum_env.backends.hardware.drive import DriveError
-
-if sys.platform == "win32":
-    import msvcrt
-
-    def _lock(file: int) -> None:
-        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
-
-else:
-    import fcntl
-
-    def _lock(file: int) -> None:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # the last one is unknown to Windows
 
@@ -90,8 +78,8 @@ class Signals:
 class Ownership:
     """A lock on a name, held by one process at a time and let go by the system when that process ends, however.
 
-    The file lies in the folder for temporary files that all users share, as a motor has one owner whoever that is. So
-    nothing there is believed: links are not followed, and nothing is read from the file or written to it.
+    The file lies in the folder for temporary files that all users share, as a motor has one owner whoever that is.
+    Links in its place are not followed, and nothing is read from the file or written to it.
     """
 
     def __init__(self, what: str) -> None:
@@ -99,7 +87,8 @@ class Ownership:
         self.what = what
         digest = hashlib.sha256(what.encode()).hexdigest()[:16]
         self._path = Path(tempfile.gettempdir()) / f"pendulum-ident-{digest}.lock"
-        self._file: int | None = None
+        # any user may be the next owner, and any thread may release it
+        self._lock = FileLock(self._path, timeout=0, mode=0o666, thread_local=False)
 
     def acquire(self) -> None:
         """Become the owner, if nobody is.
@@ -107,37 +96,24 @@ class Ownership:
         Raises:
             DriveError: if another rig owns it, or its lock cannot be opened.
         """
-        if self._file is not None:
+        if self._lock.is_locked:
             return
         try:
-            file = self._open()
+            self._lock.acquire()
+        except Timeout:
+            raise DriveError(
+                f"{self.what} is in use by another program: close its environment, or end it, first (`fuser "
+                f"{self._path}` tells its number)"
+            ) from None
         except OSError as error:
             raise DriveError(
                 f"{self.what} cannot be locked: {self._path}: {error.strerror}: find out who put something else in the "
                 "place of this lock, and remove it"
             ) from None
-        try:
-            _lock(file)
-        except OSError:
-            os.close(file)
-            raise DriveError(
-                f"{self.what} is in use by another program: close its environment, or end it, first (`fuser "
-                f"{self._path}` tells its number)"
-            ) from None
-        self._file = file
-
-    def _open(self) -> int:
-        plain = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # unknown to Windows; a pipe would wait
-        try:
-            return os.open(self._path, os.O_RDONLY | os.O_CREAT | plain, 0o644)
-        except PermissionError:  # another user has left it, and may have let go
-            return os.open(self._path, os.O_RDONLY | plain)
 
     def release(self) -> None:
         """Let go; may be called twice."""
-        if self._file is not None:
-            os.close(self._file)
-            self._file = None
+        self._lock.release(force=True)
 
 
 def realtime() -> bool:
