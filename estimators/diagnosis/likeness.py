@@ -1,4 +1,4 @@
-"""What a table looks like: the formulas that come nearest to its shape."""
+"""Compare a table with five families of formulas: a wave, a straight line, a bump, a step, and a power of the speed."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -60,7 +60,7 @@ def likenesses(table: Table, curve: Curve) -> list[Likeness]:
     """The formulas of three kinds that come nearest to a table, the nearest first; fewer where nothing comes near.
 
     They are fitted to the table where it is told best, beside what the model has of its argument. Of a formula with
-    more parameters nothing is said unless it leaves less than half of what simpler ones do: a line is also a bend.
+    more parameters nothing is said unless it leaves less than half of what simpler ones do: a line is also a wide step.
     """
     base = np.column_stack([np.empty((len(curve.x), 0)), *(law(curve.x) for law in type(table).laws())])
     usual = max(float(np.median(curve.std)), 1e-3 * float(np.ptp(curve.value)), 1e-300)
@@ -102,35 +102,18 @@ def _left(curve: Curve, columns: Array, weights: Array) -> float:
 
 def _families(table: Table) -> list[Family]:
     low, high = table.extent[:2]
-    if table.axis == "position":
-        places = np.linspace(low, high, 25)[1:-1].tolist()
-        around = list(product(places, ((high - low) * np.array([0.03, 0.08, 0.2, 0.5])).tolist()))
-        at, wide = (low, high), ((high - low) * LIKENESS.widths[0], (high - low) * LIKENESS.widths[1])
-        waves = [
-            Family(f"a wave of {n if n > 1 else 'one'} a turn", lambda q, n=n: (np.sin(n * q), np.cos(n * q)))
-            for n in (() if table.slides else LIKENESS.orders)
-        ]
-        return [
-            *waves,
-            Family("a straight line", lambda q: (q,)),
-            Family("a parabola", lambda q: (q, q**2)),
-            Family(
-                "a bump at {0} rad, {1} rad wide", lambda q, a, w: (np.exp(-(((q - a) / w) ** 2)),), around, (at, wide)
-            ),
-            Family("a step at {0} rad, {1} rad wide", lambda q, a, w: (np.tanh((q - a) / w),), around, (at, wide)),
-            Family(
-                "a bend at {0} rad",
-                lambda q, a: (np.maximum(q - a, 0.0), np.minimum(q - a, 0.0)),
-                [(place,) for place in places],
-                (at,),
-            ),
-        ]
-    scales, ends = [(share * high,) for share in (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)], ((0.01 * high, 2.0 * high),)
-    gain = float(table.is_gain)
+    if table.axis == "velocity":
+        return [Family("|q'|^{0}", lambda v, p: (v**p,), [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (LIKENESS.powers,))]
+    places = np.linspace(low, high, 25)[1:-1].tolist()
+    around = list(product(places, ((high - low) * np.array([0.03, 0.08, 0.2, 0.5])).tolist()))
+    at, wide = (low, high), ((high - low) * LIKENESS.widths[0], (high - low) * LIKENESS.widths[1])
+    waves = [
+        Family(f"a wave of {n if n > 1 else 'one'} a turn", lambda q, n=n: (np.sin(n * q), np.cos(n * q)))
+        for n in (() if table.slides else LIKENESS.orders)
+    ]
     return [
-        Family("|q'|^{0}", lambda v, p: (v**p,), [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (LIKENESS.powers,)),
-        Family("exp(-|q'| / {0} rad/s)", lambda v, s: (np.exp(-v / s) - gain,), scales, ends),
-        Family("exp(-(q' / {0} rad/s)^2)", lambda v, s: (np.exp(-((v / s) ** 2)) - gain,), scales, ends),
-        Family("tanh(|q'| / {0} rad/s)", lambda v, s: (np.tanh(v / s),), scales, ends),
-        Family("a bend at {0} rad/s", lambda v, s: (np.maximum(v - s, 0.0),), scales, ends),
+        *waves,
+        Family("a straight line", lambda q: (q,)),
+        Family("a bump at {0} rad, {1} rad wide", lambda q, a, w: (np.exp(-(((q - a) / w) ** 2)),), around, (at, wide)),
+        Family("a step at {0} rad, {1} rad wide", lambda q, a, w: (np.tanh((q - a) / w),), around, (at, wide)),
     ]

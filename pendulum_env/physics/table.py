@@ -264,11 +264,16 @@ class FrictionByAngle(ByAngle):
 
 
 @dataclass(frozen=True)
-class BySpeed(Table):
-    """A function of the speed, the same either way; knots are closer together at low speed."""
+class FrictionBySpeed(Table):
+    """Friction that is any function of the speed, the same either way; knots are closer together at low speed."""
 
+    id = "friction_by_speed"
+    title = "friction that varies with the speed"
+    law = "f(|q'|) sgn q'"
+    kind = "dissipative"
     axis = "velocity"
     extent = Extent(0.0, 1.0, 4)
+    is_dry = True
 
     @classmethod
     def argument(cls, x: Samples) -> ArrayLike:
@@ -279,24 +284,13 @@ class BySpeed(Table):
         return np.sqrt(argument)
 
     @classmethod
+    def laws(cls) -> Sequence[Callable[[Array], Array]]:
+        return (np.ones_like, np.positive)
+
+    @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         fastest = float(np.max(np.abs(x.velocity)))
         return [cls.over(Extent(0.0, fastest, pieces))() for pieces in SPEEDS]
-
-
-@dataclass(frozen=True)
-class FrictionBySpeed(BySpeed):
-    """Friction that is any function of the speed, the same either way; knots are closer together at low speed."""
-
-    id = "friction_by_speed"
-    title = "friction that varies with the speed"
-    law = "f(|q'|) sgn q'"
-    kind = "dissipative"
-    is_dry = True
-
-    @classmethod
-    def laws(cls) -> Sequence[Callable[[Array], Array]]:
-        return (np.ones_like, np.positive)
 
 
 @dataclass(frozen=True)
@@ -322,18 +316,6 @@ class PowerOfSpeed(Table):
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         return [cls(power) for power in (0.5, 1.5, 2.0, 3.0, 5.0)]
-
-
-@dataclass(frozen=True)
-class GainBySpeed(BySpeed):
-    """Motor torque that is lost in a share that varies with the speed: the joint receives tau (1 - f(|q'|))."""
-
-    id = "gain_by_speed"
-    title = "a motor gain that varies with the speed"
-    law = "tau f(|q'|)"
-    kind = "actuation"
-    unit = "1"
-    is_gain = True
 
 
 @dataclass(frozen=True)
@@ -389,9 +371,8 @@ def refuse_held(terms: Iterable[Term], new: Term) -> None:
             raise Mistake(f"'{table.id}' holds all that '{new.id}' is: add '{new.id}' first, then the table")
 
 
-TABLES: dict[str, type[Term]] = {
-    kind.id: kind for kind in (TorqueByAngle, FrictionByAngle, FrictionBySpeed, GainBySpeed)
-}
+# Those that a model keeps.
+TABLES: dict[str, type[Term]] = {kind.id: kind for kind in (TorqueByAngle, FrictionByAngle, FrictionBySpeed)}
 
 
 @cache
@@ -405,7 +386,6 @@ COMPETING: tuple[type[Term], ...] = (  # with effects
     _well_sampled(TorqueByAngle),
     _well_sampled(FrictionByAngle),
     FrictionBySpeed,
-    GainBySpeed,
     TorqueByTime,
     GainByTime,
 )
