@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import Meta
 
 from pendulum_env.lookup import find
-from pendulum_env.reading import Value, several, within
+from pendulum_env.reading import convert
 
 ROLLOUT = 50_000_000  # decisions of all pendulums between two updates, of some 100 bytes each
 OF_SPEED = (-1.0, -0.4, -0.04, 0.04, 0.4, 1.0)  # with a crawl, in which dry friction is told from viscous best
@@ -44,20 +46,20 @@ class Config:
 
     constraint: str = "peak"
     robot: str = ""
-    seed: int = within(0, 2**20 - 1, 0)  # beyond, plants of an evaluation would be drawn
-    steps: int = within(1, 10**12, 1_200_000)
-    pendulums: int = within(1, 100_000, 64)
-    batch: int = within(1, 10**7, 2000)
-    learning_rate: float = within(0.0, 1.0, 1e-3)
-    gamma: float = within(0.0, 1.0, 0.97)
-    hidden: int = within(1, 4096, 64)
-    rollout: int = within(1, 10**6, 250)
-    epochs: int = within(1, 10_000, 8)
-    entropy: float = within(0.0, 1e6, 0.003)
-    levels: tuple[float, ...] = several(-1.0, 1.0, 1000, (-1.0, -0.5, 0.0, 0.5, 1.0))
-    price_rate: float = within(0.0, 1e6, 3e-5)
-    head_start: int = within(0, 10**9, 50)
-    checkpoint: int = within(1, 10**12, 200_000)
+    seed: Annotated[int, Meta(ge=0, le=2**20 - 1)] = 0  # beyond, plants of an evaluation would be drawn
+    steps: Annotated[int, Meta(ge=1, le=10**12)] = 1_200_000
+    pendulums: Annotated[int, Meta(ge=1, le=100_000)] = 64
+    batch: Annotated[int, Meta(ge=1, le=10**7)] = 2000
+    learning_rate: Annotated[float, Meta(ge=0.0, le=1.0)] = 1e-3
+    gamma: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.97
+    hidden: Annotated[int, Meta(ge=1, le=4096)] = 64
+    rollout: Annotated[int, Meta(ge=1, le=10**6)] = 250
+    epochs: Annotated[int, Meta(ge=1, le=10_000)] = 8
+    entropy: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.003
+    levels: tuple[Annotated[float, Meta(ge=-1.0, le=1.0)], ...] = (-1.0, -0.5, 0.0, 0.5, 1.0)
+    price_rate: Annotated[float, Meta(ge=0.0, le=1e6)] = 3e-5
+    head_start: Annotated[int, Meta(ge=0, le=10**9)] = 50
+    checkpoint: Annotated[int, Meta(ge=1, le=10**12)] = 200_000
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> Config:
@@ -67,7 +69,7 @@ class Config:
             ValueError: if a setting or the constraint is unknown, or a value makes no sense.
         """
         usual = find("constraint", str(settings.get("constraint", cls.constraint)), USUAL)
-        config = Value("", "", {**usual, **settings}).record(cls)
+        config = convert({**usual, **settings}, cls)
         if config.robot and config.constraint != "arm":
             raise ValueError(f"robot is of the constraint arm, not of {config.constraint}")
         if len(config.levels) < 2:

@@ -7,19 +7,21 @@ same torque for one instant or for N of them, in any order, and never exceeds `a
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Annotated, Any, NamedTuple, Protocol, Self
 
 import numpy as np
+from msgspec import Meta, Struct
 
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
-from pendulum_env.reading import LARGE, Unreadable, Value, several, within
+from pendulum_env.reading import Number, Unreadable, convert
 
 MOST_TORQUE = 1e6  # [N m] of a signal; the largest robots have some 1e4
-TORQUE, FREQUENCY = (1e-9, MOST_TORQUE), (1e-6, 1e3)  # [N m], [Hz] of a signal in a file: others have no meaning
+Torque = Annotated[float, Meta(ge=1e-9, le=MOST_TORQUE)]  # [N m] of a signal in a file
+Frequency = Annotated[float, Meta(ge=1e-6, le=1e3)]  # [Hz]
 USUAL_SPEED = 4.0  # [rad/s] of a joint that is designed to move, where nobody says more
 
 
@@ -41,8 +43,8 @@ class TwoTone:
     The paper prints the sines without t; the frequencies only make sense with it. r1 and r2 are random phases.
     """
 
-    amplitude: float = within(*TORQUE)
-    phases: tuple[float, ...] = several(-LARGE, LARGE, 2)  # [rad]
+    amplitude: Torque
+    phases: tuple[Number, ...]  # [rad]
 
     @classmethod
     def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
@@ -59,10 +61,10 @@ class TwoTone:
 class Multisine:
     """Sines at multiples of one base frequency: moderate motion with a flat spectrum, over and over."""
 
-    amplitude: float = within(*TORQUE)
-    base: float = within(*FREQUENCY)  # [Hz]
-    harmonics: tuple[int, ...] = several(1, 1000, 100)
-    phases: tuple[float, ...] = several(-LARGE, LARGE, 100)  # [rad]
+    amplitude: Torque
+    base: Frequency  # [Hz]
+    harmonics: tuple[Annotated[int, Meta(ge=1, le=1000)], ...]
+    phases: tuple[Number, ...]  # [rad]
 
     @classmethod
     def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
@@ -95,11 +97,11 @@ class Multisine:
 class Chirp:
     """A sweep of frequency: slow full turns first, fast wagging last, and from the start again after its duration."""
 
-    amplitude: float = within(*TORQUE)
-    low: float = within(*FREQUENCY)  # [Hz]
-    high: float = within(*FREQUENCY)  # [Hz]
-    seconds: float = within(1e-3, 1e6)
-    phase: float = within(-LARGE)  # [rad]
+    amplitude: Torque
+    low: Frequency  # [Hz]
+    high: Frequency  # [Hz]
+    seconds: Annotated[float, Meta(ge=1e-3, le=1e6)]
+    phase: Number  # [rad]
 
     @classmethod
     def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float) -> Self:
@@ -118,9 +120,9 @@ class Chirp:
 class Levels:
     """Torque held at given levels between given times, and from the start again after the last one."""
 
-    amplitude: float = within(*TORQUE)
-    edges: tuple[float, ...] = several(1e-6, 1e6, 100_000)  # end of each level [s], increasing
-    levels: tuple[float, ...] = several(-MOST_TORQUE, MOST_TORQUE, 100_000)  # [N m]
+    amplitude: Torque
+    edges: tuple[Annotated[float, Meta(ge=1e-6, le=1e6)], ...]  # end of each level [s], increasing
+    levels: tuple[Annotated[float, Meta(ge=-MOST_TORQUE, le=MOST_TORQUE)], ...]  # [N m]
 
     def signal(self, time: ArrayLike) -> Array:
         """Torque [N m]."""
@@ -209,6 +211,12 @@ def family(rng: np.random.Generator, seconds: float, amplitude: float) -> list[E
 SIGNALS: dict[str, type[Any]] = {"two_tone": TwoTone, "multisine": Multisine, "chirp": Chirp, "levels": Levels}
 
 
+class _Kind(Struct):
+    """What every signal in a file has."""
+
+    kind: str
+
+
 def signal_json(signal: Excitation) -> JSON:
     """Plain dictionary for JSON of a signal that `SIGNALS` knows."""
     kind = next(name for name, kind in SIGNALS.items() if isinstance(signal, kind))
@@ -216,28 +224,20 @@ def signal_json(signal: Excitation) -> JSON:
     return {"kind": kind, **{name: list(v) if isinstance(v, tuple) else v for name, v in values}}
 
 
-def signal_from_json(data: JSON) -> Excitation:
+def signal_from_json(data: JSON, key: str = "") -> Excitation:
     """Signal from a dictionary that `signal_json` made.
 
-    Raises:
-        ValueError: if it is none.
-    """
-    return signal_of(Value("the signal", "", data))
-
-
-def signal_of(data: Value) -> Excitation:
-    """Signal from what stands in a file.
+    Args:
+        data: the dictionary.
+        key: under which it stands in a file.
 
     Raises:
         ValueError: if it is none.
     """
     known = f"a signal is one of {', '.join(SIGNALS)} with all of its numbers, within its amplitude"
     try:
-        kind = SIGNALS.get(data["kind"].text())
-        if kind is None:
-            raise data["kind"].fault(f"one of {', '.join(SIGNALS)}")
-        own = {name: value for name, value in data.table().items() if name != "kind"}
-        signal: Excitation = replace(data, content=own).record(kind)
+        kind = find("kind", convert(data, _Kind, key).kind, SIGNALS)
+        signal: Excitation = convert({name: value for name, value in data.items() if name != "kind"}, kind, key)
     except Mistake as error:
         raise Unreadable(f"{known}: {error}") from None
     match signal:

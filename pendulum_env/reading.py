@@ -1,7 +1,7 @@
 """Read JSON, TOML and NPZ, and check what stands in them.
 
-What stands in a JSON file is taken by `Value`, which knows its key. Every fault is an `Unreadable`: one sentence with
-the file and, where there is one, the key.
+`convert` makes a struct or a dataclass of what stands in them. Every fault is one sentence with the file and, where
+there is one, the key.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ import stat
 import tomllib
 import zipfile
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
+import msgspec
 import numpy as np
+from msgspec import Meta, inspect
 from numpy.typing import NDArray
 
 from pendulum_env.files import at_once
@@ -194,127 +195,69 @@ def _refuse_values(path: str | os.PathLike[str], content: Any) -> None:
             raise Unreadable(f"{path}: holds a number of more than {DIGITS} digits: write a smaller one")
 
 
-def within(low: float, high: float = LARGE, default: Any = MISSING, also: str | None = None) -> Any:
-    """A field of a record: a number from low to high, or a word that stands for None."""
-    return field(default=default, metadata={"range": (low, high), "also": also})
+# ---------------------------------------------------------------------------------------------------------- values
 
 
-def one_of(*known: Any, default: Any = MISSING) -> Any:
-    """A field of a record: one of the known values."""
-    return field(default=default, metadata={"known": known})
+Number = Annotated[float, Meta(ge=-LARGE, le=LARGE)]  # types of fields for `convert`
+NonNegative = Annotated[float, Meta(ge=0.0, le=LARGE)]
+Text = Annotated[str, Meta(min_length=1, max_length=LONGEST)]
+WORDS = {  # for msgspec's
+    **{"float": "a number", "int": "a whole number", "str": "a text", "bool": "true or false"},
+    **{"object": "a table", "array": "a list", "null": "nothing"},
+}
 
 
-def several(low: float, high: float, most: int, default: Any = MISSING) -> Any:
-    """A field of a record: up to so many numbers from low to high."""
-    return field(default=default, metadata={"range": (low, high), "also": None, "most": most})
+def convert(content: Any, kind: type[T], key: str = "") -> T:
+    """Convert what JSON or TOML holds to a type that msgspec knows, such as a struct or a dataclass.
 
-
-@dataclass(frozen=True)
-class Value:
-    """A value of a document and the key that it stands under; every method takes it as what is asked for.
-
-    Attributes:
-        of: what the document is, as a sentence names it: `the model`; empty where the file's name says it.
-        key: such as `theta.inertia.value`; empty for the whole document.
+    Args:
         content: as the parser gave it.
+        kind: the type. A name that a dataclass, or a struct with `forbid_unknown_fields`, does not have is refused.
+        key: under which the content stands in its file; empty for the whole file.
 
     Raises:
-        Unreadable: by every method, if it is not what was asked for: the sentence has the key, the value and what it
-            has to be.
+        Mistake: if it is of another type or out of range; the message has its key, such as `recording[2].load.gravity`.
     """
+    _refuse_unknown(content, inspect.type_info(kind), key)
+    try:
+        return msgspec.convert(content, kind)
+    except msgspec.ValidationError as error:
+        told, _, place = str(error).partition(" - at `$")
+    value, place = content, place.rstrip("`")
+    for name, index in re.findall(r"\.([^.\[]+)|\[(\d+)\]", place):
+        value = value[int(index) if index else name]
+    place = (key + place).lstrip(".")
+    if missing := re.fullmatch(r"Object missing required field `(.*)`", told):
+        raise Unreadable(f"{repr(place) if place else 'it'} lacks '{missing[1]}'")
+    if not told.startswith(("Expected", "Number")):  # of a `__post_init__`
+        raise Unreadable(f"'{place}': {told}" if place else told)
+    told = re.sub(r"`(\w+)(?: \| null)?`", lambda word: WORDS.get(word[1], word[1]), told.partition(", got")[0])
+    told = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):g}", told)
+    raise Unreadable(f"{repr(place) if place else 'it'} is {shown(value)}: {told[0].lower()}{told[1:]}")
 
-    of: str
-    key: str
-    content: Any
 
-    def fault(self, asked: str) -> Unreadable:
-        """The mistake that it is not what was asked for."""
-        return Unreadable(f"{self._what} is {shown(self.content)}: it has to be {asked}")
-
-    @property
-    def _what(self) -> str:
-        return " of ".join(filter(None, [self.key and f"'{self.key}'", self.of])) or "it"
-
-    def __getitem__(self, name: str | int) -> Value:
-        """What has to stand under a key of a table, or at a place in a list."""
-        if isinstance(name, int):
-            return Value(self.of, f"{self.key}[{name}]", self.content[name])
-        found = self.get(name)
-        if found is None:
-            inside = f" under '{self.key}'" if self.key else ""
-            raise Unreadable(f"{self.of or 'it'} lacks '{name}'{inside}")
-        return found
-
-    def get(self, name: str) -> Value | None:
-        """What stands under a key of a table, None if nothing does, or null."""
-        inner = self.table().get(name)
-        return None if inner is None else Value(self.of, f"{self.key}.{name}".lstrip("."), inner)
-
-    def table(self) -> dict[str, Any]:
-        """A table."""
-        if not isinstance(self.content, dict):
-            raise self.fault("a table")
-        return self.content
-
-    def items(self, most: int = 10_000) -> list[Value]:
-        """The values of a list, no longer than `most`."""
-        if not isinstance(self.content, list | tuple):
-            raise self.fault("a list")
-        if len(self.content) > most:
-            raise Unreadable(f"{self._what} is a list of {len(self.content)}: at most {most} are read")
-        return [self[k] for k in range(len(self.content))]
-
-    def text(self, most: int = 200) -> str:
-        """A text, not empty, of up to `most` characters."""
-        if not isinstance(self.content, str) or not self.content.strip() or len(self.content) > most:
-            raise self.fault(f"a text of up to {most} characters")
-        return self.content
-
-    def number(self, low: float = -LARGE, high: float = LARGE, above: bool = False, whole: bool = False) -> float:
-        """A number from low to high, or `above` low."""
-        number = isinstance(self.content, int if whole else int | float) and not isinstance(self.content, bool)
-        if not number or not low <= self.content <= high or (above and self.content == low):
-            kind = "whole" if whole else "finite"
-            asked = f"a number above {low:g}, up to {high:g}" if above else f"a {kind} number from {low:g} to {high:g}"
-            raise self.fault(asked)
-        return int(self.content) if whole else float(self.content)
-
-    def record(self, kind: type[T]) -> T:
-        """A record of a table, whose keys are its fields: of their types, and as they are bounded there.
-
-        Raises:
-            Mistake: if it has a key of another name.
-        """
-        known = {asked.name: asked for asked in fields(kind)}  # type: ignore[arg-type]
-        for name in self.table():
-            find(f"key in [{self.key}]" if self.key else "key", name, known)
-        needed = {name for name, asked in known.items() if asked.default is MISSING} | set(self.table())
-        return kind(**{name: self[name]._as(asked) for name, asked in known.items() if name in needed})
-
-    def _as(self, asked: Field[Any]) -> Any:
-        """What a field asks for."""
-        if "known" in asked.metadata:
-            if not any(self.content == one and type(self.content) is type(one) for one in asked.metadata["known"]):
-                raise self.fault(f"one of {', '.join(map(str, asked.metadata['known']))}")
-            return self.content
-        kind = asked.type if isinstance(asked.type, str) else asked.type.__name__
-        match kind.removesuffix(" | None"):
-            case "bool":
-                if not isinstance(self.content, bool):
-                    raise self.fault("true or false")
-                return self.content
-            case "str":
-                return self.text(LONGEST)
-            case "Value":
-                return self
-        (low, high), also = asked.metadata["range"], asked.metadata["also"]
-        if "most" in asked.metadata:
-            return tuple(one.number(low, high, whole="int" in kind) for one in self.items(asked.metadata["most"]))
-        if isinstance(self.content, str) and also is not None:
-            if self.content != also:
-                raise self.fault(f'a number, or "{also}"')
-            return None
-        return self.number(low, high, whole=kind.startswith("int"))
+def _refuse_unknown(content: Any, kind: inspect.Type, key: str) -> None:
+    """Refuse names and words that a type does not have; the message has those that it has."""
+    kinds = kind.types if isinstance(kind, inspect.UnionType) else (kind,)
+    words = [word for one in kinds if isinstance(one, inspect.LiteralType) for word in one.values]
+    numbers = any(isinstance(one, inspect.IntType | inspect.FloatType) for one in kinds)
+    if words and isinstance(content, str if numbers else str | int) and content not in words:
+        known = f"{'a number, or ' if numbers else 'one of '}{', '.join(map(str, words))}"
+        raise Unreadable(f"'{key}' is {shown(content)}: expected {known}")
+    for one in kinds:
+        if isinstance(content, list) and isinstance(one, inspect.ListType | inspect.VarTupleType):
+            for k, inner in enumerate(content):
+                _refuse_unknown(inner, one.item_type, f"{key}[{k}]")
+        if isinstance(content, dict) and isinstance(one, inspect.StructType | inspect.DataclassType):
+            fields = {field.encode_name: field.type for field in one.fields}
+            for name, inner in content.items():
+                if name in fields:
+                    _refuse_unknown(inner, fields[name], f"{key}.{name}".lstrip("."))
+                elif isinstance(one, inspect.DataclassType) or one.forbid_unknown_fields:
+                    try:
+                        find("key", name, fields)
+                    except Mistake as error:
+                        raise Unreadable(f"'{key}': {error}" if key else str(error)) from None
 
 
 # -------------------------------------------------------------------------------------------------------- archives

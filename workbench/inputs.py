@@ -9,6 +9,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
+from msgspec import Struct
+
 from estimators.arguments import model_that_moves
 from estimators.diagnosis.result import SCHEMA
 from estimators.diagnosis.suggestion import Suggestion
@@ -21,7 +23,7 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.files import check_output, write_whole
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.plant import hide, paper_plant
-from pendulum_env.reading import Unreadable, Value, read_json
+from pendulum_env.reading import Text, Unreadable, convert, read_json
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.record import WARNING
 from pendulum_env.recording.study import format_of, named_twice, read_as, read_sources
@@ -206,6 +208,14 @@ def tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal
         terminal.say(f"warning: {text}", style="yellow")
 
 
+class _Diagnosis(Struct):
+    """What a diagnosis says of the next experiment."""
+
+    suggestion: dict[str, Any] | None = None
+    forbidden: Text | None = None
+    inseparable: list[list[Text]] | None = None
+
+
 def read_suggestion(path: str) -> Suggestion:
     """Read the experiment that a diagnosis suggests.
 
@@ -215,21 +225,16 @@ def read_suggestion(path: str) -> Suggestion:
     content = read_json(path, hint)
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise InputError(f"{path}: is not a diagnosis; {hint}")
-    data = Value("the diagnosis", "", content)
     try:
-        suggestion, forbidden, pairs = (data.get(key) for key in ("suggestion", "forbidden", "inseparable"))
-        if suggestion is None:
-            if forbidden is not None:
-                raise InputError(f"{path}: {forbidden.text(1000)}")
-            groups = [[effect.text() for effect in group.items(100)] for group in (pairs.items() if pairs else [])]
-            why = f", and no torque tells {' from '.join(groups[0])}" if groups else ""
-            raise InputError(f"{path}: this diagnosis leaves nothing open that an experiment would settle{why}")
+        data = convert(content, _Diagnosis)
+        if data.suggestion is not None:
+            return Suggestion.from_json(data.suggestion, "suggestion")
     except Unreadable as error:
         raise InputError(f"{path}: {error}") from None
-    try:
-        return Suggestion.of(suggestion)
-    except Unreadable as error:
-        raise InputError(f"{path}: its suggestion cannot be played: {error}") from None
+    if data.forbidden is not None:
+        raise InputError(f"{path}: {data.forbidden}")
+    why = f", and no torque tells {' from '.join(data.inseparable[0])}" if data.inseparable else ""
+    raise InputError(f"{path}: this diagnosis leaves nothing open that an experiment would settle{why}")
 
 
 def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> None:

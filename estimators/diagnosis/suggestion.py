@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta, Struct
 
 from pendulum_env._typing import JSON, Array
-from pendulum_env.excitation import Excitation, signal_json, signal_of
-from pendulum_env.reading import Value
+from pendulum_env.excitation import Excitation, signal_from_json, signal_json
+from pendulum_env.reading import NonNegative, Number, Text, convert
 
 LONGEST = 100_000.0  # [s] of an experiment
 RATE = 500.0  # [Hz], of the experiment's torque as samples
@@ -23,8 +25,8 @@ class Aim:
         instead: id of the model's term that it may be mistaken for; None if the data hardly show it at all.
     """
 
-    effect: str
-    instead: str | None = None
+    effect: Text
+    instead: Text | None = None
 
     @property
     def text(self) -> str:
@@ -86,24 +88,27 @@ class Suggestion:
         }
 
     @classmethod
-    def of(cls, data: Value) -> Suggestion:
-        """Suggestion from what stands in a diagnosis.
+    def from_json(cls, data: JSON, key: str = "") -> Suggestion:
+        """Suggestion from a dictionary that `json` made.
+
+        Args:
+            data: the dictionary.
+            key: under which it stands in a file.
 
         Raises:
             ValueError: if it is none.
         """
-        reach = [angle.number() for angle in data["reach"].items()]
-        if len(reach) != 2:
-            raise data["reach"].fault("a list of two angles")
-        aims = []
-        for entry in data["settles"].items(100):
-            instead = entry.get("instead")
-            aims.append(Aim(entry["effect"].text(), None if instead is None else instead.text()))
-        return cls(
-            signal_of(data["signal"]),
-            data["seconds"].number(0.0, LONGEST, above=True),
-            tuple(aims),
-            data["peak_torque"].number(0.0),
-            (reach[0], reach[1]),
-            data["peak_speed"].number(0.0),
-        )
+        said = convert(data, _Said, key)
+        signal = signal_from_json(said.signal, f"{key}.signal".lstrip("."))
+        return cls(signal, said.seconds, said.settles, said.peak_torque, said.reach, said.peak_speed)
+
+
+class _Said(Struct):
+    """What a diagnosis says of it."""
+
+    signal: dict[str, Any]
+    seconds: Annotated[float, Meta(gt=0.0, le=LONGEST)]
+    settles: tuple[Aim, ...]
+    peak_torque: NonNegative
+    reach: tuple[Number, Number]
+    peak_speed: NonNegative

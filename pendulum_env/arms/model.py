@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from msgspec import Struct
+
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Coupling, Links, at_joint, body_of, coupled
@@ -14,7 +16,7 @@ from pendulum_env.physics import Model, ModelError, Term, library
 from pendulum_env.physics.model import ARM_SCHEMA, read_estimate
 from pendulum_env.physics.table import Table, read_table
 from pendulum_env.physics.term import loads
-from pendulum_env.reading import Unreadable, Value, read_json
+from pendulum_env.reading import Number, Text, Unreadable, convert, read_json
 
 HINT = "an arm's model is what `identify --robot` or `diagnose --robot` write with -o"
 
@@ -67,29 +69,49 @@ class ArmModel(Model):
     @classmethod
     def of_body(cls, content: JSON, body: Body) -> ArmModel:
         """Model of a body from a dictionary that `json` made; raises ModelError, or Unreadable, as `load`."""
-        data = Value("the model", "", content)
-        if data["schema"].text() != ARM_SCHEMA:
+        if not isinstance(content, dict) or content.get("schema") != ARM_SCHEMA:
             raise ModelError(f"is no model of an arm; {HINT}")
-        joints = [joint.text() for joint in data["joints"].items(1000)]
-        if tuple(joints) != body.joints:
-            raise ModelError(f"is of an arm with joints {', '.join(joints)}, not {', '.join(body.joints)}")
-        base = data["base"].content
-        if base != {parameter.name: parameter.text for parameter in body.base}:
+        data = convert(content, _ArmModelFile)
+        if data.joints != body.joints:
+            raise ModelError(f"is of an arm with joints {', '.join(data.joints)}, not {', '.join(body.joints)}")
+        if data.base != {parameter.name: parameter.text for parameter in body.base}:
             raise ModelError(
                 "is of other links than this robot has: give the file that it was made with, --rotors as then"
             )
-        theta = data["theta"]
-        known = theta.content if isinstance(theta.content, dict) else {}
-        terms = [
-            _term(item, body, f"coupling.inertia@{item['joint'].text()}" in known) for item in data["terms"].items(1000)
-        ]
+        terms = [_term(k, data, body) for k in range(len(data.terms))]
         model = cls.build((Links(body), *terms), 0.0)
-        log_format = data.get("log_format")
         return replace(
             model,
-            estimates={name: read_estimate(theta[name], own.unit) for name, own in model.estimates.items()},
-            log_format={} if log_format is None else log_format.table(),
+            estimates={name: read_estimate(data.theta, name, own.unit) for name, own in model.estimates.items()},
+            log_format=data.log_format or {},
         )
+
+
+class _ArmFile(Struct):
+    """What a model file says of the robot and of its logs."""
+
+    joints: tuple[Text, ...] = ()
+    held: dict[str, Number] | None = None
+    rotors: bool | None = None
+    weightless: bool | None = None
+    log_format: dict[str, Any] | None = None
+
+
+class _ArmTerm(Struct):
+    """What it says of a term at a joint."""
+
+    id: Text
+    joint: Text
+    shape: dict[str, Any]
+    extent: dict[str, Any] | None = None
+
+
+class _ArmModelFile(_ArmFile, kw_only=True):
+    """What stands in it."""
+
+    base: dict[str, Any]
+    terms: list[_ArmTerm]
+    theta: dict[str, Any]
 
 
 def model_of(model: Model) -> Model:
@@ -113,26 +135,29 @@ class Asked:
     def of_model(cls, path: str | Path) -> Asked:
         """As the file of a model tells; nothing if it is none."""
         try:
-            data = Value("the model", "", read_json(path, HINT))
-            still, rotors, light, read = (data.get(name) for name in ("held", "rotors", "weightless", "log_format"))
-            places = still.content if still is not None and isinstance(still.content, dict) else {}
-            held = {name: Value("the model", f"held.{name}", position).number() for name, position in places.items()}
-            joints = tuple(joint.text() for joint in data["joints"].items(1000)) if held else None
-            log_format = {} if read is None else read.table()
+            data = convert(read_json(path, HINT), _ArmFile)
         except Unreadable:
             return cls()  # who loads it says why
-        has_rotors = rotors.content if rotors is not None and isinstance(rotors.content, bool) else None
-        return cls(joints, held, has_rotors, light is not None and light.content is True, log_format)
+        held = data.held or {}
+        return cls(data.joints if held else None, held, data.rotors, bool(data.weightless), data.log_format or {})
 
 
-def _term(item: Value, body: Body, is_heavy: bool) -> Term:
-    joint, shape = item["joint"].text(), item["shape"]
-    for place in loads(joint):
+def _term(k: int, data: _ArmModelFile, body: Body) -> Term:
+    """One of the terms in a model file."""
+    item = data.terms[k]
+    for place in loads(item.joint):
         if place not in body.joints:
             raise ModelError(f"has a term at joint '{place}', the robot has {', '.join(body.joints)}")
-    if item["id"].text() == Coupling.id:
-        return coupled(joint, is_heavy)()
-    kind = library.term(item["id"].text())
-    values = {known.name: shape[known.name].number(known.low, known.high) for known in kind.shapes}
-    there = at_joint(kind, joint, body.slides[body.joints.index(joint)])
-    return read_table(there, item["extent"]) if issubclass(there, Table) else there(**values)
+    if item.id == Coupling.id:
+        return coupled(item.joint, f"coupling.inertia@{item.joint}" in data.theta)()
+    kind = library.term(item.id)
+    values = {}
+    for known in kind.shapes:
+        if known.name not in item.shape:
+            raise ModelError(f"'terms[{k}].shape' lacks '{known.name}'")
+        place = f"terms[{k}].shape.{known.name}"
+        values[known.name] = value = convert(item.shape[known.name], float, place)
+        if not known.low <= value <= known.high:
+            raise ModelError(f"'{place}' is {value:g}: expected a number from {known.low:g} to {known.high:g}")
+    there = at_joint(kind, item.joint, body.slides[body.joints.index(item.joint)])
+    return read_table(there, item.extent, f"terms[{k}].extent") if issubclass(there, Table) else there(**values)

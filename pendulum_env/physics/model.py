@@ -7,9 +7,10 @@ import re
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
+from msgspec import Meta, Struct
 
 from pendulum_env._typing import JSON, Array, ArrayLike
 from pendulum_env.files import write_whole
@@ -19,7 +20,7 @@ from pendulum_env.physics.base import BASE
 from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.table import Curve, Table, read_table, refuse_held
 from pendulum_env.physics.term import Column, Samples, Term
-from pendulum_env.reading import Unreadable, Value, read_json
+from pendulum_env.reading import Number, Text, Unreadable, convert, read_json, shown
 from pendulum_env.words import per, plus_minus
 
 SCHEMA = "pendulum-ident/model@1"
@@ -283,7 +284,7 @@ class Model:
                 )
             raise ModelError(f"this is not a model: 'schema' should be {SCHEMA}")
         try:
-            return _model(Value("the model", "", data))
+            return _model(convert(data, _ModelFile))
         except ValueError as error:
             raise ModelError(str(error)) from None
 
@@ -306,25 +307,66 @@ class Model:
             raise ModelError(f"{path}: {error}") from None
 
 
-def _model(data: Value) -> Model:
-    ids, theta = data["terms"].items(100), data["theta"]
-    terms = tuple(_term(id, data) for id in ids)
+class ParameterFile(Struct):
+    """What a model file says of a parameter."""
+
+    value: Number
+    std: Annotated[float, Meta(ge=0.0, le=1e100)] | None = None  # large where data do not show it; its square is finite
+    unit: str | None = None
+    biased: bool | None = None
+    unknown: bool | None = None
+
+    def estimate(self, unit: str) -> Estimate:
+        """The parameter, in a unit."""
+        return Estimate(self.value, self.std or 0.0, unit, is_biased=bool(self.biased), is_unknown=bool(self.unknown))
+
+
+class _Covariance(Struct):
+    """What it says of the errors of all parameters."""
+
+    parameters: list[str]
+    matrix: list[list[Number]]
+
+
+class _ModelFile(Struct):
+    """What stands in it."""
+
+    terms: list[Text]
+    theta: dict[str, Any]  # of each, as `ParameterFile`
+    tables: dict[str, Any] | None = None
+    torque_unit: Text | None = None
+    torque_constant: ParameterFile | None = None
+    covariance: _Covariance | None = None
+    log_format: dict[str, Any] | None = None
+
+
+def read_estimate(theta: Mapping[str, Any], name: str, unit: str) -> Estimate:
+    """A parameter of a model file, in its unit.
+
+    Raises:
+        Unreadable: if the file lacks it, or it is no number.
+    """
+    if theta.get(name) is None:
+        raise Unreadable(f"'theta' lacks '{name}'")
+    return convert(theta[name], ParameterFile, f"theta.{name}").estimate(unit)
+
+
+def _model(data: _ModelFile) -> Model:
+    terms = tuple(_term(id, data) for id in data.terms)
     if len({term.id for term in terms}) != len(terms):
         raise ModelError("the model names a term twice: each may appear once")
     estimates = {}
     for name, default in Model.build(terms, 0.0).estimates.items():
-        read = read_estimate(theta[name], default.unit)
-        if name == "inertia" and read.value <= 0:
-            raise theta[name]["value"].fault("a number above zero")
-        estimates[name] = read
-    keys = ("torque_unit", "torque_constant", "covariance", "log_format")
-    unit, constant, covariance, log_format = (data.get(key) for key in keys)
+        estimates[name] = read_estimate(data.theta, name, default.unit)
+    if "inertia" in estimates and estimates["inertia"].value <= 0:
+        raise ModelError(f"'theta.inertia.value' is {estimates['inertia'].value:g}: expected a number above zero")
+    constant = data.torque_constant
     model = replace(
-        Model(terms, estimates).per("N m" if unit is None else _unit(unit)),
-        torque_constant=None if constant is None else read_estimate(constant, _unit(constant["unit"])),
-        log_format={} if log_format is None else log_format.table(),
+        Model(terms, estimates).per(_unit(data.torque_unit or "N m", "torque_unit")),
+        torque_constant=None if constant is None else constant.estimate(_unit(constant.unit, "torque_constant.unit")),
+        log_format=data.log_format or {},
     )
-    return model if covariance is None else model.correlated(*_covariance(covariance, list(estimates)))
+    return model if data.covariance is None else model.correlated(*_covariance(data.covariance, list(estimates)))
 
 
 def _all_derived(model: Model) -> dict[str, Estimate]:
@@ -363,55 +405,47 @@ def _derived(term: Term, values: Array) -> dict[str, tuple[float, str]]:
     return replace(term, **shapes).derived(values[:count])
 
 
-def _term(id: Value, data: Value) -> Term:
+def _term(id: str, data: _ModelFile) -> Term:
     """The term of an id in a model file, with its shape parameters, or its extent."""
-    kind = library.term(id.text())
+    kind = library.term(id)
     if issubclass(kind, Table):
-        return read_table(kind, data["tables"][kind.id])
-    theta = data["theta"]
+        tables = data.tables or {}
+        if id not in tables:
+            raise ModelError(f"'tables' lacks '{id}'")
+        return read_table(kind, tables[id], f"tables.{id}")
     shapes = {}
     for shape in kind.shapes:
         name = kind.full(shape.name)
-        if shape.usual is not None and theta.get(name) is None:
+        if shape.usual is not None and data.theta.get(name) is None:
             continue
-        value = theta[name]["value"]
-        shapes[shape.name] = number = value.number()
+        shapes[shape.name] = number = read_estimate(data.theta, name, shape.unit).value
         if not (shape.low <= number <= shape.high and (number.is_integer() or not shape.integer)):
             what = "a whole number" if shape.integer else "a number"
             unit = "" if shape.unit == "1" else f" {shape.unit}"
-            raise value.fault(f"{what} from {shape.low:g} to {shape.high:g}{unit}")
+            expected = f"{what} from {shape.low:g} to {shape.high:g}{unit}"
+            raise ModelError(f"'theta.{name}.value' is {number:g}: expected {expected}")
     term = kind(**shapes)
     if term.fault:
         raise ModelError(f"'{kind.id}' makes no sense: {term.fault}")
     return term
 
 
-def _covariance(data: Value, known: Sequence[str]) -> tuple[list[str], Array]:
+def _covariance(data: _Covariance, known: Sequence[str]) -> tuple[list[str], Array]:
     """The known parameters, and their covariance, of which a model file may tell more."""
-    names = [name.text() for name in data["parameters"].items()]
+    names = data.parameters
     if missing := [name for name in known if name not in names]:
         raise ModelError(f"'covariance' does not tell of {', '.join(missing)}: add it, or leave the whole key out")
-    rows = [[value.number() for value in row.items()] for row in data["matrix"].items()]
-    if [len(row) for row in rows] != [len(names)] * len(names):
+    if [len(row) for row in data.matrix] != [len(names)] * len(names):
         raise ModelError(f"'covariance' should have {len(names)} rows of as many numbers")
-    matrix = np.array(rows)
+    matrix = np.array(data.matrix)
     if (np.diag(matrix) < 0).any():
         raise ModelError("'covariance' has a variance below zero")
     place = [names.index(name) for name in known]
     return list(known), matrix[np.ix_(place, place)]
 
 
-def _unit(data: Value) -> str:
+def _unit(text: str | None, key: str) -> str:
     """A unit in a file; it is written into reports and programs, and may hold no words of theirs."""
-    text = data.text(20)
-    if re.fullmatch(r"[\w /^().%°µ·²-]*", text) is None:
-        raise data.fault("a unit, such as N m or A")
+    if text is None or re.fullmatch(r"[\w /^().%°µ·²-]{1,20}", text) is None:
+        raise ModelError(f"'{key}' is {shown(text)}: expected a unit, such as N m or A")
     return text
-
-
-def read_estimate(data: Value, unit: str) -> Estimate:
-    """A parameter of a model file."""
-    std = data.get("std")
-    error = 0.0 if std is None else std.number(0.0, 1e100)  # what data do not show may have any, of a finite square
-    is_biased, is_unknown = (data.get(key) is not None for key in ("biased", "unknown"))
-    return Estimate(data["value"].number(), error, unit, is_biased=is_biased, is_unknown=is_unknown)

@@ -13,14 +13,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, ClassVar, NamedTuple, Self, cast
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, cast
 
 import numpy as np
+from msgspec import Meta, Struct
+from msgspec.structs import astuple
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics.term import Column, Samples, Shape, Term, derived
-from pendulum_env.reading import Value
+from pendulum_env.reading import Number, Text, Unreadable, convert
 
 FARTHEST, NARROWEST = 1e6, 1e-6  # of a table in a file [rad, rad/s]
 ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # pieces that are tried
@@ -49,21 +51,28 @@ class Extent(NamedTuple):
         return self.low == -np.pi and self.high == np.pi
 
 
-def read_table(kind: type[Table], data: Value) -> Table:
-    """A table over the extent in a model file.
+class _Extent(Struct):
+    """What a model file says of it."""
+
+    low: Number
+    high: Number
+    pieces: Annotated[int, Meta(ge=3, le=100)]
+    beside: tuple[Text, ...] = ()
+
+
+def read_table(kind: type[Table], data: Any, key: str) -> Table:
+    """A table over the extent that stands under a key of a model file.
 
     Raises:
         Unreadable: if it makes no sense.
     """
-    low, high, pieces = (data[name] for name in ("low", "high", "pieces"))
-    beside = () if (names := data.get("beside")) is None else tuple(name.text() for name in names.items(len(OF_ANGLE)))
+    extent = Extent(*astuple(convert(data, _Extent, key)))
     least = 0.0 if kind.axis == "velocity" else -FARTHEST
-    extent = Extent(low.number(least, FARTHEST), high.number(least, FARTHEST), int(pieces.number(3, 100)), beside)
     is_wide = extent.high - extent.low > NARROWEST * max(1.0, abs(extent.low))
-    if not (is_wide and extent.pieces == pieces.content and set(beside) <= OF_ANGLE.keys()):
-        raise data.fault("a table with low < high and a whole number of pieces")
-    if extent.pieces <= len(beside):
-        raise data.fault("a table of more pieces than it leaves functions to others")
+    if not (least <= extent.low and extent.high <= FARTHEST and is_wide):
+        raise Unreadable(f"'{key}' has to reach from low to high, within {least:g} and {FARTHEST:g}")
+    if not set(extent.beside) <= OF_ANGLE.keys() or extent.pieces <= len(extent.beside):
+        raise Unreadable(f"'{key}' has to leave some of {', '.join(OF_ANGLE)} to others, fewer than it has pieces")
     return kind.over(extent)()
 
 

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.mistake import Mistake
-from pendulum_env.reading import LARGE, within
 from pendulum_env.servo.drive import Drive
 from pendulum_env.words import plus_minus
 
@@ -44,8 +43,8 @@ class ColumnError(RecordingError):
 class Load:
     """A load of known size that hung on the joint during one recording, beside the unknown rest of the mechanism."""
 
-    inertia: float = within(0.0)  # [kg m^2] about the axis
-    gravity: float = within(-LARGE)  # [N m], torque that holds it out level
+    inertia: float  # [kg m^2] about the axis
+    gravity: float  # [N m], torque that holds it out level
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.inertia) and self.inertia >= 0):

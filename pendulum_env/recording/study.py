@@ -29,13 +29,14 @@ from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
+from msgspec import Meta, Struct
 
 from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
-from pendulum_env.reading import LONGEST, Unreadable, Value, one_of, read_toml, toml, within
+from pendulum_env.reading import NonNegative, Number, Text, Unreadable, convert, read_toml, toml
 from pendulum_env.recording.columns import refuse_unknown_quantity
 from pendulum_env.recording.record import ColumnError, Load, Recording, RecordingError
 from pendulum_env.recording.storage import read_recording
@@ -144,7 +145,7 @@ def read_as(source: Source, format: Mapping[str, Any], said_by: str) -> Source:
     if source.of_study or not unsaid:
         return source
     try:
-        told = _source(Path(), Value("", "", {"file": "log", **{key: format[key] for key in unsaid}}), {}, {})
+        told = _source(Path(), convert({"file": "log", **{key: format[key] for key in unsaid}}, _Recording), {}, {})
     except ValueError as error:
         raise StudyError(f"{said_by}, log_format: {error}") from None
     return replace(source, **{key: getattr(told, key) for key in unsaid}, said_by=said_by)
@@ -207,16 +208,16 @@ def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
     except Unreadable as error:
         raise StudyError(str(error)) from None
     try:
-        study = Value("", "", content).record(_Study)
-        if study.recording is None or not isinstance(study.recording.content, list) or not study.recording.content:
+        study = convert(content, _Study)
+        if not study.recording:
             raise StudyError('names no recordings: write [[recording]] and below it file = "run.csv"')
-        joints, shared, drive = _joints(study.joints), _columns(study.columns), _drive(study.drive, {})
-        for number, table in enumerate(study.recording.items(1000), start=1):
-            where = f", recording {number}"
-            source = _source(path.parent, Value("", "", table.content), shared, drive)
-            sources.append(replace(source, joints=joints, of_study=True))
+        shared, drive = _columns(study.columns), _drive(study.drive, {})
+        for k, said in enumerate(study.recording):
+            where = f"'recording[{k}]': "
+            source = _source(path.parent, said, shared, drive)
+            sources.append(replace(source, joints=study.joints, of_study=True))
     except ValueError as error:
-        raise StudyError(f"{path}{where}: {error}") from None
+        raise StudyError(f"{path}: {where}{error}") from None
     if (twice := named_twice(sources)) is not None:
         raise StudyError(f"{path}: {twice.file.name} is named twice: give ranges that do not overlap")
     return tuple(sources)
@@ -244,82 +245,65 @@ def write_study(path: str | os.PathLike[str], sources: Sequence[Source]) -> None
     write_whole(path, "\n".join([*lines, ""]))
 
 
-@dataclass(frozen=True)
-class _Study:
+class _Load(Struct, forbid_unknown_fields=True):
+    """What a study says of a load."""
+
+    mass: NonNegative | None = None  # [kg]
+    length: NonNegative | None = None  # [m]
+    inertia: NonNegative | None = None  # [kg m^2]
+    gravity: Number | None = None  # [N m]
+
+    @property
+    def known(self) -> Load:
+        """What it adds to the joint."""
+        match self:
+            case _Load(float(mass), float(length), None, None):
+                return Load(mass * length**2, mass * GRAVITY * length)
+            case _Load(None, None, float(inertia), float(gravity)):
+                return Load(inertia, gravity)
+        raise RecordingError("load needs mass and length, or inertia and gravity")
+
+
+class _Recording(Struct, forbid_unknown_fields=True):
+    """What a study says of a recording."""
+
+    file: Text
+    role: Role = "fit"
+    columns: dict[str, Any] = {}
+    unwrap: bool = False
+    range: tuple[NonNegative, NonNegative] | None = None
+    load: _Load | None = None
+    drive: dict[str, Any] = {}
+
+
+class _Study(Struct, forbid_unknown_fields=True):
     """What stands in a study."""
 
-    joints: Value | None = None
-    columns: Value | None = None
-    drive: Value | None = None
-    recording: Value | None = None
+    joints: Annotated[tuple[Text, ...], Meta(min_length=1)] | None = None
+    columns: dict[str, Any] = {}
+    drive: dict[str, Any] = {}
+    recording: list[_Recording] = []
 
 
-@dataclass(frozen=True)
-class _Said:
-    """What it says of a recording."""
-
-    file: str
-    role: Role = one_of("fit", "holdout", default="fit")  # noqa: RUF009
-    columns: Value | None = None
-    unwrap: bool = False
-    range: Value | None = None
-    load: Value | None = None
-    drive: Value | None = None
-
-
-@dataclass(frozen=True)
-class _Weight:
-    """A load told by mass and distance from the axis."""
-
-    mass: float = within(0.0)  # [kg]
-    length: float = within(0.0)  # [m]
-
-
-def _source(folder: Path, table: Value, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:
-    said = table.record(_Said)
+def _source(folder: Path, said: _Recording, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:
+    if said.range is not None and said.range[0] >= said.range[1]:
+        raise StudyError(f"range is {list(said.range)}: expected [from, to] in seconds from the first sample")
     told = _drive(said.drive, drive)
     return Source(
-        folder / said.file, said.role, {**shared, **_columns(said.columns)}, said.unwrap, _range(said.range),
-        _load(said.load), Drive.of(told) if told else None,
+        folder / said.file, said.role, {**shared, **_columns(said.columns)}, said.unwrap, said.range,
+        None if said.load is None else said.load.known, Drive.of(told) if told else None,
     )  # fmt: skip
 
 
-def _joints(value: Value | None) -> tuple[str, ...] | None:
-    if value is None:
-        return None
-    if not value.items():
-        raise value.fault('the names of those that move, as ["lift", "elbow"]')
-    return tuple(name.text() for name in value.items())
-
-
-def _columns(table: Value | None) -> dict[str, str]:
-    if table is None:
-        return {}
-    for quantity in table.table():
+def _columns(table: Mapping[str, Any]) -> dict[str, str]:
+    for quantity in table:
         refuse_unknown_quantity(quantity, of_arm=True)
-    return {quantity: table[quantity].text(LONGEST) for quantity in table.table()}
+    return {quantity: convert(text, Text, f"columns.{quantity}") for quantity, text in table.items()}
 
 
-def _drive(table: Value | None, shared: Mapping[str, Any]) -> dict[str, Any]:
+def _drive(table: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
     """What is said of a drive, beside what is said of all."""
-    if table is None:
-        return dict(shared)
-    Drive.of({"kp": 1.0, **shared, **table.table()})  # what is wrong is told where it stands
-    return {**shared, **table.table()}
-
-
-def _range(value: Value | None) -> tuple[float, float] | None:
-    if value is None:
-        return None
-    numbers = tuple(number.number(0.0) for number in value.items())
-    if len(numbers) != 2 or numbers[0] >= numbers[1]:
-        raise value.fault("[from, to] in seconds from the first sample")
-    return numbers
-
-
-def _load(table: Value | None) -> Load | None:
-    """A load by mass and length, or by inertia and gravity."""
-    if table is None or not {"mass", "length"} & set(table.table()):
-        return None if table is None else table.record(Load)
-    weight = table.record(_Weight)
-    return Load(weight.mass * weight.length**2, weight.mass * GRAVITY * weight.length)
+    told = {**shared, **table}
+    if table:
+        Drive.of({"kp": 1.0, **told})  # what is wrong is told where it stands
+    return told

@@ -2,14 +2,15 @@
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
+from msgspec import Struct
 
 from agents.network import SHIPPED, Network
 from pendulum_env.files import write_whole
-from pendulum_env.reading import DIGITS, Unreadable, Value, read_json, read_own, read_toml
+from pendulum_env.reading import DIGITS, Number, Text, Unreadable, convert, read_json, read_own, read_toml
 from pendulum_env.recording import read_recording
 
 # ------------------------------------------------------------------------------------------------------- documents
@@ -41,25 +42,36 @@ def test_a_document_that_no_one_meant_is_refused(tmp_path: Path, kind: Any, text
         read(path)
 
 
-def test_a_value_is_told_with_its_key_and_never_at_length() -> None:
-    data = Value("the model", "", {"a": {"b": [1, "x" * 10_000, 10**400, {"c": [[]]}]}})
-    items = data["a"]["b"].items()
-    assert items[0].number(0, 1) == 1.0
-    for fault, match in [
-        (lambda: items[0].number(2, 3), r"^'a\.b\[0\]' of the model is 1: it has to be a finite number from 2 to 3$"),
-        (lambda: items[0].number(1, 3, above=True), "a number above 1, up to 3"),
-        (lambda: items[1].number(), r"^'a\.b\[1\]' of the model is 'x{27}\.\.\.x{28}': it has to be"),
-        (lambda: items[1].text(), "a text of up to 200 characters"),
-        (lambda: items[2].number(), r"is 10{27}\.\.\.0{29}: it has"),
-        (lambda: items[3].text(), r"is {'c': \[\.\.\.\]}: it has to be a text"),
-        (lambda: data["a"]["c"], "^the model lacks 'c' under 'a'$"),
-        (lambda: data["c"], "^the model lacks 'c'$"),
-        (lambda: items[0]["c"], r"'a\.b\[0\]' of the model is 1: it has to be a table"),
-        (lambda: data.items(), "^the model is {.*: it has to be a list"),
-        (lambda: data["a"]["b"].items(3), "is a list of 4: at most 3 are read"),
-    ]:
-        with pytest.raises(Unreadable, match=match):
-            fault()
+class Inner(Struct, forbid_unknown_fields=True):
+    size: Number
+    word: Literal["on", "off"] | None = None
+    sign: Literal[1, -1] = 1
+    names: tuple[Text, ...] = ()
+
+
+class Outer(Struct):
+    inner: list[Inner]
+
+
+@pytest.mark.parametrize(
+    ("key", "inner", "match"),
+    [
+        ("", {}, r"^'inner\[1\]' lacks 'size'$"),
+        ("", 3, r"^'inner\[1\]' is 3: expected a table$"),
+        ("", {"size": "x" * 10_000}, r"^'inner\[1\].size' is 'x{27}\.\.\.x{28}': expected a number$"),
+        ("", {"size": 10**400}, r"^'inner\[1\].size' is 10{27}\.\.\.0{29}: number out of range$"),
+        ("", {"size": float("nan")}, r"is nan: expected a number >= -1e\+09$"),
+        ("", {"size": True}, "is True: expected a number$"),
+        ("", {"size": 1, "word": "of"}, r"^'inner\[1\].word' is 'of': expected one of off, on$"),
+        ("", {"size": 1, "sign": 2}, r"^'inner\[1\].sign' is 2: expected one of -1, 1$"),
+        ("", {"size": 1, "names": [{"a": [[]]}]}, r"^'inner\[1\].names\[0\]' is {.*}: expected a text$"),
+        ("model", {"size": 1, "sise": 1}, r"^'model.inner\[1\]': unknown key 'sise': did you mean size\?"),
+        ("model", {}, r"^'model.inner\[1\]' lacks 'size'$"),
+    ],
+)
+def test_a_value_that_cannot_be_is_told_with_its_key(key: str, inner: Any, match: str) -> None:
+    with pytest.raises(Unreadable, match=match):
+        convert({"inner": [{"size": 1}, inner], "of a later version": 3}, Outer, key)
 
 
 # ----------------------------------------------------------------------------------------------------------- files

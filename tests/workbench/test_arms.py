@@ -267,7 +267,7 @@ MISTAKES = {
         ),
         ("identify run.csv --joints torso,sholder", "unknown joint 'sholder': did you mean shoulder"),
         ("identify run.csv --joints torso,,elbow", "names of joints with commas"),
-        ("identify empty.toml", "'joints' is 'torso': it has to be a list"),
+        ("identify empty.toml", "'joints' is 'torso': expected a list"),
         ("identify study.toml --joints torso", "told in two ways"),
         (
             "record -o x.csv --joints torso,shoulder,elbow --backend pymunk",

@@ -59,13 +59,13 @@ def test_identify_fits_what_is_to_be_fitted_and_compare_takes_all_of_a_study(ben
         ("identify study.toml -o study.toml", "study.toml: is one of the inputs"),
         ("diagnose study.toml --holdout tuesday.csv", "tuesday.csv: is named twice"),
         ("diagnose study.toml --holdout study.toml", "monday.csv: is named twice"),
-        ("identify bad.toml", "bad.toml, recording 1: unknown key 'roll'"),
+        ("identify bad.toml", "bad.toml: 'recording[0]': unknown key 'roll'"),
         ("identify held.toml", "held.toml: holds every recording out"),
         ("identify none.toml", "none.toml: cannot be read"),
         ("identify gone.toml", "gone.csv: there is no such file: check the path"),  # even if it is only held out
         ("identify monday.csv --columns time=clock:ms,torque=i", "torque cannot be column 'i' without a gain"),
-        ("compare text.json monday.csv", "text.json: 'log_format' of the model is 'clock': it has to be a table"),
-        ("compare number.json monday.csv", "log_format: 'columns.time' is 3: it has to be a text"),
+        ("compare text.json monday.csv", "text.json: 'log_format' is 'clock': expected a table"),
+        ("compare number.json monday.csv", "log_format: 'columns.time' is 3: expected a text"),
         ("compare drive.json monday.csv", "log_format: "),
     ],
 )

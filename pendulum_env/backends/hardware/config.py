@@ -12,7 +12,9 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
 
 from pendulum_env.backends.hardware.drive import Settings, adapters, find_adapter
 from pendulum_env.files import write_whole
@@ -20,7 +22,7 @@ from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.plant import PAPER
-from pendulum_env.reading import Unreadable, Value, one_of, read_text, read_toml, within
+from pendulum_env.reading import LARGE, NonNegative, Text, Unreadable, convert, read_text, read_toml
 
 CHECKED = ".checked"  # ending of the file beside a configuration that says which wiring has passed the check
 
@@ -33,9 +35,9 @@ class ConfigError(Mistake):
 class EncoderSettings:
     """The encoder."""
 
-    counts: int = within(1, 2**31, 1_024_000)  # per turn, after quadrature
-    sign: int = one_of(1, -1, default=1)  # of counts for a turn counter-clockwise
-    zero: int | None = within(-(2**31), 2**32, None, also="start")
+    counts: Annotated[int, Meta(ge=1, le=2**31)] = 1_024_000  # per turn, after quadrature
+    sign: Literal[1, -1] = 1  # of counts for a turn counter-clockwise
+    zero: Annotated[int, Meta(ge=-(2**31), le=2**32)] | None = None
     # count at which the arm hangs down; "start": it does when the rig is opened
 
 
@@ -43,44 +45,44 @@ class EncoderSettings:
 class Limits:
     """What the guard allows."""
 
-    torque: float = within(0.0, MAX_TORQUE, 6.0)  # [N m]
-    unchecked_torque: float = within(0.0, 2.0, 2.0)  # [N m], until `hardware check` has passed
-    slew: float = within(0.0, default=1000.0)  # [N m/s], how fast the torque may change
-    soft_velocity: float = within(0.0, default=25.0)  # [rad/s], from which torque that speeds up fades out
-    hard_velocity: float = within(0.0, default=35.0)  # [rad/s], a fault
-    gap: float = within(0.0, default=0.05)  # [s], longest between two commands
-    behind: float = within(0.0, default=0.2)  # [s] that the loop may be behind its ticks
-    overruns: int = within(0, 2**31, 1000)  # ticks that an episode may miss
-    stall_torque: float = within(0.0, default=4.0)  # [N m], more than gravity and dry friction together
-    stall_time: float = within(0.0, default=0.5)  # [s] for which the counts may stand still under stall_torque
-    reply: float = within(0.001, 5.0, 0.02)  # [s], to wait for the drive's answer
-    watchdog: float = within(0.005, 5.0, 0.08)  # [s] after which the drive itself takes the torque away
+    torque: Annotated[float, Meta(ge=0.0, le=MAX_TORQUE)] = 6.0  # [N m]
+    unchecked_torque: Annotated[float, Meta(ge=0.0, le=2.0)] = 2.0  # [N m], until `hardware check` has passed
+    slew: NonNegative = 1000.0  # [N m/s], how fast the torque may change
+    soft_velocity: NonNegative = 25.0  # [rad/s], from which torque that speeds up fades out
+    hard_velocity: NonNegative = 35.0  # [rad/s], a fault
+    gap: NonNegative = 0.05  # [s], longest between two commands
+    behind: NonNegative = 0.2  # [s] that the loop may be behind its ticks
+    overruns: Annotated[int, Meta(ge=0, le=2**31)] = 1000  # ticks that an episode may miss
+    stall_torque: NonNegative = 4.0  # [N m], more than gravity and dry friction together
+    stall_time: NonNegative = 0.5  # [s] for which the counts may stand still under stall_torque
+    reply: Annotated[float, Meta(ge=0.001, le=5.0)] = 0.02  # [s], to wait for the drive's answer
+    watchdog: Annotated[float, Meta(ge=0.005, le=5.0)] = 0.08  # [s] after which the drive itself takes the torque away
 
 
 @dataclass(frozen=True)
 class OnFault:
     """What happens on a fault that leaves the drive in reach and the encoder credible."""
 
-    action: str = one_of("zero", "brake", default="zero")
-    gain: float = within(0.0, default=0.5)  # [N m s/rad] of the braking torque
-    seconds: float = within(0.0, 2.0, 1.0)  # of braking, at most
+    action: Literal["zero", "brake"] = "zero"
+    gain: NonNegative = 0.5  # [N m s/rad] of the braking torque
+    seconds: Annotated[float, Meta(ge=0.0, le=2.0)] = 1.0  # of braking, at most
 
 
 @dataclass(frozen=True)
 class Rest:
     """How a reset waits for the arm, without power."""
 
-    velocity: float = within(0.0, default=0.02)  # [rad/s], of an arm at rest
-    seconds: float = within(0.0, 60.0, 0.3)  # for which it has to rest
-    timeout: float = within(0.0, default=20.0)  # [s]
+    velocity: NonNegative = 0.02  # [rad/s], of an arm at rest
+    seconds: Annotated[float, Meta(ge=0.0, le=60.0)] = 0.3  # for which it has to rest
+    timeout: NonNegative = 20.0  # [s]
 
 
 @dataclass(frozen=True)
 class SerialSettings:
     """A microcontroller with DAC, counter and watchdog."""
 
-    port: str
-    baud: int = within(9600, 12_000_000, 2_000_000)
+    port: Text
+    baud: Annotated[int, Meta(ge=9600, le=12_000_000)] = 2_000_000
 
     @property
     def device(self) -> str:
@@ -92,15 +94,15 @@ class SerialSettings:
 class DaqSettings:
     """A National Instruments card and the Dynaserv's own analogue drive."""
 
-    torque: str  # analogue output, +-10 V
-    encoder: str  # counter
-    enable: str  # digital output line to servo-enable, which the card's watchdog lets fall
-    fault: str | None = None  # digital input line from the drive's fault output
-    fault_active: str = one_of("low", "high", default="low")
-    newton_metres_per_volt: float = within(0.001, default=1.5)  # 15 N m at 10 V
-    volts_offset: float = within(-1.0, 1.0, 0.0)  # [V] at which the motor gives no torque
-    decoding: str = one_of("X_1", "X_2", "X_4", default="X_4")
-    server: str | None = None  # host:port of an NI gRPC device server; without it, the driver here
+    torque: Text  # analogue output, +-10 V
+    encoder: Text  # counter
+    enable: Text  # digital output line to servo-enable, which the card's watchdog lets fall
+    fault: Text | None = None  # digital input line from the drive's fault output
+    fault_active: Literal["low", "high"] = "low"
+    newton_metres_per_volt: Annotated[float, Meta(ge=0.001, le=LARGE)] = 1.5  # 15 N m at 10 V
+    volts_offset: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0  # [V] at which the motor gives no torque
+    decoding: Literal["X_1", "X_2", "X_4"] = "X_4"
+    server: Text | None = None  # host:port of an NI gRPC device server; without it, the driver here
 
     @property
     def device(self) -> str:
@@ -113,13 +115,14 @@ class Plant:
     """What is known of the arm: a motion that no arm within these ranges can make is a fault."""
 
     watch: bool = True  # whether the motion is watched at all
-    inertia: float = within(1e-6, default=PAPER["inertia"])  # [kg m^2]
-    gravity: float = within(0.0, default=PAPER["gravity"])  # [N m], torque that holds the arm out level
-    viscous: float = within(0.0, default=PAPER["viscous"])  # [N m s/rad]
-    coulomb: float = within(0.0, default=PAPER["coulomb"])  # [N m], dry friction
-    share: float = within(0.0, 10.0, 0.5)  # by which inertia and gravity may be more or less: up to 1 + share times
-    slack: float = within(0.0, default=0.3)  # [N m] of everything that is not listed here
-    delay: float = within(0.0, 1.0, 0.01)  # [s] until a torque acts
+    inertia: Annotated[float, Meta(ge=1e-6, le=LARGE)] = PAPER["inertia"]  # [kg m^2]
+    gravity: NonNegative = PAPER["gravity"]  # [N m], torque that holds the arm out level
+    viscous: NonNegative = PAPER["viscous"]  # [N m s/rad]
+    coulomb: NonNegative = PAPER["coulomb"]  # [N m], dry friction
+    # by which inertia and gravity may be more or less: up to 1 + share times
+    share: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.5
+    slack: NonNegative = 0.3  # [N m] of everything that is not listed here
+    delay: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.01  # [s] until a torque acts
 
 
 TABLES: Mapping[str, type[Any]] = {
@@ -135,11 +138,11 @@ TABLES: Mapping[str, type[Any]] = {
 class Top:
     """What stands in no table."""
 
-    adapter: str
-    rate: float = within(10.0, 20_000.0, 1000.0)  # of the loop [Hz]
-    torque_sign: int = one_of(1, -1, default=1)  # of the torque that turns the arm counter-clockwise
+    adapter: Text
+    rate: Annotated[float, Meta(ge=10.0, le=20_000.0)] = 1000.0  # of the loop [Hz]
+    torque_sign: Literal[1, -1] = 1  # of the torque that turns the arm counter-clockwise
     realtime: bool = False  # whether the loop asks for real-time priority
-    log: str | None = None  # file for what happens to the rig, beside the configuration
+    log: Text | None = None  # file for what happens to the rig, beside the configuration
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,14 +213,16 @@ def mark_checked(config: RigConfig) -> Path:
 
 def _rig(path: Path, data: dict[str, Any]) -> RigConfig:
     tables = {name: value for name, value in data.items() if isinstance(value, dict)}
-    top = Value("", "", {name: value for name, value in data.items() if name not in tables}).record(Top)
+    top = convert({name: value for name, value in data.items() if name not in tables}, Top)
     kind_of_link = find_adapter(top.adapter).settings
     for name in tables:
         find("table", name, {**TABLES, **adapters()})
     if top.adapter not in tables:
         raise ValueError(f"adapter is '{top.adapter}' but there is no table [{top.adapter}]: add it")
-    settings = {name: Value("", name, tables.get(name, {})).record(kind) for name, kind in TABLES.items()}
-    link = Value("", top.adapter, tables[top.adapter]).record(kind_of_link)
+    if tables.get("encoder", {}).get("zero") == "start":
+        del tables["encoder"]["zero"]
+    settings = {name: convert(tables.get(name, {}), kind, name) for name, kind in TABLES.items()}
+    link = convert(tables[top.adapter], kind_of_link, top.adapter)
     config = RigConfig(**vars(top), link=link, **settings, path=path.resolve())
     limits, rest = config.limits, config.rest
     if limits.soft_velocity > limits.hard_velocity:

@@ -14,7 +14,6 @@ from estimators.preprocessing import gather
 from estimators.selection.models import Models
 from estimators.signals.residual import Region
 from pendulum_env.physics import BASE, effects
-from pendulum_env.reading import Value
 from pendulum_env.recording import Recording
 from tests import slow
 from tests.cases import diagnosed, recorded, recording
@@ -98,7 +97,7 @@ def test_a_suggestion_says_what_to_expect_and_survives_json_and_what_it_asks_is_
     assert suggestion.peak_torque <= 6.0
     assert suggestion.reach[1] - suggestion.reach[0] > 1.0  # beyond the small angles
     assert found.next_step == suggestion.text in found.advice and found.next_step not in found.remarks
-    again = Suggestion.of(Value("the suggestion", "", found.json()["suggestion"]))
+    again = Suggestion.from_json(found.json()["suggestion"])
     time = np.linspace(0, suggestion.seconds, 999)
     np.testing.assert_array_equal(again.signal.signal(time), suggestion.signal.signal(time))
     assert again.json() == suggestion.json()

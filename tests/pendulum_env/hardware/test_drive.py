@@ -17,7 +17,7 @@ def test_a_package_offers_an_adapter_with_settings(tmp_path, monkeypatch):
     install_bench(tmp_path, monkeypatch)
     config = load(rig(tmp_path, "bench", 'address = "left"\nrated_torque = 3.0'))
     assert (config.link.address, config.link.rated_torque, config.link.device) == ("left", 3.0, "bench left")
-    with pytest.raises(ConfigError, match=r"'bench.rated_torque' is 0: it has to be a finite number"):
+    with pytest.raises(ConfigError, match=r"'bench.rated_torque' is 0: expected a number >= 0.001"):
         load(rig(tmp_path, "bench", 'address = "left"\nrated_torque = 0'))
 
 
