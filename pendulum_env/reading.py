@@ -223,7 +223,7 @@ def convert(content: Any, kind: type[T], key: str = "") -> T:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
         told, _, place = str(error).partition(" - at `$")
-    value, place = content, place.rstrip("`")
+    value, place = content, place.rstrip("`").replace("[...]", "")  # of a table's values, which msgspec does not name
     for name, index in re.findall(r"\.([^.\[]+)|\[(\d+)\]", place):
         value = value[int(index) if index else name]
     place = (key + place).lstrip(".")
@@ -240,10 +240,8 @@ def _refuse_unknown(content: Any, kind: inspect.Type, key: str) -> None:
     """Refuse names and words that a type does not have; the message has those that it has."""
     kinds = kind.types if isinstance(kind, inspect.UnionType) else (kind,)
     words = [word for one in kinds if isinstance(one, inspect.LiteralType) for word in one.values]
-    numbers = any(isinstance(one, inspect.IntType | inspect.FloatType) for one in kinds)
-    if words and isinstance(content, str if numbers else str | int) and content not in words:
-        known = f"{'a number, or ' if numbers else 'one of '}{', '.join(map(str, words))}"
-        raise Unreadable(f"'{key}' is {shown(content)}: expected {known}")
+    if words and isinstance(content, str | int) and content not in words:
+        raise Unreadable(f"'{key}' is {shown(content)}: expected one of {', '.join(map(str, words))}")
     for one in kinds:
         if isinstance(content, list) and isinstance(one, inspect.ListType | inspect.VarTupleType):
             for k, inner in enumerate(content):

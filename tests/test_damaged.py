@@ -3,10 +3,14 @@
 import functools
 import io
 import json
-from collections.abc import Callable
+import tomllib
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
 
@@ -18,7 +22,7 @@ from pendulum_env.backends.hardware.config import load as load_rig
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Model
 from pendulum_env.plant import hide, paper_plant
-from pendulum_env.reading import read_toml
+from pendulum_env.reading import Unreadable, read_toml, toml
 from pendulum_env.recording import Recording, read_recording, write_recording
 from pendulum_env.recording.study import read_sources
 from tests.pendulum_env.recording.test_formats import write_bag, write_xlsx
@@ -97,13 +101,21 @@ def read_elbow(path: Path) -> Recording:
     return read_recording(path, columns=columns)
 
 
+def read_training(path: Path) -> Config:
+    settings = read_toml(path)
+    try:
+        return Config.of(settings)
+    except ValueError as error:
+        raise Unreadable(f"{path}: {error}") from None  # as `train` does
+
+
 Format = tuple[str, Callable[[Path], object], Callable[[Path], bytes]]  # a file's ending, its reader, and a good one
 FORMATS: dict[str, Format] = {
     "model": (".json", Model.load, lambda _: json.dumps(hide(paper_plant(), "stribeck").json()).encode()),
     "diagnosis": (".json", lambda path: read_suggestion(str(path)), lambda _: json.dumps(DIAGNOSIS).encode()),
     "rig": (".toml", load_rig, lambda _: RIG.encode()),
     "study": (".toml", read_sources, lambda _: STUDY.encode()),
-    "training": (".toml", lambda path: Config.of(read_toml(path)), lambda _: TRAINING.encode()),
+    "training": (".toml", read_training, lambda _: TRAINING.encode()),
     "policy": (".npz", Network.load, lambda _: (SHIPPED / "peak.npz").read_bytes()),
     **{f"recording{end}": (end, read_recording, stored) for end in (".csv", ".csv.gz", ".npz", ".parquet")},
     "recording.mat": (".mat", read_recording, matlab),
@@ -126,7 +138,7 @@ READABLE = {("recording.csv", "cut in half"), ("training", "empty")}
 
 
 def refusal(read: Callable[[Path], object], path: Path) -> str | None:
-    """The sentence that refuses a file; None if it is read, a recording with finite numbers."""
+    """The sentence that refuses a file; None if it is read, a recording or a model with finite numbers."""
     try:
         found = read(path)
     except Mistake as mistake:
@@ -135,6 +147,8 @@ def refusal(read: Callable[[Path], object], path: Path) -> str | None:
         return told
     if isinstance(found, Recording):
         assert all(np.isfinite(values).all() for values in found.columns.values())
+    if isinstance(found, Model):
+        assert np.isfinite(found.theta).all()
     return None
 
 
@@ -155,6 +169,78 @@ def test_a_damaged_file_is_refused_in_one_sentence(whole, damage, tmp_path):
     path = tmp_path / f"run{ending}"
     path.write_bytes(DAMAGE[damage](content))
     assert (refusal(read, path) is None) == ((name, damage) in READABLE)
+
+
+DOCUMENTS = ("model", "diagnosis", "rig", "study", "training")
+WRONG = (float("nan"), float("inf"), -1e300, "x", "", [], {}, True, 10**17)
+
+
+def places(content: Any) -> Iterator[tuple[Any, Any]]:
+    """All tables and lists in a document, each with all of its keys."""
+    for key in content if isinstance(content, dict) else range(len(content)):
+        yield content, key
+        if isinstance(content[key], dict | list):
+            yield from places(content[key])
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_a_document_with_a_wrong_or_missing_value_is_refused_in_one_sentence(name, tmp_path):
+    ending, read, make = FORMATS[name]
+    path = tmp_path / f"run{ending}"
+    content = json.loads(make(path)) if ending == ".json" else tomllib.loads(make(path).decode())
+    refused = []
+
+    def check() -> None:
+        path.write_text(json.dumps(content) if ending == ".json" else "\n".join(toml(content)))
+        refused.append(refusal(read, path) is not None)
+
+    for where, key in list(places(content)):
+        kept = where[key]
+        for wrong in WRONG:
+            where[key] = wrong
+            check()
+        where[key] = kept
+        if isinstance(where, dict):
+            del where[key]
+            check()
+            where[key] = kept
+    assert np.mean(refused) > 0.5
+
+
+COLUMNS = {
+    "a quantity is missing": {"torque": None},
+    "no number is finite": {"torque": np.full(300, np.nan)},
+    "texts stand for numbers": {"position": np.array(["a"] * 300)},
+    "nothing moves": {"position": np.zeros(300), "torque": np.zeros(300)},
+    "time runs backwards": {"time": -np.arange(300) / 100.0},
+}
+
+
+@pytest.mark.parametrize("columns", COLUMNS)
+@pytest.mark.parametrize("ending", [".csv", ".npz", ".parquet", ".mat", ".h5", ".xlsx"])
+def test_columns_that_are_no_recording_are_refused_in_one_sentence(ending, columns, tmp_path):
+    path = tmp_path / f"run{ending}"
+    changed = {name: values for name, values in (signals() | COLUMNS[columns]).items() if values is not None}
+    match ending:
+        case ".csv":
+            rows = zip(*(values.tolist() for values in changed.values()), strict=True)
+            path.write_text("\n".join(",".join(map(str, row)) for row in [tuple(changed), *rows]))
+        case ".npz":
+            np.savez(path, **changed)
+        case ".parquet":
+            pq.write_table(pa.table(changed), path)
+        case ".mat":
+            savemat(path, changed)
+        case ".h5":
+            import h5py
+
+            with h5py.File(path, "w") as file:
+                for name, values in changed.items():
+                    file[name] = values if values.dtype.kind == "f" else values.astype("S")
+        case ".xlsx":
+            rows = [["" if value != value else value for value in row] for row in zip(*changed.values(), strict=True)]
+            write_xlsx(path, [list(changed), *rows])
+    assert refusal(read_recording, path) is not None
 
 
 def test_what_is_no_file_or_too_large_is_refused(whole, tmp_path):

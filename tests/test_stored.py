@@ -15,7 +15,7 @@ from pendulum_env.excitation import Multisine
 from pendulum_env.physics import Model
 from pendulum_env.reading import read_toml
 from pendulum_env.recording.record import Load
-from pendulum_env.recording.study import Carried, Source, read_sources, write_study
+from pendulum_env.recording.study import Source, read_sources, write_study
 from pendulum_env.servo.drive import Drive
 from workbench.inputs import read_suggestion
 
@@ -48,16 +48,15 @@ def test_a_diagnosis():
 
 
 def test_a_study(tmp_path):
-    first, second, third = read_sources(STORED / "study.toml")
+    first, second = read_sources(STORED / "study.toml")
     columns = {"position": "-motor_angle:deg/6", "torque": "current:A*0.091"}
     drive = Drive.of({"preset": "xl330", "kp": 400})
     loaded = {"load": Load(0.5 * 0.2**2, 0.5 * 9.81 * 0.2), "unwrap": True, "range": (2.0, 30.5)}
     assert first == Source(STORED / "monday.csv", columns=columns, drive=drive, joints=("shoulder",), **loaded)
     assert second.role == "holdout" and second.drive == Drive.of({"preset": "xl330", "kp": 200})
     assert second.load == Load(0.02, 0.98) and second.columns == {**columns, "torque": "i_q:A*0.091"}
-    assert third.carried == Carried(2.0, (0.0, 0.0, 0.1))
-    write_study(tmp_path / "study.toml", [first, second, third])
-    assert read_sources(tmp_path / "study.toml") == (first, second, third)
+    write_study(tmp_path / "study.toml", [first, second])
+    assert read_sources(tmp_path / "study.toml") == (first, second)
 
 
 def test_a_rig():

@@ -47,6 +47,7 @@ class Inner(Struct, forbid_unknown_fields=True):
     word: Literal["on", "off"] | None = None
     sign: Literal[1, -1] = 1
     names: tuple[Text, ...] = ()
+    sizes: dict[str, Number] = {}
 
 
 class Outer(Struct):
@@ -65,6 +66,7 @@ class Outer(Struct):
         ("", {"size": 1, "word": "of"}, r"^'inner\[1\].word' is 'of': expected one of off, on$"),
         ("", {"size": 1, "sign": 2}, r"^'inner\[1\].sign' is 2: expected one of -1, 1$"),
         ("", {"size": 1, "names": [{"a": [[]]}]}, r"^'inner\[1\].names\[0\]' is {.*}: expected a text$"),
+        ("", {"size": 1, "sizes": {"a": "b"}}, r"^'inner\[1\].sizes' is {'a': 'b'}: expected a number$"),
         ("model", {"size": 1, "sise": 1}, r"^'model.inner\[1\]': unknown key 'sise': did you mean size\?"),
         ("model", {}, r"^'model.inner\[1\]' lacks 'size'$"),
     ],
