@@ -1,6 +1,7 @@
 """A plain mistake is answered with one sentence that says what to give instead."""
 
 import re
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -117,3 +118,9 @@ def test_a_seed_is_a_generator_and_no_effects_may_be_said_as_none():
     np.testing.assert_array_equal(first.torque, second.torque)
     assert make_plant(effects=None) == make_plant()
     gym.make("pendulum_env/DirectDrivePendulum-v0", effects=None).close()
+
+
+def test_a_clock_that_counts_from_1970_changes_no_estimate(swing):
+    late = replace(swing, time=swing.time + 1_772_000_000.0)
+    found, expected = (identify(recording).windows.theta for recording in (late, swing))
+    assert found == pytest.approx(expected, rel=1e-6)
