@@ -145,10 +145,6 @@ WORDS = [  # with files of `folder`
     ("app --port -1", "should be a whole number"),
     ("app --port 99999 --no-browser", "'99999' should be a whole number from 0 to 65535"),
     ("app --no-browser --port 0 --config none.toml", "none.toml: cannot be read"),
-    *(
-        (f"app --no-browser --port 0 --fleet {name}", f"{name}: holds no survey: name what `survey` wrote with -o")
-        for name in ("empty", "run.csv", "nowhere")
-    ),
     ("survey empty -o out", "holds no recording"),
     ("survey table.csv -o out", "row 2: names no file"),
     ("survey nowhere -o out", "there is no such folder or file"),

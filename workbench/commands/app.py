@@ -5,7 +5,6 @@ import signal
 import sys
 import webbrowser
 from importlib.util import find_spec
-from pathlib import Path
 from threading import Timer
 
 from pendulum_env.recording import Source
@@ -14,7 +13,6 @@ from workbench.inputs import given, read_all, robot_of
 from workbench.mistakes import InputError
 from workbench.options import KINDS, READING, ROBOT, declare, whole
 from workbench.processes import interrupts_wait
-from workbench.survey.cases import is_survey
 from workbench.terminal import Terminal
 
 
@@ -25,7 +23,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"""
         recordings  {KINDS}; to begin with
         {READING} {ROBOT}
-        --fleet FOLDER  of a survey, whose page is then beside the stages
         --port  of this computer (default 8050); 0: any
         --no-browser  open none, only print the address
         """,
@@ -49,12 +46,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             if robot is not None:
                 raise
             terminal.say(f"{error}: the browser asks what the columns mean")
-    survey = None if arguments.fleet is None else Path(arguments.fleet)
-    if survey is not None and not is_survey(survey):
-        raise InputError(f"{survey}: holds no survey: name what `survey` wrote with -o")
     from workbench.app.page.server import Server  # dash takes a while to import
 
-    server = Server(arguments.port, recordings=recordings, survey=survey, robot=robot)
+    server = Server(arguments.port, recordings=recordings, robot=robot)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
     sys.stdout.flush()  # a pipe would keep it to itself
     if not arguments.no_browser:

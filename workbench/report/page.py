@@ -79,11 +79,8 @@ def shared(name: str) -> str:
     return _environment().get_template(name).render()
 
 
-def assemble(sections: Sequence[Section], subject: str, home: str | None = None) -> str:
-    """HTML of a page from its sections; the first one's title is the page's, `subject` stands above it.
-
-    `home` is the address of the workbench, for a page that it serves.
-    """
+def assemble(sections: Sequence[Section], subject: str) -> str:
+    """HTML of a page from its sections; the first one's title is the page's, `subject` stands above it."""
     return (
         _environment()
         .get_template("page.html")
@@ -91,7 +88,6 @@ def assemble(sections: Sequence[Section], subject: str, home: str | None = None)
             sections=sections,
             title=sections[0].title,
             subject=subject,
-            home=home,
             written=f"{datetime.now().astimezone():%d %B %Y, %H:%M}",
             plotly=plotly(),
             plotly_version=get_plotlyjs_version(),

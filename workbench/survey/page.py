@@ -24,11 +24,11 @@ COLORS = ("--final", "--base", "--scheme-1", "--scheme-3", "--low", "--high")
 ORDER = (*STATUSES[:2], *VERDICTS)  # of cases
 
 
-def render(fleet: Fleet, folder: Path, home: str | None = None) -> str:
-    """HTML of the page, its links relative to the folder that it will be in; see `assemble`."""
+def render(fleet: Fleet, folder: Path) -> str:
+    """HTML of the page, its links relative to the folder that it will be in."""
     sections = [summary(fleet), missing(fleet), courses(fleet), siblings(fleet), cases(fleet, folder)]
     subject = f"survey of {len(fleet.rows)} recordings"
-    return assemble([section for section in sections if section is not None], subject, home)
+    return assemble([section for section in sections if section is not None], subject)
 
 
 def write_fleet_report(path: str | Path, fleet: Fleet) -> None:

@@ -18,7 +18,6 @@ from pendulum_env.physics import Model
 from pendulum_env.recording import write_recording
 from tests import slow
 from tests.patience import PATIENCE
-from tests.workbench.app.fleets import surveyed
 from tests.workbench.app.plants import filled, press, recorded
 
 PICTURES = Path(".artefacts")
@@ -470,36 +469,3 @@ def test_no_stage_is_wider_than_the_window_or_has_text_that_is_cut_or_overlaps(b
     tab.page.add_style_tag(content="#stage * {overflow: hidden; white-space: nowrap; max-width: 60px}")
     assert tab.unreadable() != []  # it would have shown
     tab.close()
-
-
-@pytest.mark.slow
-def test_a_fleet_is_walked_from_the_workbench_to_a_case_and_back(browser, tmp_path):
-    survey = surveyed(tmp_path, weeks=4)
-    with served("--fleet", str(survey.folder)) as (address, _):
-        tab = Tab(browser, address)
-        page = tab.page
-        page.click("#to-fleet")
-        page.wait_for_selector(".kicker:has-text('Survey of 4 recordings')")
-        assert tab.title() == "Stribeck friction is missing in 1"
-        page.click("nav a:has-text('Over time')")
-        page.wait_for_selector("#course-0 .main-svg")
-        tab.picture("fleet")
-        page.click("nav a:has-text('Cases')")
-        assert page.locator("#cases tbody tr").count() == 4
-        page.click("#cases tbody a")  # only the first week has a page of its own
-        page.wait_for_selector(".kicker:has-text('Diagnosis of 2026-03-02')")
-        assert tab.title() == "Stribeck friction is missing"
-        page.locator(".plot").first.scroll_into_view_if_needed()
-        page.wait_for_selector(".plot .main-svg")  # its scripts run, apart from the workbench
-        answer = page.evaluate(
-            'fetch("/_dash-update-component", {method: "POST", body: "{}"}).then(() => "came", () => "did not come")'
-        )
-        assert page.evaluate("origin") == "null" and answer == "did not come"
-        refused = [text for text in tab.complaints if "403" in text or "CORS" in text or "ERR_FAILED" in text]
-        assert refused and refused == tab.complaints
-        tab.complaints.clear()
-        page.go_back()
-        page.wait_for_selector("#cases tbody a")
-        page.click("#home")
-        page.wait_for_selector("#upload")
-        tab.close()

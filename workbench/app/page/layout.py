@@ -49,11 +49,11 @@ def index() -> str:
 </html>"""
 
 
-def page(fleet: str | None) -> Component:
-    """What every visitor gets; the rest follows from the session. `fleet` is the address of a survey's page."""
+def page() -> Component:
+    """What every visitor gets; the rest follows from the session."""
     most: dict[str, Any] = {"data-most": str(uploads.LIMITS.upload)}  # so that the page can say why it refuses a file
     brand = html.Span("pendulum-ident", className="brand")
-    stages = html.Nav(navigation(STAGES[0], fleet, NO_RECORDING), id="nav", **aria(label="Stages"))
+    stages = html.Nav(navigation(STAGES[0], NO_RECORDING), id="nav", **aria(label="Stages"))
     switch = aria(label="Switch between light and dark")
     theme = html.Button(html.Span("Theme"), id="theme", type="button", **switch)
     story = html.Div(id="story", className="so-far", **aria(live="polite"))
@@ -77,8 +77,8 @@ def page(fleet: str | None) -> Component:
     )
 
 
-def navigation(here: Stage, fleet: str | None, trouble: str) -> list[Component]:
-    """Links to the stages that can be entered, and to a fleet if there is one; `trouble`: why there is no model."""
+def navigation(here: Stage, trouble: str) -> list[Component]:
+    """Links to the stages that can be entered; `trouble`: why there is no model."""
 
     def link(stage: Stage) -> Component:
         now = aria(current="page") if stage is here else {}
@@ -88,8 +88,7 @@ def navigation(here: Stage, fleet: str | None, trouble: str) -> list[Component]:
             now["href"] = f"#{stage.id}"
         return html.A(stage.title, id=f"to-{stage.id}", **now)
 
-    stages = [link(stage) for stage in STAGES]
-    return [*stages, html.A("Fleet", href=fleet, id="to-fleet")] if fleet else stages
+    return [link(stage) for stage in STAGES]
 
 
 def story_so_far(state: Work) -> list[Component]:
@@ -167,9 +166,9 @@ def show(session: Session, stage: Stage) -> list[Component]:
     return stage.show(session)
 
 
-def connect(app: Dash, sessions: Sessions, fleet: str | None) -> None:
+def connect(app: Dash, sessions: Sessions) -> None:
     """Wire the page and all stages."""
-    _connect_page(app, sessions, fleet)
+    _connect_page(app, sessions)
     _connect_actions(app, sessions)
     _connect_scripts(app)
     for stage in STAGES:
@@ -177,7 +176,7 @@ def connect(app: Dash, sessions: Sessions, fleet: str | None) -> None:
             stage.connect(app, sessions)
 
 
-def _connect_page(app: Dash, sessions: Sessions, fleet: str | None) -> None:
+def _connect_page(app: Dash, sessions: Sessions) -> None:
     """Wire what is drawn anew when the session or the address changes, and the progress of jobs."""
     # who leaves a stage at once takes the button away that would have told of its job
     inputs = Input("session", "data"), Input("url", "hash"), Input("version", "data")
@@ -195,7 +194,7 @@ def _connect_page(app: Dash, sessions: Sessions, fleet: str | None) -> None:
             if ctx.triggered_id == "url":
                 session.notice = ""  # it was about another stage
         return (
-            navigation(stage, fleet, session.state.trouble),
+            navigation(stage, session.state.trouble),
             [*story_so_far(session.state), *steps(session)],
             session.notice,
             html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),

@@ -4,7 +4,6 @@ import logging
 import socket
 import traceback
 from collections.abc import Sequence
-from functools import lru_cache
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -22,15 +21,11 @@ from workbench.app.session import Sessions
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.report.page import plotly
 from workbench.robot import RobotFile
-from workbench.survey import Dataset, Fleet
-from workbench.survey.page import render
 
 log = logging.getLogger("workbench.app")
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")  # by which a browser may call it; another name is a trick of a foreign page
 LARGEST = 4 * uploads.LIMITS.upload // 3 + 1_000_000  # bytes of a request: an upload in base64, and what goes with it
-FLEET, HOME = "/fleet/", "/"
-APART = "sandbox allow-scripts allow-downloads"  # a case's page is a file, perhaps not ours: it may not ask for a thing
 POLICY = (  # nothing comes from elsewhere, and nothing goes there
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; connect-src 'self'; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
@@ -39,14 +34,12 @@ POLICY = (  # nothing comes from elsewhere, and nothing goes there
 
 def make_app(
     recordings: Sequence[Source] = (),
-    survey: Path | None = None,
     robot: RobotFile | None = None,
 ) -> tuple[Dash, Sessions]:
     """The app, and its sessions with their workers; close them in the end.
 
     Args:
         recordings: what every session begins with.
-        survey: folder of a survey whose page is shown beside the stages; the page cannot name another.
         robot: whose recordings they are; None: a pendulum's.
     """
     app = Dash(
@@ -62,33 +55,11 @@ def make_app(
         add_log_handler=False,
         on_error=_excuse,
     )
-    address = None if survey is None else _show_fleet(app.server, survey)
     sessions = Sessions(recordings, robot)
-    app.layout = layout.page(address)
-    layout.connect(app, sessions, address)
+    app.layout = layout.page()
+    layout.connect(app, sessions)
     _guard(app.server)
     return app, sessions
-
-
-def _show_fleet(server: flask.Flask, survey: Path) -> str:
-    """Answer for a survey's page, which tells what its dataset holds by then, and for those of its cases."""
-    dataset = Dataset(survey.resolve())
-
-    @lru_cache(maxsize=1)  # made anew when there are other files in the dataset: none is ever written twice
-    def made(parts: tuple[Path, ...]) -> str:
-        return render(Fleet.of(dataset), dataset.folder, home=HOME)
-
-    @server.get(FLEET)
-    def page() -> str:
-        return made(tuple(dataset.parts))
-
-    @server.get(f"{FLEET}reports/<name>")  # one folder and no other: a name holds no slash
-    def case(name: str) -> flask.Response:
-        response = flask.send_from_directory(dataset.folder / "reports", name, mimetype="text/html")
-        response.headers.add("Content-Security-Policy", APART)
-        return response
-
-    return FLEET
 
 
 def _excuse(error: Exception) -> None:
@@ -121,7 +92,7 @@ def _guard(server: flask.Flask) -> None:
 
     @server.after_request
     def stay_here(response: flask.Response) -> flask.Response:
-        response.headers.add("Content-Security-Policy", POLICY)  # beside a stricter one: both hold
+        response.headers["Content-Security-Policy"] = POLICY
         response.headers["X-Content-Type-Options"] = "nosniff"
         response.headers["Referrer-Policy"] = "no-referrer"
         return response
