@@ -14,7 +14,7 @@ SHORT = (  # about two minutes on two cores
 )
 COMMANDS = (
     "environments", "joint_state", "watching", "diagnosis_time", "hidden_effects", "known_truth",
-    "cramer_rao", "ambiguity", "fleet", "rig", "rig_faults",
+    "cramer_rao", "ambiguity", "rig", "rig_faults",
     "servos", "six_joint", "survey", "sysid", "timing",
 )  # fmt: skip
 

@@ -136,13 +136,6 @@ def parameters_table(model: Model) -> Table:
     return Table(("parameter", "estimate", "unit"), rows, left=("unit",))
 
 
-def duration(seconds: float) -> str:
-    """Time as people say it: `36 s`, `12 minutes`, `3.4 hours`."""
-    if seconds < 99.5:
-        return f"{seconds:.2g} s"
-    return f"{seconds / 60:.0f} minutes" if seconds < 6000.0 else f"{seconds / 3600:.1f} hours"
-
-
 def percent(share: float) -> str:
     """Share in per cent."""
     return f"{100 * share:.3g} %" if share >= 0.001 or share == 0 else "< 0.1 %"

@@ -24,7 +24,7 @@ COMMANDS: dict[str, str] = {  # in the order of a first visit, and what help say
     "identify": "estimate the four parameters of the paper's model by its six schemes",
     "compare": "compare a model with recordings: how far off it is, and where",
     "diagnose": "find the effects that a model lacks, and add them",
-    "survey": "diagnose many recordings and show what the fleet shows: drifts, odd joints (needs the extra fleet)",
+    "survey": "diagnose every recording in a folder: one table, and the parameters that drift or jump",
     "add": "add one effect to a model, refit it, and compare the errors",
     "export": "write a model for MuJoCo, ROS or Gazebo, as Python or C",
     "effects": "list the effects that a model may lack, with their laws and parameters",

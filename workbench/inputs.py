@@ -135,10 +135,20 @@ def opened(
 ) -> Opened:
     """Refuse what could not be written; read the model, if one is named, and recordings in the format it knows.
 
-    Raises:
-        InputError, ModelError, RecordingError, StudyError; of an arm also BodyError, IdentificationError.
+    Raises as `open_sources`, and InputError, StudyError as `given`.
     """
-    sources, path = given(arguments, outputs), getattr(arguments, "model", None) or ""
+    return open_sources(arguments, given(arguments, outputs), terminal, holdout)
+
+
+def open_sources(
+    arguments: argparse.Namespace, sources: Sequence[Source], terminal: Terminal, holdout: bool = True
+) -> Opened:
+    """Read the model, if one is named, and recordings in the format it knows.
+
+    Raises:
+        InputError, ModelError, RecordingError; of an arm also BodyError, IdentificationError.
+    """
+    path = getattr(arguments, "model", None) or ""
     if arguments.robot is not None:
         return _opened_arm(arguments, sources, path, terminal)
     model = read_model(path) if path else Model()

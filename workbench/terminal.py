@@ -21,12 +21,13 @@ PLAIN_WIDTH = 1000  # characters; a pipe has no width of its own, and lines are 
 class Terminal:
     """Standard output and standard error of one command."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, quiet: bool = False) -> None:
+        """Take both streams; a quiet terminal prints nothing."""
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):
                 stream.reconfigure(errors="replace")  # a sign that the terminal lacks must not end a diagnosis
-        self._out = _console(stderr=False)
-        self._err = _console(stderr=True)
+        self._out = _console(stderr=False, quiet=quiet)
+        self._err = _console(stderr=True, quiet=quiet)
         self.torque_unit = "N m"  # or that of a current, in which all that is said of torque is then
 
     def _said(self, text: str) -> str:
@@ -105,8 +106,8 @@ def abandon(stream: IO[str]) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _console(*, stderr: bool) -> Console:
-    console = _Patient(stderr=stderr, markup=False, highlight=False, emoji=False)
+def _console(*, stderr: bool, quiet: bool) -> Console:
+    console = _Patient(stderr=stderr, quiet=quiet, markup=False, highlight=False, emoji=False)
     if not console.is_terminal:
         console.width = PLAIN_WIDTH
     return console

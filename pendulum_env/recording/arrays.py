@@ -12,8 +12,6 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
-from pendulum_env.mistake import one_line
-from pendulum_env.reading import Unreadable, check_size
 from pendulum_env.recording.record import RecordingError
 from pendulum_env.recording.table import WIDEST, Find, Table, need, numbers
 
@@ -153,24 +151,6 @@ def read_parquet(path: Path, find: Find) -> Table:
             )
         values[quantity] = numbers(series)
     return Table(headers, columns, values)
-
-
-def read_rows(path: Path, schema: pa.Schema | None = None) -> pa.Table:
-    """Read the rows of a Parquet file, or the columns that are asked for.
-
-    Raises:
-        Unreadable: if they cannot be read, or are of other types.
-    """
-    check_size(path)
-    try:
-        with pq.ParquetFile(path) as file:
-            table = file.read(None if schema is None else schema.names)
-        if schema is not None:
-            table = table.select(schema.names).cast(schema)
-        table.validate(full=True)  # texts are texts
-    except Exception as error:  # a damaged file may fail anywhere in Arrow
-        raise Unreadable(f"{path}: {one_line(error)}") from None
-    return table
 
 
 def _places(file: pq.ParquetFile) -> list[tuple[str, int | None]]:

@@ -35,12 +35,12 @@ def values(found: Page, attribute: str) -> list[str]:
     return [attrs[attribute] or "" for _, attrs in found.tags if attribute in attrs]
 
 
-def whole(text: str, links_elsewhere: bool = False) -> Page:
+def whole(text: str) -> Page:
     """A page that loads nothing, links to nothing that it has not, and has its figures' colours in light and dark."""
     found = Page(text)
     ids, links = values(found, "id"), values(found, "href")
     assert values(found, "src") == [] and len(ids) == len(set(ids))
-    assert links_elsewhere or set(links) <= {f"#{id}" for id in ids}
+    assert set(links) <= {f"#{id}" for id in ids}
     assert not any(tag in ("link", "iframe", "img", "object", "embed") for tag, _ in found.tags)
     style = re.search(r"<style>(.*?)</style>", text, re.DOTALL)[1]
     assert "url(" not in style and "@import" not in style

@@ -146,8 +146,8 @@ WORDS = [  # with files of `folder`
     ("app --port 99999 --no-browser", "'99999' should be a whole number from 0 to 65535"),
     ("app --no-browser --port 0 --config none.toml", "none.toml: cannot be read"),
     ("survey empty -o out", "holds no recording"),
-    ("survey table.csv -o out", "row 2: names no file"),
-    ("survey nowhere -o out", "there is no such folder or file"),
+    ("survey nowhere -o out", "there is no such folder"),
+    ("survey empty -o run.csv", "is a file: name a folder for the tables"),
 ]
 PLAYED = ["record", "--excitation", "suggested", "--diagnosis", "d.json", "-o", "x.csv"]
 FILES = [

@@ -13,7 +13,7 @@ from estimators import diagnose
 from pendulum_env.physics import BASE, Model, effects
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import read_recording
-from pendulum_env.words import bar, duration, listing, plus_minus
+from pendulum_env.words import bar, listing, plus_minus
 from workbench.cli import COMMANDS, main
 
 FEW = ("torque_offset", "coulomb_asymmetry", "stribeck", "quadratic_drag", "cogging")  # a search among them is quick
@@ -211,7 +211,6 @@ def test_interrupting_ends_with_one_line(runs, tmp_path, capsys, monkeypatch):
         (plus_minus(1234.5, 56.0), "1234 ± 56"),
         (plus_minus(2.01, 0.0), "2.01"),
         (plus_minus(2.01, float("inf")), "2.01"),
-        (", ".join(map(duration, (0.53, 36.1, 99.9, 725, 12000))), "0.53 s, 36 s, 2 minutes, 12 minutes, 3.3 hours"),
         (listing(["a"]), "a"),
         (listing(["a", "b", "c"]), "a, b and c"),
         (bar(0.0, 10) + bar(0.001, 10), "█"),  # what is not nothing stays visible

@@ -10,16 +10,16 @@ from estimators import compare
 from tests import slow
 from tests.cases import diagnosed
 from tests.patience import wait_until
-from tests.workbench.app.fleets import surveyed
 from tests.workbench.app.plants import recorded
+from tests.workbench.surveys import surveyed_rows
 from workbench.cli import main
 from workbench.report import render, render_comparison
 from workbench.report.case import Case
 from workbench.report.figure import Figure, Section, axis, line
 from workbench.report.numbers import ladder
 from workbench.report.page import assemble
-from workbench.survey import Fleet
-from workbench.survey.page import write_fleet_report
+from workbench.report.survey import render as render_survey
+from workbench.survey import find_series
 
 TELEPHONE = {"width": 420, "height": 900}  # [px]
 CUT = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => {
@@ -64,9 +64,8 @@ def of_a_comparison(folder: Path) -> str:
     return render_comparison(compare(found().steps[0].model, data.holdout))
 
 
-def of_a_fleet(folder: Path) -> str:
-    write_fleet_report(folder / "page.html", Fleet.of(surveyed(folder, weeks=4)))
-    return (folder / "page.html").read_text(encoding="utf-8")
+def of_a_survey(folder: Path) -> str:
+    return render_survey(surveyed_rows(), find_series(surveyed_rows()))
 
 
 def of_an_arm(folder: Path) -> str:
@@ -80,7 +79,7 @@ def page(browser):
 
 
 @pytest.mark.parametrize(
-    "write", slow.but_first([of_many_curves, of_a_pendulum, of_a_comparison, of_a_fleet, of_an_arm])
+    "write", slow.but_first([of_many_curves, of_a_pendulum, of_a_comparison, of_a_survey, of_an_arm])
 )
 def test_nothing_is_cut(page, tmp_path, write):
     (tmp_path / "shown.html").write_text(write(tmp_path), encoding="utf-8")

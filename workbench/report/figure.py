@@ -28,9 +28,6 @@ class Drawing:
     settled: float = 0.25  # share of a recording from which on estimates decide what is in the picture
     frame: float = 0.6  # share of the picture's height that these take
     correlated: int = 20  # parameters of which a table of correlations can be read
-    courses: int = 8  # parameters of a fleet with a plot over time
-    means: int = 4  # parameters of a fleet with a plot of means
-    joints: int = 60  # of a fleet in one plot: those that stand out, and others behind them
 
 
 DRAWING = Drawing()

@@ -1,9 +1,16 @@
-"""A survey: a diagnosis of each of many recordings, on Dask, into one Parquet dataset, and what they show together."""
+"""A survey: a diagnosis of each recording in a folder, one table, and the trends of machines."""
 
-from workbench.survey.cases import Case, find_cases
-from workbench.survey.dataset import Dataset
-from workbench.survey.fleet import Fleet
-from workbench.survey.run import Tally, survey
-from workbench.survey.work import Settings, look
+from workbench.survey.diagnosis import Settings, diagnose_source
+from workbench.survey.recordings import SurveyedRecording, find_recordings
+from workbench.survey.run import survey
+from workbench.survey.table import Series, find_series
 
-__all__ = ["Case", "Dataset", "Fleet", "Settings", "Tally", "find_cases", "look", "survey"]
+__all__ = [
+    "Series",
+    "Settings",
+    "SurveyedRecording",
+    "diagnose_source",
+    "find_recordings",
+    "find_series",
+    "survey",
+]

@@ -1,126 +1,156 @@
-"""The survey itself: cases go to Dask's workers, rows come back and are written as they come."""
+"""Run of a survey: recordings go to worker processes, and results are kept as they come.
 
-from __future__ import annotations
+A result is kept in a file under a hash of the recording's content and of the settings. A later run reads it instead of
+diagnosing the recording again, wherever the recording lies by then. What failed is not kept, and is tried again.
+"""
 
-from collections import Counter
+import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from functools import partial
-from typing import TYPE_CHECKING
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
+from contextlib import AbstractContextManager, contextmanager
+from importlib import import_module
+from importlib.util import find_spec
+from multiprocessing import active_children, get_context
+from pathlib import Path
+from typing import Any
 
 from pendulum_env._typing import JSON
+from pendulum_env.files import write_whole
+from pendulum_env.recording import Source
 from workbench.mistakes import InputError
-from workbench.survey.cases import Case
-from workbench.survey.dataset import Dataset
-from workbench.survey.work import Look, Settings, examined, look, row_of, trouble
+from workbench.processes import attend, interrupts_wait
+from workbench.survey.diagnosis import Settings, content_hash, describe_error, diagnose_source
+from workbench.survey.recordings import SurveyedRecording
+from workbench.survey.table import label_rows
 
-if TYPE_CHECKING:
-    from distributed import Client
+RESULTS = "recordings"  # folder of the results
+DIED = "its worker process was killed: memory may be too small, give fewer --workers or a shorter recording"
 
-KNOWN = ("name", "status", "reason", "hash", "settings", "verdict", "report")
-DIED = "its worker died, of too little memory perhaps: give workers more (--memory), or shorten the recording"
-
-
-@dataclass
-class Tally:
-    """What became of the cases so far."""
-
-    total: int = 0  # cases that this run was asked for
-    known: Counter[str] = field(default_factory=Counter)  # by status, of cases that an earlier run looked at
-    new: Counter[str] = field(default_factory=Counter)  # by status, of those that this run looked at
-    troubles: list[tuple[str, str]] = field(default_factory=list)  # name and reason of each refused or failed
-
-    @property
-    def through(self) -> int:
-        """Cases that are through."""
-        return self.known.total() + self.new.total()
-
-    def count(self, row: JSON, among: Counter[str]) -> None:
-        """Count one more, among those that are known or new."""
-        among[row["status"]] += 1
-        if row["status"] != "done":
-            self.troubles.append((row["name"], row["reason"]))
+Task = Callable[[Source, Settings], JSON]  # as `diagnose_source`; it travels to other processes
+Start = Callable[[int], AbstractContextManager[Executor]]  # starts that many workers
 
 
 def survey(
-    cases: Sequence[Case],
-    dataset: Dataset,
-    client: Client | Callable[[], Client],
-    settings: Settings | None = None,
-    *,
-    look: Look = look,
-    tell: Callable[[Tally], None] = lambda tally: None,
-) -> Tally:
-    """Look at every case that is new or changed, and keep what is found.
-
-    Only names and findings travel: workers read the files themselves. However this ends, what was written stays, and
-    the next run goes on from there.
+    found: Sequence[SurveyedRecording],
+    settings: Settings,
+    output: Path,
+    start: Start,
+    workers: int,
+    tell: Callable[[int, int], None] = lambda done, total: None,
+    task: Task = diagnose_source,
+) -> list[JSON]:
+    """Diagnose every recording that has no result yet.
 
     Args:
-        cases: to look at.
-        dataset: where rows go.
-        client: of the Dask cluster, or what makes one: called only if there is something to do.
+        found: the recordings.
         settings: of the diagnoses.
-        look: what is done with a case; a diagnosis.
-        tell: called after each case with the tally so far.
+        output: folder of the results; those that are there stay, however this ends.
+        start: starts the workers: `local_workers`, or a function that returns `cluster_workers`.
+        workers: number of them.
+        tell: called with the number of recordings that have a result, and of all, first before the work begins.
+        task: what a worker does with a recording.
+
+    Returns:
+        Rows of all recordings, see `label_rows`.
 
     Raises:
+        OSError: if a result cannot be written.
         InputError: if the cluster is lost.
-        OSError: if rows cannot be written.
     """
-    settings, tally, todo = settings or Settings(), Tally(len(cases)), []
-    dataset.create()
-    dataset.merge()  # what a run that was broken off has left
-    known = {row["name"]: row for row in dataset.rows(KNOWN)}
-    for case in cases:
-        before = known.get(case.name)
-        if before is not None and settings.is_answered(case, before):
-            tally.count(before, tally.known)
-        else:
-            todo.append(case)
-    tell(tally)
-    for rows in _batches(todo, client, settings, look) if todo else ():
-        dataset.append(rows)
-        for row in rows:
-            tally.count(row, tally.new)
-            tell(tally)
-    dataset.merge()
-    return tally
+    (output / RESULTS).mkdir(parents=True, exist_ok=True)
+    hashes = {own.name: content_hash(own.source.file) for own in found}
+    keys = {own.name: settings.key(own.source, hashes[own.name]) for own in found}
+    files = {name: output / RESULTS / f"{key}.json" for name, key in keys.items()}
+    results = {name: kept for name, file in files.items() if (kept := _read(file)) is not None}
+    tell(len(results), len(found))
+
+    def keep(own: SurveyedRecording, result: JSON) -> None:
+        if "error" not in result and hashes[own.name] is not None:
+            write_whole(files[own.name], json.dumps(result))
+        results[own.name] = result
+        tell(len(results), len(found))
+
+    _diagnose_all([own for own in found if own.name not in results], settings, start, workers, task, keep)
+    return [row for own in found for row in label_rows(own, results[own.name], hashes[own.name])]
 
 
-def _batches(
-    todo: Sequence[Case], client: Client | Callable[[], Client], settings: Settings, look: Look
-) -> Iterator[list[JSON]]:
-    """Rows of cases as workers finish them, all that there are by then; what is left in the end is called back.
-
-    What a worker does not survive, Dask gives to another, and in the end blames all that its workers had when they
-    died. So each of these is tried once more, alone.
-    """
-    from distributed import Client, KilledWorker, as_completed
-
-    client = client if isinstance(client, Client) else client()
-    work = partial(examined, settings=settings, look=look)
-    # Dask warns of a message with more cases, which is large
-    futures = dict(zip(client.map(work, todo, pure=False, batch_size=1000), todo, strict=True))
-    suspects = []
+def _read(file: Path) -> JSON | None:
+    """Result in a file; None if there is none, or it is damaged."""
     try:
-        for batch in as_completed(list(futures)).batches():
-            rows = []
-            for future in batch:
-                case = futures.pop(future)
-                if future.status == "finished":
-                    rows.append(future.result())
-                elif future.status != "error":
-                    raise InputError("the cluster has gone: what was written stays, run again to go on")
-                elif len(todo) > 1:
-                    suspects.append(case)
-                else:
-                    error = future.exception()
-                    error = OSError(DIED) if isinstance(error, KilledWorker) else error
-                    rows.append(row_of(case, settings) | trouble(error, case))
-            if rows:
-                yield rows
+        result: JSON = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return result
+
+
+def _diagnose_all(
+    todo: Sequence[SurveyedRecording],
+    settings: Settings,
+    start: Start,
+    workers: int,
+    task: Task,
+    keep: Callable[[SurveyedRecording, JSON], None],
+) -> None:
+    """Diagnose recordings, and keep each result as it comes.
+
+    A worker that is killed ends the work of all. The recordings without a result then go to one worker, which is
+    killed by the first of them that gets no result there; the others go on.
+    """
+    count = workers
+    while todo:
+        done = set()
+        with start(count) as executor:
+            with interrupts_wait():  # the processes begin here
+                futures = {executor.submit(task, own.source, settings): own for own in todo}
+            for future in as_completed(futures):
+                own = futures[future]
+                try:
+                    result = future.result()
+                except BrokenExecutor:
+                    continue
+                except CancelledError:
+                    raise InputError("the Dask cluster is lost: results are kept, run again to continue") from None
+                except Exception as error:  # Dask says in its own way that a worker was killed
+                    result = {"error": describe_error(error, own.source)}
+                keep(own, result)
+                done.add(own.name)
+        todo = [own for own in todo if own.name not in done]
+        if todo and count == 1:
+            keep(todo[0], {"error": DIED})
+            todo, count = todo[1:], workers
+        else:
+            count = 1
+
+
+@contextmanager
+def local_workers(count: int) -> Iterator[Executor]:
+    """Processes on this computer, which end with this one, and at once if it is interrupted."""
+    others = set(active_children())
+    executor = ProcessPoolExecutor(count, get_context("spawn"), initializer=attend)
+    try:
+        yield executor
     finally:
-        client.cancel(list(futures), force=True)
-    for case in suspects:
-        yield from _batches([case], client, settings, look)
+        executor.shutdown(wait=False, cancel_futures=True)
+        for process in set(active_children()) - others:
+            process.terminate()
+
+
+@contextmanager
+def cluster_workers(address: str) -> Iterator[Executor]:
+    """Workers of the Dask cluster whose scheduler is at an address; they see files under the same paths.
+
+    Raises InputError if Dask is not installed, or there is no such cluster.
+    """
+    if find_spec("distributed") is None:
+        raise InputError("--scheduler needs Dask, of the extra fleet: pip install 'pendulum-ident[fleet]'")
+    distributed: Any = import_module("distributed")  # it takes a while
+    try:
+        client = distributed.Client(address, timeout=10)
+    except (OSError, ValueError) as error:
+        raise InputError(f"there is no Dask cluster at {address}: {error}") from None
+    with client:
+        executor = client.get_executor(pure=False)
+        try:
+            yield executor
+        finally:
+            executor.shutdown(wait=False)

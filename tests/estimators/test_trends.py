@@ -1,0 +1,53 @@
+"""Trends of parameters: known drifts and jumps, and none where nothing changes."""
+
+import numpy as np
+import pytest
+
+from estimators.trends import FEWEST, fit_trend
+
+WEEKS = np.arange(16.0)
+STD = np.full(16, 0.004)
+
+
+def estimates(seed: int, scatter: float = 0.004) -> np.ndarray:
+    """A parameter that stays the same."""
+    return 0.9 + np.random.default_rng(seed).normal(0.0, scatter, len(WEEKS))
+
+
+@pytest.mark.parametrize("slope", [0.005, -0.005])
+def test_a_drift_is_recovered_with_its_interval(slope):
+    found = fit_trend(WEEKS, estimates(1) + slope * WEEKS, STD)
+    assert found.jump is None and found.p_value < 1e-6
+    assert found.interval[0] < slope < found.interval[1]
+    assert found.drift == pytest.approx(slope, rel=0.1)
+
+
+@pytest.mark.parametrize("size", [0.03, -0.03])
+def test_a_jump_is_recovered_with_its_place(size):
+    found = fit_trend(WEEKS, estimates(2) + size * (WEEKS >= 10), STD)
+    assert found.p_value < 1e-6 and found.jump.first == 10
+    assert abs(found.jump.size - size) < 3 * found.jump.std < 0.01
+
+
+def test_the_order_of_recordings_does_not_matter():
+    value, order = estimates(3) + 0.05 * (WEEKS >= 10), np.random.default_rng(0).permutation(16)
+    found = fit_trend(WEEKS[order], value[order], STD)
+    assert order[found.jump.first] == 10
+    assert found.drift == pytest.approx(fit_trend(WEEKS, value, STD).drift)
+
+
+def test_one_outlier_moves_a_drift_by_less_than_its_interval():
+    value = estimates(4) + 0.005 * WEEKS
+    value[15] += 1.0
+    assert fit_trend(WEEKS, value, STD).drift == pytest.approx(0.005, rel=0.2)
+
+
+def test_scatter_beyond_the_standard_errors_is_no_trend():
+    p_values = [fit_trend(WEEKS, estimates(seed, scatter=0.04), STD).p_value for seed in range(300)]
+    assert np.mean(np.array(p_values) < 0.01) <= 0.02  # 3 expected of 300, at most
+
+
+def test_few_recordings_and_recordings_of_one_day_show_nothing():
+    few = FEWEST - 1
+    assert np.isnan(fit_trend(WEEKS[:few], WEEKS[:few], STD[:few]).p_value)
+    assert np.isnan(fit_trend(np.zeros(16), WEEKS, STD).drift)

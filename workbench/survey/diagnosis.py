@@ -1,0 +1,155 @@
+"""Diagnosis of one recording of a survey: settings, the work itself, and the rows that come of it."""
+
+import hashlib
+import os
+import warnings
+from argparse import Namespace
+from dataclasses import dataclass, replace
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.run import diagnose
+from pendulum_env._typing import JSON
+from pendulum_env.mistake import told
+from pendulum_env.physics import load_plugin
+from pendulum_env.physics.plugin import fault
+from pendulum_env.recording import Source
+from pendulum_env.words import per
+from workbench.inputs import open_sources
+from workbench.mistakes import MISTAKES, InputError, sentence
+from workbench.terminal import Terminal
+
+ASKED = ("only", "without", "fixed", "bounds")  # of a diagnosis, as it is
+READING = ("columns", "unwrap", "drive", "joints", "rotors", "base", "no_gravity", "instruments")
+NAMED = ("robot", "model")  # files
+SINCE_1970 = 1e9  # [s]: a clock that begins later than this (September 2001) counts from 1970
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How every recording of a survey is diagnosed."""
+
+    options: Namespace  # those of `diagnose`
+    plugins: tuple[str, ...]  # files with effects of the user's own
+    mark: str  # hash of all of it, of the content of its files, and of the version
+
+    @classmethod
+    def of(cls, arguments: Namespace) -> "Settings":
+        """Take over the options of a command."""
+        options = {name: getattr(arguments, name) for name in (*ASKED, *READING)}
+        files = {name: os.path.abspath(path) if (path := getattr(arguments, name)) else None for name in NAMED}
+        plugins = tuple(os.path.abspath(path) for path in arguments.plugin or ())
+        content = [content_hash(Path(path)) for path in (*files.values(), *plugins) if path]
+        mark = hashlib.sha256(repr((version(), options, content)).encode()).hexdigest()
+        return cls(Namespace(**options, **files, recordings=[]), plugins, mark)
+
+    def key(self, source: Source, content: str | None) -> str:
+        """Hash of everything that decides on a diagnosis: settings, content of the file, and how it is read."""
+        how = repr((self.mark, content, replace(source, file=Path())))
+        return hashlib.sha256(how.encode()).hexdigest()[:32]
+
+
+def content_hash(file: Path) -> str | None:
+    """Hash of the content of a file; None if it cannot be read, which reading reports."""
+    if not file.is_file():  # a pipe would have to be waited for
+        return None
+    try:
+        with file.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:
+        return None
+
+
+def version() -> str:
+    """Version of this project."""
+    return metadata.version("pendulum-ident")
+
+
+def diagnose_source(source: Source, settings: Settings) -> JSON:
+    """Diagnose a recording as `diagnose` does, alone and whatever its role in a study.
+
+    Returns:
+        `rows`, one for each joint, and `start`, seconds since 1970 if the recording's clock tells them; or `error`, a
+        sentence on why there is no diagnosis.
+    """
+    try:
+        for path in settings.plugins:
+            load_plugin(Path(path))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the result says what matters
+            return _diagnose(source, settings.options)
+    except Exception as error:  # a fault of the program in one recording must not cost the others
+        return {"error": describe_error(error, source)}
+
+
+def describe_error(error: Exception, source: Source) -> str:
+    """Make one sentence of an error, without the name of the file."""
+    error = error if isinstance(error, MISTAKES) else fault(error) or InputError(told(error))
+    return sentence(error).removeprefix(f"{source.file}: ")
+
+
+def _diagnose(source: Source, options: Namespace) -> JSON:
+    terminal = Terminal(quiet=True)
+    opened = open_sources(options, (replace(source, role="fit"),), terminal)
+    given = opened.preprocessed(terminal)
+    found = diagnose(
+        given.recordings,
+        given.holdout,
+        opened.model.terms,
+        by_reference=options.instruments is not None,
+        **{name: getattr(options, name) for name in ASKED},
+    )
+    start = float(opened.recordings[0].time[0])
+    return {"start": start if start >= SINCE_1970 else None, "rows": joint_rows(found)}
+
+
+def joint_rows(found: Diagnosis) -> list[JSON]:
+    """Make a row for each joint of a diagnosis; a pendulum has one, without a name."""
+    first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
+    joints = tuple(found.floors)
+    parameters: dict[str, JSON] = {joint: {} for joint in joints}
+    for name, own in found.model.readable.items():
+        joint, quantity = _at_joint(name, joints)
+        parameters[joint][quantity] = {
+            "value": _number(own.value),
+            "std": _number(own.std),
+            "unit": per(own.unit, found.torque_unit),
+        }
+    effects: dict[str, list[str]] = {joint: [] for joint in joints}
+    for group in found.effects:
+        joint, _ = _at_joint(group[0], joints)
+        effects[joint].append(" or ".join(_at_joint(effect, (joint,))[1] for effect in group))
+    return [
+        {
+            "joint": joint,
+            "effects": ", ".join(effects[joint]),
+            "unexplained": bool(found.unexplained) if found.body is None else joint in found.left,
+            "error_before": _number(first.at(joint)),
+            "error_after": _number(last.at(joint)),
+            "noise_floor": _number(found.floors[joint]),
+            "error_unit": "rad" if found.is_in_loop else _torque_unit(found, joint),
+            "position_rms_before": _number(first.position_rms),
+            "position_rms_after": _number(last.position_rms),
+            "parameters": parameters[joint],
+        }
+        for joint in joints
+    ]
+
+
+def _torque_unit(found: Diagnosis, joint: str) -> str:
+    return found.torque_unit if found.body is None else found.body.worded(joint, found.torque_unit)
+
+
+def _at_joint(name: str, joints: tuple[str, ...]) -> tuple[str, str]:
+    """Split `stribeck@elbow.velocity` into joint and `stribeck.velocity`; of two joints, the first one counts."""
+    _, _, place = name.partition("@")
+    own = [joint for joint in joints if place == joint or place.startswith((f"{joint}.", f"{joint},"))]
+    joint = max(own, key=len, default=joints[0])
+    return joint, name.replace(f"@{joint}", "", 1)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,99 @@
+"""Recordings below a folder, with the machine and the date that their paths give.
+
+`arm3/2026-03-01/run.csv` is a recording of the machine arm3: the recordings of one folder are of one machine, and
+folders whose names are dates do not count.
+"""
+
+import os
+import re
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path, PurePosixPath
+
+from pendulum_env.recording import Source
+from pendulum_env.recording.storage import READERS
+from workbench.inputs import sources_of
+from workbench.mistakes import InputError, printable
+
+STUDY = "study.toml"
+TABLES = ("survey.parquet", "survey.csv", "trends.parquet", "trends.csv")  # that a survey writes
+ENDINGS = tuple(ending for ending in READERS if ending != ".txt")  # text is often prose
+DATE = re.compile(r"(?<!\d)\d{4}(-?)\d\d\1\d\d(?:[T_ -]\d\d[-:h]?\d\d(?:[-:m]?\d\d)?)?(?!\d)")
+
+
+@dataclass(frozen=True)
+class SurveyedRecording:
+    """A recording to diagnose."""
+
+    name: str  # path below the folder, and the range of time if that is not all
+    machine: str  # path of its folder, without dates
+    date: datetime  # UTC
+    dated_by: str  # "name" or "file": the date stands in the path, or is that of the file's last change
+    source: Source
+
+
+def find_recordings(folder: Path, reading: Namespace) -> list[SurveyedRecording]:
+    """List the recordings below a folder, sorted by name.
+
+    Args:
+        folder: to search. Hidden files, text files and the tables of surveys are no recordings.
+        reading: options by which files are read. A `study.toml` gives those of the recordings that it names.
+
+    Raises:
+        InputError: if there are none.
+        StudyError: if a study makes no sense.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: there is no such folder: check the path")
+    folder = Path(os.path.abspath(folder))  # the workers of a cluster look for the same path
+    found = sorted((_label(source, folder) for source in _sources(folder, reading)), key=lambda own: own.name)
+    if not found:
+        raise InputError(f"{folder}: holds no recording: their names end in {', '.join(ENDINGS)}")
+    return found
+
+
+def _sources(folder: Path, reading: Namespace) -> Iterator[Source]:
+    named: set[str] = set()  # by studies
+    files: list[Path] = []
+    for place, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        if STUDY in names:
+            sources = sources_of(str(Path(place, STUDY)), reading)
+            named |= {os.path.realpath(source.file) for source in sources}
+            yield from sources
+        tables = TABLES if set(TABLES) <= set(names) else ()
+        files += [Path(place, name) for name in names if name.lower().endswith(ENDINGS) and name not in tables]
+    for file in files:
+        if not file.name.startswith(".") and os.path.realpath(file) not in named:
+            yield from sources_of(str(file), reading)
+
+
+def _label(source: Source, folder: Path) -> SurveyedRecording:
+    path = PurePosixPath(printable(Path(os.path.relpath(source.file, folder)).as_posix()))
+    part = "" if source.range is None else f"#{source.range[0]:g}-{source.range[1]:g}"
+    folders = [name for name in path.parts[:-1] if name != ".."]
+    machine = "/".join(name for name in folders if parse_date(name) is None) or folder.name
+    texts = [match[0] for name in (path.name, *reversed(folders)) if (match := DATE.search(name))]
+    dates = [date for text in texts if (date := parse_date(text)) is not None]
+    date = dates[0] if dates else _change_time(source.file)
+    return SurveyedRecording(f"{path}{part}", machine, date, "name" if dates else "file", source)
+
+
+def parse_date(text: str) -> datetime | None:
+    """Read a date such as `2026-03-01`, `20260301T1405` or `2026-03-01_14-05-30` as UTC; None if the text is none."""
+    if not DATE.fullmatch(text):
+        return None
+    try:
+        return datetime.strptime(re.sub(r"\D", "", text).ljust(14, "0"), "%Y%m%d%H%M%S").replace(tzinfo=UTC)
+    except ValueError:  # such as the 31st of February
+        return None
+
+
+def _change_time(file: Path) -> datetime:
+    """Time of a file's last change; 1970 if there is no file, which reading reports."""
+    try:
+        return datetime.fromtimestamp(file.stat().st_mtime, UTC)
+    except (OSError, ValueError, OverflowError):
+        return datetime.fromtimestamp(0, UTC)

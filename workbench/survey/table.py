@@ -1,0 +1,188 @@
+"""Tables of a survey: a row for each joint of each recording, and a row for each parameter over time."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+from scipy import stats
+
+from estimators.trends import Trend, fit_trend
+from pendulum_env._typing import JSON, Array
+from pendulum_env.files import replacing
+from pendulum_env.words import Table, number, plus_minus
+from workbench.survey.diagnosis import version
+from workbench.survey.recordings import SurveyedRecording
+
+WEEK = 7 * 86400.0  # [s]
+LEVEL = 0.01  # false discovery rate of the changes that are named
+TEXT, NUMBER, DATE = pa.string(), pa.float64(), pa.timestamp("s", "UTC")
+SURVEY = {  # columns; those of the parameters follow
+    **dict(recording=TEXT, machine=TEXT, joint=TEXT, date=DATE, dated_by=TEXT, effects=TEXT, unexplained=pa.bool_()),
+    **dict(error_before=NUMBER, error_after=NUMBER, noise_floor=NUMBER, error_unit=TEXT),
+    **dict(position_rms_before=NUMBER, position_rms_after=NUMBER, error=TEXT, hash=TEXT, version=TEXT),
+}
+TRENDS = {
+    **dict(machine=TEXT, joint=TEXT, parameter=TEXT, unit=TEXT, recordings=pa.int64(), mean=NUMBER),
+    **dict(drift_per_week=NUMBER, drift_low=NUMBER, drift_high=NUMBER, change=TEXT, p_value=NUMBER),
+    **dict(jump_date=DATE, jump_size=NUMBER, jump_std=NUMBER),
+}
+
+
+def label_rows(own: SurveyedRecording, result: JSON, content: str | None) -> list[JSON]:
+    """Rows of a result with what is known of the recording; one of a recording without a diagnosis."""
+    start = result.get("start")
+    label = {
+        "recording": own.name,
+        "machine": own.machine,
+        "date": own.date if start is None else datetime.fromtimestamp(start, UTC),
+        "dated_by": own.dated_by if start is None else "clock",
+        "hash": content,
+        "version": version(),
+    }
+    failed: JSON = {"joint": "", "error": result.get("error"), "parameters": {}}
+    return [label | row for row in result.get("rows", [failed])]
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A parameter of a joint over time.
+
+    Attributes:
+        date: of each estimate (N,) [s since 1970].
+        value: of each (N,), in the unit.
+        std: standard error of each (N,).
+        trend: per week.
+        change: "drift" or "jump" if the trend is significant among all of the survey.
+    """
+
+    machine: str
+    joint: str
+    parameter: str
+    unit: str
+    date: Array
+    value: Array
+    std: Array
+    trend: Trend
+    change: str = ""
+
+    @property
+    def label(self) -> str:
+        """Machine, joint and parameter in one."""
+        return " ".join(filter(None, (self.machine, self.joint, self.parameter)))
+
+    @property
+    def mean(self) -> float:
+        """Mean of the estimates."""
+        return float(self.value.mean())
+
+    @property
+    def jump_date(self) -> datetime | None:
+        """Date of the first recording after a jump; None without one."""
+        jump = self.trend.jump if self.change == "jump" else None
+        return None if jump is None else datetime.fromtimestamp(float(self.date[jump.first]), UTC)
+
+    def row(self) -> JSON:
+        """Row of the table of trends."""
+        jump = self.trend.jump if self.change == "jump" else None
+        row = {
+            **{name: getattr(self, name) for name in ("machine", "joint", "parameter", "unit", "mean", "change")},
+            "recordings": len(self.date),
+            "drift_per_week": self.trend.drift,
+            "drift_low": self.trend.interval[0],
+            "drift_high": self.trend.interval[1],
+            "p_value": self.trend.p_value,
+            "jump_date": self.jump_date,
+            "jump_size": None if jump is None else jump.size,
+            "jump_std": None if jump is None else jump.std,
+        }
+        return {name: None if isinstance(own, float) and np.isnan(own) else own for name, own in row.items()}
+
+
+def find_series(rows: Iterable[JSON]) -> list[Series]:
+    """Collect the parameters of every joint over time, and name those that change.
+
+    A change is named if its p-value is significant among those of all parameters, at a false discovery rate of 1 %
+    (Benjamini and Hochberg). Estimates without a standard error, such as known values, are left out.
+    """
+    points: dict[tuple[str, str, str, str], list[tuple[float, float, float]]] = {}
+    for row in sorted(rows, key=lambda row: row["date"]):
+        for name, own in row["parameters"].items():
+            if own["value"] is not None and own["std"]:
+                key = (row["machine"], row["joint"], name, own["unit"])
+                points.setdefault(key, []).append((row["date"].timestamp(), own["value"], own["std"]))
+    series = []
+    for key in sorted(points):
+        date, value, std = np.array(points[key]).T
+        series.append(Series(*key, date, value, std, fit_trend(date / WEEK, value, std)))
+    p_values = np.array([own.trend.p_value for own in series])
+    tested = np.flatnonzero(np.isfinite(p_values))
+    for k, adjusted in zip(tested, stats.false_discovery_control(p_values[tested]), strict=True):
+        if adjusted <= LEVEL:
+            series[k] = replace(series[k], change="drift" if series[k].trend.jump is None else "jump")
+    return series
+
+
+def write_tables(folder: Path, rows: Sequence[JSON], series: Sequence[Series]) -> None:
+    """Write both tables as Parquet and CSV, each file whole or not at all; raises OSError if one cannot be written."""
+    names = dict.fromkeys(name for row in rows for name in row["parameters"])
+    columns = SURVEY | {column: NUMBER for name in names for column in (name, f"{name}_std")}
+    flat = []
+    for row in rows:
+        values = {name: own["value"] for name, own in row["parameters"].items()}
+        flat.append(row | values | {f"{name}_std": own["std"] for name, own in row["parameters"].items()})
+    _write(folder / "survey", flat, columns)
+    _write(folder / "trends", [own.row() for own in series], TRENDS)
+
+
+def _write(path: Path, rows: Sequence[JSON], columns: dict[str, pa.DataType]) -> None:
+    table = pa.Table.from_pylist(rows, schema=pa.schema(columns))
+    for ending, write in ((".parquet", pq.write_table), (".csv", pyarrow.csv.write_csv)):
+        with replacing(path.with_suffix(ending)) as file:
+            write(table, file)
+
+
+def recordings_table(rows: Sequence[JSON]) -> Table:
+    """Table of recordings for a reader: failed ones first, then those with an effect or something unexplained."""
+    columns: dict[str, Callable[[JSON], str]] = {
+        "recording": lambda row: row["recording"],
+        "joint": lambda row: row["joint"],
+        "date": lambda row: f"{row['date']:%Y-%m-%d}",
+        "error held out": _error,
+        "result": _result,
+    }
+
+    def order(row: JSON) -> tuple[bool, bool, str]:
+        return "error" not in row, not (row.get("effects") or row.get("unexplained")), row["recording"]
+
+    if not any(row["joint"] for row in rows):
+        del columns["joint"]
+    cells = [tuple(make(row) for make in columns.values()) for row in sorted(rows, key=order)]
+    return Table(tuple(columns), cells, left=[name for name in ("joint", "date", "result") if name in columns])
+
+
+def _error(row: JSON) -> str:
+    return "" if row.get("error_after") is None else f"{row['error_after']:.3g} {row['error_unit']}"
+
+
+def _result(row: JSON) -> str:
+    if "error" in row:
+        return str(row["error"])
+    return ", ".join(filter(None, (row["effects"], "unexplained residual" * row["unexplained"]))) or "nothing missing"
+
+
+def changes_table(series: Sequence[Series]) -> Table:
+    """Table of the parameters that change, for a reader."""
+    rows = []
+    for own in series:
+        jump, low, high = own.trend.jump, *own.trend.interval
+        size = f"{own.trend.drift:+.3g} ({low:+.3g} to {high:+.3g}) a week"
+        if own.change == "jump" and jump is not None:
+            size = f"{'+' if jump.size > 0 else ''}{plus_minus(jump.size, jump.std)} on {own.jump_date:%Y-%m-%d}"
+        if own.change:
+            rows.append((own.label, own.change, size, own.unit, number(own.mean), f"{own.trend.p_value:.1g}"))
+    return Table(("parameter", "change", "size", "unit", "mean", "p-value"), rows, left=("change", "size", "unit"))
