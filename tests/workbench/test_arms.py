@@ -308,11 +308,11 @@ def test_without_pinocchio_the_pip_command_is_told(refused, folder, monkeypatch,
 
 
 def test_currents_need_a_torque_constant_which_the_model_keeps(done, refused, folder):
-    columns = "--columns", "torque_elbow=torque_elbow:A*{}"
-    told = refused(*of_arm(folder, "identify", "plain.csv", columns[0], columns[1].format("?")))
+    columns = ",".join(f"torque_{joint}=torque_{joint}:A*{{}}" for joint in ("shoulder", "elbow"))
+    told = refused(*of_arm(folder, "identify", "plain.csv", "--columns", columns.format(2, "?")))
     assert "joint 'elbow' has no torque constant" in told and "torque_elbow=torque_elbow:A*0.4" in told
-    known = columns[0], columns[1].format("2")
-    done(*of_arm(folder, "identify", "plain.csv", *known, "--scheme", "filtered_dynamic", "-o", "amperes.json"))
+    known = "--columns", columns.format(2, 2), "--scheme", "filtered_dynamic"
+    done(*of_arm(folder, "identify", "plain.csv", *known, "-o", "amperes.json"))
     out = done(*of_arm(folder, "compare", "amperes.json", "plain.csv"))
     assert "torque_elbow=torque_elbow:A*2" in out
     (row,) = [line.split() for line in out.splitlines() if line.startswith("elbow")]
