@@ -26,7 +26,7 @@ COMMANDS: dict[str, str] = {  # in the order of a first visit, and what help say
     "diagnose": "find the effects that a model lacks, and add them",
     "survey": "diagnose every recording in a folder: one table, and the parameters that drift or jump",
     "add": "add one effect to a model, refit it, and compare the errors",
-    "export": "write a model for MuJoCo, ROS or Gazebo, as Python or C",
+    "export": "write a model for MuJoCo, or as Python or C",
     "effects": "list the effects that a model may lack, with their laws and parameters",
     "hardware": "check a rig, step by step",
     "emulate": "emulate a rig behind a real protocol, with effects hidden in it if asked for",

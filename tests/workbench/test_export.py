@@ -1,14 +1,9 @@
-"""What is exported moves as the model does, and is read back by the formats' own libraries."""
+"""What is exported moves as the model does."""
 
 import ctypes
-import json
-import re
-import shlex
-import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -23,7 +18,6 @@ from tests.pendulum_env.physics.test_table import KINDS, in_model
 from tests.terms import Table
 from tests.workbench.exported import in_mujoco, library, module, needs_compiler, off
 from workbench.export import ExportError, Request, export
-from workbench.export.arm import G
 
 TORQUE = np.r_[0.0, np.where(np.arange(600) % 300 < 150, 3.0, -2.5), np.zeros(300)]  # [N m], comes to rest in the end
 STIRRED = ("periodic_disturbance", "joint_flexibility")  # effects that still move the joint then
@@ -166,79 +160,14 @@ def test_mujoco_moves_the_exported_model_as_this_simulator_does(name):
     assert off(in_mujoco(exported, torque), simulated(plant(*hidden), torque, 0.0)[:, 0]) < 0.002
 
 
-def test_a_robot_description_is_read_back_by_its_own_library_and_by_mujoco():
-    urdf, mujoco = pytest.importorskip("urdf_parser_py.urdf"), pytest.importorskip("mujoco")
-    model = plant("gravity_tilt", "hard_stop")
-    exported = export(model, "urdf", Request(approximate=True))
-    assert "the limits are rigid" in exported.notes[0]
-    robot = urdf.URDF.from_xml_string(exported.content.encode())
-    joint = robot.joints[0]
-    assert (joint.dynamics.damping, joint.dynamics.friction) == (PAPER["viscous"], PAPER["coulomb"])
-    assert (joint.limit.lower, joint.limit.upper) == (-1.2, 1.2)
-    world = mujoco.MjModel.from_xml_string(exported.content)
-    data = mujoco.MjData(world)
-    inertia = np.zeros((1, 1))
-    for q in (0.0, 0.7, 2.0):  # weight and inertia are those of the model at every angle
-        data.qpos[0] = q
-        mujoco.mj_forward(world, data)
-        mujoco.mj_fullM(world, data, inertia)
-        assert data.qfrc_bias[0] == pytest.approx(PAPER["gravity"] * np.sin(q) + 0.2 * np.cos(q), abs=1e-6)
-        assert inertia[0, 0] == pytest.approx(PAPER["inertia"], rel=1e-6)
-
-
-SPRING_AND_STOPS = {
-    "damping": PAPER["viscous"], "friction": PAPER["coulomb"], "spring_stiffness": 0.25, "spring_reference": -0.4,
-    "lower": -1.2, "upper": 1.2, "stiffness": 40.0, "dissipation": 40.0 * 0.005,
-}  # fmt: skip
-
-
-def test_a_model_for_gazebo_holds_spring_and_stops():
-    text = export(plant("spring", STOP), "sdf").content
-    axis = ElementTree.fromstring(text).find("model/joint/axis")
-    values = {element.tag: element.text for element in axis.iter() if element.text and not len(element)}
-    assert {tag: float(values[tag]) for tag in SPRING_AND_STOPS} == pytest.approx(SPRING_AND_STOPS)
-
-
-@pytest.fixture(scope="module")
-def gazebo(tmp_path_factory):
-    """Reads a model by libsdformat, which no kept package brings to Python: docs/how-to/export.md says which."""
-    compiler, config = shutil.which("c++"), shutil.which("pkg-config")
-    if compiler is None or config is None:
-        pytest.skip("a C++ compiler and pkg-config are not installed")
-    listed = subprocess.run([config, "--list-package-names"], capture_output=True, text=True, check=True).stdout
-    library = max((name for name in listed.split() if re.fullmatch(r"sdformat\d+", name)), default=None)
-    if library is None:
-        pytest.skip("libsdformat is not installed: apt install libsdformat-dev")
-    flags = subprocess.run([config, "--cflags", "--libs", library], capture_output=True, text=True, check=True).stdout
-    program = tmp_path_factory.mktemp("gazebo") / "read_sdf"
-    subprocess.run([compiler, Path(__file__).with_name("read_sdf.cc"), "-o", program, *shlex.split(flags)], check=True)
-    return lambda text: subprocess.run([program], input=text, capture_output=True, text=True)
-
-
-def test_gazebo_s_own_library_reads_the_model_and_moves_as_much(gazebo):
-    text = export(plant("spring", STOP, "gravity_tilt"), "sdf").content
-    told = gazebo(text)
-    assert (told.returncode, told.stderr) == (0, "")
-    read = json.loads(told.stdout)
-    assert read == pytest.approx(read | SPRING_AND_STOPS)
-    assert (read["revolute"], read["axis_x"]) == (1, 1.0)
-    weight = read["mass"] * G
-    assert (-weight * read["z"], weight * read["y"]) == pytest.approx((PAPER["gravity"], 0.2), rel=1e-6)
-    inertia = read["ixx"] + read["mass"] * (read["y"] ** 2 + read["z"] ** 2)
-    assert inertia == pytest.approx(PAPER["inertia"], rel=1e-6)
-    assert gazebo(text.replace("<mass>", "<mass>-")).returncode == 1
-
-
-@pytest.mark.parametrize("format", ["mjcf", "urdf", "sdf"])
-def test_what_a_format_cannot_hold_is_named_and_approximated_only_when_asked(format):
-    if format == "mjcf":
-        pytest.importorskip("mujoco")
+def test_what_mujoco_cannot_hold_is_named_and_approximated_only_when_asked():
+    pytest.importorskip("mujoco")
     model = plant("stribeck", "cogging")
-    with pytest.raises(ExportError, match=rf"{format} cannot hold cogging .*; nor stribeck .*--approximate"):
-        export(model, format)
-    exported = export(model, format, Request(approximate=True))
+    with pytest.raises(ExportError, match=r"mjcf cannot hold cogging .*; nor stribeck .*--approximate"):
+        export(model, "mjcf")
+    exported = export(model, "mjcf", Request(approximate=True))
     assert [note.split("(")[0] for note in exported.notes] == [
-        f"{format} cannot hold {id} " for id in ("cogging", "stribeck")
+        f"mjcf cannot hold {id} " for id in ("cogging", "stribeck")
     ]
     assert all(note in exported.content for note in exported.notes)
 
@@ -272,13 +201,12 @@ def test_a_known_armature_is_part_of_the_inertia():
 
 
 REFUSED = {
-    "a torque in A: masses and inertias are those per A": (paper_plant().per("A"), "sdf", Request()),
+    "a torque in A: masses and inertias are those per A": (paper_plant().per("A"), "mjcf", Request()),
     "a law of this model cannot be written down": (paper_plant().add(Table(), [0.4]), "c", Request()),
-    "elasticity of hard_stop": (plant("hard_stop"), "urdf", Request()),
+    "the hysteresis of hard_stop": (plant("hard_stop"), "mjcf", Request()),
     "--mass has to be above 0.46": (plant(), "mjcf", Request(mass=0.4)),
-    "sdf cannot hold an armature": (plant(), "sdf", Request(armature=0.03)),
     "leaves the arm no inertia": (plant(), "mjcf", Request(armature=0.1)),
-    **{f"{format} cannot hold spring": (plant(CUBIC), format, Request()) for format in ("mjcf", "sdf", "urdf")},
+    "mjcf cannot hold spring": (plant(CUBIC), "mjcf", Request()),
 }
 
 

@@ -1,9 +1,7 @@
 """A servo that is exported moves as the model does in the loop: as a program, and in MuJoCo."""
 
 import ctypes
-import sys
 from dataclasses import replace
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -152,41 +150,7 @@ def test_the_callback_in_c_says_what_python_says(tmp_path):
 DUTY = Drive(output="duty", kp=1.2, limit=0.8, supply=9.0, gain=0.5)
 
 
-def settings(model: Model, format: str, request: Request, monkeypatch) -> dict:
-    """What a configuration gives the class of a package that is not installed here."""
-    fake = ModuleType(format)
-    fake.__getattr__ = lambda name: lambda **values: {"name": name, **values}
-    for name in (format, f"{format}.actuator", f"{format}.actuators"):
-        monkeypatch.setitem(sys.modules, name, fake)
-    return module(export(model, format, request).content).ACTUATOR
-
-
-def test_a_motor_of_isaac_lab_gives_the_torque_of_a_duty_with_back_emf(monkeypatch):
-    told = settings(joint("back-EMF"), "isaaclab", Request(drive=replace(DUTY, kd=0.03)), monkeypatch)
-    assert told["name"] == "DCMotorCfg"
-    assert (told["friction"], told["viscous_friction"]) == pytest.approx((PLANT["coulomb"], PLANT["viscous"]))
-    error, speed = (part.ravel() for part in np.meshgrid(np.linspace(-2, 2, 41), np.linspace(-40, 40, 41)))
-    slope = told["saturation_effort"] / told["velocity_limit"]  # of the line between torque and speed
-    end = told["effort_limit"]  # which clips the line
-    least, most = (np.clip(side * told["saturation_effort"] - slope * speed, -end, end) for side in (-1, 1))
-    theirs = np.clip(told["stiffness"] * error - told["damping"] * speed, least, most)
-    ours = 4.5 * np.clip(1.2 * error - 0.03 * speed, -0.8, 0.8) - 0.05 * speed
-    np.testing.assert_allclose(theirs, ours, atol=1e-4)
-
-
-def test_a_motor_of_isaac_lab_that_follows_a_speed_is_braked_by_its_joint_alone(monkeypatch):
-    request = Request(drive=replace(DUTY, control="velocity", kp=0.3), approximate=True)
-    told = settings(joint("back-EMF"), "isaaclab", request, monkeypatch)
-    assert told["name"] == "IdealPDActuatorCfg"
-    assert (told["damping"], told["effort_limit"]) == pytest.approx((0.3 * 4.5, 0.8 * 4.5))
-    assert told["viscous_friction"] == pytest.approx(PLANT["viscous"] + 0.05)
-    slow = joint("back-EMF", "stribeck:stribeck=0.4")
-    slow = replace(slow, estimates=slow.estimates | {"viscous": replace(slow.estimates["viscous"], value=0.0)})
-    told = settings(slow, "isaaclab", Request(drive=DUTY, approximate=True), monkeypatch)
-    assert told["viscous_friction"] >= 0.0  # no friction drives
-
-
-@pytest.mark.parametrize("format", ["python", "mjcf", "mjlab"])
+@pytest.mark.parametrize("format", ["python", "mjcf"])
 def test_a_drive_is_in_the_unit_of_its_model(format):
     pytest.importorskip("mujoco")
     unknown = Request(drive=Drive(output="voltage", kp=5.0, limit=6.0))
@@ -197,27 +161,11 @@ def test_a_drive_is_in_the_unit_of_its_model(format):
     assert export(told, format, unknown).content == export(told, format, given).content
 
 
-@pytest.mark.parametrize("name", ["position", "speed"])
-def test_an_actuator_of_mjlab_is_that_of_mujoco(name, monkeypatch):
-    mujoco = pytest.importorskip("mujoco")
-    drive = replace(DRIVES[name], ki=0.0, rate=None, cutoff=None)
-    told = settings(joint(), "mjlab", Request(drive=drive), monkeypatch)
-    world = mujoco.MjModel.from_xml_string(export(joint(), "mjcf", Request(drive=drive)).content)
-    bias, limit = world.actuator_biasprm[0], world.actuator_forcerange[0, 1]
-    assert (told.get("stiffness", 0.0), told["damping"], told["effort_limit"]) == pytest.approx(
-        (-bias[1], -bias[2], limit)
-    )
-    assert (told["frictionloss"], told["viscous_damping"]) == pytest.approx(
-        (world.dof_frictionloss[0], world.dof_damping[0, 0] if world.dof_damping.ndim > 1 else world.dof_damping[0])
-    )
-
-
-@pytest.mark.parametrize("format", ["mjcf", "isaaclab", "mjlab"])
-def test_what_a_trainer_does_not_have_of_a_servo_is_named(format):
+def test_what_mujoco_does_not_have_of_a_servo_is_named():
     pytest.importorskip("mujoco")
-    with pytest.raises(ExportError, match=rf"{format} cannot hold .*\(ki\).*; nor a controller at 500 Hz.*cutoff"):
-        export(joint(), format, Request(drive=DRIVES["speed"]))
-    noted = export(joint("stribeck"), format, Request(approximate=True, drive=DRIVES["speed"])).notes
+    with pytest.raises(ExportError, match=r"mjcf cannot hold .*\(ki\).*; nor a controller at 500 Hz.*cutoff"):
+        export(joint(), "mjcf", Request(drive=DRIVES["speed"]))
+    noted = export(joint("stribeck"), "mjcf", Request(approximate=True, drive=DRIVES["speed"])).notes
     assert len(noted) == 4 and "stribeck" in noted[0]
 
 

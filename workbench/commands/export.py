@@ -10,7 +10,6 @@ from pendulum_env.physics import Model
 from pendulum_env.reading import shown
 from pendulum_env.recording import Recording
 from pendulum_env.recording.study import Source, read_as
-from pendulum_env.words import listing
 from workbench.export import FORMATS, Exported, Request, export
 from workbench.export.request import Language
 from workbench.inputs import check_outputs, read_all, read_arm_model, read_model, sources_of, wrote
@@ -36,10 +35,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         --drive  {what}, {DRIVEN}; it is then told a goal, not a torque
         --callback FILE  with mjcf: a program beside it, in Python (.py) or C (.c), with what MuJoCo does not have:
             effects such as Stribeck and load-dependent friction, rate and delay of the controller
-        --check RECORDING  run it in MuJoCo against a recording or a study, in the loop where a drive is known: mjcf
-            and urdf
+        --check RECORDING  with mjcf: run it in MuJoCo against a recording or a study, in the loop where a drive is
+            known
         {READING}
-        --robot  the model is of an arm with these links, URDF or MJCF (needs the extra arms): mjcf and urdf
+        --robot  with mjcf: the model is of an arm with these links, URDF or MJCF (needs the extra arms)
         {ROBOT.partition(" ")[2]}
         """,
         pendulums=("mass", "armature", "callback", "check"),
@@ -56,10 +55,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     outputs = [arguments.output, arguments.callback]
     robot = [arguments.robot] if arguments.robot is not None else []
     check_outputs(outputs, [arguments.model, *robot, *(str(source.file) for source in sources)])
-    for option in ("check", "mass", "armature", "callback", "drive"):
-        if getattr(arguments, option) and option not in FORMATS[arguments.to].options:
-            others = [name for name, form in FORMATS.items() if option in form.options]
-            raise InputError(f"--{option} goes with {listing(others)}, not with {arguments.to}")
+    for option in ("check", "mass", "armature", "callback"):
+        if getattr(arguments, option) and arguments.to != "mjcf":
+            raise InputError(f"--{option} goes with mjcf, not with {arguments.to}")
     language: Language | None = None
     if arguments.callback is not None:
         if not arguments.callback.endswith((".py", ".c")):
@@ -76,7 +74,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if sources:
         sources = tuple(read_as(source, model.log_format, arguments.model) for source in sources)
         given = in_units_of(model, read_all(sources, terminal, Source.read))
-        _check(model, exported, request, arguments.to, given.recordings, terminal)
+        _check(model, exported, request, given.recordings, terminal)
     if arguments.output is not None:
         write_whole(arguments.output, exported.content)
         for note in exported.notes:
@@ -100,12 +98,12 @@ def _checked(arguments: argparse.Namespace) -> tuple[Source, ...]:
 
 
 def _check(
-    model: Model, exported: Exported, request: Request, to: str, recordings: tuple[Recording, ...], terminal: Terminal
+    model: Model, exported: Exported, request: Request, recordings: tuple[Recording, ...], terminal: Terminal
 ) -> None:
     """Print how far what is exported is from recordings, of servos in the loop, in rad and in shares of the motion."""
     from workbench.export.check import check, check_in_loop  # needs the libraries of a comparison
 
-    in_loop, name = to == "mjcf" and are_driven(recordings), recordings[0].name
+    in_loop, name = are_driven(recordings), recordings[0].name
     if in_loop and request.drive is None:
         raise InputError(f"{name}: is of a servo: say the drive to export and check with --drive")
     if not in_loop and (request.drive is not None or request.callback is not None):

@@ -1,7 +1,7 @@
 """A model in the forms that simulators and programs read.
 
-`python` and `c` hold the simulator's own step, whatever the effects. `mjcf`, `urdf` and `sdf` describe a body
-on a joint, `isaaclab` and `mjlab` the actuator of one, and name what of a model they cannot hold.
+`python` and `c` hold the simulator's own step, whatever the effects. `mjcf` describes a body on a joint, a servo or an
+arm, and names what of a model it cannot hold.
 """
 
 from collections.abc import Callable
@@ -12,28 +12,22 @@ from typing import NamedTuple
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
-from pendulum_env.words import listing
-from workbench.export import mjcf, program, robot, servo
+from workbench.export import joints, mjcf, program, servo
 from workbench.export.request import Exported, ExportError, Request
 from workbench.mistakes import InputError
 
 
 class Format(NamedTuple):
-    """A form of a model: what it is, what writes it, and the options of the command line that it takes."""
+    """A form of a model: what it is, and what writes it."""
 
     what: str
     write: Callable[[Model, Request], Exported]
-    options: tuple[str, ...]
 
 
 FORMATS = {
-    "mjcf": Format("a model for MuJoCo", mjcf.export, ("mass", "armature", "drive", "callback", "check")),
-    "urdf": Format("a robot description for ROS", robot.urdf, ("mass", "armature", "check")),
-    "sdf": Format("a model for Gazebo", robot.sdf, ("mass", "armature")),
-    "python": Format("a module without dependencies", partial(program.export, language="python"), ("drive",)),
-    "c": Format("a file of C99", partial(program.export, language="c"), ("drive",)),
-    "isaaclab": Format("an actuator of Isaac Lab", servo.isaaclab, ("armature", "drive")),
-    "mjlab": Format("an actuator of mjlab", servo.mjlab, ("armature", "drive")),
+    "mjcf": Format("a model for MuJoCo", mjcf.export),
+    "python": Format("a module without dependencies", partial(program.export, language="python")),
+    "c": Format("a file of C99", partial(program.export, language="c")),
 }
 
 
@@ -48,11 +42,9 @@ def export(model: Model, format: str, request: Request | None = None) -> Exporte
     """
     request, write = request or Request(), find("format", format, FORMATS).write
     if isinstance(model, ArmModel):
-        from workbench.export.joints import FORMATS as OF_ARMS  # needs Pinocchio
-
-        if format not in OF_ARMS:
-            raise InputError(f"an arm is exported to {listing(list(OF_ARMS))}, not to {format}")
-        return OF_ARMS[format](model, request)
+        if format != "mjcf":
+            raise InputError(f"an arm is exported to mjcf, not to {format}")
+        return joints.mjcf(model, request)
     if request.drive is not None:
         request = replace(request, drive=servo.in_units_of(model, request.drive))
     return write(model, request)

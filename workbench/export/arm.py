@@ -1,4 +1,4 @@
-"""What every format for rigid bodies needs of a model: a body on a hinge, with viscous and dry friction.
+"""What MuJoCo needs of a model: a body on a hinge, with viscous and dry friction.
 
 A swinging joint shows its inertia about the axis and its weight on the lever arm, never mass, lever and inertia about
 the centre of mass one by one. Unless the mass is known the arm is drawn as a uniform rod, of which three quarters of
@@ -22,7 +22,7 @@ from workbench.export.request import ExportError, Request
 G = 9.81  # [m/s^2]
 FAR = 1e4  # [rad], where a stop is that is none
 SPEEDS = np.linspace(0.0, 5.0, 101)[1:]  # [rad/s], at which viscous and dry friction approximate another law
-EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb", "back_emf")  # terms that every format holds
+EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb", "back_emf")  # terms that MuJoCo holds of any model
 
 
 @dataclass(frozen=True)
@@ -83,17 +83,15 @@ def arm(model: Model, request: Request) -> Body:
 
 @dataclass(frozen=True)
 class Friction:
-    """Friction as every format has it, and what it stands in for."""
+    """Friction as MuJoCo has it, and what it stands in for."""
 
     viscous: float  # [N m s/rad]
     dry: float  # [N m]
     missing: tuple[str, ...]  # what the model has beyond, and what is in its place
 
     @classmethod
-    def of(cls, model: Model, held: Collection[str], less: float = 0.0) -> Friction:
-        """Friction of a model in a format that holds the terms of these ids beside those of `EVERY`.
-
-        What a format holds of viscous friction elsewhere, as a motor's back-EMF [N m s/rad], is left out.
+    def of(cls, model: Model, held: Collection[str]) -> Friction:
+        """Friction of a model where the terms of these ids are held beside those of `EVERY`.
 
         Where that is not all, viscous and dry friction come as close to the sum as they can, in both directions alike.
         """
@@ -102,7 +100,7 @@ class Friction:
         folded = [term for term in others if term.is_of_speed]
         missing = [] if unit == NEWTON_METRE else [f"a torque in {unit}: masses and inertias are those per {unit}"]
         missing += [f"{term.id} ({term.law}): {term.omitted}" for term in others if term not in folded]
-        viscous, dry = value(model, "viscous") + value(model, "back_emf") - less, value(model, "coulomb")
+        viscous, dry = value(model, "viscous") + value(model, "back_emf"), value(model, "coulomb")
         if not folded and min(viscous, dry) >= 0:
             return cls(viscous, dry, tuple(missing))
         still = np.zeros_like(SPEEDS)
@@ -133,7 +131,7 @@ class Stop:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Lower and upper [rad], finite as formats want them."""
+        """Lower and upper [rad], finite as MuJoCo wants them."""
         return max(self.lower, -FAR), min(self.upper, FAR)
 
     @classmethod

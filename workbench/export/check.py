@@ -146,10 +146,7 @@ def _simulated(model: Model, exported: Exported, segments: Segments) -> Array:
         _begin(mujoco, world, data, segments, {id: [part[k] for part in parts] for id, parts in memory.items()}, k)
         path[0, k] = data.qpos[0]
         for n, torque in enumerate(segments.torque[:, k]):
-            if world.nu:
-                data.ctrl[0] = torque
-            else:  # a robot description has no drive
-                data.qfrc_applied[0] = torque
+            data.ctrl[0] = torque
             for _ in range(count):
                 mujoco.mj_step(world, data)
             path[n + 1, k] = data.qpos[0]
@@ -166,7 +163,7 @@ def _begin(
         data.qpos[1], data.qvel[1] = position - data.qpos[0], velocity - data.qvel[0]
     if world.na:
         data.act[0] = memory["actuator_lag"][0]
-    if world.nu and world.actuator_delay[0]:
+    if world.actuator_delay[0]:
         samples = int(world.actuator_history[0][0])
         times = (np.arange(samples) - samples) * world.opt.timestep
         rate, first = segments.windows.recording.rate, segments.first[k]

@@ -23,7 +23,7 @@ from workbench.export.program import ACTUATOR, JOINT, program
 from workbench.export.request import Exported, ExportError, Language, Request, comment, keep, load_mujoco, title
 from workbench.export.servo import Servo
 
-BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects that its joints have, beside what every format holds,
+BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects that its joints have, beside those of `EVERY`,
 ASKED = ("torque_offset", "coulomb_asymmetry", "actuator_lag", "dead_time")  # and its motors
 # Impedance of the stop: MuJoCo's lower bound of 0.0001. A constraint with impedance d replaces the share d of what else
 # accelerates the joint, so that a small one only adds to it, as a spring does.
@@ -51,7 +51,7 @@ def export(model: Model, request: Request) -> Exported:
     friction, stop = Friction.of(model, held), Stop.of(model)
     servo = None if request.drive is None else Servo.of(request.drive)
     missing = (*friction.missing, *stop.missing, *(() if servo is None else servo.missing))
-    notes = keep("mjcf", missing, request)
+    notes = keep(missing, request)
     spec = mujoco.MjSpec()
     spec.modelname, spec.comment = "pendulum", comment((title(model), *notes))
     spec.option.timestep = request.step

@@ -52,14 +52,14 @@ class Exported:
 WHOLE = ", or export --to python or c, which hold every effect"
 
 
-def keep(format: str, missing: Sequence[str], request: Request, others: str = WHOLE) -> tuple[str, ...]:
-    """What a file does not hold of the model, a sentence each, if that is allowed; `others` hold more.
+def keep(missing: Sequence[str], request: Request, others: str = WHOLE) -> tuple[str, ...]:
+    """What a file for MuJoCo does not hold of the model, a sentence each, if that is allowed; `others` hold more.
 
     Raises ExportError if something is missing and approximations are not allowed.
     """
     if missing and not request.approximate:
-        raise ExportError(f"{format} cannot hold {'; nor '.join(missing)}. Ask for that with --approximate{others}")
-    return tuple(f"{format} cannot hold {text}" for text in missing)
+        raise ExportError(f"mjcf cannot hold {'; nor '.join(missing)}. Ask for that with --approximate{others}")
+    return tuple(f"mjcf cannot hold {text}" for text in missing)
 
 
 def title(model: Model) -> str:
@@ -75,12 +75,6 @@ def plain(text: str) -> str:
 def comment(lines: Sequence[str]) -> str:
     """Text of a comment in XML, where two dashes would end it."""
     return re.sub("-(?=-)", "- ", "\n".join(lines))
-
-
-def commented(xml: str, lines: Sequence[str]) -> str:
-    """An XML file with a comment after its first line."""
-    first, rest = xml.split("\n", 1)
-    return f"{first}\n<!-- {comment(lines)} -->\n{rest}"
 
 
 def load_mujoco() -> Any:
