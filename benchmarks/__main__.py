@@ -13,7 +13,7 @@ SHORT = (  # about two minutes on two cores
     ("hidden_effects", ("--n", "24")),
 )
 COMMANDS = (
-    "environments", "joint_state", "watching", "diagnosis_time", "hidden_effects", "known_truth",
+    "environments", "joint_state", "online_diagnosis", "diagnosis_time", "hidden_effects", "known_truth",
     "cramer_rao", "ambiguity", "rig", "rig_faults",
     "servos", "six_joint", "survey", "sysid", "timing",
 )  # fmt: skip

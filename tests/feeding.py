@@ -7,7 +7,7 @@ import numpy as np
 
 
 def fed(learner: Any, runs: Any, first: int = 0, last: int | None = None) -> list[Any]:
-    """What an estimator, a watch or a diagnoser says after each sample of a run, or of several at once.
+    """What an estimator or a diagnoser says after each sample of a run, or of several at once.
 
     The torque comes with the sample that ends its period.
     """

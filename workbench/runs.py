@@ -372,6 +372,8 @@ def verdict_text(found: OnlineDiagnosis, stands: bool) -> str:
     if found.kind == "missing":
         standing = "the verdict stands" if stands else "the verdict does not stand yet"
         verdict = f"missing: {listing([name(id) for id in found.group], 'or')} ({standing}, {after})"
+    elif found.kind == "changed":
+        verdict = f"changed during the run: {listing([name(id) for id in found.changed], 'and')} ({after})"
     if not found.not_run:
         return verdict
     others = listing([name(id) for id in found.not_run], "and")

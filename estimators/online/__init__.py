@@ -1,19 +1,17 @@
-"""Estimation, watching and diagnosis while it runs: one sample in, what is known out.
+"""Estimation and diagnosis while it runs: one sample in, what is known out.
 
     samples -> stream -> equations -> OnlineEstimator: parameters of all schemes
                  |
-               Binner -> bins of motion, reversals -> Watch: does the model still predict?
-                                                   -> Diagnoser: which effect does it lack?
+               Binner -> bins of motion -> Diagnoser: which effect does the model lack, which parameters have changed?
 
 A stream is that of B pendulums, sample by sample (`stream`), or that of an arm's joints, chunk by chunk (`arm_stream`).
-All three take samples by `take(time, position, torque)` and start anew by `reset(which)`.
+Both take samples by `take(time, position, torque)` and start anew by `reset(which)`.
 """
 
 from estimators.online.diagnosis import Diagnoser, OnlineDiagnosis, Standing
 from estimators.online.estimates import Estimates, SchemeEstimate, SchemeEstimates
 from estimators.online.estimator import OnlineEstimator
 from estimators.online.joint_state import JointState
-from estimators.online.watch import Verdict, Watch
 
 __all__ = [
     "Diagnoser",
@@ -24,6 +22,4 @@ __all__ = [
     "SchemeEstimate",
     "SchemeEstimates",
     "Standing",
-    "Verdict",
-    "Watch",
 ]

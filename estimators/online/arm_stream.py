@@ -123,7 +123,6 @@ class ArmStream:
                     usable[k, j][None],
                     None,
                     anew,
-                    instants[j, :, k : k + 1],
                     instants[j, :, k + 1 : k + 2],
                     j,
                 )

@@ -8,7 +8,6 @@ import numpy as np
 from estimators.online.arm_stream import stream_of
 from estimators.online.rows import POSITION, TIME, TORQUE, VELOCITY
 from estimators.online.stream import Taken
-from estimators.online.turns import TurnFinder, Turns
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Mask
@@ -27,14 +26,12 @@ class Bin(NamedTuple):
         series: time, position, velocity and torque at its n + 3 instants (4, n + 3).
         phi: mean row of the terms (P,).
         y: mean torque over it, less that of what has no parameter [N m].
-        moved: time that any of the joints has been in motion, stick and turns included, since it began [s].
     """
 
     joint: int
     series: Array
     phi: Array
     y: float
-    moved: float
 
 
 class _Gathered:
@@ -72,41 +69,25 @@ class Binner:
         joints: names of a plant's joints; one of no name is a pendulum's.
     """
 
-    def __init__(
-        self, rate: float, terms: Sequence[Term], smoothing: Smoothing, batch: int = 1, late: int | None = None
-    ) -> None:
-        """Take the samples per second [Hz], terms whose rows are wanted, the smoothing of the measurement, and B.
-
-        With how late a pendulum's torque acts at most [samples], reversals are found, too.
-        """
-        self.every, self._rate, self._slowest = max(1, round(BIN * rate)), rate, smoothing.slowest
+    def __init__(self, rate: float, terms: Sequence[Term], smoothing: Smoothing, batch: int = 1) -> None:
+        """Take the samples per second [Hz], terms whose rows are wanted, the smoothing of the measurement, and B."""
+        self.every = max(1, round(BIN * rate))
         self._stream = stream_of(terms, [scheme("hamiltonian")], smoothing, 1.0 / rate, batch)
         self.joints = self._stream.joints
         columns = sum(len(term.columns) for term in terms)
         self._each = [_Gathered(self.every, columns, batch) for _ in self.joints]
-        self._moving, self._moved = np.zeros(batch, dtype=bool), np.zeros(batch)  # any joint; samples so far
-        self._finder = None
-        if late is not None:
-            self._finder = TurnFinder(batch, 1.0 / rate, self._stream.delay, late, smoothing.slowest)
 
     def reset(self, which: Mask) -> None:
         """What follows of those plants (B,) does not continue what came."""
         self._stream.reset(which)
-        self._moved[which] = 0
         for one in self._each:
             one.reset(which)
 
-    def take(self, time: Array, position: Array, torque: Array) -> Iterator[tuple[int, Bin | Turns]]:
-        """Take in a sample of each, as `OnlineEstimator.take`; tells plants and their bins and turns that are over."""
+    def take(self, time: Array, position: Array, torque: Array) -> Iterator[tuple[int, Bin]]:
+        """Take in a sample of each, as `OnlineEstimator.take`; tells plants and their bins that are over."""
         for taken in self._stream.take(time, position, torque):
-            self._moving |= np.abs(taken.instant[VELOCITY]) > self._slowest
-            if taken.joint == len(self.joints) - 1:  # the last of a sample
-                self._moved += self._moving
-                self._moving[:] = False
             for b, series, mean in self._each[taken.joint].take(taken):
-                yield b, Bin(taken.joint, series, mean[:-1], float(mean[-1]), self._moved[b] / self._rate)
-            if self._finder is not None:
-                yield from self._finder.take(time, position, torque, taken.instant[VELOCITY], taken.place).items()
+                yield b, Bin(taken.joint, series, mean[:-1], float(mean[-1]))
 
 
 class Monitor(Protocol):
@@ -119,8 +100,8 @@ class Monitor(Protocol):
     def reset(self) -> None:
         """Nothing is known yet."""
 
-    def take(self, one: Any) -> None:
-        """Take in a bin of motion, or a turn where a binner finds them."""
+    def take(self, one: Bin) -> None:
+        """Take in a bin of motion."""
 
 
 M = TypeVar("M", bound=Monitor)

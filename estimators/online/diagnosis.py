@@ -4,20 +4,27 @@ All models are fitted to the first seconds of motion. From then on the running m
 predicts every bin before its update (`rivals`). The gains in log predictive density per second of motion are judged as
 offline, by a Bayesian bootstrap over these blocks (`estimators.selection.score`). An effect is reported as missing once
 the e-process passes its threshold (`evidence`), which follows from the accepted false alarms per hour.
+
+One more challenger is the running model with forgetting (`forgetting`). After an alarm to which it contributed, all
+models are fitted again to what came since the likely time of a change (`change`). If they then predict better than any
+model from before, they take over: either an effect is missing since that time, or parameters have changed.
 """
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from math import ceil
 
 import numpy as np
 
 from estimators.online.binning import BLOCK, Bin, Binner, Monitors
+from estimators.online.change import CHANGE, Fit, ParameterChange, find_change, fit
 from estimators.online.clock import checked_rate
-from estimators.online.evidence import Bets, threshold_of
-from estimators.online.rivals import ONLINE, Bins, Rivals, thinned
+from estimators.online.contest import Contest, Plant
+from estimators.online.evidence import UsualGain, threshold_of
+from estimators.online.rivals import ONLINE, TIME
 from estimators.selection.criterion import Criterion
-from estimators.selection.score import BLOCK as STRETCH
 from estimators.selection.score import Bootstrap
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array
@@ -58,7 +65,8 @@ class OnlineDiagnosis:
     """Verdict on a running model, updated once per second of motion.
 
     Attributes:
-        kind: "calibrating", "nothing" while no effect predicts significantly better than none, or "missing".
+        kind: "calibrating"; "nothing" while neither an effect nor another set of parameters predicts significantly
+            better; "missing"; or "changed".
         evidence: that some effect predicts better: log wealth of the bets on all [nat].
         threshold: from which on something is missing [nat].
         terms: of the running model.
@@ -70,6 +78,9 @@ class OnlineDiagnosis:
         error: root mean square a-priori error of the running model over the last seconds of motion [N m].
         added: ids of effects taken into it.
         not_run: effects that cannot be followed online, with the reason.
+        changed: change and standard error of each changed parameter in its unit, the most significant first; empty
+            while an effect is missing.
+        since: time of the last change, also of one by which an effect set in [s]; None while there is none.
     """
 
     kind: str
@@ -84,6 +95,8 @@ class OnlineDiagnosis:
     error: float = float("nan")
     added: tuple[str, ...] = ()
     not_run: Mapping[str, str] = field(default_factory=dict)
+    changed: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    since: float | None = None
 
 
 class Diagnoser(Monitors["EffectMonitor"]):
@@ -103,6 +116,7 @@ class Diagnoser(Monitors["EffectMonitor"]):
         batch: int = 1,
         library: Mapping[str, type[Term]] | None = None,
         smoothing: Smoothing | None = None,
+        given: Fit | None = None,
         alarms_per_hour: float = 1.0,
     ) -> None:
         """Take a model and the effects that it may lack.
@@ -113,15 +127,20 @@ class Diagnoser(Monitors["EffectMonitor"]):
             batch: number B of pendulums.
             library: effects by id; None are all that are known.
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
+            given: parameters of the model; those of the plant that differ significantly are reported as changed.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
 
         Raises:
-            ValueError: if a number is out of its range, or a term of the model depends on the past.
+            ValueError: if a number is out of its range, there are not as many parameters as the model has, or a term of
+                the model depends on the past.
         """
         checked_rate(rate)
         reasons = {term.id: reason for term in terms if (reason := hindrance(type(term)))}
         if reasons:
             raise ValueError(f"{next(iter(reasons))} cannot be in a model that is diagnosed online: take it out of it")
+        names = [column.name for term in terms for column in term.columns]
+        if given is not None and len(given.theta) != len(names):
+            raise ValueError(f"{len(given.theta)} parameters are given, the model has {len(names)}: {', '.join(names)}")
         library = effects() if library is None else library
         self.not_run = {id: reason for id, effect in library.items() if (reason := hindrance(effect))}
         library = {id: effect for id, effect in library.items() if id not in self.not_run}
@@ -130,7 +149,8 @@ class Diagnoser(Monitors["EffectMonitor"]):
         length, joints = binner.every / rate, binner.joints  # of a bin [s]
         self.threshold = threshold_of(alarms_per_hour, BLOCK * length / len(joints))
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
-        each = [EffectMonitor(terms, library, joints, blank, length, 1 / rate) for _ in range(batch)]
+        plant = Plant(tuple(joints), length / len(joints), 1 / rate)
+        each = [EffectMonitor(terms, library, plant, blank, given) for _ in range(batch)]
         super().__init__(rate, binner, each)
 
 
@@ -141,20 +161,19 @@ class EffectMonitor:
         said: the diagnosis.
     """
 
+    _change: ParameterChange | None
+
     def __init__(
         self,
         terms: Sequence[Term],
         library: Mapping[str, type[Term]],
-        joints: Sequence[str],
+        plant: Plant,
         blank: OnlineDiagnosis,
-        length: float,
-        period: float,
+        given: Fit | None = None,
     ) -> None:
-        """Take model, effects, joints, what is said at first, the length of a bin and the time between samples [s]."""
-        self._base, self._library, self._blank = tuple(terms), library, blank
-        self._joints, self._length = tuple(joints), length / len(joints)  # of motion that a bin tells of
-        self._period = period
-        self._often = max(1, round(STRETCH / (BLOCK * self._length)))  # blocks in a stretch
+        """Take model, effects, the plant, what is said at first, and parameters that the plant is compared with."""
+        self._base, self._library, self._plant, self._blank = tuple(terms), library, plant, blank
+        self._given = given
         self.reset()
 
     @property
@@ -165,24 +184,29 @@ class EffectMonitor:
     def reset(self) -> None:
         """Forget all that was measured, and all effects that were added."""
         self._past = [self._base]
-        self._kept: list[Bin] = []
-        self._moved = np.zeros(len(self._joints))  # time that each joint has been in motion [s]
+        self._recent: deque[Bin] = deque(maxlen=2 * self._plant.bins_in(ONLINE.kept))
         self._begin()
+        if self._given is not None:
+            self._change = self._change_from(self._given, CHANGE.compare)
 
-    def _begin(self) -> None:
+    def _begin(self, kept: Sequence[Bin] = ()) -> None:
         """Begin to compare models, from what is kept."""
-        self._rivals: Rivals | None = None
-        self._tried = np.zeros(len(self._joints), dtype=bool)  # joints that effects are tried at
-        self._untried: dict[str, str] = {}  # effects that are not run for now, with the reason
-        self._scale = np.ones(len(self._joints))  # of errors at each joint, relative to those of all
-        self._waiting: list[Bin] = []  # to be taken together
-        self._blocks: deque[Array] = deque(maxlen=ONLINE.stretches * self._often)  # log predictive densities (F,)
-        self._errors: deque[float] = deque(maxlen=round(ONLINE.recent / self._length))
-        self._block: Array | float = 0.0  # log predictive densities in the block to come (F,)
-        self._seen = 0  # bins that the models have predicted
+        self._contest, self._change = self._contest_of(kept), None
         self.said = replace(self._blank, terms=self.terms, added=self._added)
-        if len(self._kept) * self._length >= ONLINE.calibrate:
-            self._fit()
+
+    def _contest_of(self, kept: Sequence[Bin] = (), usual: UsualGain | None = None) -> Contest:
+        library = {id: effect for id, effect in self._library.items() if id not in self._added}
+        return Contest(self.terms, library, self._plant, kept, usual)
+
+    def _change_from(self, before: Fit, seconds: float, since: float | None = None) -> ParameterChange:
+        """Change from former parameters, to be reported after a time of motion [s]."""
+        names = [column.name for term in self.terms for column in term.columns]
+        return ParameterChange(names, before, self._plant.bins_in(seconds), since)
+
+    @property
+    def _block(self) -> int:
+        """Bins of all joints in a block."""
+        return BLOCK * len(self._plant.joints)
 
     @property
     def _added(self) -> tuple[str, ...]:
@@ -199,12 +223,11 @@ class EffectMonitor:
         find("effect that is run", effect, self._library)
         if effect in self._added:
             raise ValueError(f"{effect} is in the model already: undo takes out what was added last")
-        leaders = [] if self._rivals is None else self._rivals.leaders()[1:]
-        term = next((term for (term,), _ in leaders if term.id == effect), None)
+        term = next((term for (term,), _ in self._contest.leaders[1:] if term.id == effect), None)
         if term is None:
             raise ValueError(f"{effect} has not been tried yet: wait until the diagnosis no longer calibrates")
         self._past.append((*self.terms, term))
-        self._begin()
+        self._begin(self._contest.kept)
         return term
 
     def undo(self) -> None:
@@ -216,141 +239,130 @@ class EffectMonitor:
         if len(self._past) == 1:
             raise ValueError("no effect was added that could be undone")
         self._past.pop()
-        self._begin()
+        self._begin(self._contest.kept)
 
     # ---------------------------------------------------------------------------------------------------------- a bin
 
     def take(self, one: Bin) -> None:
         """Take in a bin of motion."""
-        j = one.joint
-        if self._moved[j] < ONLINE.kept:
-            self._kept.append(one)
-        self._moved[j] += self._length * len(self._joints)
-        if self._rivals is None:
-            if len(self._kept) * self._length >= ONLINE.calibrate:
-                self._fit()
-            return
-        if not self._tried[j] and self._moved[j] >= ONLINE.calibrate:  # it had not moved until then
-            self._begin()
-            return
-        self._waiting.append(one)
-        if len(self._waiting) < ONLINE.together:
-            return
-        densities, errors = self._rivals.take(self._bins(self._waiting))
-        self._waiting = []
-        self._errors.extend(errors.tolist())
-        self._block = block = self._block + densities.sum(axis=0)
-        self._seen += ONLINE.together
-        if self._seen % BLOCK:
-            return
-        self._block = 0.0
-        self._blocks.append(block)
-        self._bets.take(block[1:] - block[0] - ONLINE.worth * BLOCK)
-        whole = self._seen % (BLOCK * self._often) == 0
-        if whole or (self._bets.joint >= self._blank.threshold and self.said.kind != "missing"):
+        self._recent.append(one)
+        ended = self._contest.take(one)
+        if self._contest.has_begun_to_move(one.joint):
+            change = self._change
+            self._begin(self._contest.kept)
+            self._change = change
+        elif ended:
+            self._judge()
+
+    def _judge(self) -> None:
+        """Look for the cause of an alarm once there is one, and renew the diagnosis if it is time."""
+        contest, threshold = self._contest, self._blank.threshold
+        change, evidence = float(contest.bets.each[-1]), contest.bets.joint
+        is_known = self.said.kind == "missing"
+        # what is missing already is evidence all the time: forgetting then has to suffice alone
+        is_suspect = change >= threshold + np.log(len(contest.bets.each)) if is_known else change >= CHANGE.suspect
+        if evidence >= threshold and is_suspect:
+            if (row := self._row_of_change()) is None:
+                return  # a change is judged when enough has been seen since
+            if self._accept_change(row):
+                self._tell()
+                return
+            contest.bets.restart(-1)
+        if contest.is_stretch or (contest.bets.joint >= threshold and not is_known):
             self._tell()
-        if whole and len(self._kept) == self._seen + self._fitted:  # no more than are kept have come
-            if round(len(self._kept) * self._length) in ONLINE.refine:
-                bins = self._bins(self._kept)
-                self._rivals = self._rivals.narrowed(bins, dict(self._grids(Rivals(self.terms, bins), bins)))
 
-    # ------------------------------------------------------------------------------------------------------ the rivals
+    def _row_of_change(self) -> int | None:
+        """Number of the recent bin from which on other parameters fit best; None if too little has been seen since."""
+        recent, plant, risen = list(self._recent), self._plant, self._contest.risen
+        calibrate = ceil(ONLINE.calibrate / plant.length)
+        needed = calibrate + plant.bins_in(CHANGE.judged)
+        if risen < needed:
+            return None
+        last = len(recent) - needed
+        first = min(max(calibrate, len(recent) - risen - calibrate), last)
+        row = find_change(*self._contest.rows(recent), first, last + BLOCK)
+        return min(row, last) if row <= last or risen >= 2 * needed else None
 
-    def _fit(self) -> None:
-        """Fit all models to what is kept: they predict from now on."""
-        self._tried = self._moved >= 0.5 * ONLINE.calibrate
-        bins = self._bins(self._kept)
-        base = Rivals(self.terms, bins)
-        if len(self._joints) > 1:
-            for joint in {one.joint for one in self._kept}:
-                own = base.residual[bins.at == self._joints[joint]]
-                self._scale[joint] = np.sqrt(max(float(np.mean(own**2)), 1e-12))
-            self._scale /= self._scale.mean()
-            bins = self._bins(self._kept)
-            base = Rivals(self.terms, bins)
-        variants = {id: own for id, own in self._grids(base, bins) if id not in self._added and own}
-        self._untried = {
-            id: "acts at a joint that has hardly moved yet" if self._is_idle(kind) else "has no form that shows here"
-            for id, kind in self._library.items()
-            if id not in variants and id not in self._added
-        }
-        self._fitted, self._bets = len(self._kept), Bets(len(variants))
-        self._rivals = Rivals(self.terms, bins, [thinned(own) for own in variants.values()])
-
-    def _is_idle(self, effect: type[Term]) -> bool:
-        """Whether an effect's joint has hardly moved."""
-        return not any(self._tried[[name == effect.at for name in self._joints]])
-
-    def _bins(self, bins: Sequence[Bin]) -> Bins:
-        return Bins.of(bins, self._period, self._joints, self._scale)
-
-    def _grids(self, base: Rivals, bins: Bins) -> Iterator[tuple[str, list[Term]]]:
-        """Variants that each effect may have, by what a model leaves of bins."""
-        names = [column.name for term in self.terms for column in term.columns]
-        known = dict(zip(names, base.theta_of()[0].tolist(), strict=False))
-        for id, effect in self._library.items():
-            if self._is_idle(effect):
-                continue
-            own = bins.at == effect.at
-            x, residual = bins.of_joint(effect.at).middle, (base.residual * bins.scale)[own]
-            possible = [term for term in effect.grid(x, residual) if term.possible(x)]
-            fewest = min((len(term.columns) for term in possible), default=0)
-            variants = [term for term in possible if len(term.columns) == fewest]  # a batch has as many in all of it
-            follows = {s.name: known[s.follows] for s in effect.shapes if s.follows in known}
-            yield id, [_with(term, follows) for term in variants]
+    def _accept_change(self, change: int) -> bool:
+        """Go on with models fitted since a change, if they predict what came since better than those before it."""
+        recent, plant = list(self._recent), self._plant
+        contest = self._contest_of(usual=deepcopy(self._contest.usual))
+        predicted = len(recent) - change - ceil(ONLINE.calibrate / plant.length)
+        since = recent[change + predicted % BLOCK :]  # whole blocks
+        for one in since:
+            contest.take(one)
+        blocks = len(contest.blocks)
+        if contest.best_density(blocks) < self._contest.best_density(blocks) + self._blank.threshold:
+            return False
+        before = fit(*self._contest.rows(recent[:change]), self._block)
+        self._change = self._change_from(before, CHANGE.sure, float(recent[change].series[TIME, 0]))
+        self._contest = contest
+        self._recent = deque(since, maxlen=self._recent.maxlen)
+        return True
 
     # -------------------------------------------------------------------------------------------------------- the word
 
     def _tell(self) -> None:
-        assert self._rivals is not None
-        leaders, blocks = self._rivals.leaders(), np.array(self._blocks)
+        contest = self._contest
+        leaders = contest.leaders
         told = replace(
             self._blank,
             terms=self.terms,
             theta=self._theta(*leaders[0]),
-            motion=self._seen * self._length,
-            error=float(np.sqrt(np.mean(np.square(list(self._errors))))),
+            motion=contest.seen * self._plant.length,
+            error=contest.error,
             added=self._added,
-            not_run={**self._blank.not_run, **self._untried},
+            not_run={**self._blank.not_run, **contest.not_run},
         )
-        self.said = told if len(blocks) < 2 else self._ranked(told, leaders[1:], blocks)
+        self.said = told if len(contest.blocks) < 2 else self._ranked(told, leaders[1:])
 
-    def _ranked(
-        self, told: OnlineDiagnosis, leaders: Sequence[tuple[tuple[Term, ...], Array]], blocks: Array
-    ) -> OnlineDiagnosis:
-        """A diagnosis with the ranking of effects, by log predictive densities of blocks (N, F)."""
-        if len(blocks) >= ONLINE.fewest * self._often:
-            blocks = blocks[len(blocks) % self._often :].reshape(-1, self._often, blocks.shape[1]).sum(axis=1)
+    def _ranked(self, told: OnlineDiagnosis, leaders: Sequence[tuple[tuple[Term, ...], Array]]) -> OnlineDiagnosis:
+        """A diagnosis with the ranking of effects, and with changes of parameters."""
+        blocks, bets = self._contest.stretches[:, :-1], self._contest.bets
         bootstrap = Bootstrap(np.zeros(len(blocks), dtype=np.intp), np.random.default_rng(0))
         none, *odds = bootstrap.probabilities(list(blocks.T)).tolist()
         penalty = float(np.log(max(1, len(odds))))
         ranking = []
-        each = zip(leaders, blocks.T[1:], odds, self._bets.each.tolist(), strict=True)
+        each = zip(leaders, blocks.T[1:], odds, bets.each[:-1].tolist(), strict=True)
         for ((term,), theta), densities, probability, sure in each:
             gain = bootstrap.gain(densities, blocks[:, 0], penalty)
             numbers = probability, gain.total, gain.error, gain.chance, sure
             ranking.append(Standing(term.id, *numbers, term, self._theta((term,), theta)))
         ranking.sort(key=lambda one: (-round(one.probability, 3), -one.gain))
-        evidence = self._bets.joint if ranking else -np.inf
-        missing = evidence >= told.threshold and ranking[0].gain > 0
-        group = [ranking[0].effect] if missing else []
-        group += [one.effect for one in ranking if missing and one.probability > Criterion.rival]
+        is_missing = bool(ranking) and ranking[0].gain > 0 and self._is_sure
+        group = [ranking[0].effect] if is_missing else []
+        group += [one.effect for one in ranking if is_missing and one.probability > Criterion.rival]
+        self._compare()
+        change = self._change
+        changed: Mapping[str, tuple[float, float]] = {} if is_missing or change is None else change.changed
         return replace(
             told,
-            kind="missing" if missing else "nothing",
+            kind="missing" if is_missing else "changed" if changed else "nothing",
             ranking=tuple(ranking),
             group=tuple(dict.fromkeys(group)),
             none=none,
-            evidence=evidence,
+            evidence=bets.joint,
+            changed=changed,
+            since=None if change is None else change.since,
         )
+
+    @property
+    def _is_sure(self) -> bool:
+        """Whether there is enough evidence of a missing effect; after a change, which was an alarm, half is enough."""
+        after_change = self._change is not None and self._change.since is not None
+        after_change = after_change and len(self._contest.kept) < self._plant.bins_in(ONLINE.kept)
+        return self._contest.bets.joint >= self._blank.threshold * (CHANGE.share if after_change else 1.0)
+
+    def _compare(self) -> None:
+        """Compare parameters with former ones, unless they seem to change again."""
+        contest = self._contest
+        if self._change is not None and contest.bets.each[-1] < CHANGE.suspect:
+            if self._change.is_due(len(contest.kept)):
+                self._change.compare(*contest.rows(contest.kept), self._block)
 
     def _theta(self, more: tuple[Term, ...], theta: Array) -> dict[str, float]:
         names = [column.name for term in (*self.terms, *more) for column in term.columns]
         return dict(zip(names, theta.tolist(), strict=False))
-
-
-def _with(term: Term, values: Mapping[str, float]) -> Term:
-    return type(term)(**{**term.shape, **values}) if values else term
 
 
 def hindrance(effect: type[Term]) -> str:
@@ -362,5 +374,5 @@ def hindrance(effect: type[Term]) -> str:
     if len(loads(effect.at)) > 1:
         return "loads two joints at once"
     if any(shape.instant for shape in effect.shapes):
-        return "happens at one moment: WatchModel tells when a value changes"
+        return "happens at one moment: it is reported as a change of parameters"
     return ""

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.online.binning import MARGIN, Bin
+from estimators.online.forgetting import Forgetting
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.regression.balance import LEAST_SLOPE
 from estimators.regression.least_squares import RIDGE
@@ -41,7 +42,7 @@ TIME, POSITION, VELOCITY, TORQUE = range(4)  # series of a bin
 
 @dataclass(frozen=True)
 class OnlineDiagnosisSettings:
-    """Numbers of the online diagnosis; chosen on simulated plants by `benchmarks.diagnosing`."""
+    """Numbers of the online diagnosis; chosen on simulated plants by `benchmarks.online_diagnosis`."""
 
     memory: int = 3000  # bins, memory of the scale of errors
     weakest: float = -12.0  # least log weight relative to the best variant, so that a variant can recover
@@ -55,6 +56,7 @@ class OnlineDiagnosisSettings:
     recent: float = 10.0  # [s] of motion, averaging time of the reported error
     fewest: int = 5  # blocks of a second for probabilities; with fewer, those of 0.2 s are used
     worth: float = 0.01  # nat a bin, the least gain that counts: errors smaller by one hundredth
+    memories: tuple[float, ...] = (1.0, 4.0)  # [s] of motion, of the running model with forgetting
     few: int = 12  # variants of a grid that are run, where a shape parameter is continuous
 
 
@@ -205,8 +207,17 @@ class Rivals:
     square: Array
     weight: Array
 
-    def __init__(self, terms: Sequence[Term], bins: Bins, effects: Sequence[Sequence[Term]] = ()) -> None:
-        """Fit the running model, and it beside the variants of some effects, to bins; all weigh alike so far."""
+    def __init__(
+        self,
+        terms: Sequence[Term],
+        bins: Bins,
+        effects: Sequence[Sequence[Term]] = (),
+        memories: Sequence[float] = (),
+    ) -> None:
+        """Fit the running model, and it beside the variants of some effects, to bins; all weigh alike so far.
+
+        With memories [bins], the running model with forgetting predicts beside them.
+        """
         self.terms, self.families = tuple(terms), ((), *map(tuple, effects))
         self._stacked = [[_stacked(variants)] if variants else [] for variants in self.families]
         sizes = np.array([max(1, len(variants)) for variants in self.families])
@@ -220,6 +231,10 @@ class Rivals:
             self._least[models, : len(own)] = [column.least for column in own]
             self._most[models, : len(own)] = [column.most for column in own]
         self._fit(bins)
+        self._forgetting = None
+        if memories:
+            root = self._running.root[0, 0]
+            self._forgetting = Forgetting(self.theta_of()[0, : len(root)], root, float(self.square[0]), memories)
 
     def _own(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
         """What a family's models add to equations of the running model over bins, padded to K columns."""
@@ -286,7 +301,8 @@ class Rivals:
         """Predict R bins one after the other, with an update after each.
 
         Returns:
-            Log density of each under each family (R, F), and the running model's errors (R,) [N m].
+            Log density of each under each family (R, F) and, in the last place, of the running model with forgetting,
+            if that runs; and the running model's errors (R,) [N m].
         """
         base = bins.rows(self.terms)
         parts = [self._own(family, bins, base) for family in range(len(self.families))]
@@ -310,6 +326,9 @@ class Rivals:
         density = -0.5 * np.log(self.square * unsure) - (NU + 1) / 2 * np.log1p(relative / (NU * self.square))
         densities = self._mixed(density, self.possible(theta))
         self._count += 1
+        if self._forgetting is not None:
+            forgetting = self._forgetting.take(phi, slope, float(passed[0]), float(y[0]), float(density[0]))
+            densities = np.append(densities, forgetting)
         step = (NU + 1) / (NU + relative / self.square) * relative - self.square
         self.square = np.maximum(self.square + step / min(self._count, ONLINE.memory), 1e-12)
         running.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
@@ -340,7 +359,7 @@ class Rivals:
             if not all(shape.integer for shape in best.shapes):
                 grids[family - 1] = self._around(best, family, fresh[best.id])
         new = Rivals(self.terms, bins, grids)
-        new._running.root = self._running.root
+        new._running.root, new._forgetting = self._running.root, self._forgetting
         for before, ours, after, theirs in zip(self.families, self.models, new.families, new.models, strict=True):
             if before == after:
                 for name in ("of_y", "of_own", "information", "told", "square"):

@@ -36,9 +36,8 @@ class Taken(NamedTuple):
         usable: which of them may be used (B, S).
         regressor: phi of the torque balance at the sample, 0 in stick (B, P); None of an arm.
         anew: which plants began anew with the newest sample (B,).
-        instant: that the equations are of: time, position, velocity, acceleration, torque and held, those of
-            `Measurements` (6, B); a part of a ring, to be copied.
-        following: the instant after it, likewise.
+        following: the instant after that of the equations: time, position, velocity, acceleration, torque and held,
+            those of `Measurements` (6, B); a part of a ring, to be copied.
         joint: whose they are, counted from 0.
     """
 
@@ -48,7 +47,6 @@ class Taken(NamedTuple):
     usable: Mask
     regressor: Array | None
     anew: Mask
-    instant: Array
     following: Array
     joint: int = 0
 
@@ -171,7 +169,7 @@ class Stream:
         """Equations of the sample that lies `behind` the newest instant."""
         given, told, count, ring = self._machine.given, self._machine.now, self._count, self._instants
         row = count - self._behind
-        instant, following = ring[row % len(ring)], ring[(row + 1) % len(ring)]
+        following = ring[(row + 1) % len(ring)]
         given["index"][:], given["newest"][:] = self._index, ring[count % len(ring), VELOCITY]
         given["instant"][:] = following
         index = self._index - self._behind
@@ -196,7 +194,6 @@ class Stream:
             told["usable"].T > 0,
             told["regressor"].T.copy(),
             anew,
-            instant,
             following,
         )
 

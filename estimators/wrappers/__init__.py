@@ -3,7 +3,6 @@
 from estimators.wrappers.diagnose_online import DiagnoseOnline, DiagnoseOnlineVector
 from estimators.wrappers.estimate_parameters import EstimateParameters, EstimateParametersVector
 from estimators.wrappers.information_reward import InformationReward, InformationRewardVector
-from estimators.wrappers.watch_model import WatchModel, WatchModelVector
 
 __all__ = [
     "DiagnoseOnline",
@@ -12,6 +11,4 @@ __all__ = [
     "EstimateParametersVector",
     "InformationReward",
     "InformationRewardVector",
-    "WatchModel",
-    "WatchModelVector",
 ]

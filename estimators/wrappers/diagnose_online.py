@@ -1,17 +1,22 @@
-"""Wrappers that say which effect a model lacks, while the environment runs."""
+"""Wrappers that report which effect a model lacks and which parameters have changed, while the environment runs."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 from gymnasium.vector import VectorEnv
 
+from estimators.online.change import Fit
 from estimators.online.diagnosis import Diagnoser, hindrance
 from estimators.wrappers.measuring import Measuring, MeasuringVector
 from estimators.wrappers.options import AnyEnv, Plant
-from pendulum_env.physics import Term
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.model import ArmModel
+from pendulum_env.physics import Model, Term
 
 
 class DiagnoseOnline(Measuring):
@@ -19,8 +24,10 @@ class DiagnoseOnline(Measuring):
 
     Adds `diagnosis` to `info`, an `estimators.online.OnlineDiagnosis`, which changes once per second of motion: what
     every effect gains in predicting (`ranking`), and the effect that is missing, with those that may as well be in its
-    place (`group`). `add(effect)` takes one into the running model, `undo()` takes the last one out; both begin the
-    comparison anew, and so does a reset, which also takes out all that was added.
+    place (`group`). Parameters that change while it runs are reported with their change and standard error (`changed`)
+    and the time (`since`); the running model takes the new values. `add(effect)` takes an effect into the running
+    model, `undo()` takes the last one out; both begin the comparison anew, and so does a reset, which also takes out
+    all that was added.
 
     Examples:
         >>> import gymnasium as gym
@@ -44,29 +51,33 @@ class DiagnoseOnline(Measuring):
         rate: float | None = None,
         add_from: float | None = None,
         alarms_per_hour: float = 1.0,
+        model: Model | str | Path | None = None,
         robot: str | None = None,
     ) -> None:
         """Wrap an environment whose `info` carries `time`, `position` and `torque`.
 
         Args:
             env: the environment.
-            terms: of the model, by id or as they are; None are the paper's four, or the links of the environment's arm
-                with viscous and Coulomb friction at each joint.
+            terms: of the model, by id or as they are; None are those of `model` or, without one, the paper's four, or
+                the links of the environment's arm with viscous and Coulomb friction at each joint.
             candidates: ids of effects that it may lack, or one; None are all of the library. Of an arm, `stribeck` is
                 at any joint, `stribeck@elbow` at that one.
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
             add_from: probability from which an effect that is surely missing is added by itself; None adds none.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
+            model: an identified model, or its file, in the place of `terms`. Parameters of the plant that differ
+                significantly from its parameters are reported as changed after five seconds of motion.
             robot: file of an arm's links, URDF or MJCF; None asks the environment.
 
         Raises:
-            ValueError: if a name is unknown, a number out of its range, a term of the model depends on the past, or no
-                candidate can be followed; when running, if samples do not come at the rate.
+            ValueError: if a name is unknown, a number out of its range, a term of the model depends on the past, no
+                candidate can be followed, both model and terms are given, or a file holds no model; when running, if
+                samples do not come at the rate.
         """
         if add_from is not None and not 0.5 <= add_from < 1:
             raise ValueError(f"add_from ({add_from:g}) is a probability: give 0.5 or more, below 1")
         arguments: dict[str, Any] = {"terms": terms, "candidates": candidates, "rate": rate, "robot": robot}
-        arguments["alarms_per_hour"] = alarms_per_hour
+        arguments |= {"alarms_per_hour": alarms_per_hour, "model": model}
         diagnoser = diagnoser_of(env, **arguments)
         super().__init__(env, diagnoser, add_from=add_from, **arguments)
         (self.diagnoser,) = diagnoser.each
@@ -120,17 +131,41 @@ def diagnoser_of(
     *,
     candidates: str | Sequence[str] | None = None,
     rate: float | None = None,
+    model: Model | str | Path | None = None,
     robot: str | None = None,
     **options: Any,
 ) -> Diagnoser:
     """Diagnoser for an environment, or for each of a vector; the arguments are those of `DiagnoseOnline`.
 
     Raises:
-        ValueError: if a name is unknown, or none of the candidates can be followed online.
+        ValueError: if a name is unknown, none of the candidates can be followed online, both model and terms are given,
+            or the model is that of another plant.
     """
+    if model is not None and terms is not None:
+        raise ValueError("a model has its terms: give either model or terms")
     plant = Plant.of(env, rate, robot)
-    chosen, library = plant.terms(terms), plant.effects([candidates] if isinstance(candidates, str) else candidates)
+    if model is None:
+        chosen, given = plant.terms(terms), None
+    else:
+        chosen, given = given_by(model, plant.body)
+    library = plant.effects([candidates] if isinstance(candidates, str) else candidates)
     if library is not None and all(map(hindrance, library.values())):
         why = ", ".join(f"{id} {hindrance(one)}" for id, one in library.items())
         raise ValueError(f"candidates leave no effect to try{': ' * bool(why)}{why}; name others, or None for all")
-    return Diagnoser(plant.rate, chosen, batch=plant.batch, library=library, smoothing=plant.smoothing, **options)
+    known: dict[str, Any] = {"library": library, "smoothing": plant.smoothing, "given": given}
+    return Diagnoser(plant.rate, chosen, batch=plant.batch, **known, **options)
+
+
+def given_by(model: Model | str | Path, body: Body | None) -> tuple[tuple[Term, ...], Fit]:
+    """Terms and estimates of a model, or of its file, of a pendulum or of an arm with some links.
+
+    Raises:
+        ValueError: if the model is that of another kind of plant, or a file holds no model.
+    """
+    if isinstance(model, str | Path):
+        model = Model.load(model) if body is None else ArmModel.load(model, body)
+    if isinstance(model, ArmModel) != (body is not None):
+        ours, other = ("an arm", "a pendulum") if body is None else ("a pendulum", "an arm")
+        raise ValueError(f"the model is of {ours}, and what is diagnosed is {other}: give the model of one")
+    std = [model.estimates[column.name].std for term in model.terms for column in term.columns]
+    return model.terms, Fit(model.theta, np.diag(np.square(std)))

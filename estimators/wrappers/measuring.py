@@ -13,7 +13,7 @@ from pendulum_env._typing import Array, Mask
 
 
 class Learner(Protocol):
-    """What takes in a sample of each of B plants: an estimator, a watch or a diagnoser."""
+    """What takes in a sample of each of B plants: an estimator or a diagnoser."""
 
     rate: float  # [Hz]
 

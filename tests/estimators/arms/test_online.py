@@ -1,4 +1,4 @@
-"""An arm while it runs: estimated, diagnosed and watched, in motion of SciPy's integrator and of the environment."""
+"""An arm while it runs: estimated and diagnosed, in motion of SciPy's integrator and of the environment."""
 
 from dataclasses import replace
 
@@ -9,17 +9,16 @@ import pytest
 from benchmarks import six_joint
 from benchmarks.two_link import Multisine, TwoLink
 from estimators import identify
-from estimators.online import Diagnoser, JointState, OnlineEstimator, Watch
+from estimators.online import Diagnoser, JointState, OnlineEstimator
 from estimators.schemes import six
 from estimators.schemes.balance import for_arms
 from estimators.schemes.six import SCHEMES, Integral
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import (
     DiagnoseOnline,
+    DiagnoseOnlineVector,
     EstimateParameters,
     EstimateParametersVector,
-    WatchModel,
-    WatchModelVector,
 )
 from pendulum_env import ARM, PENDULUM
 from pendulum_env.arms.body import read_body
@@ -28,7 +27,7 @@ from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import TWO_LINK
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE, Model, effects
-from tests.two_link import recorded
+from tests.two_link import JOINTS, recorded
 
 RATE, COUNTS, CHANGE = 500.0, 65_536, 7.0
 TWO = TwoLink()
@@ -148,32 +147,32 @@ def before():
 
 
 @pytest.mark.parametrize(
-    ("after", "kind"),
+    ("after", "kind", "name"),
     [
-        (TWO, "predicts"),
-        (replace(TWO, viscous=(0.3638, 0.5)), "value"),
-        (TwoLink(cogging=(0.0, 0.3)), "structure"),
+        (TWO, "nothing", ""),
+        (replace(TWO, viscous=(0.3638, 0.5)), "changed", "viscous@elbow"),
+        (TwoLink(cogging=(0.0, 0.3)), "missing", "cogging@elbow"),
     ],
-    ids=["none", "value", "structure"],
+    ids=["nothing", "parameter", "effect"],
 )
-def test_what_changes_in_an_arm_is_told_with_its_joint(links, before, after, kind):
+def test_what_changes_in_an_arm_is_told_with_its_joint(links, before, after, kind, name):
     time, signal, position, velocity = before
     later = np.arange(time[-1], 12.0, 1 / RATE)
     then, _ = after.simulate(signal, later, tuple(position[-1]), tuple(velocity[-1]))
     time, position = np.r_[time, later[1:]], np.r_[position, then[1:]]
     torque = signal.held(time - 1 / RATE, 1 / RATE) + 0.02 * np.random.default_rng(0).normal(size=position.shape)
     step = 2 * np.pi / COUNTS
-    watch = Watch(RATE, links, calibrate=4.0, smoothing=Smoothing.of_encoder(COUNTS, RATE))
-    for t, (said,) in taken(watch, time, step * np.round(position / step), torque):
-        assert t > CHANGE or not said.alarms
+    library = {f"{id}@{joint}": at_joint(effects()[id], joint) for id in ("cogging", "stribeck") for joint in JOINTS}
+    diagnoser = Diagnoser(RATE, links, library=library, smoothing=Smoothing.of_encoder(COUNTS, RATE))
+    for t, (said,) in taken(diagnoser, time, step * np.round(position / step), torque):
+        assert t > CHANGE or said.kind in ("calibrating", "nothing")
     assert said.kind == kind
-    if kind == "predicts":
-        assert said.alarms == 0
-    elif kind == "value":
-        assert list(said.changes) == ["viscous@elbow"] and said.since == pytest.approx(CHANGE, abs=0.3)
-        assert said.changes["viscous@elbow"][0] == pytest.approx(0.1362, rel=0.05)
-    else:
-        assert said.where and all(place.endswith("@elbow") for place in said.where)
+    if kind != "nothing":
+        assert said.since == pytest.approx(CHANGE, abs=0.3)
+        assert name in (*said.changed, *said.group)[:1]
+    if kind == "changed":
+        assert list(said.changed) == ["viscous@elbow"]
+        assert said.changed[name][0] == pytest.approx(0.1362, rel=0.05)
 
 
 # ------------------------------------------------------------------------------------------------------- wrappers
@@ -232,21 +231,21 @@ def test_a_diagnosis_knows_the_arms_effects_and_takes_one_in():
         DiagnoseOnline(gym.make(ARM), candidates="stribek")
 
 
-def test_an_arm_is_watched_by_a_model_of_the_same_arm(links, body, tmp_path):
-    assert driven(WatchModel(gym.make(ARM, rate=500), calibrate=1.0), 1200)[0]["watch"].kind == "predicts"
+def test_an_arm_is_diagnosed_with_a_model_of_the_same_arm(links, tmp_path):
     arm, model = gym.make(ARM, rate=500), ArmModel.build(links, np.ones(10))
-    assert WatchModel(arm, model).reset(seed=0)[1]["watch"].kind == "calibrating"
+    found = driven(DiagnoseOnline(arm, candidates="stribeck", model=model), 4000)[0]["diagnosis"]
+    assert found.kind == "changed" and "viscous@shoulder" in found.changed
     Model.build(BASE, np.ones(4)).save(tmp_path / "pendulum.json")
-    for watched, options, told in (
+    for env, options, told in (
         (arm, {"model": tmp_path / "pendulum.json"}, "no model of an arm"),
-        (gym.make(PENDULUM), {"model": model}, "what is watched is a pendulum"),
+        (gym.make(PENDULUM), {"model": model}, "what is diagnosed is a pendulum"),
         (arm, {"terms": ["viscous"]}, "viscous is at none of the joints"),
         (arm, {"robot": "no-such.urdf"}, "no-such"),
     ):
         with pytest.raises(ValueError, match=told):
-            WatchModel(watched, **options)
+            DiagnoseOnline(env, **options)
     with pytest.raises(ValueError, match="one by one"):
-        WatchModelVector(gym.make_vec(ARM, num_envs=2))
+        DiagnoseOnlineVector(gym.make_vec(ARM, num_envs=2))
 
 
 def test_environments_and_files_of_other_plants_are_refused(tmp_path):
@@ -257,7 +256,7 @@ def test_environments_and_files_of_other_plants_are_refused(tmp_path):
         EstimateParametersVector(gym.make_vec(ARM, num_envs=2))
 
 
-@pytest.mark.parametrize("wrapper", [EstimateParameters, WatchModel, DiagnoseOnline])
+@pytest.mark.parametrize("wrapper", [EstimateParameters, DiagnoseOnline])
 def test_all_wrappers_take_terms_of_joints_by_name(wrapper):
     names = ["viscous@shoulder", "viscous@elbow", "coulomb@elbow"]
     wrapper(gym.make(ARM, rate=RATE), terms=names).reset(seed=0)

@@ -1,6 +1,7 @@
 """What a model lacks is named while the pendulum runs, and once it is added, the model predicts as the true one does.
 
-Plants come from the independent integrator.
+So is what changes while it runs. Plants come from the independent integrator; one that changes goes on from where it
+was.
 """
 
 from functools import cache
@@ -11,9 +12,12 @@ import pytest
 from gymnasium.vector import VectorWrapper
 
 from benchmarks.independent_plant import Experiment, Plant
+from benchmarks.online_diagnosis import CHANGE, changing, diagnosed
 from estimators import diagnose
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.online.binning import Bin
+from estimators.online.change import Fit
+from estimators.online.contest import Plant as Joints
 from estimators.online.diagnosis import EffectMonitor
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import DiagnoseOnline, DiagnoseOnlineVector, EstimateParameters
@@ -78,6 +82,75 @@ def test_effects_that_no_motion_tells_apart_are_one_group_and_say_the_same():
 
 def test_where_nothing_is_hidden_nothing_is_missing():
     assert run(diagnoser(), recorded("")).kind == "nothing"
+
+
+HEAVIER = Plant(inertia=0.12, gravity=2.5)
+CHANGED = {
+    "viscous": (Plant(viscous=0.42), {"viscous": 0.07}),
+    "payload": (HEAVIER, {"inertia": 0.03, "gravity": 0.5}),
+}
+
+
+def sets_in(plant, seconds):
+    """Run of a plant that becomes another one at 10 s."""
+    experiment = Experiment(rate=RATE, seconds=seconds, counts=COUNTS, torque_noise=0.05, seed=3)
+    (run,) = changing([(Plant(), plant, experiment)])
+    return run
+
+
+@pytest.mark.parametrize("what", CHANGED)
+def test_parameters_that_change_are_reported_with_size_and_time(what):
+    plant, changes = CHANGED[what]
+    told = diagnosed(sets_in(plant, 5.0), diagnoser(library=FEW))
+    assert {said.kind for t, said in told if t < CHANGE} == {"calibrating", "nothing"}
+    assert any(said.kind == "changed" for t, said in told if t < CHANGE + 5.0)
+    last = told[-1][1]
+    assert last.kind == "changed" and set(last.changed) == set(changes) and not last.group
+    assert last.since == pytest.approx(CHANGE, abs=0.2)
+    for name, true in changes.items():
+        change, std = last.changed[name]
+        assert 0 < std < 0.1 * true and abs(change - true) < 3 * std
+
+
+def test_an_effect_that_sets_in_is_named_and_no_parameter_is():
+    told = diagnosed(sets_in(Plant(effects={"cogging": HIDDEN["cogging"][0]}), 5.0), diagnoser(library=FEW))
+    last = told[-1][1]
+    assert any(said.group == ("cogging",) for t, said in told if t < CHANGE + 5.0)
+    assert last.kind == "missing" and last.group == ("cogging",) and not last.changed
+    assert last.since == pytest.approx(CHANGE, abs=0.2)
+    assert last.ranking[0].theta["cogging.sin"] == pytest.approx(-0.2, rel=0.1)  # on the left-hand side
+
+
+def test_a_reset_forgets_a_change():
+    whole = diagnoser(library=FEW)
+    assert diagnosed(sets_in(HEAVIER, 4.0), whole)[-1][1].kind == "changed"
+    whole.reset()
+    (said,) = whole.said
+    assert said.kind == "calibrating" and not said.changed and said.since is None
+    assert run(whole, recorded(""), last=6.0).kind == "nothing"
+
+
+@pytest.mark.slow
+def test_a_second_change_is_reported_too():
+    """A payload is picked up at 10 s, and has been put down when the second recording begins 13 s later."""
+    whole, picked = diagnoser(library=FEW), sets_in(HEAVIER, 13.0)
+    put = recorded("")
+    later = picked[0][-1] + 0.5 + put.time, put.position, np.r_[0.0, put.torque[:-1]]
+    told = [said for run in (picked, later) for _, said in diagnosed(run, whole)]
+    last = {said.since: said.changed["inertia"] for said in told if said.kind == "changed"}
+    (first, (one, _)), (second, (other, _)) = last.items()
+    assert first == pytest.approx(CHANGE, abs=0.2) and second == pytest.approx(later[0][0], abs=0.5)
+    assert one == pytest.approx(0.03, rel=0.05) and other == pytest.approx(-0.03, rel=0.05)
+
+
+def test_parameters_that_differ_from_those_that_were_given_are_reported():
+    for gravity, changes in ((2.0, set()), (1.6, {"gravity"})):
+        given = Fit(np.array([0.09, gravity, 0.35, 0.8]), np.zeros((4, 4)))
+        said = run(diagnoser(library={}, given=given), recorded(""), last=10.0)
+        assert set(said.changed) == changes and said.kind == ("changed" if changes else "nothing")
+    assert said.changed["gravity"][0] == pytest.approx(0.4, rel=0.05)
+    with pytest.raises(ValueError, match="2 parameters are given, the model has 4: inertia"):
+        diagnoser(given=Fit(np.zeros(2), np.zeros((2, 2))))
 
 
 @pytest.mark.slow
@@ -167,14 +240,14 @@ def bins_of_two_joints(first, last):
         speed = way * (2.0 + np.sin((5.0 + 2.0 * joint) * t))
         load = 0.3 * speed + 0.5 * way + 0.1 * joint * speed * np.abs(speed)
         series = np.array([t, np.cos(t), speed, load])
-        yield Bin(joint, series, np.zeros(0), float(load[2:-1].mean()) + 0.01 * rng.normal(), begin)
+        yield Bin(joint, series, np.zeros(0), float(load[2:-1].mean()) + 0.01 * rng.normal())
 
 
 def test_a_joint_that_moves_later_is_diagnosed_from_then_on():
     joints = "first", "second"
     terms = [placed(term, joint) for joint in joints for term in FRICTION]
     library = {f"quadratic_drag@{joint}": at_joint(effects()["quadratic_drag"], joint) for joint in joints}
-    monitor = EffectMonitor(terms, library, joints, OnlineDiagnosis("calibrating", threshold=10.0), 0.01, 1e-3)
+    monitor = EffectMonitor(terms, library, Joints(joints, 0.005, 1e-3), OnlineDiagnosis("calibrating", threshold=10.0))
     for one in bins_of_two_joints(1, 590):
         monitor.take(one)
     said = monitor.said

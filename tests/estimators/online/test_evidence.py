@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.online.evidence import MOST, SHARES, USUAL, Bets, Usual, threshold_of
+from estimators.online.evidence import MOST, SHARES, Bets, UsualGain, threshold_of
 
 BLOCK = 0.2  # [s]
 
@@ -56,21 +56,13 @@ def test_a_rarer_alarm_needs_more_evidence_and_a_rate_that_cannot_be_is_refused(
             threshold_of(rate, BLOCK)
 
 
-def test_what_is_usual_surprises_by_a_standard_error_however_many_are_asked():
-    """The mean of sizes as those learnt is off by as much as both means are uncertain."""
-    rng, told = np.random.default_rng(0), []
-    for _ in range(400):
-        usual = Usual(2)
-        for size in rng.normal(size=(12, 2)):
-            usual.learn(np.full(2, size[0]))
-        told.append([usual.surprise(np.repeat(rng.normal(size=(n, 1)), 2, axis=1)) for n in (1, 24)])
-    np.testing.assert_allclose(np.std(told, axis=0), 1.0, atol=0.2)
-
-
-def test_an_error_is_larger_than_usual_only_if_it_is_so_in_each_unit():
-    usual = Usual(2)
-    for size in np.random.default_rng(0).normal(size=30):
-        usual.learn(np.array([size, size]))
-    for one in ([9.0, 0.0], [0.0, 9.0]):
-        assert usual.surprise(np.array([one])) < 1.0
-    assert usual.surprise(np.array([[9.0, 9.0]])) > 0.95 * USUAL.most
+def test_a_gain_that_an_incomplete_model_always_leaves_is_no_evidence_and_a_larger_one_is():
+    """With forgetting a model gains in each block, a little at first and then much."""
+    rng, bets, usual = np.random.default_rng(3), Bets(1), UsualGain()
+    gains = 5.0 + 3.0 * rng.normal(size=600)
+    gains[500:] += 40.0
+    evidence = []
+    for gain in gains:
+        bets.take(np.array([usual.excess(gain)]))
+        evidence.append(bets.joint)
+    assert max(evidence[:500]) < threshold_of(1.0, BLOCK) < max(evidence[500:530])

@@ -1,0 +1,206 @@
+"""A contest of models on the bins of one plant: fits, log predictive densities by block, and bets on their gains."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.online.binning import BLOCK, Bin
+from estimators.online.evidence import Bets, UsualGain
+from estimators.online.rivals import ONLINE, Bins, Rivals, thinned
+from estimators.selection.score import BLOCK as STRETCH
+from pendulum_env._typing import Array
+from pendulum_env.physics import Term
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Joints of a plant and times of its bins.
+
+    Attributes:
+        joints: by name.
+        length: time of motion that a bin stands for; each joint has its own bins [s].
+        period: between samples [s].
+    """
+
+    joints: tuple[str, ...]
+    length: float
+    period: float
+
+    def bins_in(self, seconds: float) -> int:
+        """Number of bins in a time of motion [s]."""
+        return round(seconds / self.length)
+
+
+class Contest:
+    """The running model, with each effect and with forgetting, on the bins of one plant from some moment on.
+
+    Attributes:
+        terms: of the running model.
+        kept: bins of the first seconds of motion, which all models are fitted to before they predict.
+        not_run: effects that are not run for now, with the reason.
+        bets: on each effect and, in the last place, on forgetting.
+        blocks: log predictive densities of the last blocks, of the running model, with each effect and with forgetting.
+        seen: bins that the models have predicted.
+        risen: bins since there was no evidence of a change.
+        usual: gain of forgetting.
+    """
+
+    def __init__(
+        self,
+        terms: Sequence[Term],
+        library: Mapping[str, type[Term]],
+        plant: Plant,
+        kept: Sequence[Bin] = (),
+        usual: UsualGain | None = None,
+    ) -> None:
+        """Begin a contest.
+
+        Args:
+            terms: of the running model.
+            library: effects that are not in it.
+            plant: what moves.
+            kept: bins that all models are fitted to.
+            usual: gain of forgetting, if it is known.
+        """
+        self.terms, self._library, self._plant, self.kept = tuple(terms), library, plant, list(kept)
+        count = len(plant.joints)
+        self._moved = np.bincount([one.joint for one in kept], minlength=count) * plant.length * count  # each joint [s]
+        self._tried = np.zeros(count, dtype=bool)  # joints that effects are tried at
+        self._scale = np.ones(count)  # of errors at each joint, relative to those of all
+        self._often = max(1, round(STRETCH / (BLOCK * plant.length)))  # blocks in a stretch
+        self._rivals: Rivals | None = None
+        self._waiting: list[Bin] = []  # to be taken together
+        self._block: Array | float = 0.0  # log predictive densities in the block to come (F,)
+        self._errors: deque[float] = deque(maxlen=plant.bins_in(ONLINE.recent))
+        self.usual = usual or UsualGain()
+        self.blocks: deque[Array] = deque(maxlen=ONLINE.stretches * self._often)
+        self.not_run: dict[str, str] = {}
+        self.seen = self.risen = 0
+        self._fit_when_possible()
+
+    # ---------------------------------------------------------------------------------------------------------- a bin
+
+    def take(self, one: Bin) -> bool:
+        """Take in a bin of motion; returns whether a block has ended with it."""
+        j = one.joint
+        if self._moved[j] < ONLINE.kept:
+            self.kept.append(one)
+        self._moved[j] += self._plant.length * len(self._moved)
+        if self._rivals is None:
+            self._fit_when_possible()
+            return False
+        self._waiting.append(one)
+        if len(self._waiting) < ONLINE.together:
+            return False
+        densities, errors = self._rivals.take(self.bins(self._waiting))
+        self._waiting = []
+        self._errors.extend(errors.tolist())
+        self._block = block = self._block + densities.sum(axis=0)
+        self.seen += ONLINE.together
+        if self.seen % BLOCK:
+            return False
+        self._block = 0.0
+        self.blocks.append(block)
+        gain = block[1:] - block[0]
+        gain[-1] = self.usual.excess(float(gain[-1]))
+        self.bets.take(gain - ONLINE.worth * BLOCK)
+        self.risen = self.risen + BLOCK if self.bets.each[-1] > 0 else 0
+        if self.is_stretch and len(self.kept) == self.seen + self._fitted:  # no more than are kept have come
+            if round(len(self.kept) * self._plant.length) in ONLINE.refine:
+                bins = self.bins(self.kept)
+                self._rivals = self._rivals.narrowed(bins, dict(self._grids(Rivals(self.terms, bins), bins)))
+        return True
+
+    @property
+    def is_stretch(self) -> bool:
+        """Whether a stretch of a second has ended with the last block."""
+        return self.seen % (BLOCK * self._often) == 0
+
+    def has_begun_to_move(self, joint: int) -> bool:
+        """Whether a joint has moved for long enough that had not when the models were fitted."""
+        return self._rivals is not None and not self._tried[joint] and self._moved[joint] >= ONLINE.calibrate
+
+    # ------------------------------------------------------------------------------------------------------ the models
+
+    def bins(self, bins: Sequence[Bin]) -> Bins:
+        """Several bins beside each other."""
+        return Bins.of(bins, self._plant.period, self._plant.joints, self._scale)
+
+    def rows(self, bins: Sequence[Bin]) -> tuple[Array, Array]:
+        """Rows of the running model over R bins: phi (R, P) and y (R,)."""
+        rows = self.bins(bins).rows(self.terms)
+        return rows.phi[:, 0], rows.y[:, 0]
+
+    @property
+    def leaders(self) -> list[tuple[tuple[Term, ...], Array]]:
+        """Of the running model, alone and with each effect: the effect's best variant, and parameters."""
+        return [] if self._rivals is None else self._rivals.leaders()
+
+    @property
+    def error(self) -> float:
+        """Root mean square a-priori error of the running model over the last seconds of motion [N m]."""
+        return float(np.sqrt(np.mean(np.square(list(self._errors)))))
+
+    @property
+    def stretches(self) -> Array:
+        """Log predictive densities (N, F) in blocks of a second, in shorter ones while there are few."""
+        blocks = np.array(self.blocks)
+        if len(blocks) < ONLINE.fewest * self._often:
+            return blocks
+        return np.asarray(blocks[len(blocks) % self._often :].reshape(-1, self._often, blocks.shape[1]).sum(axis=1))
+
+    def best_density(self, blocks: int) -> float:
+        """Log density of the last blocks under the model that predicts them best, forgetting aside [nat]."""
+        return float(np.array(self.blocks)[-blocks:, :-1].sum(axis=0).max())
+
+    def _fit_when_possible(self) -> None:
+        """Fit all models to what is kept, if that is enough: they predict from now on."""
+        plant = self._plant
+        if len(self.kept) * plant.length < ONLINE.calibrate:
+            return
+        self._tried = self._moved >= 0.5 * ONLINE.calibrate
+        bins = self.bins(self.kept)
+        base = Rivals(self.terms, bins)
+        if len(plant.joints) > 1:
+            for joint in {one.joint for one in self.kept}:
+                own = base.residual[bins.at == plant.joints[joint]]
+                self._scale[joint] = np.sqrt(max(float(np.mean(own**2)), 1e-12))
+            self._scale /= self._scale.mean()
+            bins = self.bins(self.kept)
+            base = Rivals(self.terms, bins)
+        variants = {id: own for id, own in self._grids(base, bins) if own}
+        self.not_run = {
+            id: "acts at a joint that has hardly moved yet" if self._is_idle(kind) else "has no form that shows here"
+            for id, kind in self._library.items()
+            if id not in variants
+        }
+        self._fitted, self.bets = len(self.kept), Bets(len(variants) + 1)
+        memories = [seconds / plant.length for seconds in ONLINE.memories]
+        self._rivals = Rivals(self.terms, bins, [thinned(own) for own in variants.values()], memories)
+
+    def _is_idle(self, effect: type[Term]) -> bool:
+        """Whether an effect's joint has hardly moved."""
+        return not any(self._tried[[name == effect.at for name in self._plant.joints]])
+
+    def _grids(self, base: Rivals, bins: Bins) -> Iterator[tuple[str, list[Term]]]:
+        """Variants that each effect may have, by what a model leaves of bins."""
+        names = [column.name for term in self.terms for column in term.columns]
+        known = dict(zip(names, base.theta_of()[0].tolist(), strict=False))
+        for id, effect in self._library.items():
+            if self._is_idle(effect):
+                continue
+            own = bins.at == effect.at
+            x, residual = bins.of_joint(effect.at).middle, (base.residual * bins.scale)[own]
+            possible = [term for term in effect.grid(x, residual) if term.possible(x)]
+            fewest = min((len(term.columns) for term in possible), default=0)
+            variants = [term for term in possible if len(term.columns) == fewest]  # a batch has as many in all of it
+            follows = {s.name: known[s.follows] for s in effect.shapes if s.follows in known}
+            yield id, [_with(term, follows) for term in variants]
+
+
+def _with(term: Term, values: Mapping[str, float]) -> Term:
+    return type(term)(**{**term.shape, **values}) if values else term
