@@ -267,7 +267,7 @@ class Rivals:
             self.information[models] = np.einsum("rvk,rvl->vkl", left, left) + own_weak + before
             before = np.einsum("vkp,p,vp->vk", of_own, weak, of_y, optimize=True)
             self.told[models] = np.einsum("rvk,rv->vk", left, error) + before
-            missed = _missed(self.theta_of(models), base.slope[:, 0], own.slope, own.passed, error, left)
+            missed, _ = _missed(self.theta_of(models), base.slope[:, 0], own.slope, own.passed, error, left)
             if family == 0:
                 self.residual = missed[:, 0]
             squares = missed**2  # (R, V)
@@ -319,11 +319,13 @@ class Rivals:
         gain = running.root[0, 0] @ (phi @ running.root[0, 0])
         spread = 1.0 + phi @ gain
         error, left = y - self.of_y @ phi, own - self.of_own @ phi  # (V,), (V, K)
-        missed = _missed(theta, slope, own_slope, passed, error, left)
+        missed, after = _missed(theta, slope, own_slope, passed, error, left)
         # the error is predicted to scatter by scale^2 times this
         unsure = spread + np.einsum("vk,vk->v", left, np.linalg.solve(self.information, left[..., None])[..., 0])
         relative = missed**2 / unsure
         density = -0.5 * np.log(self.square * unsure) - (NU + 1) / 2 * np.log1p(relative / (NU * self.square))
+        # a law that passes next to nothing of the torque has small errors for that reason alone
+        density = np.where(after < LEAST_SLOPE, np.minimum(density, density[0]), density)
         densities = self._mixed(density, self.possible(theta))
         self._count += 1
         if self._forgetting is not None:
@@ -389,8 +391,12 @@ class Rivals:
         return tuple(dict.fromkeys([*kept, best, *near, *thinned(fresh)]))
 
 
-def _missed(theta: Array, slope: Array, own_slope: Array, passed: Array, error: Array, left: Array) -> Array:
+def _missed(
+    theta: Array, slope: Array, own_slope: Array, passed: Array, error: Array, left: Array
+) -> tuple[Array, Array]:
     """Residuals of V models (..., V) as torques: over their slopes by the torque, which is in their columns, too.
+
+    Also returns these slopes (..., V).
 
     Takes parameters (V, P + K), slopes of the running model's columns (..., P), of own ones (..., V, K) and of y
     (..., V), and what the running model's columns leave of y and of own columns.
@@ -398,7 +404,7 @@ def _missed(theta: Array, slope: Array, own_slope: Array, passed: Array, error: 
     base, delta = theta[:, : slope.shape[-1]], theta[:, slope.shape[-1] :]
     after = passed - slope @ base.T - np.einsum("...vk,vk->...v", own_slope, delta)
     missed = error - np.einsum("...vk,vk->...v", left, delta)
-    return np.asarray(missed / np.maximum(after, LEAST_SLOPE))
+    return np.asarray(missed / np.maximum(after, LEAST_SLOPE)), after
 
 
 def _weak(squares: Array) -> Array:

@@ -1,5 +1,7 @@
 """Models in two steps, the running model's columns first, are regularised least squares in all columns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -54,3 +56,15 @@ def test_an_error_is_predicted_to_scatter_as_least_squares_has_it():
     nu = 4.0
     expected = -0.5 * np.log(square * unsure) - (nu + 1) / 2 * np.log1p(error**2 / (nu * square * unsure))
     assert densities[1] == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_law_that_passes_next_to_nothing_of_the_torque_gains_nothing_by_that():
+    """At a constant speed and torque, far beyond its limit, a saturation leaves next to no error of what it passes."""
+    rng, parts = np.random.default_rng(4), []
+    for part in (bins_of(100, 4), bins_of(40, 5)):
+        series = part.series.copy()
+        series[1:3], series[3] = 2.0, 3.0 + 0.05 * rng.normal(size=(len(part.y), 1))
+        parts.append(replace(part, series=series, y=series[3, :, 0]))
+    rivals = Rivals(BASE, parts[0], [[effect("torque_saturation")(limit=0.6, roundness=0.2)]])
+    densities, _ = rivals.take(parts[1])
+    assert densities[:, 1].sum() <= densities[:, 0].sum()
