@@ -142,7 +142,6 @@ WORDS = [  # with files of `folder`
     ("app none.csv --no-browser", "there is no such file"),
     ("app --port -1", "should be a whole number"),
     ("app --port 99999 --no-browser", "'99999' should be a whole number from 0 to 65535"),
-    ("app --no-browser --port 0 --config none.toml", "none.toml: cannot be read"),
     ("survey empty -o out", "holds no recording"),
     ("survey nowhere -o out", "there is no such folder"),
     ("survey empty -o run.csv", "is a file: name a folder for the tables"),

@@ -232,7 +232,7 @@ def test_a_study_may_use_several_ranges_of_a_file(session, swing, tmp_path):
     (tmp_path / "study.toml").write_text(study(session.state))
     assert [source.range for source in read_sources(tmp_path / "study.toml")] == [(0, 6), (6, 9)]
     upload(session, "study.toml", b"[[recording]]")
-    assert session.notice.startswith("study.toml, recording 1: it lacks 'file'")
+    assert session.notice.startswith("study.toml: 'recording[0]' lacks 'file'")
 
 
 def test_what_a_session_begins_with_is_read_as_the_user_asked_and_left_where_it_is(swing, tmp_path):
