@@ -212,7 +212,7 @@ SIGNALS: dict[str, type[Any]] = {"two_tone": TwoTone, "multisine": Multisine, "c
 
 
 class _Kind(Struct):
-    """What every signal in a file has."""
+    """Kind of a signal in a file."""
 
     kind: str
 

@@ -59,10 +59,10 @@ def amount(size: float) -> str:
 
 
 def check_size(path: str | os.PathLike[str]) -> None:
-    """Refuse what is no file, or a file too large to be what was meant.
+    """Refuse a path that is no file, or a file of more than `LARGEST` bytes.
 
     Raises:
-        Unreadable: if there is none of that name, it is a folder, a device or a pipe, or of more than `LARGEST` bytes.
+        Unreadable: if there is none of that name, it is a folder, a device or a pipe, or too large.
     """
     try:
         status = os.stat(path)
@@ -201,7 +201,7 @@ def _refuse_values(path: str | os.PathLike[str], content: Any) -> None:
 Number = Annotated[float, Meta(ge=-LARGE, le=LARGE)]  # types of fields for `convert`
 NonNegative = Annotated[float, Meta(ge=0.0, le=LARGE)]
 Text = Annotated[str, Meta(min_length=1, max_length=LONGEST)]
-WORDS = {  # for msgspec's
+WORDS = {  # of messages, by msgspec's
     **{"float": "a number", "int": "a whole number", "str": "a text", "bool": "true or false"},
     **{"object": "a table", "array": "a list", "null": "nothing"},
 }
@@ -222,18 +222,18 @@ def convert(content: Any, kind: type[T], key: str = "") -> T:
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
-        told, _, place = str(error).partition(" - at `$")
+        message, _, place = str(error).partition(" - at `$")
     value, place = content, place.rstrip("`").replace("[...]", "")  # of a table's values, which msgspec does not name
     for name, index in re.findall(r"\.([^.\[]+)|\[(\d+)\]", place):
         value = value[int(index) if index else name]
     place = (key + place).lstrip(".")
-    if missing := re.fullmatch(r"Object missing required field `(.*)`", told):
+    if missing := re.fullmatch(r"Object missing required field `(.*)`", message):
         raise Unreadable(f"{repr(place) if place else 'it'} lacks '{missing[1]}'")
-    if not told.startswith(("Expected", "Number")):  # of a `__post_init__`
-        raise Unreadable(f"'{place}': {told}" if place else told)
-    told = re.sub(r"`(\w+)(?: \| null)?`", lambda word: WORDS.get(word[1], word[1]), told.partition(", got")[0])
-    told = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):g}", told)
-    raise Unreadable(f"{repr(place) if place else 'it'} is {shown(value)}: {told[0].lower()}{told[1:]}")
+    if not message.startswith(("Expected", "Number")):  # of a `__post_init__`
+        raise Unreadable(f"'{place}': {message}" if place else message)
+    message = re.sub(r"`(\w+)(?: \| null)?`", lambda word: WORDS.get(word[1], word[1]), message.partition(", got")[0])
+    message = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):g}", message)
+    raise Unreadable(f"{repr(place) if place else 'it'} is {shown(value)}: {message[0].lower()}{message[1:]}")
 
 
 def _refuse_unknown(content: Any, kind: inspect.Type, key: str) -> None:

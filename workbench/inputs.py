@@ -219,7 +219,7 @@ def tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal
 
 
 class _Diagnosis(Struct):
-    """What a diagnosis says of the next experiment."""
+    """Next experiment in a diagnosis file."""
 
     suggestion: dict[str, Any] | None = None
     forbidden: Text | None = None

@@ -98,13 +98,13 @@ class Suggestion:
         Raises:
             ValueError: if it is none.
         """
-        said = convert(data, _Said, key)
-        signal = signal_from_json(said.signal, f"{key}.signal".lstrip("."))
-        return cls(signal, said.seconds, said.settles, said.peak_torque, said.reach, said.peak_speed)
+        content = convert(data, _SuggestionFile, key)
+        signal = signal_from_json(content.signal, f"{key}.signal".lstrip("."))
+        return cls(signal, content.seconds, content.settles, content.peak_torque, content.reach, content.peak_speed)
 
 
-class _Said(Struct):
-    """What a diagnosis says of it."""
+class _SuggestionFile(Struct):
+    """Suggestion in a diagnosis file."""
 
     signal: dict[str, Any]
     seconds: Annotated[float, Meta(gt=0.0, le=LONGEST)]

@@ -88,7 +88,7 @@ class ArmModel(Model):
 
 
 class _ArmFile(Struct):
-    """What a model file says of the robot and of its logs."""
+    """Robot and log format in the model file of an arm."""
 
     joints: tuple[Text, ...] = ()
     held: dict[str, Number] | None = None
@@ -98,7 +98,7 @@ class _ArmFile(Struct):
 
 
 class _ArmTerm(Struct):
-    """What it says of a term at a joint."""
+    """Term at a joint in the model file of an arm."""
 
     id: Text
     joint: Text
@@ -107,7 +107,7 @@ class _ArmTerm(Struct):
 
 
 class _ArmModelFile(_ArmFile, kw_only=True):
-    """What stands in it."""
+    """Content of the model file of an arm."""
 
     base: dict[str, Any]
     terms: list[_ArmTerm]
@@ -143,7 +143,7 @@ class Asked:
 
 
 def _term(k: int, data: _ArmModelFile, body: Body) -> Term:
-    """One of the terms in a model file."""
+    """Make term k of a model file."""
     item = data.terms[k]
     for place in loads(item.joint):
         if place not in body.joints:

@@ -308,7 +308,7 @@ class Model:
 
 
 class ParameterFile(Struct):
-    """What a model file says of a parameter."""
+    """Parameter in a model file."""
 
     value: Number
     std: Annotated[float, Meta(ge=0.0, le=1e100)] | None = None  # large where data do not show it; its square is finite
@@ -317,19 +317,19 @@ class ParameterFile(Struct):
     unknown: bool | None = None
 
     def estimate(self, unit: str) -> Estimate:
-        """The parameter, in a unit."""
+        """Make an estimate in a unit."""
         return Estimate(self.value, self.std or 0.0, unit, is_biased=bool(self.biased), is_unknown=bool(self.unknown))
 
 
 class _Covariance(Struct):
-    """What it says of the errors of all parameters."""
+    """Covariance of all parameters in a model file."""
 
     parameters: list[str]
     matrix: list[list[Number]]
 
 
 class _ModelFile(Struct):
-    """What stands in it."""
+    """Content of a model file."""
 
     terms: list[Text]
     theta: dict[str, Any]  # of each, as `ParameterFile`
@@ -341,7 +341,7 @@ class _ModelFile(Struct):
 
 
 def read_estimate(theta: Mapping[str, Any], name: str, unit: str) -> Estimate:
-    """A parameter of a model file, in its unit.
+    """Read a parameter of a model file, in its unit.
 
     Raises:
         Unreadable: if the file lacks it, or it is no number.

@@ -52,7 +52,7 @@ class Extent(NamedTuple):
 
 
 class _Extent(Struct):
-    """What a model file says of it."""
+    """Extent of a table in a model file."""
 
     low: Number
     high: Number
@@ -61,7 +61,7 @@ class _Extent(Struct):
 
 
 def read_table(kind: type[Table], data: Any, key: str) -> Table:
-    """A table over the extent that stands under a key of a model file.
+    """Make a table over the extent under a key of a model file.
 
     Raises:
         Unreadable: if it makes no sense.

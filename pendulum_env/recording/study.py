@@ -212,9 +212,9 @@ def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
         if not study.recording:
             raise StudyError('names no recordings: write [[recording]] and below it file = "run.csv"')
         shared, drive = _columns(study.columns), _drive(study.drive, {})
-        for k, said in enumerate(study.recording):
+        for k, data in enumerate(study.recording):
             where = f"'recording[{k}]': "
-            source = _source(path.parent, said, shared, drive)
+            source = _source(path.parent, data, shared, drive)
             sources.append(replace(source, joints=study.joints, of_study=True))
     except ValueError as error:
         raise StudyError(f"{path}: {where}{error}") from None
@@ -246,7 +246,7 @@ def write_study(path: str | os.PathLike[str], sources: Sequence[Source]) -> None
 
 
 class _Load(Struct, forbid_unknown_fields=True):
-    """What a study says of a load."""
+    """Load in a study, by mass and length or by inertia and gravity."""
 
     mass: NonNegative | None = None  # [kg]
     length: NonNegative | None = None  # [m]
@@ -255,7 +255,7 @@ class _Load(Struct, forbid_unknown_fields=True):
 
     @property
     def known(self) -> Load:
-        """What it adds to the joint."""
+        """Load on the joint."""
         match self:
             case _Load(float(mass), float(length), None, None):
                 return Load(mass * length**2, mass * GRAVITY * length)
@@ -265,7 +265,7 @@ class _Load(Struct, forbid_unknown_fields=True):
 
 
 class _Recording(Struct, forbid_unknown_fields=True):
-    """What a study says of a recording."""
+    """Recording in a study."""
 
     file: Text
     role: Role = "fit"
@@ -277,7 +277,7 @@ class _Recording(Struct, forbid_unknown_fields=True):
 
 
 class _Study(Struct, forbid_unknown_fields=True):
-    """What stands in a study."""
+    """Content of a study."""
 
     joints: Annotated[tuple[Text, ...], Meta(min_length=1)] | None = None
     columns: dict[str, Any] = {}
@@ -285,13 +285,13 @@ class _Study(Struct, forbid_unknown_fields=True):
     recording: list[_Recording] = []
 
 
-def _source(folder: Path, said: _Recording, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:
-    if said.range is not None and said.range[0] >= said.range[1]:
-        raise StudyError(f"range is {list(said.range)}: expected [from, to] in seconds from the first sample")
-    told = _drive(said.drive, drive)
+def _source(folder: Path, data: _Recording, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:
+    if data.range is not None and data.range[0] >= data.range[1]:
+        raise StudyError(f"range is {list(data.range)}: expected [from, to] in seconds from the first sample")
+    own = _drive(data.drive, drive)
     return Source(
-        folder / said.file, said.role, {**shared, **_columns(said.columns)}, said.unwrap, said.range,
-        None if said.load is None else said.load.known, Drive.of(told) if told else None,
+        folder / data.file, data.role, {**shared, **_columns(data.columns)}, data.unwrap, data.range,
+        None if data.load is None else data.load.known, Drive.of(own) if own else None,
     )  # fmt: skip
 
 
@@ -302,8 +302,8 @@ def _columns(table: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _drive(table: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
-    """What is said of a drive, beside what is said of all."""
-    told = {**shared, **table}
+    """Join the settings of a drive and those that all recordings share."""
+    joined = {**shared, **table}
     if table:
-        Drive.of({"kp": 1.0, **told})  # what is wrong is told where it stands
-    return told
+        Drive.of({"kp": 1.0, **joined})  # an error names the recording
+    return joined
