@@ -90,12 +90,10 @@ class Preprocessed:
         The log's timing is no part of the model, so that held-out recordings tell it, too.
         """
         beside = [*(term for term in self.terms if isinstance(term, Term)), *beside]
-        return self.corrected(align_each((*self.recordings, *self.holdout), beside))
-
-    def corrected(self, alignments: Sequence[Alignment]) -> Self:
-        """The same with the torque of each recording as its alignment has it, fitted ones first."""
-        every = zip(alignments, (*self.recordings, *self.holdout), strict=True)
-        moved, count = tuple(one.apply(recording) for one, recording in every), len(self.recordings)
+        every = (*self.recordings, *self.holdout)
+        alignments = align_each(every, beside)
+        moved = tuple(one.apply(recording) for one, recording in zip(alignments, every, strict=True))
+        count = len(self.recordings)
         return replace(self, recordings=moved[:count], holdout=moved[count:], alignments=tuple(alignments))
 
     def without(self, odd: Container[int]) -> Self:

@@ -12,7 +12,6 @@ import re
 import reprlib
 import stat
 import tomllib
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -258,26 +257,7 @@ def _refuse_unknown(content: Any, kind: inspect.Type, key: str) -> None:
                         raise Unreadable(f"'{key}': {error}" if key else str(error)) from None
 
 
-# -------------------------------------------------------------------------------------------------------- archives
-
-
-def read_archive(path: str | os.PathLike[str], hint: str, most: int) -> dict[str, bytes]:
-    """What is in the files of a ZIP archive, by name; the hint says which file is meant, as in `read_json`.
-
-    Raises:
-        Unreadable: as `check_size`, if it holds more than `most` bytes, is none, or damaged.
-    """
-    check_size(path)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(info.file_size for info in archive.infolist())  # of each no more than this is unpacked
-            if size > most:
-                raise Unreadable(f"holds {amount(size)}, of which at most {amount(most)} are read")
-            return {name: archive.read(name) for name in archive.namelist()}
-    except Unreadable as error:
-        raise Unreadable(f"{path}: {error}; {hint}") from None
-    except Exception as error:  # a damaged file may fail anywhere in zipfile and zlib
-        raise Unreadable(f"{path}: is damaged, or no ZIP archive ({one_line(error)}); {hint}") from None
+# --------------------------------------------------------------------------------------------------------- arrays
 
 
 def read_arrays(path: str | os.PathLike[str], hint: str) -> dict[str, NDArray[Any]]:

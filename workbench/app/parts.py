@@ -89,10 +89,10 @@ def number_field(name: str, value: float | None, **more: Any) -> Component:
     return dcc.Input(value, type="number", id=field(name), **more, **KEPT)
 
 
-def drop(label: Content, does: str, className: str = "drop", several: bool = False) -> Component:
+def drop(label: Content, does: str, several: bool = False) -> Component:
     """A place to choose files at, or to drop them on; assets/app.js reads them and names the action that takes them."""
     told: dict[str, Any] = {"data-files": "several" if several else "one"}
-    return html.Button(label, id=does, type="button", className=className, **told)
+    return html.Button(label, id=does, type="button", className="drop", **told)
 
 
 def labelled(label: str, control: Component, note: str = "") -> Component:

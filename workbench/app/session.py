@@ -14,14 +14,15 @@ from typing import Any
 from dash import Dash
 from dash.development.base_component import Component
 
+from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.reading import amount
 from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.record import ColumnError
 from pendulum_env.words import listing
-from workbench.app import saved, uploads
+from workbench.app import uploads
 from workbench.app.card import Card
 from workbench.app.state import Loaded, State
-from workbench.app.uploads import unpack
+from workbench.inputs import read_model
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.processes import End, Job, Task, Workers
 from workbench.robot import RobotFile
@@ -157,12 +158,32 @@ class Session:
         return sum(file.stat().st_size for file in self.folder.rglob("*") if file.is_file())
 
     def receive(self, coming: Sequence[tuple[str, str]], unwrap: bool) -> None:
-        """Take in uploads, names and data URLs: recordings, read as a study among them asks for; see `load`."""
-        robots, sources, refused = uploads.sorted_out(self.place(uploads.size(coming)), coming, unwrap)
-        if robots:
-            joints = next((source.joints for source in sources), None)
-            self.take_robot(RobotFile(robots[-1], joints, bolted=True))
-        self.load(sources, refused)
+        """Take in uploads, names and data URLs: recordings, read as a study among them asks for, a robot and a model.
+
+        Raises InputError, which names the files that cannot be used.
+        """
+        came = uploads.sort_files(self.place(uploads.size(coming)), coming, unwrap)
+        if came.robots:
+            joints = next((source.joints for source in came.sources), None)
+            made = Asked.of_model(came.models[-1]) if came.models else Asked()
+            robot = RobotFile(came.robots[-1], joints or made.joints, True, made.rotors, made.weightless)
+            self.take_robot(robot)
+        refused = [*came.refused, *self._read(came.sources)]
+        if came.models:
+            try:
+                self.begin_from(came.models[-1])
+            except MISTAKES as mistake:
+                refused.append(sentence(mistake))
+        _refuse(refused)
+
+    def begin_from(self, file: Path) -> None:
+        """Take the terms of a model file for the base model; the ladder starts anew.
+
+        Raises ModelError if it is no model, as the command line does.
+        """
+        body = self.state.body
+        terms = read_model(str(file)).terms if body is None else ArmModel.load(file, body).terms[1:]
+        self.change(f"start from {file.name}", self.state.anew(terms=terms, model_file=file.name))
 
     def take_robot(self, robot: RobotFile) -> None:
         """Take all recordings, those that wait for an answer included, for those of a robot; see `State.of_robot`."""
@@ -171,12 +192,16 @@ class Session:
         self.cards = ()
         self.load(waiting)
 
-    def load(self, sources: Iterable[Source], refused: Sequence[str] = ()) -> None:
+    def load(self, sources: Iterable[Source]) -> None:
         """Read recordings: those that can be read stay, and those whose columns are not clear wait: see `cards`.
 
-        Raises InputError, which names those that cannot be read, and what was refused before.
+        Raises InputError, which names those that cannot be read.
         """
-        loaded, refused = list[Loaded](), list(refused)
+        _refuse(self._read(sources))
+
+    def _read(self, sources: Iterable[Source]) -> list[str]:
+        """Read recordings as `load` does; returns what is wrong with those that cannot be read."""
+        loaded, refused = list[Loaded](), list[str]()
         for source in sources:
             try:
                 loaded.append(Loaded.of(source, [*self.state.loaded, *loaded], read=self.state.read))
@@ -189,8 +214,7 @@ class Session:
                 refused.append(sentence(mistake))
         if loaded:
             self.keep(*loaded)
-        if refused:
-            raise InputError("; ".join(refused))
+        return refused
 
     def keep(self, *loaded: Loaded) -> None:
         """Add recordings; the ladder starts anew; raises InputError as `State.having`."""
@@ -240,17 +264,6 @@ class Session:
         self.keep(first)
         self.load([replace(one.source, columns=first.source.columns, unwrap=first.source.unwrap) for one in alike])
 
-    # ------------------------------------------------------------------------------------------------ whole
-
-    def open(self, name: str, content: str) -> None:
-        """Take in an uploaded session in the place of this one, whole or not at all; nothing before it can be undone.
-
-        Raises InputError if it is none, or too large.
-        """
-        coming = (name, content)
-        packed = unpack(self.place(uploads.size([coming])), *coming)
-        self._past, self.state, self.cards = [], saved.opened(packed, self.place), ()
-
     def end(self) -> None:
         """Stop what runs and delete the folder; nothing begins any more. No answer that takes long is waited for."""
         self._over = True
@@ -262,6 +275,12 @@ class Session:
             finally:
                 self.lock.release()
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def _refuse(refused: Sequence[str]) -> None:
+    """Raise InputError if anything was refused."""
+    if refused:
+        raise InputError("; ".join(refused))
 
 
 class Sessions:

@@ -4,7 +4,7 @@ import base64
 import binascii
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pendulum_env.recording import Source
@@ -13,8 +13,8 @@ from pendulum_env.recording.study import read_sources
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.robot import FORMATS
 
-STUDY = "study.toml"
-ENDINGS = sorted((*READERS, *FORMATS, ".json", ".toml", ".zip"), key=len)[::-1]
+STUDY, MODEL = "study.toml", "model.json"  # as the stage Export names them
+ENDINGS = sorted((*READERS, *FORMATS, ".json", ".toml"), key=len)[::-1]
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,25 @@ def size(coming: Sequence[tuple[str, str]]) -> int:
     return sum(len(content) * 3 // 4 for _, content in coming)
 
 
-def sorted_out(
-    place: Path, coming: Sequence[tuple[str, str]], unwrap: bool
-) -> tuple[list[Path], list[Source], list[str]]:
-    """Robots and recordings among files that are unpacked to a folder, read as a study among them asks for.
+@dataclass(frozen=True)
+class Uploaded:
+    """What came from the page at once, by what it is."""
 
-    Returns what is wrong with others as well, a sentence each.
+    robots: list[Path] = field(default_factory=list)
+    models: list[Path] = field(default_factory=list)
+    sources: list[Source] = field(default_factory=list)  # recordings: those of a study in its order, then others
+    refused: list[str] = field(default_factory=list)  # what is wrong with other files, a sentence each
+
+
+def sort_files(place: Path, coming: Sequence[tuple[str, str]], unwrap: bool) -> Uploaded:
+    """Write files from the page to a folder, and tell what they are.
+
+    Args:
+        place: folder.
+        coming: name and data URL of each file.
+        unwrap: whether recordings that no study speaks of are unwrapped.
     """
-    files, told, refused = list[Path](), list[Source](), list[str]()
+    files, told, uploaded = list[Path](), list[Source](), Uploaded()
     for name, content in coming:
         try:
             file = unpack(place, name, content)
@@ -63,14 +74,19 @@ def sorted_out(
             else:
                 files.append(file)
         except MISTAKES as mistake:
-            refused.append(sentence(mistake))
-    for name in {one.file.name for one in told if one.file not in files}:
-        refused.append(f"{STUDY}: names {name}: drop both here together")
-    robots = [file for file in files if file.suffix.lower() in FORMATS]
-    sources = list[Source]()
-    for file in (file for file in files if file not in robots):
-        sources += [one for one in told if one.file == file] or [Source(file, unwrap=unwrap)]
-    return robots, sources, refused
+            uploaded.refused.append(sentence(mistake))
+    named = {one.file for one in told}
+    for file in named.difference(files):
+        uploaded.refused.append(f"{STUDY}: names {file.name}: drop both here together")
+    uploaded.sources.extend(one for one in told if one.file in files)
+    for file in files:
+        if file.suffix.lower() in FORMATS:
+            uploaded.robots.append(file)
+        elif file.suffix.lower() == ".json":
+            uploaded.models.append(file)
+        elif file not in named:
+            uploaded.sources.append(Source(file, unwrap=unwrap))
+    return uploaded
 
 
 def unpack(folder: Path, name: str, content: str) -> Path:

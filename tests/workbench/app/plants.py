@@ -78,12 +78,16 @@ def drop(session, *files: Path) -> None:
     session.act(lambda: session.receive([(file.name, url(file.read_bytes())) for file in files], unwrap=False))
 
 
-def reopened(folder: Path, packed: bytes, name: str = "session.zip"):
-    """Another session, into which a saved one is opened."""
+def reloaded(state, folder: Path):
+    """Another session, into which a study, a model and recordings are loaded as another session exports them."""
     from workbench.app.session import Session
+    from workbench.app.stages.export import file
 
-    session = Session(folder / "other")
-    session.act(lambda: session.open(name, url(packed)))
+    made = dict(file(state, what, "") for what in ("study", "model"))
+    read = [one.source.file for one in state.loaded] + ([] if state.robot is None else [state.robot.file])
+    made |= {one.name: one.read_bytes() for one in read}
+    session = Session(folder)
+    session.act(lambda: session.receive([(name, url(content)) for name, content in made.items()], unwrap=False))
     return session
 
 

@@ -1,9 +1,7 @@
 """Sessions of an arm, without a browser."""
 
-import io
 import json
 import pickle
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,23 +11,21 @@ import pytest
 from benchmarks.two_link import TwoLink
 from estimators.progress import no_progress
 from pendulum_env.arms import at_joint
-from pendulum_env.arms.joints import Links, arm_base
+from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import write_recording
 from tests import robots
 from tests.two_link import recorded
-from tests.workbench.app.plants import drop, files_of, reopened, upload, url
+from tests.workbench.app.plants import drop, files_of, reloaded, upload
 from workbench.app.card import Choice
 from workbench.app.page.layout import told
 from workbench.app.parts import effects_to_choose
-from workbench.app.saved import CONTENTS, STUDY, opened, pack, study
 from workbench.app.session import Session
-from workbench.app.stages import STAGES, data, export, model
-from workbench.app.stages.export import file
+from workbench.app.stages import STAGES, data, export
+from workbench.app.stages.export import file, study
 from workbench.app.state import Asked
 from workbench.cli import main
-from workbench.mistakes import InputError
 from workbench.robot import RobotFile
 
 TWO, OFFSET = TwoLink(), 0.3  # [N m], hidden in the elbow
@@ -85,12 +81,9 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
         same()
         assert ArmModel.load("model.json", state.body).theta == pytest.approx(state.model.theta, rel=1e-6)
 
-    session.act(lambda: model.begin_from(session, "model.json", url(Path("model.json").read_bytes())))
+    session.act(lambda: session.begin_from(Path("model.json")))
     assert session.notice == "" and session.state.terms[-1].id == "torque_offset@elbow" and not session.state.trouble
     session.act(session.undo)
-    again = reopened(tmp_path, pack(state))
-    assert again.notice == "" and again.state.body.joints == state.body.joints
-    assert [one.id for one in again.state.loaded] == ["run.csv"] and again.state.asked == state.asked
     session.act(lambda: add.undo(session))
     assert session.state.added == () and session.state.found == ("torque_offset@elbow",)
 
@@ -145,30 +138,23 @@ def test_joints_of_a_study_move_and_others_are_held_where_the_recordings_have_th
     assert "what is loaded is not of this robot" in session.notice
 
 
-def test_a_saved_session_keeps_the_robot_and_the_model_it_began_from(session, tmp_path):
-    file, run = two_link(tmp_path, 4.0)
-    robot = RobotFile(file, ("shoulder", "elbow"), bolted=True, rotors=True, weightless=True)
-    session.act(lambda: session.take_robot(robot))
-    empty = reopened(tmp_path / "empty", pack(session.state)).state
-    assert replace(empty.robot, file=file) == robot and not empty.loaded
+def test_a_saved_study_and_model_bring_back_the_robot_its_recordings_and_its_terms(session, tmp_path):
+    robot, run = two_link(tmp_path, 4.0)
+    session.act(lambda: session.take_robot(RobotFile(robot, bolted=True, rotors=True, weightless=True)))
     drop(session, run)
-    body = session.state.body
-    begun = ArmModel.build((*arm_base(body), at_joint(Stribeck, "elbow")(0.1)), 1.0)
-    session.act(lambda: model.begin_from(session, "first.json", url(json.dumps(begun.json()).encode())))
-    assert session.notice == ""
-    again = reopened(tmp_path / "again", pack(session.state)).state
-    assert replace(again.robot, file=file) == robot and again.model_file == "first.json"
-    assert ArmModel.build((Links(body), *again.terms), 1.0).json() == begun.json()
-
-
-def test_a_session_whose_robot_makes_no_sense_is_refused(session, tmp_path):
-    drop(session, *two_link(tmp_path, 4.0))
-    content = json.loads(zipfile.ZipFile(io.BytesIO(pack(session.state))).read(CONTENTS))
-    with zipfile.ZipFile(tmp_path / "session.zip", "w") as archive:
-        archive.writestr(CONTENTS, json.dumps(content | {"robot": {"file": "arm.urdf", "rotors": "many"}}))
-        archive.writestr(STUDY, study(session.state))
-    with pytest.raises(InputError, match=r"'robot' of session.* makes no sense"):
-        opened(tmp_path / "session.zip", lambda _: tmp_path)
+    session.act(lambda: session.hold_out("run.csv", True))
+    (tmp_path / "more.csv").write_bytes(run.read_bytes())
+    drop(session, tmp_path / "more.csv")
+    state = session.state
+    begun = ArmModel.build((*arm_base(state.body), at_joint(Stribeck, "elbow")(0.1)), 1.0)
+    (tmp_path / "first.json").write_text(json.dumps(begun.json()))
+    drop(session, tmp_path / "first.json")
+    assert session.notice == "" and not session.state.trouble
+    again = reloaded(session.state, tmp_path / "again")
+    assert again.notice == "" and study(again.state) == study(session.state)
+    assert replace(again.state.robot, file=robot) == session.state.robot
+    assert [one.held_out for one in again.state.loaded] == [True, False]
+    assert again.state.model.theta == pytest.approx(session.state.model.theta, rel=1e-6)
 
 
 def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):

@@ -102,7 +102,7 @@ def test_a_request_that_does_not_go_on_is_not_waited_for(monkeypatch, capfd, beg
 
 def test_a_fault_of_a_callback_is_one_line_on_the_terminal(page, caplog):
     (one,) = [one for one in page.callbacks if one["inputs"][0]["id"] == "came"]
-    assert page.ask(one, [{"place": "open-session", "files": []}]) == 200
+    assert page.ask(one, [{"place": "model-file", "files": []}]) == 200
     (record,) = caplog.records
     assert "IndexError" in record.getMessage() and record.exc_info is None and "\n" not in record.getMessage()
 

@@ -1,5 +1,6 @@
 """Sessions and what they know, without a browser."""
 
+import io
 import json
 import shlex
 from collections.abc import Iterator
@@ -23,13 +24,16 @@ from pendulum_env.recording import Recording, RecordingError, Source
 from pendulum_env.recording.study import read_sources
 from tests import slow
 from tests.cases import diagnosed
+from tests.estimators.diagnosis.test_experiment import first as wagged
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import (
     comes_to_the_same,
+    drop,
     files_of,
     limited,
     loaded,
     recorded,
+    reloaded,
     run_form,
     upload,
     url,
@@ -39,12 +43,11 @@ from workbench.app.card import Card, Choice, understood
 from workbench.app.page.server import make_app
 from workbench.app.parts import UNWRAP
 from workbench.app.recorder import options
-from workbench.app.saved import study
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import add as add_stage
 from workbench.app.stages import compare, data, diagnose, export, model
 from workbench.app.stages.compare import MAP, PHASE, TIME, inside, lit, within
-from workbench.app.stages.export import commands
+from workbench.app.stages.export import commands, study
 from workbench.app.state import NOTHING, Asked, Loaded, State
 from workbench.app.uploads import safe_name, unpack
 from workbench.cli import main
@@ -221,6 +224,53 @@ def test_a_study_tells_in_another_session_what_was_said_in_this_one(session, swi
     assert second.notice == "study.toml: names run.csv: drop both here together" and second.state.loaded == ()
 
 
+def test_work_goes_on_from_the_study_the_model_and_the_recordings_that_were_saved(session, swing, tmp_path):
+    upload(session, "run.csv", servo(swing))
+    session.act(lambda: session.answer(session.cards[0].told(SERVO, False, (1.0, 9.0))))
+    turned = replace(swing, name="check", position=np.mod(swing.position, 2 * np.pi))
+    held_out = replace(written(turned, tmp_path, held_out=True), unwrap=True)
+    session.act(lambda: session.load([held_out]))
+    state = session.state
+    state = state.with_step(add(state.model, "stribeck", state.train, state.holdout))
+    again = reloaded(state, tmp_path / "again")
+    assert again.notice == "" and not again.cards and study(again.state) == study(state)
+    for old, new in zip(state.loaded, again.state.loaded, strict=True):
+        assert new.id == old.id and new.held_out == old.held_out
+        assert new.recording.torque_unit == old.recording.torque_unit
+        for name in ("time", "position", "torque"):
+            np.testing.assert_array_equal(getattr(new.recording, name), getattr(old.recording, name))
+    assert again.state.model.effects == ("stribeck",)
+    assert again.state.model.theta == pytest.approx(state.model.theta, rel=1e-3)
+    assert again.last_change == "start from model.json"
+    again.act(again.undo)
+    assert again.state.model.effects == () and len(again.state.loaded) == 2
+
+
+def test_currents_with_known_loads_are_the_same_from_a_saved_study(session, tmp_path):
+    recordings = [replace(loaded_run(mass, seed), name=f"{mass:g}kg") for seed, mass in enumerate((0.2, 0.5, 0.8))]
+    text = '[columns]\ntorque = "torque:A*?"\n'
+    for one, mass in zip(recordings, (0.2, 0.5, 0.8), strict=True):
+        written(one, tmp_path)
+        text += f'[[recording]]\nfile = "{one.name}.csv"\nload = {{mass = {mass}, length = 0.2}}\n'
+    (tmp_path / "study.toml").write_text(text)
+    drop(session, *tmp_path.glob("*.csv"), tmp_path / "study.toml")
+    assert session.notice == "" and not session.state.trouble
+    again = reloaded(session.state, tmp_path / "again")
+    assert again.notice == "" and study(again.state) == study(session.state)
+    assert [one.recording.load for one in again.state.loaded] == [one.recording.load for one in session.state.loaded]
+    assert {one.recording.torque_unit for one in again.state.loaded} == {"A"}
+    assert again.state.model.theta == pytest.approx(session.state.model.theta)
+
+
+def loaded_run(mass: float, seed: int) -> Recording:
+    """A run of the paper's pendulum that carries a weight 0.2 m from its axis, its torque as a current."""
+    paper = paper_plant().estimates
+    theta = {"inertia": paper["inertia"].value + mass * 0.2**2, "gravity": paper["gravity"].value + mass * 9.81 * 0.2}
+    rng = np.random.default_rng(seed)
+    run = record(paper_plant(theta), excitation("paper", rng, 8.0), 8.0, 250.0, rng=rng)
+    return replace(run, torque=run.torque / 0.4)
+
+
 def test_a_study_may_use_several_ranges_of_a_file(session, swing, tmp_path):
     parts = (("fit", 0, 6), ("holdout", 6, 9))
     text = "".join(f'[[recording]]\nfile="runs/swing.csv"\nrole="{role}"\nrange=[{a},{b}]\n' for role, a, b in parts)
@@ -274,7 +324,8 @@ def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(s
 
 def test_a_model_file_gives_the_terms_that_stay_with_other_recordings(session, state, swing, tmp_path):
     def begin(content: str) -> None:
-        session.act(lambda: model.begin_from(session, "../my model.json", url(content.encode())))
+        came = {"files": [("../my model.json", url(content.encode()))]}
+        session.act(lambda: model.STAGE.actions["model-file"](session, "", came))
 
     begin("{}")
     assert session.notice == "my model.json: this is not a model: 'schema' should be pendulum-ident/model@1"
@@ -438,6 +489,16 @@ def test_every_effect_has_a_picture_beside_the_residual(session, worked):
     pictures = [one.src for one in page._traverse() if isinstance(one, html.Img)]
     assert sorted(pictures) == sorted(f"/assets/gallery/{id}.svg" for id in effects())
     assert pictures[0] == "/assets/gallery/stribeck.svg"  # the likeliest
+
+
+def test_an_experiment_that_is_suggested_is_saved(session, tmp_path):
+    with pytest.raises(InputError, match="the diagnosis suggests no experiment"):
+        export.file(session.state, "experiment", "")
+    wagging, found = wagged("a spring at small angles")
+    session.act(lambda: session.load([written(wagging, tmp_path)]))
+    session.state = session.state.diagnosed(found)
+    rows = np.loadtxt(io.BytesIO(export.file(session.state, "experiment", "")[1]), delimiter=",", skiprows=1)
+    assert rows.shape[1] == 2 and np.abs(rows[:, 1]).max() > 1.0
 
 
 def test_a_recording_of_another_plant_is_named_where_it_is_loaded(session):

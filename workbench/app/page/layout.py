@@ -13,7 +13,7 @@ from pendulum_env.lookup import find
 from pendulum_env.words import listing, name, number, opening
 from workbench.app import uploads
 from workbench.app.card import COLUMN
-from workbench.app.parts import LINKED, PLOT, SPEC, aria, button, saves
+from workbench.app.parts import LINKED, PLOT, SPEC, aria, button
 from workbench.app.session import Form, Session, Sessions, Stage
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
@@ -99,12 +99,12 @@ def story_so_far(state: Work) -> list[Component]:
 
 
 def steps(session: Session) -> list[Component]:
-    """The way back, and to another day."""
+    """The way back."""
     what = session.last_change
     if not (what or session.state.loaded):
         return []
     back = button(f"Undo: {what}" if what else "Undo", "back", disabled=session.busy() or not what)
-    return [html.Div([back, saves("Save session", "session", disabled=not session.state.loaded)], className="row")]
+    return [html.Div(back, className="row")]
 
 
 def told(state: Work) -> tuple[str, str, list[Any]]:

@@ -18,7 +18,7 @@ from workbench.app import card, recorder, uploads
 from workbench.app.parts import UNWRAP, aria, button, drop, field, graph, panel, saves, table
 from workbench.app.session import Action, Form, Session, Stage
 from workbench.app.state import Loaded, State
-from workbench.app.uploads import STUDY
+from workbench.app.uploads import MODEL, STUDY
 from workbench.options import FORMATS
 from workbench.report.figure import Figure, line, stacked, thin
 from workbench.robot import held_text
@@ -72,12 +72,12 @@ def upload(state: State) -> Component:
         html.P(
             f"{FORMATS} with time, position and torque; 0 hangs down. What columns mean is "
             f"asked where their names do not tell, or told by a {STUDY} among the files. Of an arm, its URDF or MJCF "
-            "among the files tells the links. "
+            f"among the files tells the links. {STUDY} and {MODEL} of the stage Export, loaded together with the "
+            "recordings, go on from there. "
             f"Up to {uploads.LIMITS.upload / 1e6:.0f} MB each; nothing leaves this computer.",
             className="note",
         ),
         dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], [], id=field("unwrap")),
-        drop("Open a saved session", "open-session", className="action open"),
     ]
     if not state.loaded:
         ways += [
@@ -205,7 +205,6 @@ def _turn_gravity(session: Session, *_: object) -> None:
 
 ACTIONS: dict[str, Action] = {
     "upload": lambda session, _, came: session.receive(came["files"], came["unwrap"]),
-    "open-session": lambda session, _, came: session.open(*came["files"][0]),
     "demo": lambda session, *_: recorder.start_demo(session),
     "record": _record_as_said,
     "columns": lambda session, id, _: session.ask(id),

@@ -3,9 +3,11 @@
 import ast
 import json
 import shlex
+import tempfile
 from base64 import b64encode
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import dash
@@ -16,22 +18,21 @@ from dash.exceptions import PreventUpdate
 
 from estimators.schemes.identification import SAVED
 from pendulum_env.lookup import find
-from pendulum_env.recording.study import format_of
+from pendulum_env.recording.study import format_of, write_study
 from workbench.app.parts import panel, saves
 from workbench.app.recorder import DIAGNOSIS
-from workbench.app.saved import pack, study
 from workbench.app.session import Session, Sessions, Stage
 from workbench.app.state import State, ids
-from workbench.app.uploads import STUDY
+from workbench.app.uploads import MODEL, STUDY
 from workbench.mistakes import InputError
 from workbench.report import render
 
-PROGRAM, MODEL, REPORT, EXPERIMENT = "pendulum-ident", "model.json", "report.html", "experiment.csv"
+PROGRAM, REPORT, EXPERIMENT = "pendulum-ident", "report.html", "experiment.csv"
 WHOLE = (
     "This fits the whole of each recording. The workbench and Python hold the last 30 % back to check on, so that "
     "their estimates differ a little."
 )
-BESIDE = f"The recordings are read as {STUDY} says: save it beside them, in the stage Data."
+BESIDE = f"The recordings are read as {STUDY} says: save it beside them."
 IMPORTED = {  # names of a snippet, by where they are from
     "pathlib": ("Path",),
     "estimators": ("Preprocessed", "add", "diagnose", "fit", "gather", "identify"),
@@ -63,6 +64,7 @@ def downloads(state: State) -> Component:
     saved = {
         "report": (REPORT, "one file to share: story, plots and tables; it needs no network and prints"),
         "model": (MODEL, "terms and parameters of the ladder's last model, for the command line and Python"),
+        "study": (STUDY, f"how the recordings are read and used: load them with it and {MODEL} to go on another day"),
     }
     if state.diagnosis is not None:
         saved["diagnosis"] = DIAGNOSIS, "verdicts and reasons, for programs"
@@ -170,6 +172,15 @@ def with_imports(lines: Sequence[str]) -> str:
     return "\n".join([*imports, "", body])
 
 
+def study(state: State) -> str:
+    """Write a study that names the recordings as they are read, for a folder that holds them."""
+    with tempfile.TemporaryDirectory() as folder:
+        file, joints = Path(folder) / STUDY, state.robot.joints if state.robot is not None else None
+        sources = [replace(one.source, joints=joints) for one in state.loaded]
+        write_study(file, [replace(source, file=file.with_name(source.file.name)) for source in sources])
+        return file.read_text(encoding="utf-8")
+
+
 def _text(record: Any) -> str:
     return json.dumps(record.json(), indent=1) + "\n"
 
@@ -185,13 +196,12 @@ def _experiment(state: State) -> str:
     return state.diagnosis.suggestion.csv()
 
 
-FILES: dict[str, tuple[str, Callable[[State], str | bytes]]] = {  # name and content of what any stage saves
+FILES: dict[str, tuple[str, Callable[[State], str]]] = {  # name and content of what any stage saves
     "report": (REPORT, lambda state: render(state.told)),
     "model": (MODEL, _model),
     "diagnosis": (DIAGNOSIS, lambda state: _text(state.told)),
     "experiment": (EXPERIMENT, _experiment),
     "study": (STUDY, study),
-    "session": ("session.zip", pack),
 }
 
 
@@ -201,8 +211,7 @@ def file(state: State, what: str, of: str) -> tuple[str, bytes]:
         path = state.find(of).source.file
         return path.name, path.read_bytes()
     name, content = find("file", what, FILES)
-    made = content(state)
-    return name, made.encode() if isinstance(made, str) else made
+    return name, content(state).encode()
 
 
 def connect(app: Dash, sessions: Sessions) -> None:

@@ -4,13 +4,11 @@ from dash import html
 from dash.development.base_component import Component
 
 from estimators.show.story import TRUST, schemes_table
-from pendulum_env.arms.model import ArmModel
 from pendulum_env.words import Table, name, opening
 from workbench.app.parts import button, drop, fragment, graph, panel, table
 from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
 from workbench.app.uploads import unpack
-from workbench.inputs import read_model
 from workbench.report import arm
 from workbench.report.case import ends
 from workbench.report.numbers import parameters, schemes
@@ -62,22 +60,12 @@ def begin_anew(state: Work) -> Component:
     )
 
 
-def begin_from(session: Session, name: str, content: str) -> None:
-    """Take the terms of an uploaded model as the base model; the ladder starts anew.
-
-    Raises InputError if the file did not arrive whole, and ModelError if it is no model, as the command line does.
-    """
-    file, body = unpack(session.place(), name, content), session.state.body
-    terms = read_model(str(file)).terms if body is None else ArmModel.load(file, body).terms[1:]
-    session.change(f"start from {file.name}", session.state.anew(terms=terms, model_file=file.name))
-
-
 STAGE = Stage(
     "model",
     "Model",
     show,
     {
-        "model-file": lambda session, _, came: begin_from(session, *came["files"][0]),
+        "model-file": lambda session, _, came: session.begin_from(unpack(session.place(), *came["files"][0])),
         "model-back": lambda session, *_: session.change(
             "start from the usual terms", session.state.anew(terms=(), model_file="")
         ),
