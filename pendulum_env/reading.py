@@ -46,14 +46,6 @@ def shown(value: object, most: int = SHOWN) -> str:
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
-def amount(size: float) -> str:
-    """Bytes as a sentence tells them: `12 GB`."""
-    for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
-        if size >= factor:
-            return f"{size / factor:.3g} {unit}"
-    return f"{size:.0f} bytes"
-
-
 # ----------------------------------------------------------------------------------------------------------- files
 
 

@@ -1,13 +1,12 @@
-"""Sessions: what each browser tab works on, apart from all others, in a folder of its own, and stages that show it."""
+"""Sessions: what each browser tab works on, apart from all others, and stages that show it."""
 
 import re
-import shutil
 import tempfile
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from secrets import token_hex
 from threading import RLock
 from typing import Any
 
@@ -15,7 +14,6 @@ from dash import Dash
 from dash.development.base_component import Component
 
 from pendulum_env.arms.model import ArmModel, Asked
-from pendulum_env.reading import amount
 from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.record import ColumnError
 from pendulum_env.words import listing
@@ -27,23 +25,24 @@ from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.processes import End, Job, Task, Workers
 from workbench.robot import RobotFile
 
+MOST, IDLE = 16, 12 * 3600.0  # sessions, and time [s] after which one that no page has asked for ends
+UNDONE = 20  # changes that can be taken back
 GRACE = 1.0  # [s] that an end waits for an answer that is being made
 ID = re.compile(r"[0-9a-f]{32}")  # of a session: random, drawn by the page; never part of a path
 
 
 class Session:
-    """One tab's work: a folder of its own, the state and those before it, and what runs in the background.
+    """One tab's work: the state and those before it, and what runs in the background.
 
     The state is a value: read it once, and all that is drawn from it fits together. It is replaced under `lock`.
-    Files of the folder that no state and no card speaks of are deleted after each change.
     """
 
     def __init__(self, folder: Path, workers: Workers | None = None) -> None:
-        """Take a folder of its own, and who does long work."""
+        """Take the folder for files from the page, and who does long work."""
         self.folder, self.workers = folder, workers or Workers()
         self.lock = RLock()
         self.state = State()  # what the session knows now
-        self._past = list[tuple[str, State]]()  # what was done, and the state before
+        self._past = deque[tuple[str, State]](maxlen=UNDONE)  # what was done, and the state before
         self.cards: tuple[Card, ...] = ()  # recordings whose columns a person is asked about, the first one now
         self.notice = ""  # a sentence for the user: what went wrong
         self.version = time.time_ns() // 1_000_000  # grows with all that the page shows; no two sessions share one
@@ -68,9 +67,6 @@ class Session:
         """Become another state; `what` is done, in the words of the button that takes it back."""
         self._past.append((what, self.state))
         self.state = state
-        most = uploads.LIMITS
-        while len(self._past) > most.undone or sum(past.samples for _, past in self._past) > most.samples:
-            del self._past[0]
 
     @property
     def last_change(self) -> str:
@@ -98,22 +94,10 @@ class Session:
                 do()
             except MISTAKES as mistake:
                 self.notice = self.told(mistake)
-            finally:
-                self._sweep()
 
     def told(self, mistake: Exception) -> str:
-        """A mistake in the words of the command line, files without the session's folders."""
+        """A mistake in the words of the command line, files from the page without their folders."""
         return re.sub(rf"{re.escape(str(self.folder))}/(tmp\w+/)?", "", sentence(mistake))
-
-    def _sweep(self) -> None:
-        """Delete files that no state and no card speaks of any more."""
-        if self.busy() or not self.folder.is_dir():
-            return
-        kept = {file for state in (*(past for _, past in self._past), self.state) for file in state.files}
-        kept |= {card.source.file for card in self.cards}
-        for file in self.folder.rglob("*"):
-            if file.is_file() and file not in kept:
-                file.unlink()
 
     # ------------------------------------------------------------------------------------------------- work
 
@@ -139,30 +123,20 @@ class Session:
                 self.job.cancel()
             self.job = None
             self.version += 1
-            self._sweep()
 
     # ------------------------------------------------------------------------------------------- recordings
 
-    def place(self, size: float = 0.0) -> Path:
-        """A new folder within the session's for files of a size [bytes]; raises InputError if there is no room."""
+    def place(self) -> Path:
+        """Make a folder for files that come together, in which no other has their names."""
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # somebody may have cleaned up
-        if self._held() + size > uploads.LIMITS.space:
-            self._past.clear()
-            self._sweep()
-        if self._held() + size > uploads.LIMITS.space:
-            raise InputError(f"{amount(uploads.LIMITS.space)} of files are enough: remove a recording first")
         return Path(tempfile.mkdtemp(dir=self.folder, prefix="tmp"))
-
-    def _held(self) -> int:
-        """Bytes of the files in the folder."""
-        return sum(file.stat().st_size for file in self.folder.rglob("*") if file.is_file())
 
     def receive(self, coming: Sequence[tuple[str, str]], unwrap: bool) -> None:
         """Take in uploads, names and data URLs: recordings, read as a study among them asks for, a robot and a model.
 
         Raises InputError, which names the files that cannot be used.
         """
-        came = uploads.sort_files(self.place(uploads.size(coming)), coming, unwrap)
+        came = uploads.sort_files(self.place(), coming, unwrap)
         if came.robots:
             joints = next((source.joints for source in came.sources), None)
             made = Asked.of_model(came.models[-1]) if came.models else Asked()
@@ -265,7 +239,7 @@ class Session:
         self.load([replace(one.source, columns=first.source.columns, unwrap=first.source.unwrap) for one in alike])
 
     def end(self) -> None:
-        """Stop what runs and delete the folder; nothing begins any more. No answer that takes long is waited for."""
+        """Stop what runs; nothing begins any more. No answer that takes long is waited for."""
         self._over = True
         if (job := self.job) is not None:
             job.cancel()
@@ -274,7 +248,6 @@ class Session:
                 self.cancel()
             finally:
                 self.lock.release()
-        shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def _refuse(refused: Sequence[str]) -> None:
@@ -287,10 +260,10 @@ class Sessions:
     """All sessions of a server by the id that each page holds, and the workers that they share."""
 
     def __init__(self, recordings: Sequence[Source] = (), robot: RobotFile | None = None) -> None:
-        """Make a folder for their folders; every session begins with the recordings."""
+        """Make a folder for files from their pages; every session begins with the recordings."""
         self._recordings, self._robot = tuple(recordings), robot
         self.workers = Workers()
-        self._root = tempfile.TemporaryDirectory(prefix="pendulum-ident-", ignore_cleanup_errors=True)
+        self._folder = tempfile.TemporaryDirectory(prefix="pendulum-ident-", ignore_cleanup_errors=True)
         self._all: dict[str, Session] = {}  # the one used last is last
         self._lock = RLock()
 
@@ -300,9 +273,9 @@ class Sessions:
             raise InputError("this page has no session: load it again")
         now = time.monotonic()
         with self._lock:
-            session = self._all.pop(id, None) or Session(Path(self._root.name) / token_hex(8), self.workers)
-            late = [k for k, other in self._all.items() if now - other.asked > uploads.LIMITS.idle and not other.busy()]
-            late += list(self._all)[: max(0, len(self._all) + 1 - uploads.LIMITS.sessions)]
+            session = self._all.pop(id, None) or Session(Path(self._folder.name), self.workers)
+            late = [k for k, other in self._all.items() if now - other.asked > IDLE and not other.busy()]
+            late += list(self._all)[: max(0, len(self._all) + 1 - MOST)]
             ended = [self._all.pop(k) for k in dict.fromkeys(late)]
             session.asked = now
             self._all[id] = session
@@ -312,12 +285,12 @@ class Sessions:
         return session
 
     def close(self) -> None:
-        """End all sessions and the workers."""
+        """End all sessions and the workers, and delete the files from their pages."""
         with self._lock:
             for session in self._all.values():
                 session.end()
             self._all.clear()
-            self._root.cleanup()
+            self._folder.cleanup()
         self.workers.close()
 
 

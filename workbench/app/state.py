@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,7 +31,6 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import named_twice
-from workbench.app import uploads
 from workbench.app.uploads import safe_name
 from workbench.mistakes import InputError
 from workbench.options import ids as effects_of
@@ -201,11 +199,6 @@ class State:
         """Joints of an arm that recordings are of; none of a pendulum."""
         return self.robot.body().joints if self.robot is not None else ()
 
-    @property
-    def files(self) -> set[Path]:
-        """Files that the state speaks of."""
-        return {one.source.file for one in self.loaded} | ({self.robot.file} if self.robot is not None else set())
-
     def read(self, source: Source) -> Recording:
         """A recording, as it is for this state; raises RecordingError, and InputError if it is of other joints."""
         if self.robot is None:
@@ -240,13 +233,10 @@ class State:
         return replace(self, **choices, grown=(), diagnosis=None, started=())
 
     def having(self, loaded: Sequence[Loaded]) -> State:
-        """The state with more recordings; raises InputError if they are too long together, or not of its arm."""
+        """The state with more recordings; raises InputError if they are not of its arm."""
         if self.robot is not None and not all(isinstance(one.recording, ArmRecording) for one in loaded):
             raise InputError("this session is of an arm: leave the robot first, in the stage Data")
-        every = (*self.loaded, *loaded)
-        if sum(len(one.recording) for one in every) > uploads.LIMITS.samples:
-            raise InputError(f"{uploads.LIMITS.samples:,} samples are enough: remove a recording first")
-        return self.anew(loaded=every)
+        return self.anew(loaded=(*self.loaded, *loaded))
 
     def swapping(self, old: Loaded, *new: Loaded) -> State:
         """The state with one recording for another, or for none."""
@@ -408,11 +398,6 @@ class State:
     def seconds(self) -> float:
         """Length of all recordings [s]."""
         return float(np.sum([one.recording.duration for one in self.loaded]))
-
-    @property
-    def samples(self) -> int:
-        """Samples of all recordings."""
-        return sum(len(one.recording) for one in self.loaded)
 
 
 def ids(steps: Sequence[Step]) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Files from the page: their names, their sizes, and nothing else of them is believed."""
+"""Files from the page, of which no name and no ending is believed."""
 
 import base64
 import binascii
@@ -15,22 +15,8 @@ from workbench.robot import FORMATS
 
 STUDY, MODEL = "study.toml", "model.json"  # as the stage Export names them
 ENDINGS = sorted((*READERS, *FORMATS, ".json", ".toml"), key=len)[::-1]
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a page may take of this computer, see SECURITY.md."""
-
-    upload: int = 48_000_000  # bytes of one file, a quarter of an hour at 1 kHz
-    space: int = 300_000_000  # bytes of a session's files
-    samples: int = 20_000_000  # of all recordings of a state, and of all past states
-    undone: int = 20  # changes that can be taken back
-    sessions: int = 16  # the one that was used least recently gives way
-    idle: float = 12 * 3600.0  # [s] after which a session that nobody has asked for ends
-    name: int = 80  # characters of a file's name
-
-
-LIMITS = Limits()
+LARGEST = 48_000_000  # bytes of files that are loaded at once, a quarter of an hour at 1 kHz
+LONGEST = 80  # characters of a file's name
 
 
 def safe_name(name: str) -> str:
@@ -39,12 +25,7 @@ def safe_name(name: str) -> str:
     plain = re.sub(r"[^\w .()+-]", "_", last).strip(" .")
     ending = next((ending for ending in ENDINGS if plain.lower().endswith(ending)), "")
     stem = plain[: len(plain) - len(ending)].lstrip("-")
-    return f"{stem[: LIMITS.name - len(ending)] or 'recording'}{ending}"
-
-
-def size(coming: Sequence[tuple[str, str]]) -> int:
-    """Bytes of files, each a name and a data URL."""
-    return sum(len(content) * 3 // 4 for _, content in coming)
+    return f"{stem[: LONGEST - len(ending)] or 'recording'}{ending}"
 
 
 @dataclass(frozen=True)
@@ -92,14 +73,10 @@ def sort_files(place: Path, coming: Sequence[tuple[str, str]], unwrap: bool) -> 
 def unpack(folder: Path, name: str, content: str) -> Path:
     """Write what the page sent as a data URL to a folder; returns the file.
 
-    Raises InputError if it is too large, or did not arrive whole.
+    Raises InputError if it did not arrive whole.
     """
     file = folder / safe_name(name)
     head, _, body = content.partition(",")
-    if len(body) * 3 // 4 > LIMITS.upload:
-        raise InputError(
-            f"{file.name}: is larger than {LIMITS.upload / 1e6:.0f} MB: shorten it, or use the command line"
-        )
     try:
         if not head.startswith("data:"):
             raise ValueError("no data URL")

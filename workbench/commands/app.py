@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     sys.stdout.flush()  # a pipe would keep it to itself
     if not arguments.no_browser:
         Timer(0.3, webbrowser.open, [server.address]).start()
-    for name in ("SIGTERM", "SIGHUP"):  # so that jobs end and the sessions' folders go
+    for name in ("SIGTERM", "SIGHUP"):  # so that jobs end and the folder of files from pages goes
         number = getattr(signal, name, None)  # the second is unknown to Windows, and ignored under nohup
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)

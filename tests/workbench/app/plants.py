@@ -2,7 +2,6 @@
 
 import base64
 import shlex
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,18 +53,6 @@ def press(does: str) -> str:
 def filled(name: str) -> str:
     """Selector of a field by its name."""
     return f'[id=\'{{"field":"{name}"}}\']'
-
-
-def limited(monkeypatch, **limits: float) -> None:
-    """Let a page take less."""
-    from workbench.app import uploads
-
-    monkeypatch.setattr(uploads, "LIMITS", replace(uploads.LIMITS, **limits))
-
-
-def files_of(session) -> list[str]:
-    """Names of the files in its folder."""
-    return sorted(file.name for file in session.folder.rglob("*") if file.is_file())
 
 
 def upload(session, name: str, content: bytes) -> None:

@@ -17,7 +17,7 @@ from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import write_recording
 from tests import robots
 from tests.two_link import recorded
-from tests.workbench.app.plants import drop, files_of, reloaded, upload
+from tests.workbench.app.plants import drop, reloaded, upload
 from workbench.app.card import Choice
 from workbench.app.page.layout import told
 from workbench.app.parts import effects_to_choose
@@ -94,7 +94,7 @@ def test_a_robot_may_come_after_its_recordings_and_be_left(session, tmp_path):
     assert session.state.loaded == () and len(session.cards) == 1
     drop(session, robot)
     assert session.state.robot is not None and [one.id for one in session.state.loaded] == ["run.csv"]
-    assert not session.cards and files_of(session) == ["arm.urdf", "run.csv"]
+    assert not session.cards and session.state.robot.file.name == "arm.urdf"
     upload(session, "swing.csv", b"time,position,torque\n0,0,1\n0.01,0.1,1\n0.02,0.3,1\n")
     (card,) = session.cards
     assert "position_shoulder" in card.why and card.roles[1:3] == ("position_shoulder", "torque_shoulder")

@@ -13,12 +13,11 @@ from hypothesis import strategies as st
 from plotly.utils import PlotlyJSONEncoder
 
 from tests.patience import PATIENCE
-from tests.workbench.app.plants import files_of, limited, upload
+from tests.workbench.app.plants import upload
 from tests.workbench.app.requests import Page, ask_anything
 from workbench.app import session as session_module
-from workbench.app import uploads
 from workbench.app.page import server
-from workbench.app.session import Sessions
+from workbench.app.session import IDLE, MOST, Sessions
 from workbench.app.stages import data
 
 HOSTILE = "<img src=x onerror=alert(1)>"
@@ -29,18 +28,22 @@ def content():
     return f"time,position,torque\n{rows}".encode()
 
 
-@pytest.mark.parametrize(
-    ("limit", "told"), [({"space": 1.5 * len(content())}, "of files are enough"), ({"samples": 700}, "700 samples are")]
-)
-def test_files_of_a_session_take_so_much_room_and_no_more(session, monkeypatch, limit, told):
-    limited(monkeypatch, **limit)
-    for name in ("a.csv", "b.csv"):
-        upload(session, name, content())
-    assert told in session.notice and session.notice.endswith("remove a recording first")
-    assert files_of(session) == ["a.csv"]
-    session.act(lambda: session.remove("a.csv"))
-    upload(session, "b.csv", content())
-    assert session.notice == ""
+def test_files_of_all_tabs_lie_in_one_folder_that_goes_with_the_server():
+    sessions = Sessions()
+    tabs = [sessions.of(f"{k:032x}") for k in range(2)]
+    for tab in tabs:
+        upload(tab, "a.csv", content())
+    files = {tab.state.find("a.csv").source.file for tab in tabs}
+    folder = tabs[0].folder
+    assert len(files) == 2 and all(file.is_relative_to(folder) and file.is_file() for file in files)
+    sessions.close()
+    assert not folder.exists()
+
+
+def test_a_request_that_is_too_large_is_refused(page):
+    claimed = {"CONTENT_LENGTH": str(server.LARGEST + 1)}
+    answer = page.client.post("/_dash-update-component", json={}, environ_overrides=claimed)
+    assert answer.status_code == 413
 
 
 def test_sessions_that_nobody_asks_for_end_and_so_do_too_many(monkeypatch):
@@ -48,19 +51,20 @@ def test_sessions_that_nobody_asks_for_end_and_so_do_too_many(monkeypatch):
     monkeypatch.setattr(session_module.time, "monotonic", lambda: now[0])
     sessions = Sessions()
     old, kept = sessions.of("0" * 32), sessions.of("1" * 32)
-    now[0] = 0.9 * uploads.LIMITS.idle
+    now[0] = 0.9 * IDLE
     assert sessions.of("1" * 32) is kept
-    old.place(), kept.place()
-    now[0] = 1.1 * uploads.LIMITS.idle
-    assert sessions.of("1" * 32) is kept and not old.folder.exists()
-    assert sessions.of("0" * 32) is not old
-    many = [sessions.of(f"{k:032x}") for k in range(16, 16 + uploads.LIMITS.sessions)]
-    assert not kept.folder.exists() and all(one is sessions.of(f"{k:032x}") for k, one in enumerate(many, 16))
+    now[0] = 1.1 * IDLE
+    assert sessions.of("1" * 32) is kept and sessions.of("0" * 32) is not old
+    old.act(lambda: pytest.fail("it has ended"))
+    assert "load the page again" in old.notice
+    many = [sessions.of(f"{k:032x}") for k in range(16, 16 + MOST)]
+    kept.act(lambda: pytest.fail("it has ended"))
+    assert all(one is sessions.of(f"{k:032x}") for k, one in enumerate(many, 16))
     sessions.close()
 
 
 def test_a_folder_that_was_cleaned_up_is_made_anew(page):
-    shutil.rmtree(page.session.folder.parent, ignore_errors=True)
+    shutil.rmtree(page.session.folder)
     upload(page.session, "a.csv", content())
     assert page.session.notice == "" and len(page.session.state.loaded) == 1
 

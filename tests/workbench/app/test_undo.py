@@ -1,7 +1,7 @@
 """Every change of a session is taken back."""
 
-from tests.workbench.app.plants import files_of, limited, recorded, upload, written
-from workbench.app.session import Session
+from tests.workbench.app.plants import recorded, upload, written
+from workbench.app.session import UNDONE, Session
 from workbench.app.stages.diagnose import look_for
 from workbench.app.state import Asked, State
 
@@ -29,21 +29,28 @@ def test_every_change_is_taken_back_in_turn(tmp_path):
     assert session.notice == "there is nothing to undo" and session.last_change == ""
 
 
-def test_a_file_that_was_removed_goes_when_nothing_can_bring_it_back(tmp_path, monkeypatch):
+def test_a_recording_that_was_removed_comes_back_though_another_took_its_name(tmp_path):
     session = Session(tmp_path / "session")
-    content = written(recorded("swing", 1, 4.0), tmp_path).file.read_bytes()
-    for _ in range(2):  # another file of a name that was removed takes its place
+    contents = [written(recorded("swing", seed, 4.0), tmp_path).file.read_bytes() for seed in (1, 2)]
+    for content in contents:
         upload(session, "swing.csv", content)
         session.act(lambda: session.remove("swing.csv"))
         assert session.notice == ""
-    upload(session, "swing.csv", b"time,position,torque\n0,0,0\n0.001,nan,0\n")  # nor does one that cannot be read
-    assert session.notice.startswith("swing.csv: ") and files_of(session) == ["swing.csv"] * 2
-    for what in ("remove swing", "load swing") * 2:
-        assert session.last_change == what
+    upload(session, "swing.csv", b"time,position,torque\n0,0,0\n0.001,nan,0\n")  # which changes nothing
+    assert session.notice.startswith("swing.csv: ")
+    for content in contents[::-1]:
         session.act(session.undo)
-    assert session.last_change == "" and files_of(session) == []
-    limited(monkeypatch, undone=1)
-    upload(session, "swing.csv", content)
-    session.act(lambda: session.remove("swing.csv"))
-    upload(session, "check.csv", content)
-    assert files_of(session) == ["check.csv"]
+        (one,) = session.state.loaded
+        assert one.source.file.read_bytes() == content
+        assert session.last_change == "load swing"
+        session.act(session.undo)
+    assert session.state.loaded == () and session.last_change == ""
+
+
+def test_only_the_latest_changes_are_taken_back(tmp_path):
+    session = Session(tmp_path / "session")
+    for k in range(UNDONE + 1):
+        session.act(lambda k=k: look_for(session, Asked(fix=f"gravity={k + 1}")))
+    for _ in range(UNDONE):
+        session.act(session.undo)
+    assert session.notice == "" and session.last_change == "" and session.state.asked.fix == "gravity=1"

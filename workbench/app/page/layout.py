@@ -51,7 +51,7 @@ def index() -> str:
 
 def page() -> Component:
     """What every visitor gets; the rest follows from the session."""
-    most: dict[str, Any] = {"data-most": str(uploads.LIMITS.upload)}  # so that the page can say why it refuses a file
+    most: dict[str, Any] = {"data-most": str(uploads.LARGEST)}  # so that the page can say why it refuses a file
     brand = html.Span("pendulum-ident", className="brand")
     stages = html.Nav(navigation(STAGES[0], NO_RECORDING), id="nav", **aria(label="Stages"))
     switch = aria(label="Switch between light and dark")

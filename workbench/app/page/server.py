@@ -25,7 +25,7 @@ from workbench.robot import RobotFile
 log = logging.getLogger("workbench.app")
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")  # by which a browser may call it; another name is a trick of a foreign page
-LARGEST = 4 * uploads.LIMITS.upload // 3 + 1_000_000  # bytes of a request: an upload in base64, and what goes with it
+LARGEST = 4 * uploads.LARGEST // 3 + 1_000_000  # bytes of a request: files in base64, and what goes with them
 POLICY = (  # nothing comes from elsewhere, and nothing goes there
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; connect-src 'self'; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"

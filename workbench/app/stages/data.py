@@ -74,7 +74,7 @@ def upload(state: State) -> Component:
             f"asked where their names do not tell, or told by a {STUDY} among the files. Of an arm, its URDF or MJCF "
             f"among the files tells the links. {STUDY} and {MODEL} of the stage Export, loaded together with the "
             "recordings, go on from there. "
-            f"Up to {uploads.LIMITS.upload / 1e6:.0f} MB each; nothing leaves this computer.",
+            f"Up to {uploads.LARGEST / 1e6:.0f} MB at once; nothing leaves this computer.",
             className="note",
         ),
         dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], [], id=field("unwrap")),
