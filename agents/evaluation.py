@@ -92,7 +92,7 @@ def compare(
         constraint: of the torque.
         plants: number of them.
         seed: of plants, noise and signals.
-        executor: workers, here or on a cluster; None does it here.
+        executor: processes that do the work; None does it here.
         tell: called with the progress, as text and as a share.
         setting: of all, see `observe`.
     """

@@ -216,7 +216,6 @@ recordings RECORDING  {KINDS}; fitted jointly
 --model MODEL.json  start from its terms (default: the paper's four)
 --seed  of all random numbers (default 0)
 --report FILE.html  write a report with plots, one file to share
---workers  processes (default 1; for more: extra fleet)
 -v, --verbose  print errors, parameters and candidates as tables, and all remarks
 """
 
@@ -261,7 +260,6 @@ SETTINGS: dict[str, Any] = {  # of these, see `declare`
     "instruments": {"choices": ("reference",)},
     "seed": (whole(0), 0),
     "report": _page,
-    "workers": (whole(1, 1000), 1),
 }
 OPTIONS = {names[-1]: (names, own) for names, own in _declared(SHARED, SETTINGS)}
 

@@ -6,31 +6,27 @@ die of it with a traceback. So a worker is begun with the signal blocked, which 
 
 from __future__ import annotations
 
-import logging
 import multiprocessing
 import os
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
-from importlib.util import find_spec
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from estimators.progress import Progress
 from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import fault, plugins
 from workbench.mistakes import MISTAKES, InputError, sentence
-
-if TYPE_CHECKING:
-    import distributed
 
 LOST = "the work ended unexpectedly: try again"
 LIBRARIES = ("workbench.cli", "workbench.commands.record", "estimators.diagnosis.addition")  # of the tasks of the app
@@ -217,45 +213,33 @@ def _do(task: Task, connection: Connection[Any, Any]) -> Any:
     return task(lambda what, share: connection.send((what, share)))
 
 
+class _LocalPool(ProcessPoolExecutor):
+    """Pool whose processes never receive an interrupt."""
+
+    def submit(self, task: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Schedule a task; processes start here."""
+        with interrupts_wait():
+            return super().submit(task, *args, **kwargs)
+
+
 @contextmanager
-def connected(address: str | None, workers: int, memory: float | None = None) -> Iterator[distributed.Client]:
-    """Client of the cluster at an address, or of one that lives as long as this: no process is left behind.
+def local_workers(count: int) -> Iterator[Executor]:
+    """Processes on this computer, which end with this one, and at once if it is interrupted.
 
-    Args:
-        address: of a scheduler, as `tcp://host:8786`; None starts processes here.
-        workers: number of processes to start here.
-        memory: that each of them may take [MB]; an equal share of this computer's if it is not given.
-
-    Raises InputError if Dask is not installed, or there is no such cluster.
+    They know the effects of the users' files.
     """
-    if find_spec("distributed") is None:
-        raise InputError("several processes need Dask, of the extra fleet: pip install 'pendulum-ident[fleet]'")
-    import dask
-    from distributed import Client
-    from distributed.utils import silence_logging_cmgr
-
-    if address is not None:
-        try:
-            client = Client(address, timeout=10)
-        except (OSError, ValueError) as error:
-            raise InputError(f"there is no Dask cluster at {address}: {error}") from None
-        with silence_logging_cmgr(logging.CRITICAL), client:
-            yield client
-        return
-    with dask.config.set({"distributed.worker.profile.enabled": False}):  # 200 MB in each that nobody looks at
-        with interrupts_wait():  # a cluster that is half begun cannot be closed
-            client = Client(
-                n_workers=workers,
-                threads_per_worker=1,  # the work computes in Python most of the time
-                memory_limit="auto" if memory is None else int(1e6 * memory),
-                preload=__name__,
-                dashboard_address="127.0.0.1:0",  # for nobody else, and beside other clusters
-                silence_logs=logging.CRITICAL,  # what went wrong is told by who asked for the work
-            )
-        with client:
-            yield client
+    others = set(multiprocessing.active_children())
+    executor = _LocalPool(count, multiprocessing.get_context("spawn"), _join, (plugins(),))
+    try:
+        yield executor
+    finally:
+        executor.shutdown(wait=False, cancel_futures=True)
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
 
 
-def dask_setup(worker: distributed.Worker) -> None:
-    """Called by Dask in each worker that is begun here: Ctrl-C is left to the command, which ends its workers."""
+def _join(files: Sequence[Path]) -> None:
+    """Prepare a process of a pool."""
     attend()
+    for file in files:
+        load_plugin(file)

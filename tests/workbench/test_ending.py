@@ -31,14 +31,14 @@ if __name__ == "__main__":
     print("running", flush=True)
     worker.hear()
 """,
-    "cluster": """
+    "pool": """
 import time
-from workbench.processes import connected
+from workbench.processes import local_workers
 if __name__ == "__main__":
-    with connected(None, 1) as client:
-        client.wait_for_workers(1)
+    with local_workers(1) as pool:
+        pool.submit(int).result()
         print("running", flush=True)
-        client.submit(time.sleep, 1000).result()
+        pool.submit(time.sleep, 1000).result()
 """,
 }
 COMMAND = [sys.executable, "-c", "import sys; from workbench.entry import main; sys.exit(main())"]
@@ -112,7 +112,6 @@ def test_a_standard_output_that_is_full_is_told(redirection):
 
 @pytest.mark.parametrize("what", slow.but_first(BEGUN))
 def test_workers_end_with_a_command_that_is_killed_and_say_nothing(tmp_path, what):
-    pytest.importorskip("distributed")
     script = tmp_path / "begun.py"  # a file, as workers import it
     script.write_text(BEGUN[what])
     command = [sys.executable, script]

@@ -15,8 +15,8 @@ from tests.workbench.surveys import surveyed_rows
 from workbench.cli import main
 from workbench.report import render, render_comparison
 from workbench.report.case import Case
-from workbench.report.figure import Figure, Section, axis, line
-from workbench.report.numbers import ladder
+from workbench.report.figure import Figure, axis, line
+from workbench.report.numbers import errors, ladder
 from workbench.report.page import assemble
 from workbench.report.survey import render as render_survey
 from workbench.survey import find_series
@@ -53,10 +53,11 @@ def of_many_curves(folder: Path) -> str:
     several = tuple(replace(step, added=id) for id in ("coulomb_asymmetry", "position_dependent_friction", "stribeck"))
     case = Case(replace(diagnosis, steps=(base, *several)))
     time = np.linspace(0.0, 10.0, 50)
-    curves = [line(time, np.sin(k + time), f"a policy with a name, {k}", "--base", "rad") for k in range(10)]
+    curves = [line(time, np.sin(k + time), f"a curve with a name, {k}", "--base", "rad") for k in range(10)]
     many = Figure("many", "Many", curves, {"xaxis": axis("time [s]"), "yaxis": axis("angle [rad]")})
     figures = [many, ladder(case, "torque_rms", "torque error [N m]", 0.01)]
-    return assemble([Section("course", "Over time", "Many", {"figures": figures})], "curves")
+    section = errors(Case(diagnosis))
+    return assemble([replace(section, content={**section.content, "figures": figures})], "curves")
 
 
 def of_a_comparison(folder: Path) -> str:

@@ -14,7 +14,7 @@ from pendulum_env.physics import plugin
 from tests.patience import PATIENCE, wait_until
 from workbench import processes
 from workbench.mistakes import InputError
-from workbench.processes import LOST, End, Job, Workers
+from workbench.processes import LOST, End, Job, Workers, local_workers
 
 PLUGIN = '''
 from dataclasses import dataclass
@@ -93,6 +93,14 @@ def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers):
     witness.job.cancel()
     assert not witness.job.running and witness.outcome == []
     wait_until(lambda: not witness.job._worker.process.is_alive())
+
+
+def test_local_workers_end_in_the_middle_of_a_task():
+    with pytest.raises(KeyboardInterrupt), local_workers(1) as executor:
+        assert executor.submit(abs, -1).result(PATIENCE) == 1
+        late = executor.submit(time.sleep, 2 * PATIENCE)
+        raise KeyboardInterrupt
+    wait_until(late.done)
 
 
 @pytest.mark.slow

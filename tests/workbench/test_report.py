@@ -1,15 +1,12 @@
-"""Pages: of a diagnosis, and of excitation policies beside each other."""
+"""The page of a diagnosis."""
 
 import html
-import json
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from agents import load
-from agents.evaluation import Outcome, evaluation_json
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
 from estimators.preprocessing import Preprocessed
@@ -22,15 +19,11 @@ from pendulum_env.words import number
 from tests.cases import diagnosed
 from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values, whole
-from workbench.cli import main
-from workbench.commands.evaluate import show
 from workbench.report import render
-from workbench.report.excitation import render as render_excitation
 from workbench.report.failures import profile_figure
 from workbench.report.figure import broken, numbers, thin
 from workbench.report.numbers import of_models
 from workbench.report.page import SECTIONS
-from workbench.terminal import Terminal
 
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
 REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "for q from 0.1 to 0.2 rad the joint needs <more>")
@@ -200,79 +193,3 @@ def test_the_residual_of_a_joint_that_turns_is_drawn_over_one_turn():
     assert "wrapped" in drawn.layout["xaxis"]["title"]["text"] and np.abs(angle).max() <= np.pi
     assert np.corrcoef(drawn.data[-1]["y"], np.cos(7 * angle))[0, 1] > 0.98  # not smeared over all turns
     assert all(-np.pi <= stripe["x0"] < stripe["x1"] <= np.pi for stripe in drawn.layout["shapes"])
-
-
-OPTIONS = ["--plants", "3", "--seed", "2"]
-
-
-@pytest.fixture(scope="module")
-def evaluated(tmp_path_factory):
-    """Folder with `page.html` and `figures.json` of an evaluation of `policy.npz`."""
-    path = tmp_path_factory.mktemp("evaluation")
-    load("peak").save(path / "policy.npz")
-    outputs = ["--report", str(path / "page.html"), "--json", str(path / "figures.json")]
-    assert main(["evaluate", str(path / "policy.npz"), *OPTIONS, *outputs]) == 0
-    return path
-
-
-def test_the_page_is_complete_and_loads_nothing(evaluated):
-    text, told = (evaluated / "page.html").read_text(), json.loads((evaluated / "figures.json").read_text())
-    page = whole(text)
-    assert len(page.figures) == 4
-    assert list(told["policies"]) == ["two-tone", str(evaluated / "policy.npz")]
-    assert told["policies"]["two-tone"]["gain"]["information"]["ratio"] == pytest.approx(1.0)
-    for name, figures in told["policies"].items():
-        assert f"{name} " in page.text
-        for moment, (_, middle, _) in figures["error"].items():
-            assert f"{100 * middle:.3f}" in page.text, moment
-        assert f"{figures['gain']['information']['ratio']:.2f}" in page.text
-
-
-def test_curves_end_where_the_table_says(evaluated):
-    page, told = Page((evaluated / "page.html").read_text()), json.loads((evaluated / "figures.json").read_text())
-    curves = {trace["name"]: trace for trace in page.figures[1]["data"]}
-    assert list(curves) == list(told["policies"])
-    for name, figures in told["policies"].items():
-        assert curves[name]["x"][-1] == pytest.approx(10.0)
-        assert curves[name]["y"][-1] == pytest.approx(100 * figures["error"]["10 s"][1], rel=1e-3)
-
-
-@pytest.mark.slow
-def test_a_cluster_gives_the_same_figures(evaluated):
-    distributed = pytest.importorskip("distributed")
-    quiet = {"dashboard_address": ":0", "processes": False, "protocol": "tcp://"}  # any port that is free
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, **quiet) as cluster:
-        path = evaluated / "there.json"
-        policy = str(evaluated / "policy.npz")
-        assert main(["evaluate", policy, *OPTIONS, "--dask", cluster.scheduler_address, "--json", str(path)]) == 0
-    here, there = (json.loads((evaluated / name).read_text()) for name in ("figures.json", "there.json"))
-    for name, figures in here["policies"].items():
-        assert {**figures, "seconds_per_action": 0} == {**there["policies"][name], "seconds_per_action": 0}
-
-
-def test_a_cluster_that_is_not_there_is_one_line(monkeypatch, refused):
-    distributed = pytest.importorskip("distributed")
-
-    def refuse(address: str, timeout: float) -> None:
-        raise OSError(f"timed out after {timeout:g} s")
-
-    monkeypatch.setattr(distributed, "Client", refuse)
-    there = "tcp://127.0.0.1:1"
-    assert f"there is no Dask cluster at {there}" in refused("evaluate", "greedy", "--plants", "2", "--dask", there)
-
-
-def test_what_a_policy_never_reaches_is_told_without_a_number(capsys):
-    def outcome(log_det: float, error: float) -> Outcome:
-        course, none = np.full((500, 4), error), np.zeros((500, 4))
-        return Outcome(course, course, none + log_det, np.full((3, 4), 1e-4), none, none, np.ones(4), 1e-3)
-
-    outcomes = {"two-tone": outcome(0, 2e-3), "a": outcome(4, 1e-3), "b": outcome(2, 2e-2)}
-    setting = {"plants": 4, "constraint": "peak", "scheme": "energy", "effects": (), "spread": 0.3}
-    figures = evaluation_json(outcomes, "two-tone", **setting)
-    sooner, never = (figures["policies"][name]["gain"] for name in ("a", "b"))
-    assert sooner["information"]["ratio"] == pytest.approx(np.exp(4 / 4))
-    assert (sooner["error 2 s"]["ratio"], never["error 2 s"]["ratio"]) == pytest.approx((2.0, 0.1))
-    assert never["time to 1 %"]["ratio"] is None
-    show(figures, Terminal())
-    assert "nan" not in capsys.readouterr().out
-    assert '<td class="number">–</td>' in render_excitation(figures, outcomes)

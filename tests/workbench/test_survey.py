@@ -21,10 +21,11 @@ from tests.workbench.surveys import BEGAN, surveyed_rows
 from workbench.cli import main
 from workbench.commands.survey import configure
 from workbench.mistakes import InputError
+from workbench.processes import local_workers
 from workbench.report.survey import render
 from workbench.survey import Settings, find_recordings, find_series, survey
 from workbench.survey.recordings import TABLES
-from workbench.survey.run import DIED, RESULTS, local_workers
+from workbench.survey.run import DIED, RESULTS
 
 FEW = ("stribeck", "quadratic_drag", "spring")
 

@@ -2,9 +2,10 @@
 
 import argparse
 import math
+import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor
-from contextlib import contextmanager
+from concurrent.futures import BrokenExecutor, Executor
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 
 from agents.baselines import BASELINE, BASELINES, baseline
@@ -13,10 +14,10 @@ from agents.network import Network, load
 from agents.observer import CONSTRAINTS
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
-from workbench.inputs import check_outputs, write_json, write_page, wrote
+from workbench.inputs import check_outputs, write_json, wrote
 from workbench.mistakes import InputError
 from workbench.options import declare, number, one_of, whole
-from workbench.processes import connected
+from workbench.processes import local_workers
 from workbench.terminal import Terminal
 
 SHIPPED = "agent"  # the policy that ships for the constraint
@@ -38,10 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         --seed  of plants, noise and signals (default 0)
         --scheme  of the estimator (default filtered_dynamic)
         --effect  hide an effect in the plants (may be repeated)
-        --workers
-        --dask ADDRESS  scheduler of a Dask cluster to work on instead, as tcp://host:8786; one of your own, for what
-            it sends is unpickled
-        --report  write a page with plots
+        --workers  processes on this computer (default: one for each core)
         --json FILE  write all figures there
         """,
         policies={"nargs": "*"},
@@ -50,6 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         spread=(number(0.0, 0.9), 0.3),
         max_speed=number(0.1),
         max_turns=number(0.01),
+        workers=(whole(1, 1000), os.cpu_count() or 1),
         scheme=(one_of("scheme", [item.id for item in SCHEMES]), "filtered_dynamic"),
     )
 
@@ -57,31 +56,35 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Let every policy excite the same plants, and tell what was learnt."""
     files = [name for name in arguments.policies if name.endswith(".npz")]
-    outputs = [arguments.json, arguments.report]
-    check_outputs(outputs, files)
+    check_outputs([arguments.json], files)
     names = list(dict.fromkeys([BASELINE, *(arguments.policies or [SHIPPED, *BASELINES])]))
     task = {name: getattr(arguments, name) for name in ("spread", "max_speed", "max_turns")}
     task = {name: value for name, value in task.items() if value is not None}
     contenders = {name: _contender(name, arguments.constraint) for name in names}
-    with _workers(arguments) as executor, terminal.progress("evaluating") as tell:
-        outcomes = compare(
-            contenders,
-            arguments.constraint,
-            arguments.plants,
-            seed=arguments.seed,
-            effects=arguments.effects,
-            task=task,
-            scheme_id=arguments.scheme,
-            executor=executor,
-            tell=tell,
-        )
+    pool: AbstractContextManager[Executor | None] = nullcontext()
+    if arguments.workers > 1:
+        pool = local_workers(arguments.workers)
+    try:
+        with pool as executor, terminal.progress("evaluating") as tell:
+            outcomes = compare(
+                contenders,
+                arguments.constraint,
+                arguments.plants,
+                seed=arguments.seed,
+                effects=arguments.effects,
+                task=task,
+                scheme_id=arguments.scheme,
+                executor=executor,
+                tell=tell,
+            )
+    except BrokenExecutor:
+        raise InputError("a worker process was killed: memory may be too small, give fewer --workers") from None
     told = ("constraint", "plants", "seed", "scheme", "effects", "spread", "max_speed", "max_turns")
     setting = {name: getattr(arguments, name) for name in told}
     figures = evaluation_json(outcomes, BASELINE, **setting)
     show(figures, terminal)
     write_json(arguments.json, figures)
-    write_page(arguments.report, terminal, "workbench.report.excitation:render", figures, outcomes)
-    wrote(outputs, terminal)
+    wrote([arguments.json], terminal)
 
 
 def show(report: JSON, terminal: Terminal) -> None:
@@ -126,21 +129,6 @@ def _gain(gain: JSON) -> str:
 
 def _number(value: float | None) -> str:
     return "-" if value is None or not math.isfinite(value) else f"{value:.2f}"
-
-
-@contextmanager
-def _workers(arguments: argparse.Namespace) -> Iterator[Executor | None]:
-    """Where the work is done: here, in processes, or on a cluster."""
-    if arguments.dask is None and arguments.workers == 1:
-        yield None
-        return
-    with connected(arguments.dask, arguments.workers) as client:
-        from distributed import KilledWorker
-
-        try:
-            yield client.get_executor()
-        except KilledWorker:
-            raise InputError("a worker ended unexpectedly, perhaps for want of memory: use fewer") from None
 
 
 def _contender(name: str, constraint: str) -> Contender:

@@ -9,9 +9,10 @@ from pendulum_env.physics import BASE
 from workbench.inputs import check_outputs, read_model, robot_of, write_page, wrote
 from workbench.mistakes import InputError, Interrupted
 from workbench.options import LIMITS, READING, ROBOT, declare, whole
+from workbench.processes import local_workers
 from workbench.survey.diagnosis import Settings
 from workbench.survey.recordings import TABLES, find_recordings
-from workbench.survey.run import cluster_workers, local_workers, survey
+from workbench.survey.run import cluster_workers, survey
 from workbench.survey.table import changes_table, find_series, recordings_table, write_tables
 from workbench.terminal import Terminal
 

@@ -6,11 +6,10 @@ diagnosing the recording again, wherever the recording lies by then. What failed
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
 from contextlib import AbstractContextManager, contextmanager
 from importlib import import_module
 from importlib.util import find_spec
-from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
 from pendulum_env.recording import Source
 from workbench.mistakes import InputError
-from workbench.processes import attend, interrupts_wait
 from workbench.survey.diagnosis import Settings, content_hash, describe_error, diagnose_source
 from workbench.survey.recordings import SurveyedRecording
 from workbench.survey.table import label_rows
@@ -100,8 +98,7 @@ def _diagnose_all(
     while todo:
         done = set()
         with start(count) as executor:
-            with interrupts_wait():  # the processes begin here
-                futures = {executor.submit(task, own.source, settings): own for own in todo}
+            futures = {executor.submit(task, own.source, settings): own for own in todo}
             for future in as_completed(futures):
                 own = futures[future]
                 try:
@@ -120,19 +117,6 @@ def _diagnose_all(
             todo, count = todo[1:], workers
         else:
             count = 1
-
-
-@contextmanager
-def local_workers(count: int) -> Iterator[Executor]:
-    """Processes on this computer, which end with this one, and at once if it is interrupted."""
-    others = set(active_children())
-    executor = ProcessPoolExecutor(count, get_context("spawn"), initializer=attend)
-    try:
-        yield executor
-    finally:
-        executor.shutdown(wait=False, cancel_futures=True)
-        for process in set(active_children()) - others:
-            process.terminate()
 
 
 @contextmanager
