@@ -17,7 +17,7 @@ from pendulum_env.physics import Term
 
 
 @dataclass(frozen=True)
-class Plant:
+class PlantBins:
     """Joints of a plant and times of its bins.
 
     Attributes:
@@ -53,7 +53,7 @@ class Contest:
         self,
         terms: Sequence[Term],
         library: Mapping[str, type[Term]],
-        plant: Plant,
+        plant: PlantBins,
         kept: Sequence[Bin] = (),
         usual: UsualGain | None = None,
     ) -> None:

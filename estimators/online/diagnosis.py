@@ -21,7 +21,7 @@ import numpy as np
 from estimators.online.binning import BLOCK, Bin, Binner, Monitors
 from estimators.online.change import CHANGE, Fit, ParameterChange, find_change, fit
 from estimators.online.clock import checked_rate
-from estimators.online.contest import Contest, Plant
+from estimators.online.contest import Contest, PlantBins
 from estimators.online.evidence import UsualGain, threshold_of
 from estimators.online.rivals import ONLINE, TIME
 from estimators.selection.criterion import Criterion
@@ -149,7 +149,7 @@ class Diagnoser(Monitors["EffectMonitor"]):
         length, joints = binner.every / rate, binner.joints  # of a bin [s]
         self.threshold = threshold_of(alarms_per_hour, BLOCK * length / len(joints))
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
-        plant = Plant(tuple(joints), length / len(joints), 1 / rate)
+        plant = PlantBins(tuple(joints), length / len(joints), 1 / rate)
         each = [EffectMonitor(terms, library, plant, blank, given) for _ in range(batch)]
         super().__init__(rate, binner, each)
 
@@ -167,7 +167,7 @@ class EffectMonitor:
         self,
         terms: Sequence[Term],
         library: Mapping[str, type[Term]],
-        plant: Plant,
+        plant: PlantBins,
         blank: OnlineDiagnosis,
         given: Fit | None = None,
     ) -> None:

@@ -43,3 +43,5 @@ def test_what_was_not_tried_is_said_and_a_run_too_short_says_nothing_of_what_is_
         "not tried, as only `diagnose` on the recording does: backlash and dead time of the torque"
     )
     assert "too short to tell" in verdict_text(OnlineDiagnosis("calibrating", BASE), False)
+    changed = OnlineDiagnosis("changed", BASE, motion=3.0, changed={"inertia": (0.03, 0.001)})
+    assert "inertia" in verdict_text(changed, False)

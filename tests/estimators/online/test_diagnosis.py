@@ -17,7 +17,7 @@ from estimators import diagnose
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.online.binning import Bin
 from estimators.online.change import Fit
-from estimators.online.contest import Plant as Joints
+from estimators.online.contest import PlantBins
 from estimators.online.diagnosis import EffectMonitor
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import DiagnoseOnline, DiagnoseOnlineVector, EstimateParameters
@@ -247,7 +247,9 @@ def test_a_joint_that_moves_later_is_diagnosed_from_then_on():
     joints = "first", "second"
     terms = [placed(term, joint) for joint in joints for term in FRICTION]
     library = {f"quadratic_drag@{joint}": at_joint(effects()["quadratic_drag"], joint) for joint in joints}
-    monitor = EffectMonitor(terms, library, Joints(joints, 0.005, 1e-3), OnlineDiagnosis("calibrating", threshold=10.0))
+    monitor = EffectMonitor(
+        terms, library, PlantBins(joints, 0.005, 1e-3), OnlineDiagnosis("calibrating", threshold=10.0)
+    )
     for one in bins_of_two_joints(1, 590):
         monitor.take(one)
     said = monitor.said
