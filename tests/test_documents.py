@@ -69,11 +69,11 @@ def test_what_a_page_names_exists(path):
     assert not [file for file in files if not any(ROOT.glob(file)) and not re.search(r"-v\d$", file)]
     modules = re.findall(rf"python -m ((?:{rooms})[\w.]*)", page)
     assert not [module for module in modules if importlib.util.find_spec(module) is None]
-    targets = re.findall(r"(?m)(?:^    |`)make (\w+)", page)
+    targets = re.findall(r"(?m)(?:^    |`)make (?:[A-Z]+=\S+ )?(\w+)", page)
     rules = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert not [target for target in targets if not re.search(rf"(?m)^{target}:", rules)]
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
-    named = [*re.findall(r"extra `(\w+)`", page), *",".join(re.findall(r"'[\w.-]+\[([\w,]+)\]'", page)).split(",")]
+    named = [*re.findall(r"extra `(\w+)`", page), *",".join(re.findall(r"'[\w.-]+\[([a-z][\w,]*)\]'", page)).split(",")]
     assert not set(named) - {*extras, ""}
 
 
