@@ -58,7 +58,7 @@ def tour(tab: Page, folder: Path) -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         tab.goto(next(line.split(" is at ")[1].split()[0] for line in server.stdout if " is at " in line))
-        tab.click("#to-compare")
+        tab.click("#to-compare[href]")  # once the recording is loaded
         tab.click(".regions-list button >> nth=2")
         tab.wait_for_function("() => document.querySelector('#selected').textContent.includes(' of ')")
         keep(tab, "app-compare", full_page=True)
