@@ -114,7 +114,12 @@ def register(name: str, adapter: Adapter) -> None:
 
 def adapters() -> dict[str, EntryPoint | Adapter]:
     """List all known adapters by name; those of installed packages are not loaded."""
-    return {point.name: point for point in entry_points(group=ENTRY_POINTS)} | _registered | BUILT_IN
+    return _offered() | _registered
+
+
+def _offered() -> dict[str, EntryPoint]:
+    """Entry points of installed packages and of this one, by name."""
+    return {point.name: point for point in entry_points(group=ENTRY_POINTS)} | BUILT_IN
 
 
 def find_adapter(name: str) -> Adapter:
@@ -124,9 +129,10 @@ def find_adapter(name: str) -> Adapter:
         Mistake: if there is none, or what a package offers cannot be used.
         ModuleNotFoundError: if the extra `hardware` is not installed.
     """
-    found = find("adapter", name, adapters())
-    if not isinstance(found, EntryPoint):
-        return found
+    find("adapter", name, adapters())  # which refuses an unknown one
+    if name in _registered:
+        return _registered[name]
+    found = _offered()[name]
     try:
         adapter: Adapter = found.load()
     except KeyboardInterrupt:
