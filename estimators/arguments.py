@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
-
-import numpy as np
 
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.body import Body
@@ -20,7 +17,6 @@ from pendulum_env.physics.library import term
 from pendulum_env.physics.limits import Limits, check_names, limited, limited_term, limits_of
 from pendulum_env.reading import shown
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import LOOSE, is_uniform
 
 Recordings = Recording | Sequence[Recording]
 Terms = str | Sequence[str | Term]
@@ -55,15 +51,7 @@ def chosen_recordings(given: Recordings, *, empty: bool = False, body: Body | No
             raise Mistake(f"{item.name}: has joints {', '.join(item.names)}, and {body.name} {', '.join(body.joints)}")
     if not several and not empty:
         raise ValueError("there is no recording to work on: give one or several")
-    return tuple(one if one.time[0] == 0.0 else _from_zero(one) for one in several)
-
-
-def _from_zero(one: Recording) -> Recording:
-    """Count time from the first sample; seconds since 1970 are rounded to 0.2 us, which the uniform grid is not."""
-    time = one.time - one.time[0]
-    if not is_uniform(time, one.starts, LOOSE):
-        time = np.concatenate([time[a] + np.arange(b - a) / one.rate for a, b in pairwise((*one.starts, len(one)))])
-    return replace(one, time=time)
+    return tuple(one if one.time[0] == 0.0 else replace(one, time=one.time - one.time[0]) for one in several)
 
 
 def chosen_terms(given: Terms | None) -> tuple[Term, ...]:

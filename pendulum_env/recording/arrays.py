@@ -1,6 +1,7 @@
 """NPZ, MATLAB, HDF5 and Parquet: arrays by name, the elements of a vector as columns of their own, `x[0]`."""
 
 from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,10 @@ from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
 from pendulum_env.recording.record import RecordingError
-from pendulum_env.recording.table import WIDEST, Find, Table, need, numbers
+from pendulum_env.recording.table import WIDEST, Find, Table, first_date, need, numbers
+
+NUMBER_TYPES = (pa.types.is_boolean, pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal)
+DESCRIPTIONS = ("dimensions", "name")  # fields of MATLAB structures that hold no samples
 
 
 def read_npz(path: Path, find: Find) -> Table:
@@ -71,6 +75,8 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
 def read_hdf5(path: Path, find: Find) -> Table:
     """Datasets of HDF5, those in groups by their paths: `run/position`; none that lies in another file.
 
+    Of MATLAB 7.3, fields of structures are `run.position` as in older files; texts, names and sizes are no columns.
+
     Raises:
         RecordingError: as `read_npz`, or if h5py is not installed.
     """
@@ -83,41 +89,56 @@ def read_hdf5(path: Path, find: Find) -> Table:
                 continue  # a reference of MATLAB, or a link
             item = group[name]
             if isinstance(item, h5py.Group):
-                yield from below(item, f"{path}{name}/")
+                yield from below(item, f"{path}{name}{separator}")
             elif isinstance(item, h5py.Dataset) and item.shape is not None and not (item.external or item.is_virtual):
-                yield path + name, item
+                kind = item.attrs.get("MATLAB_class")
+                if kind is None or (kind not in (b"char", b"cell", b"function_handle") and name not in DESCRIPTIONS):
+                    yield path + name, item
 
+    with path.open("rb") as start:
+        separator = "." if start.read(128).startswith(b"MATLAB 7.3") else "/"
     with h5py.File(path, "r") as file:
         return _table(dict(below(file, "")), find)
 
 
 def _table(stored: Mapping[str, Any], find: Find) -> Table:
-    """Columns of arrays by name, those of HDF5 not read yet; the longer side of a matrix is time."""
-    widths = {name: min(item.shape) if len(item.shape) == 2 else 1 for name, item in stored.items()}
+    """Columns of arrays by name, those of HDF5 not read yet; the longer side of a matrix is time.
+
+    Sides of length 1 are dropped. A last stamp of time beyond the samples is left out, with a note.
+    """
+    sides = {name: tuple(n for n in item.shape if n != 1) or item.shape[:1] for name, item in stored.items()}
+    widths = {name: min(shape) if len(shape) == 2 else 1 for name, shape in sides.items()}
     places = [(name, k) for name, width in widths.items() if width <= WIDEST for k in range(width)]
     headers = [name if widths[name] == 1 else f"{name}[{k}]" for name, k in places]
     columns = find(headers)
     load = cache(lambda name: stored[name][()])
     values: dict[str, Array] = {}
+    date = None
     for quantity, column in columns.items():
         name, k = places[column.index]
-        shape, dtype = stored[name].shape, stored[name].dtype
+        shape, dtype = sides[name], stored[name].dtype
         dates = quantity == "time" and dtype.kind == "M"
-        if not (dates or dtype.kind in "iufO") or len(shape) not in (1, 2):
+        if not (dates or dtype.kind in "biufO") or len(shape) not in (1, 2):
             raise RecordingError(
                 f"array {name!r} ({quantity}) has type {dtype} and shape {shape}: "
                 "store real numbers, one of each per sample"
             )
-        array = load(name)
+        array = np.reshape(load(name), shape)
         if array.ndim == 2:
             array = array[:, k] if shape[0] >= shape[1] else array[k]
         if dates:
+            date = datetime.fromtimestamp(float(array[0].astype("datetime64[ns]").astype(np.int64)) / 1e9, UTC)
             array = (array - array[0]) / np.timedelta64(1, "s")
         values[quantity] = np.asarray(array, dtype=np.float64)
+    samples = {len(array) for quantity, array in values.items() if quantity != "time"}
+    notes = []
+    if samples == {len(values["time"]) - 1}:
+        values["time"] = values["time"][:-1]
+        notes.append("time has one stamp more than there are samples: the last is left out")
     if len({len(array) for array in values.values()}) > 1:
         lengths = ", ".join(f"{quantity} {len(array)}" for quantity, array in values.items())
         raise RecordingError(f"the arrays differ in length ({lengths}): store one value of each per sample")
-    return Table(headers, columns, values)
+    return Table(headers, columns, values, tuple(notes), date)
 
 
 def read_parquet(path: Path, find: Find) -> Table:
@@ -132,7 +153,7 @@ def read_parquet(path: Path, find: Find) -> Table:
         columns = find(headers)
         needed = list(dict.fromkeys(places[column.index][0] for column in columns.values()))
         table = file.read(columns=needed, use_threads=False)
-    values = {}
+    values, date = {}, None
     for quantity, column in columns.items():
         name, k = places[column.index]
         series = table[name]
@@ -141,16 +162,15 @@ def read_parquet(path: Path, find: Find) -> Table:
 
             series = pc.list_element(series, k)
         is_date = quantity == "time" and pa.types.is_timestamp(series.type)
-        if not (
-            is_date
-            or any(test(series.type) for test in (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal))
-        ):
+        is_label = quantity == "segment" and pa.types.is_string(series.type)
+        if not (is_date or is_label or any(test(series.type) for test in NUMBER_TYPES)):
             raise RecordingError(
                 f"column {column.header!r} ({quantity}) has type {series.type}: "
                 "store it as a floating-point number in SI"
             )
         values[quantity] = numbers(series)
-    return Table(headers, columns, values)
+        date = first_date(series) if is_date else date
+    return Table(headers, columns, values, date=date)
 
 
 def _places(file: pq.ParquetFile) -> list[tuple[str, int | None]]:

@@ -8,6 +8,7 @@ these: torque as it was last, the others by interpolation.
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import closing
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,8 @@ def read_bag(path: Path, find: Find) -> Table:
                 wanted.setdefault(topic, []).append(field)
         series = {topic: _series(reader, topic, fields) for topic, fields in wanted.items()}
     values, notes = _merged(columns, owners, series)
-    return Table(headers, columns, values, notes)
+    first = series[owners[columns["position"].index - 1][0]][0][0]
+    return Table(headers, columns, values, notes, datetime.fromtimestamp(float(first) / 1e9, UTC))
 
 
 def _opened(path: Path) -> Any:

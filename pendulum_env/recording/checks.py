@@ -8,11 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pendulum_env._typing import Array, Index
+from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.filters import savitzky_golay
 from pendulum_env.reading import LARGE
+from pendulum_env.recording.clock import STEPS, find_plausible_unit
 from pendulum_env.recording.origin import DEGREE, Origin
 from pendulum_env.recording.record import ColumnError, Recording, RecordingError
+from pendulum_env.recording.vocabulary import UNITS
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class Bounds:
     smoothing: float = 0.05  # [s] window of the second derivative
     absurd: float = 1e20  # of any quantity: above time in nanoseconds since 1970, and most glitches, which are mended
     followed: float = 6 * np.pi  # [rad] by which a position may stay away from its goal
+    clear: float = 0.1  # of the misfit of radians, below which that of another unit tells the unit
     wound: float = 10 * np.pi  # [rad] that a spring at a joint may be wound up and down, at the most
 
 
@@ -55,17 +58,24 @@ def refuse_too_few(time: Array) -> None:
 
 
 def refuse_too_short(recording: Recording, origin: Origin) -> None:
-    """Refuse sampling too slow for a pendulum (time in milliseconds, perhaps) and recordings shorter than a swing."""
-    rate, duration = recording.rate, recording.duration
-    if rate < BOUNDS.slowest:
+    """Refuse sampling too slow for a pendulum, and recordings shorter than a swing: time may have another unit."""
+    period, duration = 1 / recording.rate, recording.duration
+    if period > 1 / BOUNDS.slowest:
         raise ColumnError(
-            f"{1 / rate:.3g} s pass between samples, too long for a pendulum ({BOUNDS.slowest:g} Hz is the least): "
-            f"read it with {origin.in_unit('time', 'ms')} if it is in milliseconds, or sample faster"
+            f"{period:.3g} s pass between samples, too long for a pendulum ({BOUNDS.slowest:g} Hz is the least): "
+            f"{_time_unit(period, origin)}sample faster"
         )
-    if duration + 1 / rate < 0.99 * BOUNDS.shortest:
+    if duration + period < 0.99 * BOUNDS.shortest:
+        hint = _time_unit(period, origin) if period < STEPS[0] else ""
         raise RecordingError(
-            f"it lasts {duration:.3g} s, of which at least {BOUNDS.shortest:g} s are needed: record longer"
+            f"it lasts {duration:.3g} s, of which at least {BOUNDS.shortest:g} s are needed: {hint}record longer"
         )
+
+
+def _time_unit(period: float, origin: Origin) -> str:
+    """Name the unit of time in which steps of that many seconds, as they were read, become plausible."""
+    unit = find_plausible_unit(period / origin.columns["time"].scale)
+    return "" if unit is None else f"read it with {origin.in_unit('time', unit)} if time is in {unit}, or "
 
 
 def refuse_still(position: Array) -> None:
@@ -110,45 +120,88 @@ def refuse_too_fast(recording: Recording, origin: Origin) -> None:
             )
 
 
-def suspect_degrees(recording: Recording, origin: Origin) -> tuple[str, ...]:
-    """Refuse degrees by the look of it: gravity acts with the sine of position in degrees, and not of radians.
+@dataclass(frozen=True)
+class AccelerationFit:
+    """Regression of the acceleration of N samples on torque, friction and columns of gravity.
 
-    Over up to 30 degrees in all the sine is straight, as is a spring over radians that is wound as far: either may be
-    meant, and a note says which was taken.
-
-    The acceleration is fitted with torque and friction alone, then with sin q, and perhaps cos q, as well, q read
-    either way. Every other second of the longest segment has to be predicted by the fit of the seconds between: where
-    no gravity acts, none predicts anything. Only position that covers more than 2 pi is judged.
+    Attributes:
+        position: smoothed (N,) [rad].
+        velocity: (N,) [rad/s].
+        acceleration: (N,) [rad/s^2].
+        torque: smoothed, of unit size (N,).
+        is_odd: second of each sample is odd (N,).
     """
-    part = max(recording.segments, key=len)
-    if np.ptp(part.position) <= 2 * np.pi or not origin.could_be_degrees():
-        return ()
-    stride = max(1, round(part.rate / 200.0))  # some 200 Hz are enough, and 100,000 samples
-    count = min(len(part) // stride, 100_000)
-    if count < 20:
-        return ()
-    torque = part.torque / max(np.abs(part.torque).max(), np.finfo(float).tiny)  # only its shape matters
-    q, tau = (x[: count * stride].reshape(count, stride).mean(axis=1) for x in (part.position, torque))
-    step = stride / part.rate
-    window = (min(max(5, round(BOUNDS.smoothing / step)), count) - 1) | 1  # odd
-    v, a = (savitzky_golay(q, window, 3, order, step) for order in (1, 2))
-    q, tau = savitzky_golay(q, window, 3), savitzky_golay(tau, window, 3)
-    plain = np.column_stack([tau, v, np.sign(v), np.ones_like(v)])  # (N, 4)
-    odd = (np.arange(count) * step).astype(np.intp) % 2 == 1  # seconds
 
-    def misfit(*gravity: Array) -> float:
-        phi = np.column_stack([plain, *gravity])
+    position: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+    is_odd: Mask
+
+    @classmethod
+    def of(cls, recording: Recording) -> "AccelerationFit | None":
+        """Take the longest segment at some 200 Hz, 100,000 samples at most; None if it has fewer than 20."""
+        part = max(recording.segments, key=len)
+        stride = max(1, round(part.rate / 200.0))
+        count = min(len(part) // stride, 100_000)
+        if count < 20:
+            return None
+        torque = part.torque / max(np.abs(part.torque).max(), np.finfo(float).tiny)  # only its shape matters
+        q, tau = (x[: count * stride].reshape(count, stride).mean(axis=1) for x in (part.position, torque))
+        step = stride / part.rate
+        window = (min(max(5, round(BOUNDS.smoothing / step)), count) - 1) | 1  # odd
+        v, a = (savitzky_golay(q, window, 3, order, step) for order in (1, 2))
+        is_odd = (np.arange(count) * step).astype(np.intp) % 2 == 1
+        return cls(savitzky_golay(q, window, 3), v, a, savitzky_golay(tau, window, 3), is_odd)
+
+    def misfit(self, *gravity: Array) -> float:
+        """Norm of the residual of every other second, predicted by the fit of the seconds between."""
+        v, a, odd = self.velocity, self.acceleration, self.is_odd
+        phi = np.column_stack([self.torque, v, np.sign(v), np.ones_like(v), *gravity])
         phi /= np.abs(phi).max(axis=0) + np.finfo(float).tiny
         left = [a[~h] - phi[~h] @ np.linalg.lstsq(phi[h], a[h], rcond=None)[0] for h in (odd, ~odd)]
         return float(np.linalg.norm(np.concatenate(left)))
 
-    radians, degrees = (min(misfit(np.sin(x)), misfit(np.sin(x), np.cos(x))) for x in (q, DEGREE * q))
-    none = misfit()
+    def misfit_in_unit(self, factor: float) -> float:
+        """Misfit of gravity, if position times a factor is in radians."""
+        x = factor * self.position
+        return min(self.misfit(np.sin(x)), self.misfit(np.sin(x), np.cos(x)))
+
+
+def suspect_unit(recording: Recording, origin: Origin) -> tuple[str, ...]:
+    """Refuse turns or degrees that were read as radians: gravity acts with the sine of another unit.
+
+    Position is in turns where their misfit is a tenth of that of radians, with a spring as well or with neither.
+    Degrees that cover more than 2 pi are told from a smaller difference. Over up to 30 degrees the sine is straight, as
+    is a spring over radians that is wound as far: either may be meant, and a note says which was taken.
+    """
+    fit = AccelerationFit.of(recording) if origin.columns["position"].unit is None else None
+    if fit is not None:
+        q = fit.position
+        radians = min(fit.misfit(), fit.misfit(q), fit.misfit(q, np.sin(q)), fit.misfit(q, np.sin(q), np.cos(q)))
+        turns = fit.misfit_in_unit(UNITS["position"]["rev"])
+        if radians > 1e-3 * np.sqrt(len(q)) and turns < BOUNDS.clear * radians:
+            raise ColumnError(
+                f"gravity acts on position as on turns, with a residual of {turns / radians:.1%} of that in radians: "
+                f"{_in_unit(origin, 'rev')}"
+            )
+    return _suspect_degrees(recording, origin)
+
+
+def _suspect_degrees(recording: Recording, origin: Origin) -> tuple[str, ...]:
+    """Refuse degrees by the look of it; only position that covers more than 2 pi is judged."""
+    part = max(recording.segments, key=len)
+    if np.ptp(part.position) <= 2 * np.pi or not origin.could_be_degrees():
+        return ()
+    if (fit := AccelerationFit.of(recording)) is None:
+        return ()
+    v, count = fit.velocity, len(fit.velocity)
+    radians, degrees, none = fit.misfit_in_unit(1.0), fit.misfit_in_unit(DEGREE), fit.misfit()
     # Of 100 real and simulated runs, those in degrees have ratios below 0.945 here, those in radians above 0.975.
-    if degrees >= 0.96 * min(radians, none) or none <= 1e-3 * np.sqrt(len(a)):  # [rad/s^2], mere noise
+    if degrees >= 0.96 * min(radians, none) or none <= 1e-3 * np.sqrt(count):  # [rad/s^2], mere noise
         return ()
     time = np.linspace(-1.0, 1.0, count)
-    other = min(radians, misfit(np.maximum(v, 0.0)), misfit(v * np.abs(v)), misfit(time, time**2))
+    other = min(radians, fit.misfit(np.maximum(v, 0.0)), fit.misfit(v * np.abs(v)), fit.misfit(time, time**2))
     spare = 0.01 * none  # what is left of next to nothing is no matter
     if degrees + spare >= 0.96 * (min(other, none) + spare):
         return ()
@@ -163,9 +216,12 @@ def suspect_degrees(recording: Recording, origin: Origin) -> tuple[str, ...]:
 
 def _in_degrees(origin: Origin) -> str:
     """What mends a position whose unit or gain is in doubt."""
-    if not origin.could_be_degrees():
-        return "check its unit and gain"
-    return f"read it with {origin.in_unit('position', 'deg')} if it is in degrees"
+    return _in_unit(origin, "deg") if origin.could_be_degrees() else "check its unit and gain"
+
+
+def _in_unit(origin: Origin, unit: str) -> str:
+    name = {"deg": "degrees", "rev": "turns"}[unit]
+    return f"read it with {origin.in_unit('position', unit)} if it is in {name}"
 
 
 def _told(origin: Origin) -> str:

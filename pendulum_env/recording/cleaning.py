@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.recording.clock import UNKNOWN, Clock, format_distinct
 from pendulum_env.recording.record import QUANTITIES, RecordingError
 from pendulum_env.words import listing
 
@@ -22,6 +23,9 @@ class CleaningSettings:
     moving: float = 3.0  # times the usual deviation from steady motion that a step has, if the joint is sure to move
     same: float = 1e-6  # of the usual step of time, up to which it stands still
     alike: float = 0.25  # of a step, up to which others are the same motion
+    least_steps: int = (
+        20  # steps by the least change of a column, beside which it would also repeat, were it logged then
+    )
 
 
 CLEANING = CleaningSettings()
@@ -36,11 +40,13 @@ class Log:
         notes: on what was changed.
         starts: index of the first sample of each segment.
         rows: number of each sample's row in the file (N,), from 1, header not counted.
+        clock: zero and rounding of its time.
     """
 
     values: dict[str, Array]
     notes: list[str] = field(default_factory=list)
     starts: tuple[int, ...] = (0,)
+    clock: Clock = UNKNOWN
 
     def __post_init__(self) -> None:
         self.rows: Index = np.arange(1, len(self.values["time"]) + 1)
@@ -49,6 +55,34 @@ class Log:
         """Leave out the samples that are not good (N,)."""
         self.values = {quantity: column[good] for quantity, column in self.values.items()}
         self.rows = self.rows[good]
+
+
+def hold_unchanged(log: Log) -> None:
+    """Fill empty cells with the last value where a program writes only what changes.
+
+    A column that is written in every row repeats its value about half as often as it changes by its least step. A
+    file in which a column takes many least steps and no column with empty cells ever repeats a value is written only
+    where values change. A column `enabled` or `segment` is always held.
+    """
+    sparse = [quantity for quantity in log.values if quantity != "time" and np.isnan(log.values[quantity]).any()]
+    steps = {quantity: np.diff(log.values[quantity][~np.isnan(log.values[quantity])]) for quantity in sparse}
+    held = [quantity for quantity in sparse if quantity in ("enabled", "segment")]
+    others = [quantity for quantity in sparse if quantity not in held]
+    if all(steps[quantity].all() for quantity in others) and any(_is_coarse(steps[quantity]) for quantity in others):
+        held += others
+        log.notes.append("empty cells hold the last value: the file repeats no value")
+    for quantity in held:
+        values = log.values[quantity]
+        last = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(len(values))))
+        log.values[quantity] = np.where(last >= 0, values[last], np.nan)
+
+
+def _is_coarse(steps: Array) -> bool:
+    """Whether a column takes many of its least steps (M,), rounded to them."""
+    if not steps.any():
+        return False
+    sizes = np.abs(steps)
+    return int(np.count_nonzero(sizes <= 1.5 * sizes[sizes > 0].min())) >= CLEANING.least_steps
 
 
 def aligned(log: Log, fewest: int) -> None:
@@ -136,16 +170,24 @@ def ordered(log: Log) -> None:
     steps = np.diff(time)
     if steps.min() < 0:
         first = int(np.argmax(steps < 0))
+        before, after = format_distinct(time[first], time[first + 1])
         raise RecordingError(
-            f"time falls from {time[first]:.9g} to {time[first + 1]:.9g} s at data row {log.rows[first + 1]} "
+            f"time falls from {before} to {after} s at data row {log.rows[first + 1]} "
             "(header not counted): sort the rows, or name a column segment that counts the runs"
         )
     new = np.append(True, steps > CLEANING.same * np.median(steps))
     if np.count_nonzero(new) < 2:
-        raise RecordingError(f"time is {time[0]:.9g} s in every row: write it with more decimals")
+        raise RecordingError(f"time is {time[0]:.15g} s in every row: write it with more decimals")
     if not new.all():
         log.notes.append(f"time repeats that of the row before in {rows_of(log.rows[~new])}: left out")
         log.keep(new)
+
+
+def start_from_zero(log: Log) -> None:
+    """Count time from the first sample; the log's clock keeps its own count."""
+    time = log.values["time"]
+    log.clock = Clock.of(time)
+    log.values = {**log.values, "time": time - time[0]}
 
 
 def sound(log: Log, position: Array) -> None:

@@ -24,7 +24,10 @@ from pendulum_env.recording.vocabulary import (
     ALIASES,
     GAINS,
     HEADER,
+    LABELS,
     LINEAR,
+    MOTEUS,
+    MOTEUS_SIGNATURE,
     NAMES,
     OPTIONAL,
     OUTPUTS,
@@ -33,7 +36,9 @@ from pendulum_env.recording.vocabulary import (
     SI,
     SPARE,
     TOLD,
+    TORQUE_GAINS,
     UNITS,
+    Rank,
 )
 from pendulum_env.words import along
 
@@ -51,7 +56,7 @@ class Column:
     header: str  # its name in the file
     index: int  # its place in the file, from 0
     unit: str | None  # letters of its unit, None if nothing names one
-    commanded: bool = False  # its name says commanded rather than measured
+    rank: Rank = Rank.MEASURED  # whether its name says measured, estimated or commanded
     passed_over: tuple[str, ...] = ()  # names of others that could be the same quantity
     expression: Expression | None = None  # what the user says of it
 
@@ -78,7 +83,7 @@ class Column:
         """Unit of what comes out: SI, but for a torque whose gain is to be found."""
         if self.expression is None or not self.expression.is_gain_unknown:
             return SI[self.quantity]
-        return {"a": "A", "m": "A", "v": "V"}.get((self.unit or "")[:1], "duty")
+        return _raw_unit(self.unit or "duty")
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -94,7 +99,7 @@ class Column:
             notes.append(f"{self.quantity} converted to {unit} from column {self.header!r}")
         if self.result_unit != SI[self.quantity]:
             notes.append(f"{self.quantity} is in {self.result_unit}, its gain to be found")
-        if self.commanded and letters(self.header) != "u":  # which never means anything else
+        if self.rank is Rank.COMMANDED and letters(self.header) != "u":  # which never means anything else
             notes.append(f"torque is the commanded one, from column {self.header!r}")
         for other in self.passed_over:
             notes.append(f"{self.quantity} is taken from column {self.header!r}; {other!r} is there too")
@@ -135,9 +140,13 @@ def find_columns(
         if quantity in given:
             columns[quantity] = given[quantity]
             continue
-        candidates = [c for c in fitting if not c.commanded] or fitting
+        candidates = _most_direct(fitting)
         if quantity in SPARE:
             candidates = candidates[:1]
+        if quantity == "time" and len(candidates) > 1 and "position" in given:
+            candidates = _of_path(given["position"], candidates) or candidates
+        if quantity == "velocity" and len(candidates) > 1:  # it may be missing
+            candidates = _of_element(columns.get("position"), candidates)
         if quantity == "torque" and output is not None:
             logged = _logged(output, headers)
             candidates = [] if logged is None else [named_column(quantity, logged, headers)]
@@ -166,6 +175,53 @@ def find_columns(
         )
     if "reference" in columns and columns["reference"].unit is None and columns["position"].unit in UNITS["position"]:
         columns["reference"] = replace(columns["reference"], unit=columns["position"].unit)  # one file, one unit
+    return _with_moteus_units(columns, headers)
+
+
+def _of_element(position: Column | None, candidates: Sequence[Column]) -> list[Column]:
+    """The one of several columns that has the element of position, `[6]`; none if it is not clear which."""
+    element = None if position is None else re.search(r"\[\d+\]$", position.header)
+    found = [column for column in candidates if element and column.header.endswith(element[0])]
+    return found if len(found) == 1 else []
+
+
+def _of_path(position: Column, candidates: Sequence[Column]) -> list[Column]:
+    """Those of several columns that stand in the structure or group of position."""
+    path = re.split(r"[/.][^/.]*$", position.header)[0]
+    return [column for column in candidates if re.split(r"[/.][^/.]*$", column.header)[0] == path]
+
+
+def left_out(headers: Sequence[str], columns: Mapping[str, Column], named: Mapping[str, str]) -> tuple[str, ...]:
+    """Note on a velocity that several columns could be, so that none was taken."""
+    fitting = _most_direct(_fitting("velocity", headers, {column.index for column in columns.values()}))
+    if "velocity" in columns or "velocity" in named or len(fitting) < 2:
+        return ()
+    names = " and ".join(shown(column.header, QUOTED) for column in fitting[:2])
+    return (
+        f"velocity is left out: {len(fitting)} columns could be it, as {names}; name it with --columns velocity=NAME",
+    )
+
+
+def _with_moteus_units(columns: dict[str, Column], headers: Sequence[str]) -> dict[str, Column]:
+    """Columns, those of a log of moteus in turns."""
+    if not MOTEUS_SIGNATURE <= {header.strip() for header in headers}:
+        return columns
+    return {
+        quantity: replace(column, unit=MOTEUS[column.header])
+        if column.unit is None and column.expression is None and column.header in MOTEUS
+        else column
+        for quantity, column in columns.items()
+    }
+
+
+def with_labels(columns: dict[str, Column], headers: Sequence[str], cells: Sequence[str]) -> dict[str, Column]:
+    """Columns, with one of words in the place of a missing `segment`, by the first cell of each."""
+    if "segment" in columns:
+        return columns
+    for index, (header, cell) in enumerate(zip(headers, cells, strict=True)):
+        is_word = cell.lower() not in ("true", "false", "nan", "inf") and re.match(r"[^\W\d_]{2}", cell)
+        if is_word and letters(_spelt(header)[2] or header) in LABELS:
+            return {**columns, "segment": Column("segment", header.strip(), index, None)}
     return columns
 
 
@@ -174,7 +230,7 @@ def guess_columns(headers: Sequence[str]) -> dict[str, str]:
     guessed = {}
     for quantity in ALIASES:
         fitting = _fitting(quantity, headers, set())
-        fitting = [c for c in fitting if not c.commanded] or fitting
+        fitting = _most_direct(fitting)
         names = [c.header for c in fitting] or [h.strip() for h in headers if _is_raw(quantity, h)]
         if len(names) == 1 or (names and quantity in SPARE):
             guessed[quantity] = names[0]
@@ -188,6 +244,12 @@ def _logged(output: str, headers: Sequence[str]) -> str | None:
             unit = "" if _unit_at_the_end(RAW["torque"], header) else f":{OUTPUTS[output]}"
             return f"{header.strip()}{unit}*?"
     return None
+
+
+def _most_direct(fitting: Sequence[Column]) -> list[Column]:
+    """Columns of a quantity without those that only estimate or command it, if one measures it."""
+    best = min((column.rank for column in fitting), default=None)
+    return [column for column in fitting if column.rank == best]
 
 
 def is_told(quantity: str, headers: Sequence[str]) -> bool:
@@ -227,7 +289,20 @@ def _joints(headers: Sequence[str]) -> list[str]:
 def _raw(quantity: str, headers: Sequence[str]) -> list[str]:
     """What to write if a column holds the quantity but for a gain, at most one."""
     raw = [header.strip() for header in headers if _is_raw(quantity, header)][:1]
-    return [f"{shown(own, QUOTED)} needs a gain, as in --columns {GAINS[quantity].format(own, own)}" for own in raw]
+    return [f"{shown(own, QUOTED)} needs a gain, as in --columns {_gain_example(quantity, own)}" for own in raw]
+
+
+def _gain_example(quantity: str, header: str) -> str:
+    """An example of a column with a gain, in the unit that its name tells."""
+    unit = _raw_unit(_unit_at_the_end(RAW["torque"], header) or letters(re.split(r"[\[(]", header)[0]))
+    return GAINS[quantity].format(header, unit, TORQUE_GAINS[unit])
+
+
+def _raw_unit(text: str) -> str:
+    """`A`, `V` or `duty`, of which a gain makes torque, by letters of a unit or of a column's name."""
+    if text in ("v", "mv") or "volt" in text:
+        return "V"
+    return "duty" if text in ("%", "percent", "presentload") or "duty" in text or "pwm" in text else "A"
 
 
 def _is_raw(quantity: str, header: str) -> bool:
@@ -266,7 +341,7 @@ def named_column(quantity: str, text: str, headers: Sequence[str]) -> Column:
     needs_gain = unit in raw if unit is not None else _is_raw(quantity, name)
     converted = any(factor[0] == "*" for factor in expression.factors)  # else nobody knows whether 2 pi is in a ratio
     if needs_gain and not (converted or (expression.factors and expression.unit is not None)):
-        example = GAINS[quantity].format(name, name)
+        example = _gain_example(quantity, name)
         raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example}")
     if unit is None and needs_gain and quantity == "torque":  # `current [mA]`; a gain of counts is one to radians
         unit = _unit_at_the_end(raw, name)

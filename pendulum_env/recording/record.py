@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from datetime import datetime
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Self
 
@@ -112,6 +113,7 @@ class Recording:
     drive: Drive | None = None  # the controller that followed the reference, if it is known
     is_moved: bool = False  # whether its torque was moved in time, so that when it changed is known to a sample only
     origin: "Origin | None" = None  # the columns of its file, if it was read from one
+    start_date: datetime | None = None  # of the first sample of its file, if the log has a date
 
     def __post_init__(self) -> None:
         for quantity in QUANTITIES:
@@ -134,6 +136,10 @@ class Recording:
                 f"recording {self.name!r} has time that is not uniform and increasing: resample it, "
                 "or write it to a file and use read_recording, which does"
             )
+        if not is_uniform(
+            self.time - self.time[0], self.starts, LOOSE
+        ):  # float64 rounds a clock that counts since 1970
+            object.__setattr__(self, "time", self._column("time", count_from_zero(self.time, self.starts)))
 
     def _column(self, quantity: str, values: ArrayLike) -> Array:
         try:
@@ -276,6 +282,13 @@ def is_uniform(time: Array, starts: tuple[int, ...] = (0,), tolerance: float = E
         and all(time[start] > time[start - 1] for start in starts[1:])
         and all(unevenness(time[a:b], step) <= allowed for a, b in pairwise(bounds))
     )
+
+
+def count_from_zero(time: Array, starts: tuple[int, ...] = (0,)) -> Array:
+    """Time (N,) [s] from 0, each segment on a grid of one period, so that float64 no longer rounds its steps."""
+    step = _covered(time, starts) / (len(time) - len(starts))
+    bounds = pairwise((*starts, len(time)))
+    return np.concatenate([time[a] - time[0] + step * np.arange(b - a, dtype=np.float64) for a, b in bounds])
 
 
 def unevenness(time: Array, step: float | None = None) -> float:

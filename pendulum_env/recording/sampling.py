@@ -52,7 +52,7 @@ def cut(log: Log, position: Array) -> None:
     steps = np.diff(time)
     usual = float(np.median(steps))
     gaps = np.empty(0, dtype=np.intp)
-    if steps.max() > SAMPLING.long * usual and not is_rounded(time, position):
+    if steps.max() > SAMPLING.long * usual and not is_rounded(time, position, log.clock.resolution):
         gaps = np.flatnonzero(steps > (bridgeable(time, position) + SAMPLING.long) * usual) + 1
     new = [int(gap) for gap in gaps if gap not in known]
     if new:
@@ -91,13 +91,16 @@ def _starts(lengths: Sequence[int]) -> tuple[int, ...]:
     return tuple(np.cumsum([0, *lengths[:-1]]).tolist())
 
 
-def is_rounded(time: Array, position: Array) -> bool:
-    """Whether long steps of time (N,) [s] come from rounding of a slower clock: regular, and unknown to the joint."""
+def is_rounded(time: Array, position: Array, resolution: float) -> bool:
+    """Whether long steps of time (N,) [s] come from rounding of a slower clock: regular, and unknown to the joint.
+
+    Time was printed with that resolution [s].
+    """
     steps = np.diff(time)
     usual = float(np.median(steps))
     places = np.flatnonzero(steps > SAMPLING.long * usual)
     regular = len(places) > 2 and np.ptp(np.diff(places)) <= 1
-    return bool(regular and printed_resolution(time) > usual / 2 and not skips(time, position))
+    return bool(regular and resolution > usual / 2 and not skips(time, position))
 
 
 def skips(time: Array, position: Array) -> bool:
@@ -155,12 +158,12 @@ def uniform(log: Log) -> None:
     Raises:
         RecordingError: if uniform time had many more samples than there are.
     """
-    time = log.values["time"]
+    time, clock = log.values["time"], log.clock
     if is_uniform(time, log.starts):
         return
     parts = [{name: column[a:b] for name, column in log.values.items()} for a, b in pairwise((*log.starts, len(time)))]
     usual = float(np.median(np.concatenate([np.diff(part["time"]) for part in parts])))
-    if len(parts) > 1 or not is_rounded(time, log.values["position"]):
+    if len(parts) > 1 or not is_rounded(time, log.values["position"], clock.resolution):
         parts = _filled(log, parts, usual)
         _join(log, parts)
         time = log.values["time"]
@@ -171,12 +174,13 @@ def uniform(log: Log) -> None:
     period = float(np.mean(steps))
     off = max(unevenness(part["time"], period) for part in parts)
     loses = len(parts) == 1 and skips(time, log.values["position"])
-    if off <= max(1.001 * printed_resolution(time), SAMPLING.negligible * period) and not loses:
+    if off <= max(1.001 * clock.resolution + clock.rounding, SAMPLING.negligible * period) and not loses:
         grids = [_grid(part["time"][0], period, len(part["time"])) for part in parts]
         log.values = {**log.values, "time": np.concatenate(grids)}
-        log.notes.append(
-            f"time set to uniform {1 / period:.6g} Hz, from which it differed by rounding only (up to {off:.2g} s)"
-        )
+        if off > clock.rounding:
+            log.notes.append(
+                f"time set to uniform {1 / period:.6g} Hz, from which it differed by rounding only (up to {off:.2g} s)"
+            )
         return
     if slow.any():
         period = float(np.mean(steps[~slow]))
@@ -257,18 +261,6 @@ def _at(grid: Array, part: dict[str, Array]) -> dict[str, Array]:
 
 def _grid(start: float, period: float, count: int) -> Array:
     return start + period * np.arange(count, dtype=np.float64)
-
-
-def printed_resolution(time: Array) -> float:
-    """Last decimal place [s] that time was rounded to, or float32's; 0 if neither explains the digits."""
-    tail = time[-1000:]  # where time is largest and rounding coarsest
-    size = np.abs(tail).max()
-    single = float(np.spacing(np.float32(size))) if (tail == tail.astype(np.float32)).all() else 0.0
-    for decimals in range(10):
-        scaled = tail * 10.0**decimals
-        if (np.abs(scaled - np.round(scaled)) <= 8 * np.spacing(size * 10.0**decimals)).all():
-            return max(single, 10.0**-decimals)
-    return single
 
 
 def _held(grid: Array, time: Array, values: Array) -> Array:

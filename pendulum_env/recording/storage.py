@@ -22,7 +22,8 @@ from pendulum_env.recording import checks, cleaning, sampling
 from pendulum_env.recording.arrays import read_hdf5, read_mat, read_npz, read_parquet
 from pendulum_env.recording.bags import is_bag, read_bag
 from pendulum_env.recording.cleaning import Log
-from pendulum_env.recording.columns import find_columns
+from pendulum_env.recording.clock import find_unix_unit
+from pendulum_env.recording.columns import find_columns, left_out
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import WARNING, ColumnError, Recording, RecordingError
 from pendulum_env.recording.table import Find, Table
@@ -54,6 +55,10 @@ RECIPES = {  # what helps where a format is not read
     ".arrow": "write it with pandas' to_parquet",
     ".json": "a recording is written with pandas' to_csv; of a model, `compare` and `diagnose` say how it fares",
     ".jsonl": "write it with pandas' to_csv",
+    ".log": "if it is text in columns, rename it to .csv; a log of robots in text lines is split by your own script",
+    ".asc": "export it by python-can and cantools as CSV",
+    ".wpilog": "export it by AdvantageScope: File, Export Data, Format CSV, Timestamps All Changes",
+    ".hoot": "convert it by owlet to .wpilog, then export that by AdvantageScope as CSV",
     ".ulg": "export it by ulog2csv of pyulog",
     ".tdms": "export it by npTDMS: TdmsFile('run.tdms').as_dataframe().to_parquet('run.parquet')",
     ".mf4": "export it by asammdf: MDF('run.mf4').to_dataframe().to_parquet('run.parquet')",
@@ -168,8 +173,12 @@ def read_table(path: Path, find: Find) -> Table:
 
 def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named: Mapping[str, str]) -> Recording:
     """Convert to SI, leave out what the logger spoilt, cut at gaps, make time uniform; refuse what cannot be true."""
-    origin, values = Origin(table.columns, named), table.values
-    for quantity, column in table.columns.items():
+    columns, values = dict(table.columns), table.values
+    unix = None if columns["time"].is_unit_told else find_unix_unit(values["time"])
+    if unix is not None:
+        columns["time"] = replace(columns["time"], unit=unix)
+    origin = Origin(columns, named)
+    for quantity, column in columns.items():
         with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is left out like an empty cell
             values[quantity] *= column.scale
             values[quantity] += column.offset
@@ -177,7 +186,7 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
         raise RecordingError(
             "a duty is a share of the supply: name its column (supply=...), or give the drive a supply [V]"
         )
-    unit = table.columns["torque"].result_unit if drive is None or "torque" in values else drive.unit
+    unit = columns["torque"].result_unit if drive is None or "torque" in values else drive.unit
     if drive is not None and "torque" not in values:
         values["torque"] = np.zeros_like(values["position"])  # until the motion is known
     checks.refuse_absurd(values)
@@ -187,12 +196,15 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
         return np.unwrap(log.values["position"]) if unwrap else log.values["position"]
 
     is_output = drive is not None and unit == OUTPUTS.get(drive.output)
-    noted = [own for own in table.columns.values() if not (is_output and own.quantity == "torque")]
+    noted = [own for own in columns.values() if not (is_output and own.quantity == "torque")]
     log = Log(values, [*(note for column in noted for note in column.notes), *table.notes])
+    log.notes += left_out(table.headers, columns, named)
+    cleaning.hold_unchanged(log)
     cleaning.aligned(log, checks.BOUNDS.fewest)
     cleaning.finite(log, checks.BOUNDS.fewest)
     cleaning.follow_on(log)
     cleaning.ordered(log)
+    cleaning.start_from_zero(log)
     cleaning.sound(log, turns())
     checks.refuse_too_few(log.values["time"])
     checks.refuse_still(log.values["position"])
@@ -205,9 +217,16 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
     if "enabled" in signals:
         signals["enabled"] = np.asarray(signals["enabled"] > 0.5, dtype=float)
     recording = Recording(
-        name, **signals, notes=tuple(log.notes), starts=log.starts, torque_unit=unit, drive=drive, origin=origin
+        name,
+        **signals,
+        notes=tuple(log.notes),
+        starts=log.starts,
+        torque_unit=unit,
+        drive=drive,
+        origin=origin,
+        start_date=log.clock.date or table.date,
     )
-    if drive is not None and "torque" not in table.columns:
+    if drive is not None and "torque" not in columns:
         asked = "torque is not taken from the log: it is what the drive asked for"
         recording = replace(recording, torque=recording.asked_torque, notes=(*recording.notes, asked))
     elif drive is not None and is_output:
@@ -227,7 +246,7 @@ def _doubts(recording: Recording, origin: Origin) -> tuple[str, ...]:
     """What is doubted of the unit of position; one that was guessed is refused where one that was told is warned of."""
     try:
         checks.refuse_too_fast(recording, origin)
-        return checks.suspect_degrees(recording, origin)
+        return checks.suspect_unit(recording, origin)
     except ColumnError as error:
         if not origin.columns["position"].is_unit_told:
             raise

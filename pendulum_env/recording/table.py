@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from importlib.util import find_spec
 
 import numpy as np
@@ -23,18 +24,32 @@ class Table:
     columns: dict[str, Column]  # by quantity
     values: dict[str, Array]  # by quantity, each (N,)
     notes: tuple[str, ...] = ()  # what else a user should know
+    date: datetime | None = None  # of the first row, if time is a date
 
 
 def numbers(column: pa.ChunkedArray) -> Array:
-    """Values (N,) of a column of Arrow, nulls as NaN; time stamps in seconds since the first."""
+    """Values (N,) of a column of Arrow, nulls as NaN: `true` is 1, time in seconds since the first, words by number."""
     if pa.types.is_timestamp(column.type):
         import pyarrow.compute as pc  # takes a while to import, as does every cast
 
         ticks = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[column.type.unit]
         column = pc.divide(pc.subtract(column.cast(pa.int64()), pc.min(column).value).cast(pa.float64()), ticks)
+    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+        column = pa.chunked_array([column.combine_chunks().dictionary_encode().indices])
     if column.type != pa.float64():
         column = column.cast(pa.float64(), safe=False)
     return np.array(column.to_numpy())
+
+
+def first_date(column: pa.ChunkedArray) -> datetime | None:
+    """Date of the first of a column of time stamps, of UTC where no zone is given; None of other columns."""
+    if not pa.types.is_timestamp(column.type):
+        return None
+    import pyarrow.compute as pc  # takes a while to import
+
+    ticks = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[column.type.unit]
+    first = pc.min(column.cast(pa.int64())).as_py()
+    return None if first is None else datetime.fromtimestamp(first / ticks, UTC)
 
 
 def need(module: str) -> None:

@@ -3,8 +3,9 @@
 import csv
 import io
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pyarrow as pa
@@ -13,11 +14,11 @@ import pyarrow.csv as pacsv
 from pendulum_env._typing import Array
 from pendulum_env.mistake import one_line
 from pendulum_env.reading import shown
-from pendulum_env.recording.columns import Column
+from pendulum_env.recording.columns import Column, with_labels
 from pendulum_env.recording.expression import letters
 from pendulum_env.recording.record import RecordingError
 from pendulum_env.recording.table import Find, Table, need, numbers
-from pendulum_env.recording.vocabulary import HEADER, UNITS
+from pendulum_env.recording.vocabulary import HEADER, OPTIONAL, UNITS
 
 HEAD = 1 << 16  # bytes in which header and delimiter must show themselves
 BLOCK = 1 << 20  # bytes parsed at a time
@@ -27,6 +28,7 @@ NUMBER = re.compile(
 )
 WIDTH = re.compile(r"Row #(?P<row>\d+): Expected (?P<wanted>\d+) columns, got (?P<found>\d+)")  # as pyarrow says it
 CELL = re.compile(r"In CSV column #(?P<column>\d+): Row #(?P<row>\d+): .*?invalid value '(?P<cell>.*)'", re.DOTALL)
+TRUE, FALSE = ["true", "True", "TRUE"], ["false", "False", "FALSE"]  # cells that are 1 and 0
 STAMP = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*")
 
 
@@ -38,7 +40,7 @@ class Layout:
     delimiter: str  # one of , ; tab space
     decimal: str  # . or ,
     offset: int  # bytes before the first data row
-    first: tuple[str, ...]  # cells of the first data row
+    first: tuple[str, ...]  # first cell of each column that is not empty
 
 
 Opened = Callable[[], pa.NativeFile]  # the text, from its beginning
@@ -82,7 +84,7 @@ def read_text(opened: Opened, find: Find) -> Table:
     """The columns in need of a text, see `read_csv`."""
     with opened() as stream:
         layout = _layout(stream.read(HEAD))
-    columns = find(layout.headers)
+    columns = with_labels(find(layout.headers), layout.headers, layout.first)
     notes = []
     if dated := _stamp(layout, columns["time"]):
         notes.append(f"time is counted from {dated[0].strip()}")
@@ -92,9 +94,13 @@ def read_text(opened: Opened, find: Find) -> Table:
         try:  # a logger that was interrupted leaves half a row
             values = _values(lambda: _without_last_line(opened), layout, columns)
         except RecordingError:
-            raise refusal from None
+            quantity = refusal.quantity if isinstance(refusal, CellError) else ""
+            if quantity not in OPTIONAL or columns[quantity].expression is not None:
+                raise refusal from None
+            without = read_text(opened, lambda headers: {q: c for q, c in columns.items() if q != quantity})
+            return replace(without, notes=(*without.notes, f"{quantity} is left out: {refusal}"))
         notes.append("the last row is cut off: left out")
-    return Table(layout.headers, columns, values, tuple(notes))
+    return Table(layout.headers, columns, values, tuple(notes), None if dated is None else _date(dated[0]))
 
 
 def _without_last_line(opened: Opened) -> pa.NativeFile:
@@ -106,7 +112,7 @@ def _without_last_line(opened: Opened) -> pa.NativeFile:
 def _values(opened: Opened, layout: Layout, columns: dict[str, Column]) -> dict[str, Array]:
     names = [str(index) for index in range(len(layout.headers))]  # the file's own may repeat
     kept = [names[column.index] for column in columns.values()]
-    types = dict.fromkeys(kept, pa.float64())
+    types = {names[column.index]: _cell_type(quantity, layout, column) for quantity, column in columns.items()}
     if stamp := _stamp(layout, columns["time"]):
         types[names[columns["time"].index]] = pa.timestamp("ns", tz="UTC" if stamp["zone"] else None)
     try:
@@ -117,17 +123,37 @@ def _values(opened: Opened, layout: Layout, columns: dict[str, Column]) -> dict[
                 read_options=pacsv.ReadOptions(column_names=names, block_size=BLOCK, use_threads=False),  # counts rows
                 parse_options=pacsv.ParseOptions(delimiter=layout.delimiter),
                 convert_options=pacsv.ConvertOptions(
-                    include_columns=kept, column_types=types, null_values=[""], decimal_point=layout.decimal
+                    include_columns=kept,
+                    column_types=types,
+                    null_values=[""],
+                    strings_can_be_null=True,
+                    true_values=TRUE,
+                    false_values=FALSE,
+                    decimal_point=layout.decimal,
                 ),
             )
     except pa.ArrowInvalid as error:
-        raise RecordingError(_complaint(str(error), layout, columns)) from None
+        raise _refusal(str(error), layout, columns) from None
     return dict(zip(columns, map(numbers, table.columns), strict=True))
+
+
+def _cell_type(quantity: str, layout: Layout, column: Column) -> pa.DataType:
+    """Type of a column's cells: numbers, `true` and `false`, or words that label segments."""
+    first = layout.first[column.index]
+    if first in (*TRUE, *FALSE) and not NUMBER.fullmatch(first):
+        return pa.bool_()
+    return pa.string() if quantity == "segment" and first and not NUMBER.fullmatch(first) else pa.float64()
 
 
 def _stamp(layout: Layout, time: Column) -> re.Match[str] | None:
     """The first time, if it is a date."""
-    return STAMP.fullmatch(layout.first[time.index]) if time.index < len(layout.first) else None
+    return STAMP.fullmatch(layout.first[time.index])
+
+
+def _date(stamp: str) -> datetime:
+    """Date of a stamp, of UTC where it names no zone; its digits below a microsecond are dropped."""
+    date = datetime.fromisoformat(re.sub(r"(\.\d{6})\d+", r"\1", stamp.strip()))
+    return date if date.tzinfo else date.replace(tzinfo=UTC)
 
 
 def _layout(head: bytes) -> Layout:
@@ -159,8 +185,20 @@ def _layout(head: bytes) -> Layout:
         start, data = lines[data[0]][0], data[1:]
     samples = [lines[number][1] for number in data]
     comma = delimiter != "," and any("," in text for text in samples) and not any("." in text for text in samples)
-    first_row = tuple(_cells(samples[0], delimiter)) if samples else ()
-    return Layout(tuple(headers), delimiter, "," if comma else ".", start, first_row)
+    return Layout(
+        tuple(headers), delimiter, "," if comma else ".", start, _first_cells(samples, delimiter, len(headers))
+    )
+
+
+def _first_cells(lines: Sequence[str], delimiter: str, width: int) -> tuple[str, ...]:
+    """The first cell of each column that is not empty; empty where there is none."""
+    first = [""] * width
+    for line in lines:
+        for k, cell in enumerate(_cells(line, delimiter)[:width]):
+            first[k] = first[k] or cell.strip()
+        if all(first):
+            break
+    return tuple(first)
 
 
 def _preamble(content: list[str]) -> int:
@@ -207,8 +245,25 @@ def _is_numeric(cells: list[str]) -> bool:
     return any(cell.strip() for cell in cells) and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in cells)
 
 
-def _complaint(told: str, layout: Layout, columns: dict[str, Column]) -> str:
-    """What pyarrow stumbled over, in words of the user's."""
+class CellError(RecordingError):
+    """A cell of a column cannot be read as its quantity."""
+
+    def __init__(self, message: str, quantity: str = "") -> None:
+        """Take the sentence and the quantity."""
+        super().__init__(message)
+        self.quantity = quantity
+
+
+def _refusal(told: str, layout: Layout, columns: dict[str, Column]) -> RecordingError:
+    """Describe the cell or row at which pyarrow failed."""
+    if found := CELL.search(told):
+        (quantity,) = (column.quantity for column in columns.values() if column.index == int(found["column"]))
+        cell = f"data row {found['row']} (header not counted) has {shown(found['cell'])} as {quantity}, not a number"
+        return CellError(f"{cell}: repair or remove that row", quantity)
+    return RecordingError(_complaint(told, layout))
+
+
+def _complaint(told: str, layout: Layout) -> str:
     if "Empty CSV file" in told:
         return "there is a header but no data: record it again"
     if "straddling" in told:
@@ -217,9 +272,6 @@ def _complaint(told: str, layout: Layout, columns: dict[str, Column]) -> str:
     if found := WIDTH.search(told):
         what = f"{found['found']} cells where the header has {found['wanted']}"
         remedy = "separate cells by commas" if layout.delimiter == " " else remedy
-    elif found := CELL.search(told):
-        (quantity,) = (column.quantity for column in columns.values() if column.index == int(found["column"]))
-        what = f"{shown(found['cell'])} as {quantity}, not a number"
     else:
         return f"the text cannot be split into cells ({one_line(told)}): write plain comma-separated numbers"
     return f"data row {found['row']} (header not counted) has {what}: {remedy}"

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from enum import IntEnum
 
 HEADER = "time,position,torque"  # the plain header, in s, rad and N m; velocity [rad/s] is optional
 
@@ -21,7 +22,9 @@ ALIASES = {
     "temperature": "temperature temp motortemperature motortemp jointtemperature jointtemp presenttemperature",
     "segment": "segment segments episode episodeindex trial",
 }
+LABELS = ("state", "phase", "test")  # of a column that counts segments, where its cells are words
 MEASURED = ("meas", "measured", "actual", "act")  # before or after an alias
+ESTIMATED = ("est", "estimated")  # likewise, if no measured one is found
 COMMANDED = ("cmd", "command", "commanded", "des", "desired", "ref", "setpoint")  # torque only, if no other is found
 
 UNITS = {  # factor to SI by the unit's letters
@@ -32,16 +35,21 @@ UNITS = {  # factor to SI by the unit's letters
     "position": {"rad": 1.0, "radian": 1.0, "radians": 1.0}
     | dict.fromkeys(("deg", "degs", "degree", "degrees"), math.pi / 180)
     | dict.fromkeys(("mrad", "millirad"), 1e-3)
-    | dict.fromkeys(("rev", "revs", "turns"), math.tau),
+    | dict.fromkeys(
+        ("rev", "revs", "revolution", "revolutions", "turn", "turns", "rotation", "rotations", "rot"), math.tau
+    ),
     "velocity": dict.fromkeys(("rads", "rads1", "radsec", "radpersec", "radianspersecond", "radps"), 1.0)
     | dict.fromkeys(("degs", "degs1", "degsec", "degpersec", "degreespersecond", "dps"), math.pi / 180)
     | dict.fromkeys(("rpm", "revmin", "minrev"), math.tau / 60)
-    | {"revs": math.tau, "rps": math.tau},
+    | dict.fromkeys(("revs", "rps", "revsec", "turnss", "turnssec", "turnspersecond"), math.tau)
+    | dict.fromkeys(("rots", "rotationss", "rotationspersec", "rotationspersecond", "revolutionspersecond"), math.tau),
     "torque": {"nm": 1.0, "newtonmeter": 1.0, "newtonmeters": 1.0, "newtonmetre": 1.0, "newtonmetres": 1.0}
     | dict.fromkeys(("mnm", "millinewtonmeter"), 1e-3)
     | {"ncm": 1e-2},
 }
 ODRIVE = {"posestimate": ("position", "rev"), "velestimate": ("velocity", "revs"), "torqueestimate": ("torque", "nm")}
+MOTEUS = {"POSITION": "rev", "VELOCITY": "revs"}  # units of its columns, if a file has those of `MOTEUS_SIGNATURE`
+MOTEUS_SIGNATURE = frozenset(("MODE", "POSITION", "VELOCITY", "TORQUE", "FAULT"))
 RAW = {  # factor to SI, of units of which a gain makes the quantity, by what the gain is
     "torque": dict.fromkeys(("a", "amp", "amps", "ampere", "amperes"), 1.0)
     | {"ma": 1e-3, "v": 1.0, "mv": 1e-3, "duty": 1.0, "pwm": 1.0, "%": 0.01, "percent": 0.01},
@@ -49,11 +57,15 @@ RAW = {  # factor to SI, of units of which a gain makes the quantity, by what th
     "velocity": dict.fromkeys(("countss", "countsec", "ctss", "tickss", "pulsess", "stepss"), math.tau),
 }
 GAINS = {  # what such a gain is, as an example that mends it
-    "torque": "torque={}:A*0.1 with the torque constant [N m/A] times the gear ratio, or torque={}:A*? to have it "
-    "found by known loads",
-    "position": "position={}:counts/4096 with the counts of a turn",
-    "velocity": "velocity={}:counts/s/4096 with the counts of a turn",
-    "reference": "reference={}:counts/4096 with the counts of a turn",
+    "torque": "torque={0}:{1}*0.1 with {2}, or torque={0}:{1}*? to have it found by known loads",
+    "position": "position={0}:counts/4096 with the counts of a turn",
+    "velocity": "velocity={0}:counts/s/4096 with the counts of a turn",
+    "reference": "reference={0}:counts/4096 with the counts of a turn",
+}
+TORQUE_GAINS = {  # meaning of such a gain of a torque, by the unit of the column
+    "A": "the torque constant [N m/A] times the gear ratio",
+    "V": "the torque per volt [N m/V] times the gear ratio",
+    "duty": "the torque at full duty [N m]",
 }
 RAW_NAMES = {  # names that tell of such a unit
     "torque": "current motorcurrent iq iqmeasured iqmeas measurediq iqm i presentcurrent goalcurrent phasecurrent "
@@ -97,21 +109,35 @@ OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperatur
 SPARE = OPTIONAL[1:]  # of which the first column will do
 
 
-def _names() -> Iterator[tuple[str, tuple[str, str | None, bool]]]:
-    """Every name that is understood, as letters, with its quantity, unit and whether it means a command."""
+class Rank(IntEnum):
+    """How directly a column tells a quantity; the least is preferred."""
+
+    MEASURED = 0
+    ESTIMATED = 1
+    COMMANDED = 2
+
+
+def _names() -> Iterator[tuple[str, tuple[str, str | None, Rank]]]:
+    """Every name that is understood, as letters, with its quantity, unit and rank."""
     for quantity, aliases in ALIASES.items():
-        stems: dict[str, bool] = {}
-        for alias in aliases.split():
-            stems |= {alias: False}
-            stems |= {stem: False for word in MEASURED for stem in (alias + word, word + alias)}
-            if quantity == "torque":
-                stems |= {stem: True for word in COMMANDED for stem in (alias + word, word + alias)}
+        words: dict[Rank, tuple[str, ...]] = {Rank.MEASURED: MEASURED}
+        if quantity in ("position", "velocity", "torque"):
+            words[Rank.ESTIMATED] = ESTIMATED
         if quantity == "torque":
-            stems |= {"u": True}  # control engineers' input
-        for stem, commanded in stems.items():
-            yield stem, (quantity, None, commanded)
+            words[Rank.COMMANDED] = COMMANDED
+        stems: dict[str, Rank] = {}
+        for alias in aliases.split():
+            stems[alias] = Rank.MEASURED
+            for rank, own in words.items():
+                stems |= {stem: rank for word in own for stem in (alias + word, word + alias)}
+            if quantity != "time":
+                stems |= {alias + "estimate": Rank.ESTIMATED}  # before an alias, `estimate dq` would be `estimated q`
+        if quantity == "torque":
+            stems |= {"u": Rank.COMMANDED}  # control engineers' input
+        for stem, rank in stems.items():
+            yield stem, (quantity, None, rank)
             for unit in UNITS[quantity]:
-                yield stem + unit, (quantity, unit, commanded)
+                yield stem + unit, (quantity, unit, rank)
 
 
-NAMES = dict(_names()) | {name: (quantity, unit, False) for name, (quantity, unit) in ODRIVE.items()}
+NAMES = dict(_names()) | {name: (quantity, unit, Rank.MEASURED) for name, (quantity, unit) in ODRIVE.items()}

@@ -367,7 +367,7 @@ def test_a_motor_is_off_from_the_sample_that_says_so_on_where_jitter_is_resample
     rows = np.column_stack([time, np.sin(3 * time), np.cos(3 * time), on])
     np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="time,position,torque,enabled", comments="")
     read = read_recording(tmp_path / "log.csv")
-    last = np.array([on[time <= now + 1e-9][-1] for now in read.time])
+    last = np.array([on[time <= time[0] + now + 1e-9][-1] for now in read.time])
     assert any("resampled" in note for note in read.notes)
     np.testing.assert_array_equal(read.enabled, last)
 

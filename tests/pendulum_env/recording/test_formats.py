@@ -109,7 +109,8 @@ def put(**changes: np.ndarray | list):
         ("run.npz", lambda path: lone(path, TIME), "it is no NPZ archive, or a damaged one: write it with"),
         ("run.npz", lambda path: path.write_text("time,position\n"), "it is no NPZ archive, or a damaged one: write"),
         ("run.npz", put(position=np.array([None] * 1000)), "has type object"),
-        ("run.npz", put(position=np.zeros((1000, 1, 2))), r"shape \(1000, 1, 2\)"),
+        ("run.npz", put(position=np.zeros((1000, 3, 2))), r"shape \(1000, 3, 2\)"),
+        ("run.npz", put(position=np.zeros((1000, 1, 2))), "could both be position"),
         ("run.npz", put(position=np.zeros(999)), "arrays differ in length"),
         ("run.npz", put(position=np.zeros(1000, dtype=complex)), "has type complex128"),
         (

@@ -1,0 +1,80 @@
+"""Clocks of a log: seconds since 1970 in any unit, the rounding of its digits, and time that starts from 0."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.recording.vocabulary import UNITS
+
+TIME_UNITS = ("s", "ms", "us", "ns")
+EPOCH = (datetime(1990, 1, 1, tzinfo=UTC).timestamp(), datetime(2100, 1, 1, tzinfo=UTC).timestamp())  # [s] since 1970
+STEPS = (1e-5, 0.1)  # [s] between samples of a recording, the least and the most
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Zero and rounding of a log's time.
+
+    Attributes:
+        start: first time, in the log's own count [s].
+        resolution: last decimal place of the time that was printed, or the spacing of float32; 0 if unknown [s].
+        rounding: error that float64 makes at these times [s].
+    """
+
+    start: float = 0.0
+    resolution: float = 0.0
+    rounding: float = 0.0
+
+    @classmethod
+    def of(cls, time: Array) -> "Clock":
+        """Read off the clock of time (N,) [s] as a log counts it."""
+        return cls(float(time[0]), printed_resolution(time), 4.0 * float(np.spacing(np.abs(time).max())))
+
+    @property
+    def date(self) -> datetime | None:
+        """Date of the first sample, if the log counts seconds since 1970."""
+        return datetime.fromtimestamp(self.start, UTC) if EPOCH[0] <= self.start < EPOCH[1] else None
+
+
+UNKNOWN = Clock()
+
+
+def find_unix_unit(time: Array) -> str | None:
+    """Find the unit of a clock (N,) that counts since 1970, by its date and its steps; None if it does not."""
+    known = time[np.isfinite(time)]
+    if len(known) < 2:
+        return None
+    step = float(np.median(np.abs(np.diff(known))))
+    for unit in TIME_UNITS:
+        scale = UNITS["time"][unit]
+        if EPOCH[0] <= known[0] * scale < EPOCH[1] and STEPS[0] <= step * scale <= STEPS[1]:
+            return unit
+    return None
+
+
+def find_plausible_unit(step: float) -> str | None:
+    """Find the unit in which a step of time, as the file has it, is that of a recording; None if there is none."""
+    return next((unit for unit in TIME_UNITS if STEPS[0] <= step * UNITS["time"][unit] <= STEPS[1]), None)
+
+
+def printed_resolution(time: Array) -> float:
+    """Last decimal place [s] that time was rounded to, or float32's; 0 if neither explains the digits."""
+    tail = time[-1000:]  # where time is largest and rounding coarsest
+    size = np.abs(tail).max()
+    single = float(np.spacing(np.float32(size))) if (tail == tail.astype(np.float32)).all() else 0.0
+    for decimals in range(10):
+        scaled = tail * 10.0**decimals
+        if (np.abs(scaled - np.round(scaled)) <= 8 * np.spacing(size * 10.0**decimals)).all():
+            return max(single, 10.0**-decimals)
+    return single
+
+
+def format_distinct(*times: float) -> tuple[str, ...]:
+    """Write times [s] with as many digits as they need to differ, nine at least."""
+    for digits in range(9, 18):
+        texts = tuple(f"{time:.{digits}g}" for time in times)
+        if len(set(texts)) == len(set(times)):
+            return texts
+    return tuple(map(repr, times))

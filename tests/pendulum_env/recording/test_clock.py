@@ -1,0 +1,88 @@
+"""Clocks that logs have: since 1970 in any unit, since start-up, with few digits; time counts from the first sample."""
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant
+from estimators import identify
+from pendulum_env.recording import Recording, RecordingError, read_recording
+from tests.cases import recorded
+
+START = 1_700_000_000.25  # [s] since 1970
+CLOCKS: dict[str, Callable] = {
+    "s": lambda time: START + time,
+    "ms": lambda time: np.round(1e3 * (START + time), 3),
+    "us": lambda time: np.round(1e6 * (START + time)),
+    "ns": lambda time: np.int64(START * 1e9) + np.round(1e9 * time).astype(np.int64),
+}
+
+
+def motion(rate: float, seconds: float = 4.0) -> dict[str, np.ndarray]:
+    time = np.arange(round(rate * seconds)) / rate
+    return {"time": time, "position": np.sin(5 * time), "torque": np.sign(np.sin(40 * time))}
+
+
+@pytest.mark.parametrize("unit", CLOCKS)
+@pytest.mark.parametrize("rate", [50, 100, 333.3, 1000, 8000])
+def test_a_clock_since_1970_is_read_as_one_from_0(tmp_path: Path, rate: float, unit: str) -> None:
+    run = motion(rate)
+    np.savez(tmp_path / "run.npz", **run | {"time": CLOCKS[unit](run["time"])})
+    recording = read_recording(tmp_path / "run.npz")
+    assert recording.time[0] == 0.0
+    np.testing.assert_allclose(recording.time, run["time"], rtol=0, atol=2e-6)
+    np.testing.assert_array_equal(recording.position, run["position"])
+    assert recording.start_date is not None
+    assert abs((recording.start_date - datetime.fromtimestamp(START, UTC)).total_seconds()) < 1e-5
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_time_since_1970_with_a_gap_keeps_its_segments(tmp_path: Path, lost: bool) -> None:
+    run = motion(500)
+    kept = np.r_[0:800, 1200:2000] if lost else np.arange(2000)
+    np.savez(tmp_path / "run.npz", **{name: (START + v if name == "time" else v)[kept] for name, v in run.items()})
+    recording = read_recording(tmp_path / "run.npz")
+    assert len(recording.segments) == 1 + lost
+    np.testing.assert_allclose(recording.time, run["time"][kept], rtol=0, atol=1e-6)
+
+
+def test_arrays_with_time_since_1970_are_identified_as_those_from_0() -> None:
+    (own,) = recorded(Plant(0.09, 2.0, 0.36, 0.92), Experiment(seconds=6.0, rate=500.0))
+    later = Recording("later", START + own.time, own.position, own.torque)
+    theta, other = (identify(one).windows.theta for one in (own, later))
+    np.testing.assert_allclose(other, theta, rtol=1e-4)
+
+
+def test_dates_count_from_the_first_and_are_kept(tmp_path: Path) -> None:
+    run, first = motion(100), np.datetime64("2026-03-01T12:00:00.000", "ms")
+    stamps = first + np.round(1000 * run["time"]).astype("timedelta64[ms]")
+    rows = [f"{t},{q:.9f},{u:.9f}" for t, q, u in zip(stamps, run["position"], run["torque"], strict=True)]
+    (tmp_path / "run.csv").write_text("\n".join(["time,position,torque", *rows]))
+    recording = read_recording(tmp_path / "run.csv")
+    np.testing.assert_allclose(recording.time, run["time"], rtol=0, atol=1e-9)
+    assert recording.start_date == datetime(2026, 3, 1, 12, tzinfo=UTC)
+
+
+def test_a_time_that_falls_is_told_with_digits_that_differ(tmp_path: Path) -> None:
+    run = motion(1000)
+    time = START + run["time"]
+    time[2000] = time[1999] - 0.001
+    np.savez(tmp_path / "run.npz", **run | {"time": time})
+    with pytest.raises(RecordingError, match="time falls from") as refusal:
+        read_recording(tmp_path / "run.npz")
+    before, after = str(refusal.value).split("time falls from ")[1].split(" s at")[0].split(" to ")
+    assert float(before) - float(after) == pytest.approx(0.001, abs=1e-6)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+def test_a_clock_of_another_unit_is_refused_with_the_plausible_one(tmp_path: Path, factor: float, unit: str) -> None:
+    run = motion(1000)
+    np.savez(tmp_path / "run.npz", **run | {"time": factor * run["time"]})
+    with pytest.raises(RecordingError, match=f"time=time:{unit}") as refusal:
+        read_recording(tmp_path / "run.npz")
+    assert "too long for a pendulum" in str(refusal.value)
+    recording = read_recording(tmp_path / "run.npz", columns={"time": f"time:{unit}"})
+    assert recording.rate == pytest.approx(1000)
