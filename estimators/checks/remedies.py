@@ -11,6 +11,9 @@ from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import WARNING
 from pendulum_env.words import listing
 
+UPRIGHT_TURNS = 3.0  # that a joint makes at most, if its zero may be upright
+UPRIGHT_SHARE = 0.05  # of the RMS torque, the least gravity of a joint whose zero may be upright
+
 
 def remedies(model: Model, recordings: Sequence[Recording], ambiguous: Sequence[Sequence[str]] = ()) -> list[str]:
     """A word on columns that were read wrongly, by what a fit to them says, or their units; else on what no joint has.
@@ -50,9 +53,18 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
     if surely_negative(model, "gravity") and down < 0:
         if "spring.stiffness" in model.estimates:
             return ["gravity came out negative beside a spring: the two cancel, and neither is what it is called"]
+        if not _can_be_upright(down, recordings):
+            return []
         told = "gravity came out negative: position 0 seems to be the upright position, it should hang down"
         return [told + _remedy(recordings, lambda origin: origin.shifted(np.pi, 0))]
     return []
+
+
+def _can_be_upright(gravity: float, recordings: Sequence[Recording]) -> bool:
+    """Whether a negative gravity [N m] can be an upright zero: a few turns at most, and no mere share of the torque."""
+    turns = max(float(np.ptp(recording.position)) for recording in recordings) / (2 * np.pi)
+    torque = max(float(np.sqrt(np.mean(recording.torque**2))) for recording in recordings)
+    return turns <= UPRIGHT_TURNS and abs(gravity) >= UPRIGHT_SHARE * torque
 
 
 def turned_round(model: Model, recordings: Sequence[Recording]) -> str | None:
