@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -22,6 +23,7 @@ from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.files import check_output, write_whole
 from pendulum_env.physics import Model, ModelError
+from pendulum_env.physics.limits import collect_limits
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.reading import Text, Unreadable, convert, read_json
 from pendulum_env.recording import Recording, Source
@@ -79,20 +81,32 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
     recordings = []
     for source in sources:
         with terminal.progress(f"reading {source.file.name}"):
-            recording = read(source)
+            recordings.append(read(source))
+    counts = Counter(note for recording in recordings for note in set(_notes_of(recording)))
+    for source, recording in zip(sources, recordings, strict=True):
         terminal.say(f"{source.file}: {recording.summary}")
         if source.said_by:
             columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
             others = (f"with its {key}" for key in source.format if key != "columns")
             terminal.say(f"  read as {source.said_by} says: {listing([*columns, *others])}")
-        for note in recording.notes:
-            terminal.say(f"  {note}", style="yellow" if note.startswith(WARNING) else None)
-        if recording.origin is not None and recording.origin.slides:
-            terminal.say(
-                "  an axis that slides: read kg for kg m^2, N for N m and m for rad; --robot tells it so itself"
-            )
-        recordings.append(recording)
+        for note in _notes_of(recording):
+            if counts[note] == 1:
+                _print_note(note, terminal)
+    for note, count in counts.items():
+        if count > 1:
+            _print_note(f"{note} ({count} of {len(recordings)} recordings)", terminal)
     return recordings
+
+
+def _notes_of(recording: Recording) -> list[str]:
+    """Notes of a recording, and one on the units of an axis that slides."""
+    if recording.origin is None or not recording.origin.slides:
+        return list(recording.notes)
+    return [*recording.notes, "an axis that slides: read kg for kg m^2, N for N m and m for rad"]
+
+
+def _print_note(note: str, terminal: Terminal) -> None:
+    terminal.say(f"  {note}", style="yellow" if note.startswith(WARNING) else None)
 
 
 def read_model(path: str) -> Model:
@@ -158,7 +172,15 @@ def open_sources(
             raise InputError(f"{source.file}: there is no such file: check the path")
     recordings = read_all([own for own in sources if holdout or own.role == "fit"], terminal, Source.read)
     fitted = tuple(own for own in sources if own.role == "fit")
+    print_limits(model, path, terminal)
     return Opened(model, fitted, recordings[: len(fitted)], recordings[len(fitted) :])
+
+
+def print_limits(model: Model, path: str, terminal: Terminal) -> None:
+    """Print which parameters of a model file are fixed or bounded."""
+    for name, (low, high) in collect_limits(model.terms).items():
+        range_text = f"is fixed at {low:g}" if low == high else f"lies from {low:g} to {high:g}"
+        terminal.say(f"{path}: {name} {range_text}, as given when the model was fitted")
 
 
 def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Terminal) -> Preprocessed:
@@ -190,6 +212,7 @@ def _opened_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: 
     tell_held(body, recordings, terminal)
     model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
     fitted = tuple(source for source in sources if source.role == "fit")
+    print_limits(model, path, terminal)
     return Opened(model, fitted, [*recordings[: len(fitted)]], [*recordings[len(fitted) :]], robot.read)
 
 

@@ -13,6 +13,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Coupling, Links, at_joint, body_of, coupled
 from pendulum_env.physics import Model, ModelError, Term, library
+from pendulum_env.physics.limits import collect_limits, limited_term, read_limits, write_limits
 from pendulum_env.physics.model import ARM_SCHEMA, read_estimate
 from pendulum_env.physics.table import Table, read_table
 from pendulum_env.physics.term import loads
@@ -52,7 +53,9 @@ class ArmModel(Model):
                 for own in self.terms[1:]
             ],
             "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
-        } | ({"log_format": dict(self.log_format)} if self.log_format else {})
+            **({"log_format": dict(self.log_format)} if self.log_format else {}),
+            **({"limits": write_limits(limits)} if (limits := collect_limits(self.terms[1:])) else {}),
+        }
 
     @classmethod
     def load(cls, path: str | Path, body: Body) -> ArmModel:  # type: ignore[override]  # which a file does not tell
@@ -78,7 +81,8 @@ class ArmModel(Model):
             raise ModelError(
                 "is of other links than this robot has: give the file that it was made with, --rotors as then"
             )
-        terms = [_term(k, data, body) for k in range(len(data.terms))]
+        limits = read_limits(data.limits or {})
+        terms = [limited_term(_term(k, data, body), limits) for k in range(len(data.terms))]
         model = cls.build((Links(body), *terms), 0.0)
         return replace(
             model,
@@ -112,6 +116,7 @@ class _ArmModelFile(_ArmFile, kw_only=True):
     base: dict[str, Any]
     terms: list[_ArmTerm]
     theta: dict[str, Any]
+    limits: dict[str, tuple[Number | None, Number | None]] | None = None
 
 
 def model_of(model: Model) -> Model:

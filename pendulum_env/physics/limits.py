@@ -76,6 +76,27 @@ def limited(kind: type[Term], limits: Limits) -> type[Term]:
     return _limited(kind, chosen) if chosen else kind  # type: ignore[arg-type]  # classes can be hashed
 
 
+def collect_limits(terms: Iterable[Term]) -> dict[str, tuple[float, float]]:
+    """Limits that a user set to parameters of terms, by name; a known value is both."""
+    held = (getattr(type(term), "bare", (type(term), ()))[1] for term in terms)
+    return {name: (low, high) for own in held for name, low, high in own}
+
+
+def write_limits(limits: Limits) -> dict[str, list[float | None]]:
+    """Limits for JSON: `[low, high]`, null for none."""
+    return {name: [end if np.isfinite(end) else None for end in ends] for name, ends in limits.items()}
+
+
+def read_limits(content: Mapping[str, tuple[float | None, float | None]]) -> dict[str, tuple[float, float]]:
+    """Limits as `write_limits` wrote them.
+
+    Raises:
+        LimitsError: if they leave no value.
+    """
+    ends = {name: (-np.inf if a is None else a, np.inf if b is None else b) for name, (a, b) in content.items()}
+    return limits_of({}, ends)
+
+
 def limited_term(term: Term, limits: Limits) -> Term:
     """A term with its parameters within limits, its shape parameters moved there."""
     kind = limited(type(term), limits)

@@ -17,6 +17,7 @@ from pendulum_env.files import write_whole
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import library
 from pendulum_env.physics.base import BASE
+from pendulum_env.physics.limits import collect_limits, limited_term, read_limits, write_limits
 from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.table import Curve, Table, read_table, refuse_held
 from pendulum_env.physics.term import Column, Samples, Term
@@ -266,6 +267,8 @@ class Model:
             data["torque_constant"] = self.torque_constant.json()
         if self.log_format:
             data["log_format"] = dict(self.log_format)
+        if limits := collect_limits(self.terms):
+            data["limits"] = write_limits(limits)
         if (covariance := self.covariance) is not None:
             data["covariance"] = {"parameters": list(self.estimates), "matrix": covariance.tolist()}
         return data
@@ -338,6 +341,7 @@ class _ModelFile(Struct):
     torque_constant: ParameterFile | None = None
     covariance: _Covariance | None = None
     log_format: dict[str, Any] | None = None
+    limits: dict[str, tuple[Number | None, Number | None]] | None = None  # of known and bounded parameters
 
 
 def read_estimate(theta: Mapping[str, Any], name: str, unit: str) -> Estimate:
@@ -352,7 +356,8 @@ def read_estimate(theta: Mapping[str, Any], name: str, unit: str) -> Estimate:
 
 
 def _model(data: _ModelFile) -> Model:
-    terms = tuple(_term(id, data) for id in data.terms)
+    limits = read_limits(data.limits or {})
+    terms = tuple(limited_term(_term(id, data), limits) for id in data.terms)
     if len({term.id for term in terms}) != len(terms):
         raise ModelError("the model names a term twice: each may appear once")
     estimates = {}

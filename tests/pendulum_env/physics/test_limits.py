@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from pendulum_env.physics import BASE, PluginError, Samples, effects, library, load_plugin, plugin
-from pendulum_env.physics.limits import LimitsError, check_names, limited, limited_term, limits_of
+from pendulum_env.physics import BASE, Model, PluginError, Samples, effects, library, load_plugin, plugin
+from pendulum_env.physics.limits import LimitsError, check_names, collect_limits, limited, limited_term, limits_of
 
 PLUGIN = '''
 from dataclasses import dataclass
@@ -139,3 +139,11 @@ def test_a_package_whose_effects_cannot_be_loaded_ends_nothing(monkeypatch):
     monkeypatch.setattr(library, "entry_points", lambda group: [OfAPackage()])
     with pytest.warns(UserWarning, match="'package.effects' cannot be loaded: .*NoText: <exception str"):
         assert library.installed.__wrapped__() == ()
+
+
+def test_a_saved_model_keeps_its_limits(tmp_path):
+    terms = [limited_term(term, {"gravity": (2.1, 2.1), "viscous": (0.0, np.inf)}) for term in BASE]
+    Model.build(terms, [0.09, 2.1, 0.3, 0.9]).save(tmp_path / "model.json")
+    read = Model.load(tmp_path / "model.json")
+    assert collect_limits(read.terms) == {"gravity": (2.1, 2.1), "viscous": (0.0, np.inf)}
+    assert read.terms == tuple(terms)
