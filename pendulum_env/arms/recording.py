@@ -125,6 +125,7 @@ def read_arm_recording(
         notes=tuple(dict.fromkeys(notes)),
         temperature=None if all(own is None for own in measured) else warm,
         starts=first.starts,
+        start_date=first.start_date,
         names=tuple(joints),
         still={joint: _still(path, look, column) for joint, column in columns_of.items() if column != UNUSED},
     )

@@ -13,6 +13,11 @@ EPOCH = (datetime(1990, 1, 1, tzinfo=UTC).timestamp(), datetime(2100, 1, 1, tzin
 STEPS = (1e-5, 0.1)  # [s] between samples of a recording, the least and the most
 
 
+def find_date(start: float) -> datetime | None:
+    """Date of a time in seconds since 1970; None of one that cannot be since 1970."""
+    return datetime.fromtimestamp(start, UTC) if EPOCH[0] <= start < EPOCH[1] else None
+
+
 @dataclass(frozen=True)
 class Clock:
     """Zero and rounding of a log's time.
@@ -35,7 +40,7 @@ class Clock:
     @property
     def date(self) -> datetime | None:
         """Date of the first sample, if the log counts seconds since 1970."""
-        return datetime.fromtimestamp(self.start, UTC) if EPOCH[0] <= self.start < EPOCH[1] else None
+        return find_date(self.start)
 
 
 UNKNOWN = Clock()

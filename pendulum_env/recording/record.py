@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.mistake import Mistake
+from pendulum_env.recording.clock import find_date
 from pendulum_env.servo.drive import Drive
 from pendulum_env.words import plus_minus
 
@@ -86,7 +87,8 @@ class Recording:
 
     Samples of all segments stand in a row, time increases throughout. Within a segment it is uniform, with one period
     for the whole recording; between segments there is a gap, about which nothing is known. Filters, integrals and
-    simulation therefore start anew in each of `segments`.
+    simulation therefore start anew in each of `segments`. A time that counts from 1970 is counted from the first
+    sample, and `start_date` keeps its date.
 
     `torque[k]` is held from `time[k]` to `time[k + 1]` (zero-order hold, as a DAC does it), while `position[k]` and
     `velocity[k]` are taken at the instant `time[k]`. While the motor is open (`enabled` 0), torque is zero.
@@ -136,10 +138,10 @@ class Recording:
                 f"recording {self.name!r} has time that is not uniform and increasing: resample it, "
                 "or write it to a file and use read_recording, which does"
             )
-        if not is_uniform(
-            self.time - self.time[0], self.starts, LOOSE
-        ):  # float64 rounds a clock that counts since 1970
+        date = find_date(float(self.time[0]))
+        if date is not None or not is_uniform(self.time - self.time[0], self.starts, LOOSE):  # float64 rounds its steps
             object.__setattr__(self, "time", self._column("time", count_from_zero(self.time, self.starts)))
+            object.__setattr__(self, "start_date", self.start_date or date)
 
     def _column(self, quantity: str, values: ArrayLike) -> Array:
         try:

@@ -25,7 +25,6 @@ from workbench.terminal import Terminal
 ASKED = ("only", "without", "fixed", "bounds")  # of a diagnosis, as it is
 READING = ("columns", "unwrap", "drive", "joints", "rotors", "base", "no_gravity", "instruments")
 NAMED = ("robot", "model")  # files
-SINCE_1970 = 1e9  # [s]: a clock that begins later than this (September 2001) counts from 1970
 
 
 @dataclass(frozen=True)
@@ -102,8 +101,8 @@ def _diagnose(source: Source, options: Namespace) -> JSON:
         by_reference=options.instruments is not None,
         **{name: getattr(options, name) for name in ASKED},
     )
-    start = float(opened.recordings[0].time[0])
-    return {"start": start if start >= SINCE_1970 else None, "rows": joint_rows(found)}
+    date = opened.recordings[0].start_date
+    return {"start": None if date is None else date.timestamp(), "rows": joint_rows(found)}
 
 
 def joint_rows(found: Diagnosis) -> list[JSON]:

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import identify
+from pendulum_env.arms.recording import read_arm_recording
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from tests.cases import recorded
 
@@ -86,3 +87,14 @@ def test_a_clock_of_another_unit_is_refused_with_the_plausible_one(tmp_path: Pat
     assert "too long for a pendulum" in str(refusal.value)
     recording = read_recording(tmp_path / "run.npz", columns={"time": f"time:{unit}"})
     assert recording.rate == pytest.approx(1000)
+
+
+@pytest.mark.parametrize("unit", CLOCKS)
+def test_joints_of_an_arm_share_a_clock_since_1970(tmp_path: Path, unit: str) -> None:
+    run = motion(250)
+    columns = {f"{quantity}_{joint}": run[quantity] for quantity in ("position", "torque") for joint in ("hip", "knee")}
+    np.savez(tmp_path / "run.npz", time=CLOCKS[unit](run["time"]), **columns)
+    recording = read_arm_recording(tmp_path / "run.npz", ["hip", "knee"])
+    np.testing.assert_allclose(recording.time, run["time"], rtol=0, atol=2e-6)
+    assert recording.start_date is not None and recording.start_date.year == 2023
+    assert len(recording.joints[1]) == len(run["time"])
