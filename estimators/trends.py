@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import optimize, stats
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Index
 
 FEWEST = 4  # estimates that show a trend: a line or a step leaves two degrees of freedom
 BESIDE = 2  # estimates on either side of a jump: one alone may be an outlier
@@ -29,7 +29,7 @@ class Trend:
         drift: slope per unit of time, NaN for fewer than four estimates.
         interval: its 95 % confidence interval.
         jump: the step that explains the estimates better than any line, None if a line does.
-        p_value: probability of a line or step as clear as this one if nothing changes.
+        p_value: probability of a line or step as clear as this one if nothing changes, at most.
     """
 
     drift: float = np.nan
@@ -41,35 +41,67 @@ class Trend:
 def fit_trend(time: Array, value: Array, std: Array) -> Trend:
     """Fit a drift to estimates, and test a line and a step at every date against a constant.
 
-    The drift is the median of the slopes between all pairs of estimates (Theil-Sen). A line or step lowers chi-square
-    by D, with weights 1/std^2. D has the chi-square distribution with one degree of freedom if the estimates scatter by
-    their standard errors alone. Estimates of real machines scatter more, by temperature or lubrication. D over the
-    remaining chi-square per degree of freedom then has the F distribution. The larger p-value counts, times the number
-    of lines and steps tried (Bonferroni).
+    The drift is the median of the slopes between all pairs of estimates (Theil-Sen). Estimates of real machines scatter
+    by more than their standard errors, by temperature or lubrication. The variance s^2 of that scatter is the one under
+    which a constant has a chi-square of N - 1 (Paule-Mandel). A line or step lowers chi-square by D, with weights
+    1/(std^2 + s^2). D over the remaining chi-square per degree of freedom has the F distribution. With weights 1/std^2,
+    D has the chi-square distribution with one degree of freedom if the estimates scatter by their standard errors
+    alone. The larger p-value counts, times the number of lines and steps tried (Bonferroni). It is 1 if a line explains
+    the estimates best and the interval of the drift contains zero.
 
     Args:
         time: of the estimates (N,), in any unit.
         value: of the estimates (N,).
         std: their standard errors (N,), positive.
 
-    Source: Sen, Journal of the American Statistical Association 63, 1968; Bevington and Robinson, Data Reduction and
-    Error Analysis, chapter 11.
+    Source: Sen, Journal of the American Statistical Association 63, 1968; Paule and Mandel, Journal of Research of the
+    National Bureau of Standards 87(5), 1982; Bevington and Robinson, Data Reduction and Error Analysis, chapter 11.
     """
     if len(time) < FEWEST or np.ptp(time) == 0:
         return Trend()
     order = np.argsort(time, kind="stable")
-    t, w = time[order], 1 / std[order] ** 2
-    x = value[order] - np.average(value[order], weights=w)
-    drift, _, *interval = stats.theilslopes(x, t, CONFIDENCE)
+    t, x, variance = time[order], value[order], std[order] ** 2
+    drift, _, low, high = map(float, stats.theilslopes(x, t, CONFIDENCE))
     steps = 1 + np.flatnonzero(np.diff(t) > 0)
     steps = steps[(steps >= BESIDE) & (steps <= len(t) - BESIDE)]
-    away, before, total = t - np.average(t, weights=w), np.cumsum(w)[steps - 1], w.sum()
-    moments = np.r_[w @ away**2, before * (total - before) / total]  # of the line, then of every step
+    fits = _fit_changes(t, x, 1 / (variance + scatter_variance(x, variance)), steps)
+    least = _fit_changes(t, x, 1 / variance, steps)  # scatter by standard errors alone
+    best, freedom = int(np.argmax(fits.gains)), len(t) - 2
+    remaining = max(1e-300, fits.chi_square - float(fits.gains[best])) / freedom
+    p_value = max(stats.chi2.sf(least.gains[best], 1), stats.f.sf(fits.gains[best] / remaining, 1, freedom))
+    if not best:
+        p_value = 1.0 if low <= 0 <= high else p_value
+        return Trend(drift, (low, high), None, min(1.0, len(fits.gains) * float(p_value)))
+    error = np.sqrt(max(remaining / fits.moments[best], 1 / least.moments[best]))
+    jump = Jump(int(order[steps[best - 1]]), float(fits.changes[best]), float(error))
+    return Trend(drift, (low, high), jump, min(1.0, len(fits.gains) * float(p_value)))
+
+
+def scatter_variance(value: Array, variance: Array) -> float:
+    """Estimate the variance of values (N,) of a constant beyond that of their errors (N,), see `fit_trend`."""
+
+    def excess(s2: float) -> float:
+        w = 1 / (variance + s2)
+        return float(w @ (value - np.average(value, weights=w)) ** 2) - (len(value) - 1)
+
+    most = float(np.sum((value - value.mean()) ** 2))  # chi-square is below 1 there
+    return float(optimize.brentq(excess, 0.0, most, xtol=1e-9 * most)) if excess(0.0) > 0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Changes:
+    """A line, then every step: slope or height, weighted moment, and decrease of chi-square, each (1 + S,)."""
+
+    changes: Array
+    moments: Array
+    gains: Array  # D
+    chi_square: float  # of a constant
+
+
+def _fit_changes(t: Array, x: Array, w: Array, steps: Index) -> _Changes:
+    """Fit a line and steps to values by least squares with weights."""
+    x, away = x - np.average(x, weights=w), t - np.average(t, weights=w)
+    before, total = np.cumsum(w)[steps - 1], w.sum()
+    moments = np.r_[w @ away**2, before * (total - before) / total]
     changes = np.r_[w @ (away * x), -np.cumsum(w * x)[steps - 1]] / moments
-    gains = changes**2 * moments  # D
-    best, freedom = int(np.argmax(gains)), len(t) - 2
-    remaining = max(1e-300, float(w @ x**2 - gains[best])) / freedom
-    p_value = max(stats.chi2.sf(gains[best], 1), stats.f.sf(gains[best] / remaining, 1, freedom))
-    error = np.sqrt(max(1.0, remaining) / moments[best])
-    jump = Jump(int(order[steps[best - 1]]), float(changes[best]), float(error)) if best else None
-    return Trend(float(drift), (float(interval[0]), float(interval[1])), jump, min(1.0, len(gains) * float(p_value)))
+    return _Changes(changes, moments, changes**2 * moments, float(w @ x**2))

@@ -47,6 +47,27 @@ def test_scatter_beyond_the_standard_errors_is_no_trend():
     assert np.mean(np.array(p_values) < 0.01) <= 0.02  # 3 expected of 300, at most
 
 
+@pytest.mark.parametrize("scatter", [0.0, 0.05])
+def test_unequal_standard_errors_make_no_trend(scatter):
+    p_values = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        std = 10 ** rng.uniform(-3, -1, len(WEEKS))
+        p_values.append(fit_trend(WEEKS, rng.normal(0.9, np.hypot(std, scatter)), std).p_value)
+    assert np.mean(np.array(p_values) < 0.01) <= 0.03  # 2 expected of 200, at most
+
+
+def test_a_drift_is_significant_only_if_its_interval_excludes_zero():
+    drifts = []
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        std = 10 ** rng.uniform(-3, -1, len(WEEKS))
+        found = fit_trend(WEEKS, rng.normal(0.9 + 0.003 * WEEKS, std), std)
+        if found.jump is None and found.p_value < 0.001:
+            drifts.append(found.interval)
+    assert drifts and all(low > 0 for low, _ in drifts)
+
+
 def test_few_recordings_and_recordings_of_one_day_show_nothing():
     few = FEWEST - 1
     assert np.isnan(fit_trend(WEEKS[:few], WEEKS[:few], STD[:few]).p_value)

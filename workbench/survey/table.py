@@ -106,8 +106,9 @@ class Series:
 def find_series(rows: Iterable[JSON]) -> list[Series]:
     """Collect the parameters of every joint over time, and name those that change.
 
-    A change is named if its p-value is significant among those of all parameters, at a false discovery rate of 1 %
-    (Benjamini and Hochberg). Estimates without a standard error, such as known values, are left out.
+    A change is named if its p-value is significant among those of all parameters, at a false discovery rate of at most
+    1 % where the tests are independent (Benjamini and Hochberg). Estimates without a standard
+    error, such as known values, are left out.
     """
     points: dict[tuple[str, str, str, str], list[tuple[float, float, float]]] = {}
     for row in sorted(rows, key=lambda row: row["date"]):
