@@ -9,8 +9,10 @@ import re
 from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path, PurePosixPath
+
+import numpy as np
 
 from pendulum_env.recording import Source
 from pendulum_env.recording.storage import READERS
@@ -20,7 +22,11 @@ from workbench.mistakes import InputError, printable
 STUDY = "study.toml"
 TABLES = ("survey.parquet", "survey.csv", "trends.parquet", "trends.csv")  # that a survey writes
 ENDINGS = tuple(ending for ending in READERS if ending != ".txt")  # text is often prose
-DATE = re.compile(r"(?<!\d)\d{4}(-?)\d\d\1\d\d(?:[T_ -]\d\d[-:h]?\d\d(?:[-:m]?\d\d)?)?(?!\d)")
+HOUR, SIXTY = r"(?:[01]\d|2[0-3])", r"[0-5]\d"
+CLOCK = rf"(?:{HOUR}(?P<between>[-:]?){SIXTY}(?:(?P=between){SIXTY})?|{HOUR}h{SIXTY}(?:m{SIXTY})?)"
+TIME = rf"{CLOCK}(?!\d|-\d\d-\d\d|k?Hz)"  # 2026-03-02 is a date, and 2000Hz a rate
+DATE = re.compile(rf"(?<!\d)\d{{4}}(-?)\d\d\1\d\d(?:[T_ -]{TIME})?(?!\d)")
+FUTURE = timedelta(days=1)  # no recording has a later date than that from now: clocks differ, and time zones
 
 
 @dataclass(frozen=True)
@@ -34,12 +40,13 @@ class SurveyedRecording:
     source: Source
 
 
-def find_recordings(folder: Path, reading: Namespace) -> list[SurveyedRecording]:
+def find_recordings(folder: Path, reading: Namespace, output: Path | None = None) -> list[SurveyedRecording]:
     """List the recordings below a folder, sorted by name.
 
     Args:
         folder: to search. Hidden files, text files and the tables of surveys are no recordings.
         reading: options by which files are read. A `study.toml` gives those of the recordings that it names.
+        output: folder of the survey's own tables, of which some may be missing.
 
     Raises:
         InputError: if there are none.
@@ -48,13 +55,13 @@ def find_recordings(folder: Path, reading: Namespace) -> list[SurveyedRecording]
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder: check the path")
     folder = Path(os.path.abspath(folder))  # the workers of a cluster look for the same path
-    found = sorted((_label(source, folder) for source in _sources(folder, reading)), key=lambda own: own.name)
+    found = sorted((_label(source, folder) for source in _sources(folder, reading, output)), key=lambda own: own.name)
     if not found:
         raise InputError(f"{folder}: holds no recording: their names end in {', '.join(ENDINGS)}")
     return found
 
 
-def _sources(folder: Path, reading: Namespace) -> Iterator[Source]:
+def _sources(folder: Path, reading: Namespace, output: Path | None) -> Iterator[Source]:
     named: set[str] = set()  # by studies
     files: list[Path] = []
     for place, folders, names in os.walk(folder):
@@ -63,7 +70,8 @@ def _sources(folder: Path, reading: Namespace) -> Iterator[Source]:
             sources = sources_of(str(Path(place, STUDY)), reading)
             named |= {os.path.realpath(source.file) for source in sources}
             yield from sources
-        tables = TABLES if set(TABLES) <= set(names) else ()
+        is_output = output is not None and os.path.realpath(place) == os.path.realpath(output)
+        tables = TABLES if is_output or set(TABLES) <= set(names) else ()
         files += [Path(place, name) for name in names if name.lower().endswith(ENDINGS) and name not in tables]
     for file in files:
         if not file.name.startswith(".") and os.path.realpath(file) not in named:
@@ -72,13 +80,22 @@ def _sources(folder: Path, reading: Namespace) -> Iterator[Source]:
 
 def _label(source: Source, folder: Path) -> SurveyedRecording:
     path = PurePosixPath(printable(Path(os.path.relpath(source.file, folder)).as_posix()))
-    part = "" if source.range is None else f"#{source.range[0]:g}-{source.range[1]:g}"
+    part = "" if source.range is None else "#{}-{}".format(*(_shortest(time) for time in source.range))
     folders = [name for name in path.parts[:-1] if name != ".."]
     machine = "/".join(name for name in folders if parse_date(name) is None) or folder.name
-    texts = [match[0] for name in (path.name, *reversed(folders)) if (match := DATE.search(name))]
-    dates = [date for text in texts if (date := parse_date(text)) is not None]
+    texts = [match[0] for name in (path.name, *reversed(folders)) for match in DATE.finditer(name)]
+    dates = [date for text in texts if (date := parse_date(text)) is not None and not is_future(date)]
     date = dates[0] if dates else _change_time(source.file)
     return SurveyedRecording(f"{path}{part}", machine, date, "name" if dates else "file", source)
+
+
+def _shortest(number: float) -> str:
+    return np.format_float_positional(number, trim="-")
+
+
+def is_future(date: datetime) -> bool:
+    """Return whether a date is later than any recording can have."""
+    return date > datetime.now(UTC) + FUTURE
 
 
 def parse_date(text: str) -> datetime | None:
@@ -92,7 +109,7 @@ def parse_date(text: str) -> datetime | None:
 
 
 def _change_time(file: Path) -> datetime:
-    """Time of a file's last change; 1970 if there is no file, which reading reports."""
+    """Return the time of a file's last change; 1970 if there is no file, which reading reports."""
     try:
         return datetime.fromtimestamp(file.stat().st_mtime, UTC)
     except (OSError, ValueError, OverflowError):
