@@ -36,6 +36,7 @@ def simulate_rows(size: float, weeks: int, rng: np.random.Generator) -> list[JSO
         {
             "machine": "one",
             "joint": "",
+            "selected": [],
             "date": BEGAN + timedelta(weeks=week),
             "parameters": {
                 name: {"value": float(value[week]), "std": STD, "unit": "N m"} for name, value in noisy.items()

@@ -22,7 +22,9 @@ def surveyed_rows() -> list[JSON]:
                 "joint": "",
                 "date": BEGAN + timedelta(weeks=week),
                 "effects": "",
+                "selected": [],
                 "unexplained": False,
+                "biased": False,
                 "error_after": 0.01,
                 "error_unit": "N m",
                 "parameters": {

@@ -46,13 +46,13 @@ class Settings:
         return cls(Namespace(**options, **files, recordings=[]), plugins, mark)
 
     def key(self, source: Source, content: str | None) -> str:
-        """Hash of everything that decides on a diagnosis: settings, content of the file, and how it is read."""
+        """Hash everything that decides on a diagnosis: settings, content of the file, and how it is read."""
         how = repr((self.mark, content, replace(source, file=Path())))
         return hashlib.sha256(how.encode()).hexdigest()[:32]
 
 
 def content_hash(file: Path) -> str | None:
-    """Hash of the content of a file; None if it cannot be read, which reading reports."""
+    """Hash the content of a file; None if it cannot be read, which reading reports."""
     if not file.is_file():  # a pipe would have to be waited for
         return None
     try:
@@ -63,7 +63,7 @@ def content_hash(file: Path) -> str | None:
 
 
 def version() -> str:
-    """Version of this project."""
+    """Return the version of this project."""
     return metadata.version("pendulum-ident")
 
 
@@ -110,22 +110,27 @@ def joint_rows(found: Diagnosis) -> list[JSON]:
     first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
     joints = tuple(found.floors)
     parameters: dict[str, JSON] = {joint: {} for joint in joints}
+    biased = set()
     for name, own in found.model.readable.items():
         joint, quantity = _at_joint(name, joints)
         parameters[joint][quantity] = {
-            "value": _number(own.value),
-            "std": _number(own.std),
+            "value": None if own.is_unknown else _number(own.value),
+            "std": None if own.is_unknown else _number(own.std),
             "unit": per(own.unit, found.torque_unit),
         }
-    effects: dict[str, list[str]] = {joint: [] for joint in joints}
+        if own.is_biased:
+            biased.add(joint)
+    effects: dict[str, list[tuple[str, ...]]] = {joint: [] for joint in joints}
     for group in found.effects:
         joint, _ = _at_joint(group[0], joints)
-        effects[joint].append(" or ".join(_at_joint(effect, (joint,))[1] for effect in group))
+        effects[joint].append(tuple(_at_joint(effect, (joint,))[1] for effect in group))
     return [
         {
             "joint": joint,
-            "effects": ", ".join(effects[joint]),
+            "effects": ", ".join(" or ".join(group) for group in effects[joint]),
+            "selected": sorted(group[0] for group in effects[joint]),
             "unexplained": bool(found.unexplained) if found.body is None else joint in found.left,
+            "biased": joint in biased,
             "error_before": _number(first.at(joint)),
             "error_after": _number(last.at(joint)),
             "noise_floor": _number(found.floors[joint]),

@@ -14,33 +14,41 @@ from scipy import stats
 from estimators.trends import Trend, fit_trend
 from pendulum_env._typing import JSON, Array
 from pendulum_env.files import replacing
+from pendulum_env.recording.clock import find_date
 from pendulum_env.words import Table, number, plus_minus
 from workbench.survey.diagnosis import version
-from workbench.survey.recordings import SurveyedRecording
+from workbench.survey.recordings import SurveyedRecording, is_future
 
 WEEK = 7 * 86400.0  # [s]
 LEVEL = 0.01  # false discovery rate of the changes that are named
 TEXT, NUMBER, DATE = pa.string(), pa.float64(), pa.timestamp("s", "UTC")
 SURVEY = {  # columns; those of the parameters follow
-    **dict(recording=TEXT, machine=TEXT, joint=TEXT, date=DATE, dated_by=TEXT, effects=TEXT, unexplained=pa.bool_()),
+    **dict(recording=TEXT, machine=TEXT, joint=TEXT, date=DATE, dated_by=TEXT),
+    **dict(effects=TEXT, unexplained=pa.bool_(), biased=pa.bool_()),
     **dict(error_before=NUMBER, error_after=NUMBER, noise_floor=NUMBER, error_unit=TEXT),
     **dict(position_rms_before=NUMBER, position_rms_after=NUMBER, error=TEXT, hash=TEXT, version=TEXT),
 }
 TRENDS = {
-    **dict(machine=TEXT, joint=TEXT, parameter=TEXT, unit=TEXT, recordings=pa.int64(), mean=NUMBER),
+    **dict(machine=TEXT, joint=TEXT, parameter=TEXT, unit=TEXT, effects=TEXT, recordings=pa.int64(), mean=NUMBER),
     **dict(drift_per_week=NUMBER, drift_low=NUMBER, drift_high=NUMBER, change=TEXT, p_value=NUMBER),
     **dict(jump_date=DATE, jump_size=NUMBER, jump_std=NUMBER),
 }
 
 
 def label_rows(own: SurveyedRecording, result: JSON, content: str | None) -> list[JSON]:
-    """Rows of a result with what is known of the recording; one of a recording without a diagnosis."""
+    """Add what is known of the recording to the rows of a result; make one row where there is no diagnosis.
+
+    A date of the recording's clock that lies in the future is not believed.
+    """
     start = result.get("start")
+    date = None if start is None else find_date(start)
+    if date is not None and is_future(date):
+        date = None
     label = {
         "recording": own.name,
         "machine": own.machine,
-        "date": own.date if start is None else datetime.fromtimestamp(start, UTC),
-        "dated_by": own.dated_by if start is None else "clock",
+        "date": date or own.date,
+        "dated_by": "clock" if date else own.dated_by,
         "hash": content,
         "version": version(),
     }
@@ -50,9 +58,10 @@ def label_rows(own: SurveyedRecording, result: JSON, content: str | None) -> lis
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A parameter of a joint over time.
+    """A parameter of a joint over time, in models with the same effects.
 
     Attributes:
+        effects: effects that were added to the model, sorted, with commas between them.
         date: of each estimate (N,) [s since 1970].
         value: of each (N,), in the unit.
         std: standard error of each (N,).
@@ -64,6 +73,7 @@ class Series:
     joint: str
     parameter: str
     unit: str
+    effects: str
     date: Array
     value: Array
     std: Array
@@ -72,8 +82,9 @@ class Series:
 
     @property
     def label(self) -> str:
-        """Machine, joint and parameter in one."""
-        return " ".join(filter(None, (self.machine, self.joint, self.parameter)))
+        """Machine, joint, parameter and effects in one: `arm elbow coulomb (with stribeck)`."""
+        effects = f"(with {self.effects})" if self.effects else ""
+        return " ".join(filter(None, (self.machine, self.joint, self.parameter, effects)))
 
     @property
     def mean(self) -> float:
@@ -87,10 +98,11 @@ class Series:
         return None if jump is None else datetime.fromtimestamp(float(self.date[jump.first]), UTC)
 
     def row(self) -> JSON:
-        """Row of the table of trends."""
+        """Make the row of the table of trends."""
         jump = self.trend.jump if self.change == "jump" else None
         row = {
-            **{name: getattr(self, name) for name in ("machine", "joint", "parameter", "unit", "mean", "change")},
+            **{name: getattr(self, name) for name in ("machine", "joint", "parameter", "unit", "effects")},
+            **{name: getattr(self, name) for name in ("mean", "change")},
             "recordings": len(self.date),
             "drift_per_week": self.trend.drift,
             "drift_low": self.trend.interval[0],
@@ -106,15 +118,18 @@ class Series:
 def find_series(rows: Iterable[JSON]) -> list[Series]:
     """Collect the parameters of every joint over time, and name those that change.
 
+    A parameter means something else in a model with other effects: each selection of effects makes a series of its
+    own. Biased estimates are left out.
+
     A change is named if its p-value is significant among those of all parameters, at a false discovery rate of at most
-    1 % where the tests are independent (Benjamini and Hochberg). Estimates without a standard
-    error, such as known values, are left out.
+    1 % where the tests are independent (Benjamini and Hochberg). Estimates without a standard error, such as known
+    values, are left out.
     """
-    points: dict[tuple[str, str, str, str], list[tuple[float, float, float]]] = {}
-    for row in sorted(rows, key=lambda row: row["date"]):
+    points: dict[tuple[str, str, str, str, str], list[tuple[float, float, float]]] = {}
+    for row in sorted((row for row in rows if not row.get("biased")), key=lambda row: row["date"]):
         for name, own in row["parameters"].items():
             if own["value"] is not None and own["std"]:
-                key = (row["machine"], row["joint"], name, own["unit"])
+                key = (row["machine"], row["joint"], name, own["unit"], ", ".join(row["selected"]))
                 points.setdefault(key, []).append((row["date"].timestamp(), own["value"], own["std"]))
     series = []
     for key in sorted(points):
@@ -148,7 +163,7 @@ def _write(path: Path, rows: Sequence[JSON], columns: dict[str, pa.DataType]) ->
 
 
 def recordings_table(rows: Sequence[JSON]) -> Table:
-    """Table of recordings for a reader: failed ones first, then those with an effect or something unexplained."""
+    """Make the table of recordings for a reader: failed ones first, then those with an effect or a residual."""
     columns: dict[str, Callable[[JSON], str]] = {
         "recording": lambda row: row["recording"],
         "joint": lambda row: row["joint"],
@@ -177,7 +192,7 @@ def _result(row: JSON) -> str:
 
 
 def changes_table(series: Sequence[Series]) -> Table:
-    """Table of the parameters that change, for a reader."""
+    """Make the table of the parameters that change, for a reader."""
     rows = []
     for own in series:
         jump, low, high = own.trend.jump, *own.trend.interval
