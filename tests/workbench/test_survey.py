@@ -3,10 +3,12 @@
 import argparse
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -14,6 +16,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
+from benchmarks.two_link import TwoLink
 from estimators import diagnose
 from pendulum_env.recording import RecordingError, read_recording, write_recording
 from tests.patience import PATIENCE, wait_until
@@ -24,7 +27,8 @@ from workbench.commands.survey import configure
 from workbench.mistakes import InputError
 from workbench.processes import local_workers
 from workbench.report.survey import render
-from workbench.survey import Settings, find_recordings, find_series, survey
+from workbench.survey import Settings, content_hash, find_recordings, find_series, survey
+from workbench.survey.diagnosis import joint_rows
 from workbench.survey.recordings import TABLES
 from workbench.survey.run import DIED, RESULTS
 
@@ -52,7 +56,11 @@ def read_values(source, settings):
     if text == "deadly":
         os.kill(os.getpid(), signal.SIGKILL)
     parameters = {name: {"value": value, "std": 0.004, "unit": "N m"} for name, value in json.loads(text).items()}
-    return {"start": None, "rows": [{"joint": "", "effects": "", "unexplained": False, "parameters": parameters}]}
+    row = {"joint": "", "effects": "", "selected": [], "unexplained": False, "biased": False, "error_unit": "N m"}
+    errors = dict.fromkeys(
+        ("error_before", "error_after", "noise_floor", "position_rms_before", "position_rms_after"), 0.01
+    )
+    return {"start": None, "rows": [row | errors | {"parameters": parameters}]}
 
 
 class Counted:
@@ -70,7 +78,12 @@ class Counted:
 
 def run(folder, output, task, *options, start=ThreadPoolExecutor, workers=1):
     asked = arguments(folder, *options)
-    return survey(find_recordings(folder, asked), Settings.of(asked), output, start, workers, task=task)
+    found = find_recordings(folder, asked)
+    return survey(found, hashes(found), Settings.of(asked), output, start, workers, task=task)
+
+
+def hashes(found):
+    return [content_hash(own.source.file) for own in found]
 
 
 @pytest.fixture
@@ -112,11 +125,43 @@ def test_an_interrupted_survey_continues_to_the_same_rows(folder, tmp_path):
     assert len(task.done) == 2
 
 
-def test_a_result_that_is_damaged_is_made_again(folder, tmp_path):
-    run(folder, tmp_path / "out", Counted())
-    next((tmp_path / "out" / RESULTS).iterdir()).write_text('{"rows": [')
+@pytest.mark.parametrize(
+    "text",
+    [
+        *('{"rows": [', "[]", "3", "{}", '{"rows": 3}', '{"start": null, "rows": []}', '{"start": null, "rows": [{}]}'),
+        *(None, '"value": "0.9"', '"value": NaN', '"value": []'),
+    ],
+)
+def test_a_result_that_is_damaged_is_made_again(folder, tmp_path, text):
+    rows = run(folder, tmp_path / "out", Counted())
+    file = next((tmp_path / "out" / RESULTS).iterdir())
+    if text is None:
+        file.write_bytes(b"\xff\xfe")
+    elif text.startswith('"value"'):
+        file.write_text(re.sub('"value": [0-9.]+', text, file.read_text(), count=1))
+    else:
+        file.write_text(text)
     task = Counted()
-    assert len(run(folder, tmp_path / "out", task)) == 6 and len(task.done) == 1
+    assert run(folder, tmp_path / "out", task) == rows and len(task.done) == 1
+
+
+def test_recordings_of_one_file_each_have_their_own_result(tmp_path):
+    (tmp_path / "run.csv").write_text("{}")
+    for study, columns in (("a", "q"), ("b", "angle")):
+        (tmp_path / study).mkdir()
+        ranges = "".join(
+            f'[[recording]]\nfile = "../run.csv"\ncolumns = {{position = "{columns}"}}\nrange = {part}\n'
+            for part in ("[0.0, 1000000.1]", "[1000000.1, 1000000.2]", "[1000000.15, 1000000.3]")[: 1 + (study == "b")]
+        )
+        (tmp_path / study / "study.toml").write_text(ranges)
+
+    def task(source, settings):
+        own = f"{source.columns['position']} {source.range}"
+        return read_values(source, settings) | {"rows": [{**read_values(source, settings)["rows"][0], "effects": own}]}
+
+    first = run(tmp_path, tmp_path / "out", task)
+    assert len({row["effects"] for row in first}) == len(first) == 3
+    assert run(tmp_path, tmp_path / "out", Counted(most=0)) == first
 
 
 @pytest.mark.slow
@@ -129,6 +174,26 @@ def test_a_worker_that_is_killed_costs_its_recording_alone(folder, tmp_path):
         for machine in ("arm", "leg")
         for day in ("2026-01-05", "2026-01-12", "2026-01-19")
     }
+
+
+class DyingPool(ThreadPoolExecutor):
+    """Workers of whom one dies after two tasks are submitted, unless it is alone."""
+
+    def __init__(self, workers):
+        super().__init__(workers)
+        self.left = 2 if workers > 1 else 1000
+
+    def submit(self, *task):
+        self.left -= 1
+        if self.left < 0:
+            raise BrokenExecutor
+        return super().submit(*task)
+
+
+def test_a_worker_that_is_killed_while_tasks_are_submitted_costs_nothing(folder, tmp_path):
+    task = Counted()
+    rows = run(folder, tmp_path / "out", task, start=DyingPool, workers=2)
+    assert len(rows) == len(task.done) == 6 and not any("error" in row for row in rows)
 
 
 # ------------------------------------------------------------------------------------------------------ recordings
@@ -167,8 +232,41 @@ def test_a_clock_that_counts_from_1970_gives_the_date(tmp_path, swing):
     np.savetxt(tmp_path / "data" / "run.csv", rows, "%.9f", ",", header="time,position,torque", comments="")
     asked = arguments(tmp_path / "data", "--only", "spring")
     found = find_recordings(tmp_path / "data", asked)
-    (row,) = survey(found, Settings.of(asked), tmp_path / "out", ThreadPoolExecutor, 1)
+    (row,) = survey(found, hashes(found), Settings.of(asked), tmp_path / "out", ThreadPoolExecutor, 1)
     assert row["dated_by"] == "clock" and abs(row["date"] - start) < timedelta(seconds=1)
+
+
+@pytest.mark.parametrize("start", [1e12, 4e9, -1e300])  # milliseconds, a date to come, and no date
+def test_a_clock_without_a_credible_date_leaves_the_date_of_the_name(folder, tmp_path, start):
+    rows = run(folder, tmp_path / "out", lambda *given: read_values(*given) | {"start": start})
+    assert {row["dated_by"] for row in rows} == {"name"} and rows[0]["date"] == BEGAN
+
+
+@pytest.mark.parametrize(
+    ("name", "date"),
+    [
+        ("2026-03-01_2500Hz.csv", datetime(2026, 3, 1, tzinfo=UTC)),
+        ("2026-03-01_2000Hz.csv", datetime(2026, 3, 1, tzinfo=UTC)),
+        ("20260301-4711.csv", datetime(2026, 3, 1, tzinfo=UTC)),
+        ("20260301_140599.csv", datetime(2026, 3, 1, tzinfo=UTC)),
+        ("2026-03-01_2026-03-02.csv", datetime(2026, 3, 1, tzinfo=UTC)),
+        ("2026-03-01_14-05-30-2.csv", datetime(2026, 3, 1, 14, 5, 30, tzinfo=UTC)),
+        ("2026-02-31_2026-03-01T14h05.csv", datetime(2026, 3, 1, 14, 5, tzinfo=UTC)),
+        ("serial_29991231.csv", None),
+    ],
+)
+def test_numbers_beside_a_date_are_no_time_and_dates_to_come_no_dates(tmp_path, name, date):
+    (tmp_path / name).touch()
+    (found,) = find_recordings(tmp_path, arguments(tmp_path))
+    assert (found.dated_by == "name") == (date is not None) and date in (found.date, None)
+
+
+def test_tables_are_skipped_in_the_folder_of_the_output_and_beside_each_other(tmp_path):
+    for name in ("run.csv", "out/survey.csv", "old/run.csv", *(f"old/{table}" for table in TABLES), "new/trends.csv"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    found = find_recordings(tmp_path, arguments(tmp_path), tmp_path / "new" / ".." / "out")
+    assert [own.name for own in found] == ["new/trends.csv", "old/run.csv", "run.csv"]
 
 
 # ----------------------------------------------------------------------------------------------------------- trends
@@ -187,6 +285,40 @@ def test_a_drift_and_a_jump_are_named_with_their_sizes_and_nothing_else(rows):
     assert drift["drift_low"] < 0.01 < drift["drift_high"] and drift["drift_per_week"] == pytest.approx(0.01, rel=0.1)
     assert jump["jump_date"] == BEGAN + timedelta(weeks=8)
     assert abs(jump["jump_size"] - 0.05) < 3 * jump["jump_std"] < 0.01
+
+
+def test_estimates_beside_other_effects_are_another_series(rows):
+    moved = [
+        row | {"selected": ["spring", "stribeck"], "effects": "stribeck, spring"}
+        if row["machine"] == "jumps" and row["date"] >= BEGAN + timedelta(weeks=8)
+        else row
+        for row in rows
+    ]
+    found = {(own.machine, own.parameter, own.effects): own for own in find_series(moved)}
+    assert [key for key, own in found.items() if own.change] == [("drifts", "coulomb", "")]
+    assert [len(found["jumps", "inertia", effects].date) for effects in ("", "spring, stribeck")] == [8, 4]
+    assert found["jumps", "inertia", "spring, stribeck"].row()["effects"] == "spring, stribeck"
+
+
+def test_biased_and_unknown_estimates_are_in_no_trend(rows):
+    biased = [row | {"biased": row["machine"] == "drifts"} for row in rows]
+    unknown = {"inertia": {"value": None, "std": None, "unit": "kg m^2"}}
+    given = [row | {"parameters": row["parameters"] | (unknown if row["machine"] == "jumps" else {})} for row in biased]
+    found = {(own.machine, own.parameter) for own in find_series(given)}
+    assert found == {("jumps", "coulomb"), ("stays", "coulomb"), ("stays", "inertia")}
+
+
+def test_a_row_has_no_value_of_an_unknown_parameter_and_says_what_is_biased(swing):
+    found = diagnose(swing, only=FEW)
+    first, *others = found.model.estimates
+    assert not joint_rows(found)[0]["biased"] and None not in joint_rows(found)[0]["parameters"][first].values()
+    *steps, last = found.steps
+    found = replace(found, steps=(*steps, replace(last, model=last.model.biased().withholding([first]))))
+    (row,) = joint_rows(found)
+    assert row["biased"] and (row["parameters"][first]["value"], row["parameters"][first]["std"]) == (None, None)
+    assert [row["parameters"][name]["value"] for name in others] == [
+        found.model.estimates[name].value for name in others
+    ]
 
 
 def test_the_report_is_one_page_with_the_parameters_that_change(rows):
@@ -250,6 +382,9 @@ def test_a_dask_cluster_gives_the_same_table(recordings, tmp_path, done):
     [
         (["--fix", "inertai=1"], "inertai"),
         (["--model", "none.json"], "none.json"),
+        (["--robot", "{arm}", "--only", "stribeck@elbwo"], "elbwo"),
+        (["--robot", "{arm}", "--only", "spring", "--without", "spring"], "no effect is left"),
+        (["--robot", "{arm}", "--fix", "gravity=2"], "--fix is for pendulums"),
         pytest.param(
             *(["--scheduler", "tcp://127.0.0.1:1"], "there is no Dask cluster at tcp://127.0.0.1:1"),
             marks=pytest.mark.slow,  # Dask tries for ten seconds
@@ -257,6 +392,9 @@ def test_a_dask_cluster_gives_the_same_table(recordings, tmp_path, done):
     ],
 )
 def test_what_would_fail_for_every_recording_is_said_at_once(recordings, tmp_path, capsys, options, why):
+    arm = tmp_path / "arm.urdf"
+    arm.write_text(TwoLink().urdf())
+    options = [option.format(arm=arm) for option in options]
     assert main(["survey", str(recordings), "-o", str(tmp_path / "out"), *options]) == 2
     told = capsys.readouterr()
     assert why in told.err and told.err.count("\n") == 1 and told.out == ""

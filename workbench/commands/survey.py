@@ -5,12 +5,13 @@ import os
 from pathlib import Path
 
 from estimators.arguments import chosen_effects, within_limits
+from pendulum_env.arms.joints import arm_base, body_of
 from pendulum_env.physics import BASE
-from workbench.inputs import check_outputs, read_model, robot_of, write_page, wrote
+from workbench.inputs import check_outputs, read_arm_model, read_model, robot_of, write_page, wrote
 from workbench.mistakes import InputError, Interrupted
 from workbench.options import LIMITS, READING, ROBOT, declare, whole
 from workbench.processes import local_workers
-from workbench.survey.diagnosis import Settings
+from workbench.survey.diagnosis import Settings, content_hash
 from workbench.survey.recordings import TABLES, find_recordings
 from workbench.survey.run import cluster_workers, survey
 from workbench.survey.table import changes_table, find_series, recordings_table, write_tables
@@ -45,8 +46,13 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(f"{output}: is a file: name a folder for the tables")
     check_outputs([arguments.report])
     _check_options(arguments)
-    settings, found = Settings.of(arguments), find_recordings(folder, arguments)
+    settings, found = Settings.of(arguments), find_recordings(folder, arguments, output)
     start = local_workers if arguments.scheduler is None else lambda _: cluster_workers(arguments.scheduler)
+    with terminal.progress("reading files") as progress:
+        hashes = []
+        for k, own in enumerate(found):
+            progress(f"{k} of {len(found)}", k / len(found))
+            hashes.append(content_hash(own.source.file))
     counts = []
     with terminal.progress("diagnosing", timed=True) as progress:
 
@@ -55,7 +61,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             progress(f"{done} of {total}", done / total)
 
         try:
-            rows = survey(found, settings, output, start, arguments.workers, tell)
+            rows = survey(found, hashes, settings, output, start, arguments.workers, tell)
         except KeyboardInterrupt:
             raise Interrupted(f"results are kept in {output}: run again to continue") from None
     known, failed, machines = counts[0], sum("error" in row for row in rows), len({own.machine for own in found})
@@ -85,8 +91,9 @@ def _count(number: int, noun: str) -> str:
 
 def _check_options(arguments: argparse.Namespace) -> None:
     """Refuse, before any work is done, options that would fail for every recording."""
-    if arguments.robot is not None:
-        robot_of(arguments).body()
-    else:
+    if arguments.robot is None:
         base = read_model(arguments.model).terms if arguments.model else BASE
-        within_limits(base, chosen_effects(None, arguments.only, arguments.without), arguments.fixed, arguments.bounds)
+    else:
+        base = read_arm_model(arguments).terms if arguments.model else arm_base(robot_of(arguments).body())
+    effects = chosen_effects(None, arguments.only, arguments.without, body_of(base))
+    within_limits(base, effects, arguments.fixed, arguments.bounds)

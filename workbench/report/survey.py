@@ -12,12 +12,12 @@ COLORS = ("--final", "--base", "--scheme-1", "--scheme-2", "--scheme-3", "--low"
 
 
 def render(rows: Sequence[JSON], series: Sequence[Series]) -> str:
-    """HTML of a survey as one self-contained page."""
+    """Render a survey as one self-contained HTML page."""
     return assemble([section(rows, series)], f"survey of {len({row['recording'] for row in rows})} recordings")
 
 
 def section(rows: Sequence[JSON], series: Sequence[Series]) -> Section:
-    """Tables of recordings and of changes, and a plot."""
+    """Make the section with tables of recordings and of changes, and a plot."""
     changing = sorted((own for own in series if own.change), key=lambda own: own.trend.p_value)
     shown = (changing or series)[: len(COLORS)]
     content = {
@@ -33,7 +33,7 @@ def section(rows: Sequence[JSON], series: Sequence[Series]) -> Section:
 
 
 def over_time(series: Sequence[Series]) -> Figure:
-    """Parameters over time, each relative to its mean."""
+    """Plot parameters over time, each relative to its mean."""
     data = []
     for own, color in zip(series, COLORS, strict=False):
         share = 100 / (abs(own.mean) or 1.0)

@@ -4,21 +4,20 @@ A result is kept in a file under a hash of the recording's content and of the se
 diagnosing the recording again, wherever the recording lies by then. What failed is not kept, and is tried again.
 """
 
-import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from pendulum_env._typing import JSON
-from pendulum_env.files import write_whole
 from pendulum_env.recording import Source
 from workbench.mistakes import InputError
-from workbench.survey.diagnosis import Settings, content_hash, describe_error, diagnose_source
+from workbench.survey.diagnosis import Settings, describe_error, diagnose_source
 from workbench.survey.recordings import SurveyedRecording
+from workbench.survey.result import read_result, write_result
 from workbench.survey.table import label_rows
 
 RESULTS = "recordings"  # folder of the results
@@ -30,6 +29,7 @@ Start = Callable[[int], AbstractContextManager[Executor]]  # starts that many wo
 
 def survey(
     found: Sequence[SurveyedRecording],
+    hashes: Sequence[str | None],
     settings: Settings,
     output: Path,
     start: Start,
@@ -41,6 +41,7 @@ def survey(
 
     Args:
         found: the recordings.
+        hashes: of their contents, see `content_hash`.
         settings: of the diagnoses.
         output: folder of the results; those that are there stay, however this ends.
         start: starts the workers: `local_workers`, or a function that returns `cluster_workers`.
@@ -56,38 +57,30 @@ def survey(
         InputError: if the cluster is lost.
     """
     (output / RESULTS).mkdir(parents=True, exist_ok=True)
-    hashes = {own.name: content_hash(own.source.file) for own in found}
-    keys = {own.name: settings.key(own.source, hashes[own.name]) for own in found}
-    files = {name: output / RESULTS / f"{key}.json" for name, key in keys.items()}
-    results = {name: kept for name, file in files.items() if (kept := _read(file)) is not None}
+    keys = [settings.key(own.source, content) for own, content in zip(found, hashes, strict=True)]
+    files = [output / RESULTS / f"{key}.json" for key in keys]
+    # by index in `found`: several recordings may have the same name, or be of the same file
+    results = {k: kept for k, file in enumerate(files) if (kept := read_result(file)) is not None}
     tell(len(results), len(found))
 
-    def keep(own: SurveyedRecording, result: JSON) -> None:
-        if "error" not in result and hashes[own.name] is not None:
-            write_whole(files[own.name], json.dumps(result))
-        results[own.name] = result
+    def keep(k: int, result: JSON) -> None:
+        if "error" not in result and hashes[k] is not None:
+            write_result(files[k], result)
+        results[k] = result
         tell(len(results), len(found))
 
-    _diagnose_all([own for own in found if own.name not in results], settings, start, workers, task, keep)
-    return [row for own in found for row in label_rows(own, results[own.name], hashes[own.name])]
-
-
-def _read(file: Path) -> JSON | None:
-    """Result in a file; None if there is none, or it is damaged."""
-    try:
-        result: JSON = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return result
+    todo = {k: own.source for k, own in enumerate(found) if k not in results}
+    _diagnose_all(todo, settings, start, workers, task, keep)
+    return [row for k, own in enumerate(found) for row in label_rows(own, results[k], hashes[k])]
 
 
 def _diagnose_all(
-    todo: Sequence[SurveyedRecording],
+    todo: Mapping[int, Source],
     settings: Settings,
     start: Start,
     workers: int,
     task: Task,
-    keep: Callable[[SurveyedRecording, JSON], None],
+    keep: Callable[[int, JSON], None],
 ) -> None:
     """Diagnose recordings, and keep each result as it comes.
 
@@ -98,9 +91,12 @@ def _diagnose_all(
     while todo:
         done = set()
         with start(count) as executor:
-            futures = {executor.submit(task, own.source, settings): own for own in todo}
+            futures = {}
+            with suppress(BrokenExecutor):  # a worker was killed while tasks are submitted
+                for k, source in todo.items():
+                    futures[executor.submit(task, source, settings)] = k
             for future in as_completed(futures):
-                own = futures[future]
+                k = futures[future]
                 try:
                     result = future.result()
                 except BrokenExecutor:
@@ -108,22 +104,24 @@ def _diagnose_all(
                 except CancelledError:
                     raise InputError("the Dask cluster is lost: results are kept, run again to continue") from None
                 except Exception as error:  # Dask says in its own way that a worker was killed
-                    result = {"error": describe_error(error, own.source)}
-                keep(own, result)
-                done.add(own.name)
-        todo = [own for own in todo if own.name not in done]
+                    result = {"error": describe_error(error, todo[k])}
+                keep(k, result)
+                done.add(k)
+        todo = {k: source for k, source in todo.items() if k not in done}
         if todo and count == 1:
-            keep(todo[0], {"error": DIED})
-            todo, count = todo[1:], workers
+            killer, *others = todo
+            keep(killer, {"error": DIED})
+            todo, count = {k: todo[k] for k in others}, workers
         else:
             count = 1
 
 
 @contextmanager
 def cluster_workers(address: str) -> Iterator[Executor]:
-    """Workers of the Dask cluster whose scheduler is at an address; they see files under the same paths.
+    """Use the workers of the Dask cluster whose scheduler is at an address; they see files under the same paths.
 
-    Raises InputError if Dask is not installed, or there is no such cluster.
+    Raises:
+        InputError: if Dask is not installed, or there is no such cluster.
     """
     if find_spec("distributed") is None:
         raise InputError("--scheduler needs Dask, of the extra fleet: pip install 'pendulum-ident[fleet]'")
