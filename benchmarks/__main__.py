@@ -14,7 +14,7 @@ SHORT = (  # about two minutes on two cores
 )
 COMMANDS = (
     "environments", "joint_state", "online_diagnosis", "diagnosis_time", "hidden_effects", "known_truth",
-    "cramer_rao", "ambiguity", "rig", "rig_faults",
+    "cramer_rao", "ambiguity", "arm_excitation", "mujoco_plant", "multisine", "rig", "rig_faults",
     "servos", "six_joint", "survey", "sysid", "timing",
 )  # fmt: skip
 

@@ -69,7 +69,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     if unknown:
         used = commands.choices.get(named or "", program)
         wrong = next((word for word in unknown if word.startswith("-")), "").partition("=")[0]
-        near = difflib.get_close_matches(wrong, used._option_string_actions, n=1)
+        near = difflib.get_close_matches(wrong, used._option_string_actions, n=1, cutoff=0.75)
         used.error(f"unrecognized arguments: {' '.join(unknown)}{f': did you mean {near[0]}?' if near else ''}")
     _refuse_other_kind(arguments)
     return arguments
