@@ -1,9 +1,9 @@
-"""The running model with forgetting: what predicts better than the running model once its parameters have changed.
+"""The running model with forgetting, which predicts better than the running model once parameters have changed.
 
 Recursions with exponential forgetting, of the parameters and of the scale of their errors, start from the running
 model's fit. They predict by the mixture of several memories and the running model itself, weighted by their past
-likelihoods. The running model in the mixture bounds what
-forgetting loses while nothing changes. No weight falls below a share of the largest, so that a memory recovers at once.
+likelihoods. The running model in the mixture bounds the loss while nothing changes. No weight falls below a share of
+the largest, so a memory recovers at once.
 
 Source: Herbster and Warmuth, Machine Learning 32, 1998 (mixtures that share); Ljung, System Identification, 2nd
 edition, section 11.2 (forgetting).
@@ -15,13 +15,21 @@ import numpy as np
 
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.regression.balance import LEAST_SLOPE
-from estimators.selection.score import NU
+from estimators.selection.score import log_student, weighted_squares
 from pendulum_env._typing import Array
 
 LEAST_WEIGHT = -4.0  # log, relative to the largest
 
 
-class Forgetting:
+def cap_density(density: Array, slope: Array, reference: Array | float) -> Array:
+    """Cap log densities at that of a reference where a law passes almost none of the torque.
+
+    Errors divided by a small slope of the left-hand side by the torque are small for that reason alone.
+    """
+    return np.where(slope < LEAST_SLOPE, np.minimum(density, reference), density)
+
+
+class ForgettingMixture:
     """Recursions with forgetting, one per memory."""
 
     def __init__(self, theta: Array, root: Array, square: float, memories: Sequence[float]) -> None:
@@ -60,13 +68,12 @@ class Forgetting:
         for model in self._models:
             model.take(phi[None, None], np.full((1, 1), y), np.ones((1, 1), dtype=bool))
         unsure = np.array([model.variance[0, 0] / model.forgetting for model in self._models])
-        error = (y - theta @ phi) / np.maximum(passed - theta @ slope, LEAST_SLOPE)
-        relative = error**2 / unsure
-        scaled = NU * self._square
-        each = -0.5 * np.log(self._square * unsure) - (NU + 1) / 2 * np.log1p(relative / scaled)
-        self._square += ((NU + 1) / (NU + relative / self._square) * relative - self._square) / self._memories
+        after = passed - theta @ slope
+        squares = ((y - theta @ phi) / np.maximum(after, LEAST_SLOPE)) ** 2
+        each = cap_density(log_student(squares, self._square * unsure), after, density)
+        self._square += (weighted_squares(squares / unsure, self._square) - self._square) / self._memories
         self._square = np.maximum(self._square, 1e-12)
-        after = self._weight + np.concatenate([[density], each])
-        mixed = float(np.logaddexp.reduce(after) - np.logaddexp.reduce(self._weight))
-        self._weight = np.maximum(after - after.max(), LEAST_WEIGHT)
+        weight = self._weight + np.concatenate([[density], each])
+        mixed = float(np.logaddexp.reduce(weight) - np.logaddexp.reduce(self._weight))
+        self._weight = np.maximum(weight - weight.max(), LEAST_WEIGHT)
         return mixed

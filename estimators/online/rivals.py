@@ -27,12 +27,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.online.binning import MARGIN, Bin
-from estimators.online.forgetting import Forgetting
+from estimators.online.forgetting import ForgettingMixture, cap_density
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.regression.balance import LEAST_SLOPE
 from estimators.regression.least_squares import RIDGE
 from estimators.regression.recursive import PRIOR
-from estimators.selection.score import NU
+from estimators.selection.score import log_student, weighted_squares
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Column, Samples, Term
 from pendulum_env.physics.term import one, zero
@@ -234,7 +234,8 @@ class Rivals:
         self._forgetting = None
         if memories:
             root = self._running.root[0, 0]
-            self._forgetting = Forgetting(self.theta_of()[0, : len(root)], root, float(self.square[0]), memories)
+            theta = self.theta_of()[0, : len(root)]
+            self._forgetting = ForgettingMixture(theta, root, float(self.square[0]), memories)
 
     def _own(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
         """What a family's models add to equations of the running model over bins, padded to K columns."""
@@ -273,7 +274,7 @@ class Rivals:
             squares = missed**2  # (R, V)
             square = np.maximum(squares.mean(axis=0), 1e-12)
             for _ in range(ONLINE.turns):
-                square = np.maximum(((NU + 1) * squares / (NU + squares / square)).mean(axis=0), 1e-12)
+                square = np.maximum(weighted_squares(squares, square).mean(axis=0), 1e-12)
             self.square[models] = square * len(phi) / max(1, len(phi) - len(weak) - width)
         self._count, self._running = len(phi), SquareRootLeastSquares((1, 1), len(weak))
         self._running.root = root[None, None]
@@ -322,16 +323,14 @@ class Rivals:
         missed, after = _missed(theta, slope, own_slope, passed, error, left)
         # the error is predicted to scatter by scale^2 times this
         unsure = spread + np.einsum("vk,vk->v", left, np.linalg.solve(self.information, left[..., None])[..., 0])
-        relative = missed**2 / unsure
-        density = -0.5 * np.log(self.square * unsure) - (NU + 1) / 2 * np.log1p(relative / (NU * self.square))
-        # a law that passes next to nothing of the torque has small errors for that reason alone
-        density = np.where(after < LEAST_SLOPE, np.minimum(density, density[0]), density)
+        density = log_student(missed**2, self.square * unsure)
+        density = cap_density(density, after, density[0])
         densities = self._mixed(density, self.possible(theta))
         self._count += 1
         if self._forgetting is not None:
             forgetting = self._forgetting.take(phi, slope, float(passed[0]), float(y[0]), float(density[0]))
             densities = np.append(densities, forgetting)
-        step = (NU + 1) / (NU + relative / self.square) * relative - self.square
+        step = weighted_squares(missed**2 / unsure, self.square) - self.square
         self.square = np.maximum(self.square + step / min(self._count, ONLINE.memory), 1e-12)
         running.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
         self.of_y += error[:, None] * (gain / spread)

@@ -53,6 +53,16 @@ class Blocks:
         return np.asarray(self.piece % FOLDS)
 
 
+def log_student(squares: Array, scale: Array | float) -> Array:
+    """Return log densities of Student's t at squared errors, for a squared scale, without the constant [nat]."""
+    return np.asarray(-0.5 * np.log(scale) - (NU + 1) / 2 * np.log1p(squares / (NU * scale)))
+
+
+def weighted_squares(squares: Array, scale: Array | float) -> Array:
+    """Return squared errors with the weights of Student's t; their mean is the next squared scale."""
+    return np.asarray((NU + 1) * squares / (NU + squares / scale))
+
+
 def cross_validated(balance: Balance, where: Blocks, hidden: Hidden = (), theta: Array | None = None) -> Array:
     """Log density of each block (S,), predicted by the fit to the others [nat].
 
