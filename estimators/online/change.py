@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import ndtr, stdtrit
 
 from estimators.regression.recursive import PRIOR
-from estimators.selection.score import NU
+from estimators.selection.score import log_student
 from pendulum_env._typing import Array, Index
 
 
@@ -20,7 +21,7 @@ class ChangeSettings:
     judged: float = 1.0  # [s] of motion that models fitted since a change predict before they are judged
     sure: float = 2.0  # [s] of motion since a change, from which changed parameters are reported
     compare: float = 5.0  # [s] of motion, from which parameters are compared with given ones
-    significant: float = 4.0  # standard errors, from which a change of a parameter is reported
+    significant: float = 4.0  # standard errors from which a change is reported, if many blocks tell them
     share: float = 0.5  # of the threshold of an alarm, evidence of an effect after a change
     splits: int = 24  # trial moments of a change
 
@@ -35,23 +36,30 @@ class Fit:
     Attributes:
         theta: values (P,).
         covariance: of their errors (P, P).
+        freedom: degrees of freedom of the covariance.
     """
 
     theta: Array
     covariance: Array
+    freedom: float = np.inf
 
 
 def fit(phi: Array, y: Array, block: int) -> Fit:
-    """Fit rows y = phi' theta, phi (R, P), whose errors are correlated within blocks of so many rows."""
+    """Fit rows y = phi' theta, phi (R, P), whose errors are correlated within blocks of so many rows.
+
+    Blocks no more than parameters do not tell the covariance: it is infinite.
+    """
     theta, bread = _least_squares(phi, y)
     error = y - phi @ theta
     scores = np.add.reduceat(phi * error[:, None], np.arange(0, len(error), block))
     blocks, count = len(scores), len(theta)
-    robust = bread @ (scores.T @ scores) @ bread * (blocks / max(blocks - count, 1))
+    if blocks <= count:
+        return Fit(theta, np.full((count, count), np.inf), 0.0)
+    robust = bread @ (scores.T @ scores) @ bread * (blocks / (blocks - count))
     white = bread * float(np.mean(error**2))
     # a direction that is not excited has a small score, too: no variance is less than that of white errors
     scale = np.sqrt(np.maximum(np.diag(white) / np.maximum(np.diag(robust), 1e-300), 1.0))
-    return Fit(theta, robust * np.outer(scale, scale))
+    return Fit(theta, robust * np.outer(scale, scale), float(blocks - count))
 
 
 @dataclass
@@ -70,20 +78,22 @@ class ParameterChange:
     before: Fit
     fewest: int
     since: float | None
-    changed: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    _rows: int = 0
+    changed: Mapping[str, tuple[float, float]] = field(default_factory=dict, init=False)
+    _rows: int = field(default=0, init=False)
 
     def is_due(self, rows: int) -> bool:
-        """Whether so many rows tell more than those that were compared."""
+        """Return whether a number of rows exceeds that of the last comparison."""
         return rows >= max(self.fewest, self._rows + 1)
 
     def compare(self, phi: Array, y: Array, block: int) -> None:
-        """Compare with the parameters of rows since the change; the other arguments are those of `fit`."""
+        """Compare the former parameters with those of rows since the change; the arguments are those of `fit`."""
         self._rows, after = len(y), fit(phi, y, block)
         delta = after.theta - self.before.theta
         std = np.sqrt(np.maximum(np.diag(self.before.covariance + after.covariance), 1e-300))
         order = np.argsort(-np.abs(delta) / std)
-        significant = [j for j in order if abs(delta[j]) > CHANGE.significant * std[j]]
+        # Student's t, as few blocks tell a standard error roughly
+        limit = -stdtrit(max(1.0, min(self.before.freedom, after.freedom)), ndtr(-CHANGE.significant))
+        significant = [j for j in order if abs(delta[j]) > limit * std[j]]
         self.changed = {self.names[j]: (float(delta[j]), float(std[j])) for j in significant}
 
 
@@ -94,14 +104,14 @@ def find_change(phi: Array, y: Array, first: int, last: int) -> int:
     """
     theta, _ = _least_squares(phi[:first], y[:first])
     error = y - phi @ theta
-    before = np.concatenate([[0.0], np.cumsum(_density(error, error[:first]))])
+    before = np.concatenate([[0.0], np.cumsum(_log_densities(error, error[:first]))])
 
     def best(splits: Index) -> int:
         gains = []
         for k in splits:
             later, _ = _least_squares(phi[k:], y[k:])
             error = y[k:] - phi[k:] @ later
-            gains.append(before[k] + _density(error, error).sum())
+            gains.append(before[k] + _log_densities(error, error).sum())
         return int(splits[int(np.argmax(gains))])
 
     k = best(np.unique(np.linspace(first, last, CHANGE.splits).astype(np.intp)))
@@ -115,7 +125,6 @@ def _least_squares(phi: Array, y: Array) -> tuple[Array, Array]:
     return bread @ (phi.T @ y), bread
 
 
-def _density(error: Array, known: Array) -> Array:
-    """Log density of Student's t with the scale of known errors, except for its constant."""
-    square = max(float(np.mean(known**2)), 1e-12)
-    return np.asarray(-0.5 * np.log(square) - (NU + 1) / 2 * np.log1p(error**2 / (NU * square)))
+def _log_densities(error: Array, known: Array) -> Array:
+    """Return log densities of errors under Student's t with the scale of known errors."""
+    return log_student(error**2, max(float(np.mean(known**2)), 1e-12))
