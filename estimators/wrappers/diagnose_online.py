@@ -14,7 +14,6 @@ from estimators.online.change import Fit
 from estimators.online.diagnosis import Diagnoser, hindrance
 from estimators.wrappers.measuring import Measuring, MeasuringVector
 from estimators.wrappers.options import AnyEnv, Plant
-from pendulum_env.arms.body import Body
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Model, Term
 
@@ -26,7 +25,7 @@ class DiagnoseOnline(Measuring):
     every effect gains in predicting (`ranking`), and the effect that is missing, with those that may as well be in its
     place (`group`). Parameters that change while it runs are reported with their change and standard error (`changed`)
     and the time (`since`); the running model takes the new values. `add(effect)` takes an effect into the running
-    model, `undo()` takes the last one out; both begin the comparison anew, and so does a reset, which also takes out
+    model, `undo()` takes the last one out. Both begin the comparison anew, and so does a reset, which also takes out
     all that was added.
 
     Examples:
@@ -66,13 +65,14 @@ class DiagnoseOnline(Measuring):
             add_from: probability from which an effect that is surely missing is added by itself; None adds none.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
             model: an identified model, or its file, in the place of `terms`. Parameters of the plant that differ
-                significantly from its parameters are reported as changed after five seconds of motion.
+                significantly from its parameters are reported as changed after five seconds of motion. `add`, `undo`
+                and an accepted change end this comparison until the next reset.
             robot: file of an arm's links, URDF or MJCF; None asks the environment.
 
         Raises:
             ValueError: if a name is unknown, a number out of its range, a term of the model depends on the past, no
-                candidate can be followed, both model and terms are given, or a file holds no model; when running, if
-                samples do not come at the rate.
+                candidate can be followed, both model and terms are given, the model is per another unit of torque, or
+                a file holds no model; when running, if samples do not come at the rate.
         """
         if add_from is not None and not 0.5 <= add_from < 1:
             raise ValueError(f"add_from ({add_from:g}) is a probability: give 0.5 or more, below 1")
@@ -86,6 +86,8 @@ class DiagnoseOnline(Measuring):
     def add(self, effect: str) -> Term:
         """Take an effect into the running model, with the shape that predicted best so far, and return it.
 
+        The comparison with the parameters of `model` ends.
+
         Raises:
             ValueError: if it is unknown, not run, in the model already, or not yet tried.
         """
@@ -93,6 +95,8 @@ class DiagnoseOnline(Measuring):
 
     def undo(self) -> None:
         """Take the effect that was added last out of the running model.
+
+        The comparison with the parameters of `model` ends.
 
         Raises:
             ValueError: if none was added.
@@ -139,7 +143,7 @@ def diagnoser_of(
 
     Raises:
         ValueError: if a name is unknown, none of the candidates can be followed online, both model and terms are given,
-            or the model is that of another plant.
+            or the model is that of another plant or per another unit of torque.
     """
     if model is not None and terms is not None:
         raise ValueError("a model has its terms: give either model or terms")
@@ -147,7 +151,7 @@ def diagnoser_of(
     if model is None:
         chosen, given = plant.terms(terms), None
     else:
-        chosen, given = given_by(model, plant.body)
+        chosen, given = load_given(model, plant)
     library = plant.effects([candidates] if isinstance(candidates, str) else candidates)
     if library is not None and all(map(hindrance, library.values())):
         why = ", ".join(f"{id} {hindrance(one)}" for id, one in library.items())
@@ -156,16 +160,23 @@ def diagnoser_of(
     return Diagnoser(plant.rate, chosen, batch=plant.batch, **known, **options)
 
 
-def given_by(model: Model | str | Path, body: Body | None) -> tuple[tuple[Term, ...], Fit]:
-    """Terms and estimates of a model, or of its file, of a pendulum or of an arm with some links.
+def load_given(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term, ...], Fit]:
+    """Return terms and estimates of a model, or of its file; the errors of unknown estimates are infinite.
 
     Raises:
-        ValueError: if the model is that of another kind of plant, or a file holds no model.
+        ValueError: if the model is that of another kind of plant or per another unit, or a file holds no model.
     """
+    body = plant.body
     if isinstance(model, str | Path):
         model = Model.load(model) if body is None else ArmModel.load(model, body)
     if isinstance(model, ArmModel) != (body is not None):
         ours, other = ("an arm", "a pendulum") if body is None else ("a pendulum", "an arm")
         raise ValueError(f"the model is of {ours}, and what is diagnosed is {other}: give the model of one")
-    std = [model.estimates[column.name].std for term in model.terms for column in term.columns]
+    if model.torque_unit != plant.torque_unit:
+        raise ValueError(
+            f"the model is per {model.torque_unit}, but the environment measures torque in {plant.torque_unit}: "
+            f"give a model that was identified from recordings in {plant.torque_unit}"
+        )
+    estimates = [model.estimates[column.name] for term in model.terms for column in term.columns]
+    std = [np.inf if estimate.is_unknown else estimate.std for estimate in estimates]
     return model.terms, Fit(model.theta, np.diag(np.square(std)))

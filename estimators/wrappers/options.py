@@ -24,6 +24,7 @@ from pendulum_env.lookup import find
 from pendulum_env.physics import Term
 from pendulum_env.physics.library import effect
 from pendulum_env.recording import Recording
+from pendulum_env.recording.record import NEWTON_METRE
 
 Names = str | Sequence[str | Scheme | JointState]
 AnyEnv = gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]
@@ -119,12 +120,14 @@ class Plant:
         smoothing: of the measurement.
         batch: of how many environments there are.
         body: links of an arm; None of a pendulum.
+        torque_unit: unit of the measured torque, that of the recording which the environment plays or N m.
     """
 
     rate: float
     smoothing: Smoothing
     batch: int
     body: Body | None
+    torque_unit: str
 
     @classmethod
     def of(cls, env: AnyEnv, rate: float | None = None, robot: str | None = None) -> Plant:
@@ -138,7 +141,9 @@ class Plant:
             if not isinstance(env, gym.Env):
                 raise ValueError("arms are followed one by one: wrap each environment of the vector")
             body = body_in(env, robot)
-        return cls(rate, smoothing_of(env, rate), getattr(env, "num_envs", 1), body)
+        recording = _attribute(env, "recording")
+        unit = recording.torque_unit if isinstance(recording, Recording) else NEWTON_METRE
+        return cls(rate, smoothing_of(env, rate), getattr(env, "num_envs", 1), body, unit)
 
     def terms(self, terms: Sequence[str | Term] | None) -> tuple[Term, ...]:
         """Model of a pendulum, or of an arm: its links and terms at joints, viscous and Coulomb friction by default.
