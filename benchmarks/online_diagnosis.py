@@ -4,7 +4,7 @@
 
 Random plants of the independent simulator, at four sensors and under four excitations. At 10 s an effect sets in, whose
 torque is a tenth of the RMS torque, or a parameter changes by 20 %; the simulation goes on from the same state under
-the same torque. Or an effect is hidden from the start. Alarms in plants that do not change are counted in hours of
+the same torque. Or two parameters change, 5 s apart. Alarms in plants that do not change are counted in hours of
 motion. Recordings of machines are played back again and again.
 """
 
@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.excitation import OPEN_LOOP
-from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, effect_share, random_case, simulate
+from benchmarks.independent_plant import Experiment, Plant, effect_share, random_case, simulate
 from benchmarks.parallel import each
 from benchmarks.two_link import Multisine, TwoLink
 from estimators.online import Diagnoser, OnlineDiagnosis
@@ -34,6 +34,7 @@ from pendulum_env.recording import read_recording
 from workbench.terminal import Terminal
 
 CHANGE, AFTER = 10.0, 10.0  # [s]
+APART = 5.0  # [s], between two changes
 WITHIN = 5.0  # [s], in which an alarm is to come
 SHARE, FACTOR = 0.1, 0.2  # of the RMS torque, that an effect has; of a parameter, by which it changes
 SENSORS = ((1000.0, 1_024_000), (500.0, 65_536), (200.0, 65_536), (1000.0, 8192))  # rate [Hz], counts
@@ -59,6 +60,13 @@ HEADERS = (
     "right at 20 s",
     "reported at 20 s",
 )
+HEADERS_OF_TWO = (
+    "changes at 10 s and 15 s",
+    "an effect reported",
+    "second reported within 5 s",
+    "second right at 25 s",
+    "reported at 25 s",
+)
 ARMS = {
     "viscous@elbow": TwoLink(viscous=(0.3638, 1.2 * 0.3638)),
     "coulomb@shoulder": TwoLink(coulomb=(1.2 * 0.9163, 0.9163)),
@@ -70,8 +78,8 @@ Joined = tuple[np.ndarray, np.ndarray, np.ndarray]  # time, position, torque ove
 Verdicts = list[tuple[float, OnlineDiagnosis]]  # since a time [s]
 
 
-def scaled(plant: Plant, experiment: Experiment, effect: str) -> Plant:
-    """The plant with a size of the effect that has a tenth of the RMS torque."""
+def scale_effect(plant: Plant, experiment: Experiment, effect: str) -> Plant:
+    """Return the plant with an effect of a tenth of the RMS torque."""
     for _ in range(3):
         (run,) = simulate([(plant, replace(experiment, rate=200.0))])
         factor = SHARE / max(effect_share(run).with_true_parameters, 1e-3)
@@ -80,58 +88,70 @@ def scaled(plant: Plant, experiment: Experiment, effect: str) -> Plant:
     return plant
 
 
-def drawn(rng: np.random.Generator, what: str, k: int, seconds: float) -> tuple[Plant, Plant, Experiment]:
-    """A plant without and with an effect or a changed parameter, and an experiment on it; the k-th of a series."""
+def draw_plants(rng: np.random.Generator, what: str, k: int, seconds: float) -> tuple[Plant, Plant, Experiment]:
+    """Draw a plant without and with an effect or a changed parameter, and an experiment on it; the k-th of a series."""
     rate, counts = SENSORS[k // len(EXCITATIONS) % len(SENSORS)]
     hidden = (what,) if what in SIZES else ()
     case = random_case(rng, hidden, seconds=seconds, torque_noise=0.05, rate=rate, counts=counts)
     experiment = replace(case.train, excitation=EXCITATIONS[k % len(EXCITATIONS)], scale=1.0)
     before = after = replace(case.plant, effects={})
     if hidden:
-        after = scaled(case.plant, experiment, what)
+        after = scale_effect(case.plant, experiment, what)
     elif what:
-        after = replace(before, **{what: getattr(before, what) * (1.0 + rng.choice([-1, 1]) * FACTOR)})
+        after = change_parameter(rng, before, what)
     return before, after, experiment
 
 
-def changing(cases: Sequence[tuple[Plant, Plant, Experiment]], change: float = CHANGE) -> list[Joined]:
-    """Runs whose plant changes at a time [s]: the second part starts from where the first one ended."""
-    commands, first = [], round(change * cases[0][2].rate)
-    for _, _, experiment in cases:
-        t = np.arange(first + experiment.samples) / experiment.rate
-        rng = np.random.default_rng([experiment.seed, 0])
-        commands.append(OPEN_LOOP[experiment.excitation](rng, t, experiment.scale))
-    halves = [(plant, replace(e, seconds=change + 1 / e.rate)) for plant, _, e in cases]
-    before = simulate(halves, [command[: first + 1] for command in commands])
-    ends = [(float(run.exact_position[-1]), float(run.velocity[-1])) for run in before]
-    rest = [(plant, replace(e, start=end, seed=e.seed + 1)) for (_, plant, e), end in zip(cases, ends, strict=True)]
-    after = simulate(rest, [command[first:] for command in commands])
-    return [_joined(one, other, first) for one, other in zip(before, after, strict=True)]
+def change_parameter(rng: np.random.Generator, plant: Plant, name: str) -> Plant:
+    """Return a plant with a parameter that is larger or smaller."""
+    return replace(plant, **{name: getattr(plant, name) * (1.0 + rng.choice([-1, 1]) * FACTOR)})
 
 
-def _joined(one: SimulatedRecording, other: SimulatedRecording, first: int) -> Joined:
-    position, torque = (np.r_[getattr(one, name)[:first], getattr(other, name)] for name in ("position", "torque"))
-    return np.arange(len(position)) / one.experiment.rate, position, np.r_[0.0, torque[:-1]]
+def simulate_changes(plants: Mapping[float, Plant], experiment: Experiment) -> Joined:
+    """Simulate a plant that becomes another one at given times [s]; each part starts where the last one ended.
+
+    Args:
+        plants: by the time from which on they act, the first one at 0.
+        experiment: on the last plant; excitation and sensor are those of the whole run.
+    """
+    starts = [round(time * experiment.rate) for time in plants]
+    t = np.arange(starts[-1] + experiment.samples) / experiment.rate
+    command = OPEN_LOOP[experiment.excitation](np.random.default_rng([experiment.seed, 0]), t, experiment.scale)
+    position, torque, part = [], [], experiment
+    for k, (plant, first, end) in enumerate(zip(plants.values(), starts, [*starts[1:], None], strict=True)):
+        samples = experiment.samples if end is None else end - first + 1  # the next part starts at the last one
+        part = replace(part, seconds=samples / experiment.rate, seed=experiment.seed + k)
+        (run,) = simulate([(plant, part)], [command[first : first + samples]])
+        part = replace(part, start=(float(run.exact_position[-1]), float(run.velocity[-1])))
+        kept = slice(None if end is None else -1)
+        position.append(run.position[kept])
+        torque.append(run.torque[kept])
+    return t, np.concatenate(position), np.r_[0.0, np.concatenate(torque)[:-1]]
 
 
-def diagnosed(run: Joined, diagnoser: Diagnoser) -> Verdicts:
-    """What is said of a run, and since when."""
-    told = Verdicts()
+def diagnose_run(run: Joined, diagnoser: Diagnoser) -> Verdicts:
+    """Diagnose a run, and return each verdict with its time."""
+    verdicts = Verdicts()
     for sample in zip(*run, strict=True):
-        (said,) = diagnoser.take(*(np.array([value]) for value in sample))
-        if not told or said is not told[-1][1]:
-            told.append((float(sample[0]), said))
-    return told
+        (verdict,) = diagnoser.take(*(np.array([value]) for value in sample))
+        if not verdicts or verdict is not verdicts[-1][1]:
+            verdicts.append((float(sample[0]), verdict))
+    return verdicts
 
 
 def diagnoser_of(experiment: Experiment) -> Diagnoser:
-    """A diagnoser that knows nothing of a pendulum but its four terms."""
+    """Return a diagnoser of a pendulum with its four terms."""
     return Diagnoser(experiment.rate, smoothing=Smoothing.of_encoder(experiment.counts or 0, experiment.rate))
 
 
-def names(said: OnlineDiagnosis) -> tuple[str, ...]:
-    """Effects or parameters that are reported."""
-    return said.group if said.kind == "missing" else tuple(said.changed)
+def names(verdict: OnlineDiagnosis) -> tuple[str, ...]:
+    """Return the effects or parameters that are reported."""
+    return verdict.group if verdict.kind == "missing" else tuple(verdict.changed)
+
+
+def describe(verdict: OnlineDiagnosis) -> str:
+    """Return kind and names of a verdict in words."""
+    return f"{verdict.kind} {' or '.join(verdict.group) or ', '.join(sorted(verdict.changed))}".strip()
 
 
 @dataclass(frozen=True)
@@ -154,32 +174,32 @@ class Outcome:
 
 
 def outcome(case: tuple[str, int, int]) -> Outcome:
-    """Diagnose a plant of which something changes; takes what, the number in its series, and a seed."""
+    """Diagnose a plant that changes; the case is the change, the number in its series, and a seed."""
     what, k, seed = case
-    before, after, experiment = drawn(np.random.default_rng([seed, k, *what.encode()]), what, k, AFTER)
-    (run,) = changing([(before, after, experiment)])
-    return judged(what, diagnosed(run, diagnoser_of(experiment)))
+    before, after, experiment = draw_plants(np.random.default_rng([seed, k, *what.encode()]), what, k, AFTER)
+    run = simulate_changes({0.0: before, CHANGE: after}, experiment)
+    return score_verdicts(what, diagnose_run(run, diagnoser_of(experiment)))
 
 
-def judged(what: str, told: Verdicts, change: float = CHANGE) -> Outcome:
-    """Compare what was reported with what changed at a time [s]; of several parameters the first has to be right."""
+def score_verdicts(what: str, verdicts: Verdicts) -> Outcome:
+    """Compare what was reported with what changed at 10 s; of several parameters the first has to be right."""
     kind = "missing" if what.partition("@")[0] in SIZES else "changed"
 
-    def is_right(said: OnlineDiagnosis) -> bool:
-        return said.kind == kind and what in names(said)[: None if kind == "missing" else 1]
+    def is_right(verdict: OnlineDiagnosis) -> bool:
+        return verdict.kind == kind and what in names(verdict)[: None if kind == "missing" else 1]
 
-    later, last = [(t - change, said) for t, said in told if t > change], told[-1][1]
+    later, last = [(t - CHANGE, verdict) for t, verdict in verdicts if t > CHANGE], verdicts[-1][1]
     return Outcome(
-        is_early=any(names(said) for t, said in told if t <= change),
-        alarm=min((t for t, said in later if names(said)), default=np.inf),
-        named=min((t for t, said in later if is_right(said)), default=np.inf),
-        last=f"{last.kind} {' or '.join(last.group) or ', '.join(sorted(last.changed))}".strip(),
+        is_early=any(names(verdict) for t, verdict in verdicts if t <= CHANGE),
+        alarm=min((t for t, verdict in later if names(verdict)), default=np.inf),
+        named=min((t for t, verdict in later if is_right(verdict)), default=np.inf),
+        last=describe(last),
         is_right=is_right(last),
     )
 
 
 def summary(found: Sequence[Outcome]) -> tuple[str, ...]:
-    """Cells of a table over several plants."""
+    """Return the cells of a table over several plants."""
     soon = (np.mean([getattr(one, name) <= WITHIN for one in found]) for name in ("alarm", "named"))
     others = Counter(one.last for one in found).most_common(3)
     return (
@@ -192,7 +212,7 @@ def summary(found: Sequence[Outcome]) -> tuple[str, ...]:
 
 
 def detection(n: int, seed: int, workers: int, terminal: Terminal) -> None:
-    """Plants that change at 10 s."""
+    """Diagnose plants that change at 10 s."""
     rows = []
     for what in (*PARAMETERS, *SIZES):
         found = each(outcome, [(what, k, seed) for k in range(n)], workers=workers, title=what, terminal=terminal)
@@ -203,23 +223,80 @@ def detection(n: int, seed: int, workers: int, terminal: Terminal) -> None:
     terminal.table(HEADERS, rows, left=HEADERS[-1:])
 
 
+@dataclass(frozen=True)
+class OutcomeOfTwo:
+    """Verdicts on a plant whose parameters change twice.
+
+    Attributes:
+        has_effect: whether an effect was reported, although none is missing.
+        alarm: time from the second change until it was reported [s].
+        last: kind and names that were reported in the end.
+        is_right: whether these are the second change and its parameter first.
+    """
+
+    has_effect: bool
+    alarm: float
+    last: str
+    is_right: bool
+
+
+def diagnose_two_changes(case: tuple[int, int]) -> OutcomeOfTwo:
+    """Diagnose a plant of which two parameters change one after the other; the case is a number and a seed."""
+    k, seed = case
+    first, second = PARAMETERS[k % 4], PARAMETERS[(k + 1 + k // 4 % 3) % 4]
+    rng = np.random.default_rng([seed, k])
+    before, after, experiment = draw_plants(rng, first, k, AFTER)
+    plants = {0.0: before, CHANGE: after, CHANGE + APART: change_parameter(rng, after, second)}
+    verdicts = diagnose_run(simulate_changes(plants, experiment), diagnoser_of(experiment))
+    later = [(t, own) for t, own in verdicts if own.since is not None and own.since > CHANGE + 0.5 * APART]
+    last = verdicts[-1][1]
+    return OutcomeOfTwo(
+        has_effect=any(own.group for _, own in verdicts),
+        alarm=min((t - CHANGE - APART for t, own in later if own.changed), default=np.inf),
+        last=describe(last),
+        is_right=bool(later) and last.kind == "changed" and names(last)[0] == second,
+    )
+
+
+def two_changes(n: int, seed: int, workers: int, terminal: Terminal) -> None:
+    """Diagnose plants of which one parameter changes at 10 s and another one 5 s later."""
+    cases = [(k, seed) for k in range(n)]
+    found = each(diagnose_two_changes, cases, workers=workers, title="two changes", terminal=terminal)
+    others = Counter(one.last for one in found).most_common(3)
+    row = (
+        "one parameter, then another",
+        str(sum(one.has_effect for one in found)),
+        f"{np.mean([one.alarm <= WITHIN for one in found]):.0%}",
+        f"{np.mean([one.is_right for one in found]):.0%}",
+        ", ".join(f"{name} {count}" for name, count in others),
+    )
+    terminal.heading(f"Two parameters change by {FACTOR:.0%}, {APART:g} s apart; n = {n}")
+    terminal.table(HEADERS_OF_TWO, [row], left=HEADERS_OF_TWO[-1:])
+
+
 def null(case: tuple[float, int, int]) -> tuple[float, float, list[str]]:
-    """Motion [s], CPU time [s] and alarms of a plant that does not change; takes its time [s], number and seed."""
+    """Diagnose a plant that does not change; the case is its time [s], number and seed.
+
+    Returns:
+        Motion [s], CPU time [s] and alarms.
+    """
     seconds, k, seed = case
-    plant, _, experiment = drawn(np.random.default_rng([seed, k]), "", k, seconds)
+    plant, _, experiment = draw_plants(np.random.default_rng([seed, k]), "", k, seconds)
     (run,) = simulate([(plant, experiment)])
     begin = time.process_time()
-    told = diagnosed((run.time, run.position, np.r_[0.0, run.torque[:-1]]), diagnoser_of(experiment))
-    cost, pairs = time.process_time() - begin, list(pairwise(said for _, said in told))
-    motion = sum(max(said.motion - last.motion, 0.0) for last, said in pairs)
+    verdicts = diagnose_run((run.time, run.position, np.r_[0.0, run.torque[:-1]]), diagnoser_of(experiment))
+    cost, pairs = time.process_time() - begin, list(pairwise(verdict for _, verdict in verdicts))
+    motion = sum(max(verdict.motion - last.motion, 0.0) for last, verdict in pairs)
     alarms = [
-        f"{experiment.excitation}: {said.kind} {names(said)}" for last, said in pairs if names(said) and not names(last)
+        f"{experiment.excitation}: {verdict.kind} {names(verdict)}"
+        for last, verdict in pairs
+        if names(verdict) and not names(last)
     ]
     return motion, cost, alarms
 
 
 def nulls(hours: float, seconds: float, seed: int, workers: int, terminal: Terminal) -> None:
-    """Plants that do not change: alarms, where one an hour is accepted."""
+    """Count alarms of plants that do not change, where one an hour is accepted."""
     cases = [(seconds, k, seed) for k in range(max(1, round(3600 * hours / seconds)))]
     found = each(null, cases, workers=workers, title="nothing changes", terminal=terminal)
     motion, cost = sum(one[0] for one in found), sum(one[1] for one in found)
@@ -229,8 +306,8 @@ def nulls(hours: float, seconds: float, seed: int, workers: int, terminal: Termi
     terminal.say(f"{1e3 * cost / (len(cases) * seconds):.0f} ms of computing for a second")
 
 
-def arms(n: int, terminal: Terminal) -> None:
-    """An arm of two links that changes."""
+def diagnose_arms(n: int, terminal: Terminal) -> None:
+    """Diagnose an arm of two links that changes."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "two.urdf"
         path.write_text(TwoLink().urdf())
@@ -248,14 +325,14 @@ def arms(n: int, terminal: Terminal) -> None:
             noise = 0.02 * np.random.default_rng(seed).normal(size=position.shape)
             run = instants, position, signal.held(instants - 1 / rate, 1 / rate) + noise
             one = Diagnoser(rate, arm_base(body), library=library, smoothing=Smoothing.of_encoder(counts, rate))
-            found.append(judged(what, diagnosed(run, one)))
+            found.append(score_verdicts(what, diagnose_run(run, one)))
         rows.append((what, *summary(found)))
     terminal.heading(f"An arm of two links; n = {n}")
     terminal.table(HEADERS, rows, left=HEADERS[-1:])
 
 
-def played(files: Sequence[str], seconds: float, terminal: Terminal) -> None:
-    """Recordings of machines that do not change, played back again and again."""
+def replay_recordings(files: Sequence[str], seconds: float, terminal: Terminal) -> None:
+    """Diagnose recordings of machines that do not change, played back again and again."""
     rows = []
     for file in files:
         recording = read_recording(file)
@@ -264,9 +341,9 @@ def played(files: Sequence[str], seconds: float, terminal: Terminal) -> None:
         later = np.concatenate([recording.time - recording.time[0] + k * length for k in range(turns)])
         held = np.tile(np.r_[0.0, recording.torque[:-1]], turns)
         diagnoser = Diagnoser(recording.rate, smoothing=choose_smoothing(recording))
-        told = diagnosed((later, np.tile(recording.position, turns), held), diagnoser)
-        changes = {said.since: "+".join(said.changed) for _, said in told if said.changed}
-        effects = Counter(said.group[0] for _, said in told if said.group).most_common(2)
+        verdicts = diagnose_run((later, np.tile(recording.position, turns), held), diagnoser)
+        changes = {verdict.since: "+".join(verdict.changed) for _, verdict in verdicts if verdict.changed}
+        effects = Counter(verdict.group[0] for _, verdict in verdicts if verdict.group).most_common(2)
         words = ", ".join(f"{name} {count}" for name, count in effects)
         rows.append((recording.name, f"{later[-1]:.0f}", str(len(changes)), ", ".join(changes.values()), words))
     terminal.heading("Recordings of machines played back")
@@ -279,6 +356,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         prog="python -m benchmarks.online_diagnosis", description=__doc__.partition("\n")[0]
     )
     parser.add_argument("--n", type=int, default=16, help="plants for each change (default 16)")
+    parser.add_argument("--two", type=int, default=24, help="plants that change twice (default 24)")
     parser.add_argument("--null-hours", type=float, default=1.0, help="of plants that do not change (default 1)")
     parser.add_argument("--seconds", type=float, default=120.0, help="that each of those runs for, or is played")
     parser.add_argument("--arms", type=int, default=4, help="runs of an arm for each change (default 4)")
@@ -288,14 +366,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     terminal = Terminal()
     if args.recordings:
-        played(args.recordings, args.seconds, terminal)
+        replay_recordings(args.recordings, args.seconds, terminal)
         return 0
     if args.null_hours:
         nulls(args.null_hours, args.seconds, args.seed, args.workers, terminal)
     if args.n:
         detection(args.n, args.seed, args.workers, terminal)
+    if args.two:
+        two_changes(args.two, args.seed, args.workers, terminal)
     if args.arms:
-        arms(args.arms, terminal)
+        diagnose_arms(args.arms, terminal)
     return 0
 
 

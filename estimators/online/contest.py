@@ -31,7 +31,7 @@ class PlantBins:
     period: float
 
     def bins_in(self, seconds: float) -> int:
-        """Number of bins in a time of motion [s]."""
+        """Return the number of bins in a time of motion [s]."""
         return round(seconds / self.length)
 
 
@@ -85,7 +85,7 @@ class Contest:
     # ---------------------------------------------------------------------------------------------------------- a bin
 
     def take(self, one: Bin) -> bool:
-        """Take in a bin of motion; returns whether a block has ended with it."""
+        """Take in a bin of motion; return whether a block has ended with it."""
         j = one.joint
         if self._moved[j] < ONLINE.kept:
             self.kept.append(one)
@@ -117,44 +117,49 @@ class Contest:
 
     @property
     def is_stretch(self) -> bool:
-        """Whether a stretch of a second has ended with the last block."""
+        """Return whether a stretch of a second has ended with the last block."""
         return self.seen % (BLOCK * self._often) == 0
 
     def has_begun_to_move(self, joint: int) -> bool:
-        """Whether a joint has moved for long enough that had not when the models were fitted."""
+        """Return whether a joint has moved for long enough that had not when the models were fitted."""
         return self._rivals is not None and not self._tried[joint] and self._moved[joint] >= ONLINE.calibrate
 
     # ------------------------------------------------------------------------------------------------------ the models
 
     def bins(self, bins: Sequence[Bin]) -> Bins:
-        """Several bins beside each other."""
+        """Stack several bins."""
         return Bins.of(bins, self._plant.period, self._plant.joints, self._scale)
 
     def rows(self, bins: Sequence[Bin]) -> tuple[Array, Array]:
-        """Rows of the running model over R bins: phi (R, P) and y (R,)."""
+        """Return rows of the running model over R bins: phi (R, P) and y (R,)."""
         rows = self.bins(bins).rows(self.terms)
         return rows.phi[:, 0], rows.y[:, 0]
 
     @property
+    def effect_evidence(self) -> float:
+        """Return the share of the effects in the joint evidence, forgetting aside [nat]."""
+        return float(np.logaddexp.reduce(self.bets.each[:-1]) - np.log(len(self.bets.each)))
+
+    @property
     def leaders(self) -> list[tuple[tuple[Term, ...], Array]]:
-        """Of the running model, alone and with each effect: the effect's best variant, and parameters."""
+        """Return the best variant of each effect, and parameters; those of the running model alone come first."""
         return [] if self._rivals is None else self._rivals.leaders()
 
     @property
     def error(self) -> float:
-        """Root mean square a-priori error of the running model over the last seconds of motion [N m]."""
+        """Return the RMS a-priori error of the running model over the last seconds of motion [N m]."""
         return float(np.sqrt(np.mean(np.square(list(self._errors)))))
 
     @property
     def stretches(self) -> Array:
-        """Log predictive densities (N, F) in blocks of a second, in shorter ones while there are few."""
+        """Return log predictive densities (N, F) in blocks of a second, in shorter ones while there are few."""
         blocks = np.array(self.blocks)
         if len(blocks) < ONLINE.fewest * self._often:
             return blocks
         return np.asarray(blocks[len(blocks) % self._often :].reshape(-1, self._often, blocks.shape[1]).sum(axis=1))
 
     def best_density(self, blocks: int) -> float:
-        """Log density of the last blocks under the model that predicts them best, forgetting aside [nat]."""
+        """Return the log density of the last blocks under the best model, forgetting aside [nat]."""
         return float(np.array(self.blocks)[-blocks:, :-1].sum(axis=0).max())
 
     def _fit_when_possible(self) -> None:
@@ -183,11 +188,11 @@ class Contest:
         self._rivals = Rivals(self.terms, bins, [thinned(own) for own in variants.values()], memories)
 
     def _is_idle(self, effect: type[Term]) -> bool:
-        """Whether an effect's joint has hardly moved."""
+        """Return whether an effect's joint has not moved for long enough."""
         return not any(self._tried[[name == effect.at for name in self._plant.joints]])
 
     def _grids(self, base: Rivals, bins: Bins) -> Iterator[tuple[str, list[Term]]]:
-        """Variants that each effect may have, by what a model leaves of bins."""
+        """Yield the possible variants of each effect, by the residuals of a model on bins."""
         names = [column.name for term in self.terms for column in term.columns]
         known = dict(zip(names, base.theta_of()[0].tolist(), strict=False))
         for id, effect in self._library.items():
@@ -199,8 +204,9 @@ class Contest:
             fewest = min((len(term.columns) for term in possible), default=0)
             variants = [term for term in possible if len(term.columns) == fewest]  # a batch has as many in all of it
             follows = {s.name: known[s.follows] for s in effect.shapes if s.follows in known}
-            yield id, [_with(term, follows) for term in variants]
+            yield id, [_set_shape(term, follows) for term in variants]
 
 
-def _with(term: Term, values: Mapping[str, float]) -> Term:
+def _set_shape(term: Term, values: Mapping[str, float]) -> Term:
+    """Return a term with some shape parameters set, by name."""
     return type(term)(**{**term.shape, **values}) if values else term

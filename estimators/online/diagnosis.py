@@ -67,8 +67,8 @@ class OnlineDiagnosis:
     Attributes:
         kind: "calibrating"; "nothing" while neither an effect nor another set of parameters predicts significantly
             better; "missing"; or "changed".
-        evidence: that some effect predicts better: log wealth of the bets on all [nat].
-        threshold: from which on something is missing [nat].
+        evidence: that an effect or forgetting predicts better: log of the mean wealth of the bets [nat].
+        threshold: evidence of an alarm [nat].
         terms: of the running model.
         theta: its parameters by name.
         ranking: of effects, the most probable first.
@@ -127,7 +127,8 @@ class Diagnoser(Monitors["EffectMonitor"]):
             batch: number B of pendulums.
             library: effects by id; None are all that are known.
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
-            given: parameters of the model; those of the plant that differ significantly are reported as changed.
+            given: parameters of the model; those of the plant that differ significantly are reported as changed, until
+                an effect is added or undone, or parameters change.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
 
         Raises:
@@ -182,7 +183,7 @@ class EffectMonitor:
         return self._past[-1]
 
     def reset(self) -> None:
-        """Forget all that was measured, and all effects that were added."""
+        """Forget all that was measured, and all effects that were added; given parameters are compared again."""
         self._past = [self._base]
         self._recent: deque[Bin] = deque(maxlen=2 * self._plant.bins_in(ONLINE.kept))
         self._begin()
@@ -190,7 +191,7 @@ class EffectMonitor:
             self._change = self._change_from(self._given, CHANGE.compare)
 
     def _begin(self, kept: Sequence[Bin] = ()) -> None:
-        """Begin to compare models, from what is kept."""
+        """Begin to compare models, from kept bins; the comparison with given parameters ends."""
         self._contest, self._change = self._contest_of(kept), None
         self.said = replace(self._blank, terms=self.terms, added=self._added)
 
@@ -215,7 +216,9 @@ class EffectMonitor:
     # ------------------------------------------------------------------------------------------------------ the model
 
     def add(self, effect: str) -> Term:
-        """Take an effect into the running model, with the shape that predicted best; the comparison begins anew.
+        """Take an effect into the running model, with the shape that predicted best.
+
+        The comparison of models begins anew; that with given parameters ends.
 
         Raises:
             ValueError: if there is no effect of that id beside the model, or too little has been seen.
@@ -232,6 +235,8 @@ class EffectMonitor:
 
     def undo(self) -> None:
         """Take out the effect that was added last.
+
+        The comparison of models begins anew; that with given parameters ends.
 
         Raises:
             ValueError: if none was added.
@@ -255,7 +260,7 @@ class EffectMonitor:
             self._judge()
 
     def _judge(self) -> None:
-        """Look for the cause of an alarm once there is one, and renew the diagnosis if it is time."""
+        """Look for the cause of an alarm, and renew the diagnosis if it is time."""
         contest, threshold = self._contest, self._blank.threshold
         change, evidence = float(contest.bets.each[-1]), contest.bets.joint
         is_known = self.said.kind == "missing"
@@ -272,7 +277,7 @@ class EffectMonitor:
             self._tell()
 
     def _row_of_change(self) -> int | None:
-        """Number of the recent bin from which on other parameters fit best; None if too little has been seen since."""
+        """Return the number of the recent bin from which on other parameters fit best; None if it is too early."""
         recent, plant, risen = list(self._recent), self._plant, self._contest.risen
         calibrate = ceil(ONLINE.calibrate / plant.length)
         needed = calibrate + plant.bins_in(CHANGE.judged)
@@ -305,7 +310,7 @@ class EffectMonitor:
     def _tell(self) -> None:
         contest = self._contest
         leaders = contest.leaders
-        told = replace(
+        verdict = replace(
             self._blank,
             terms=self.terms,
             theta=self._theta(*leaders[0]),
@@ -314,10 +319,10 @@ class EffectMonitor:
             added=self._added,
             not_run={**self._blank.not_run, **contest.not_run},
         )
-        self.said = told if len(contest.blocks) < 2 else self._ranked(told, leaders[1:])
+        self.said = verdict if len(contest.blocks) < 2 else self._rank(verdict, leaders[1:])
 
-    def _ranked(self, told: OnlineDiagnosis, leaders: Sequence[tuple[tuple[Term, ...], Array]]) -> OnlineDiagnosis:
-        """A diagnosis with the ranking of effects, and with changes of parameters."""
+    def _rank(self, verdict: OnlineDiagnosis, leaders: Sequence[tuple[tuple[Term, ...], Array]]) -> OnlineDiagnosis:
+        """Return a verdict with the ranking of effects, and with changes of parameters."""
         blocks, bets = self._contest.stretches[:, :-1], self._contest.bets
         bootstrap = Bootstrap(np.zeros(len(blocks), dtype=np.intp), np.random.default_rng(0))
         none, *odds = bootstrap.probabilities(list(blocks.T)).tolist()
@@ -329,14 +334,14 @@ class EffectMonitor:
             numbers = probability, gain.total, gain.error, gain.chance, sure
             ranking.append(Standing(term.id, *numbers, term, self._theta((term,), theta)))
         ranking.sort(key=lambda one: (-round(one.probability, 3), -one.gain))
-        is_missing = bool(ranking) and ranking[0].gain > 0 and self._is_sure
+        is_missing = bool(ranking) and ranking[0].gain > 0 and self._has_missing_effect
         group = [ranking[0].effect] if is_missing else []
         group += [one.effect for one in ranking if is_missing and one.probability > Criterion.rival]
         self._compare()
         change = self._change
         changed: Mapping[str, tuple[float, float]] = {} if is_missing or change is None else change.changed
         return replace(
-            told,
+            verdict,
             kind="missing" if is_missing else "changed" if changed else "nothing",
             ranking=tuple(ranking),
             group=tuple(dict.fromkeys(group)),
@@ -347,16 +352,29 @@ class EffectMonitor:
         )
 
     @property
-    def _is_sure(self) -> bool:
-        """Whether there is enough evidence of a missing effect; after a change, which was an alarm, half is enough."""
-        after_change = self._change is not None and self._change.since is not None
+    def _has_missing_effect(self) -> bool:
+        """Return whether the bets on effects reach the threshold; after a change, which was an alarm, half of it.
+
+        If another change is suspected, the whole threshold has to be reached: effects imitate a change.
+        """
+        after_change = self._change is not None and self._change.since is not None and not self._is_changing_again
         after_change = after_change and len(self._contest.kept) < self._plant.bins_in(ONLINE.kept)
-        return self._contest.bets.joint >= self._blank.threshold * (CHANGE.share if after_change else 1.0)
+        return self._contest.effect_evidence >= self._blank.threshold * (CHANGE.share if after_change else 1.0)
+
+    @property
+    def _is_changing(self) -> bool:
+        """Return whether the bet on forgetting suspects a change."""
+        return bool(self._contest.bets.each[-1] >= CHANGE.suspect)
+
+    @property
+    def _is_changing_again(self) -> bool:
+        """Return whether a change is suspected, and was not in the first second of predictions."""
+        return self._is_changing and self._contest.seen - self._contest.risen >= self._plant.bins_in(CHANGE.judged)
 
     def _compare(self) -> None:
         """Compare parameters with former ones, unless they seem to change again."""
         contest = self._contest
-        if self._change is not None and contest.bets.each[-1] < CHANGE.suspect:
+        if self._change is not None and not self._is_changing:
             if self._change.is_due(len(contest.kept)):
                 self._change.compare(*contest.rows(contest.kept), self._block)
 
@@ -366,7 +384,7 @@ class EffectMonitor:
 
 
 def hindrance(effect: type[Term]) -> str:
-    """Why an effect cannot be followed online; empty if it can."""
+    """Return why an effect cannot be followed online; empty if it can."""
     if effect.start is not Term.start:
         return "depends on the past beyond what a sample tells"
     if effect.delay is not Term.delay:

@@ -1,14 +1,17 @@
 """One statistic for all alternatives to a model, effects and changes: its evidence, and the threshold of an alarm.
 
 Each block of time gives a factor e with a conditional mean of at most one while the model holds: a bet, 1 + s g / c,
-stakes a share s of the wealth on the gain g of a block, with losses of at most c. It assumes nothing about the
-distribution of gains. The mean over several shares is again such a bet. Factors multiply to wealth M, which restarts
-from one wherever it is below, so that a later change is detected as fast,
+stakes a share s of the wealth on the gain g of a block, with losses of at most c. Gains may have any distribution
+whose losses stay below c. The mean over several shares is again such a bet. Factors multiply to wealth M, which
+restarts from one wherever it is below, so that a later change is detected as fast,
 
     M <- max(M, 1) e.
 
 The mean time until M, or its mean over challengers, reaches A is at least A blocks: the threshold follows from the
 accepted alarms per hour.
+
+The bound c is not known: it is 1.5 times the largest loss so far, and a larger loss is clipped to c in its own block.
+A clipped loss gives a conditional mean slightly above one, so the threshold holds approximately.
 
 No model of a real machine is complete: a model with forgetting always predicts a little better. What counts as its gain
 is what exceeds its usual gain (`UsualGain`).
@@ -70,7 +73,7 @@ class Bets:
 
     @property
     def joint(self) -> float:
-        """Log of the mean wealth, for some challenger [nat]."""
+        """Log of the mean wealth over all challengers [nat]."""
         return float(np.logaddexp.reduce(self.each) - np.log(max(1, len(self._wealth))))
 
 
