@@ -142,11 +142,11 @@ class JointFilters:
         for b, one in enumerate(self.filters):
             if one is not None:
                 theta[b, -1], P[b, -1], covariance[b, -1] = one.theta, one.P, noise[b] * one.P
-        spread, judge = functools.partial(np.asarray, P), functools.partial(_as_found, covariance)
+        spread, judge = functools.partial(np.asarray, P), functools.partial(_get_covariance, covariance)
         return replace(now, theta=theta, error=error, usable=usable, spread=spread, judge=judge)
 
 
-def _as_found(covariance: Array, P: Array) -> Array:
+def _get_covariance(covariance: Array, P: Array) -> Array:
     """Return a covariance that needs no P."""
     return covariance
 

@@ -155,7 +155,7 @@ def _of_pendulum(
     """The same of one joint, whose torque constant may be unknown."""
     given = Preprocessed.of(recordings)
     recordings = given.recordings
-    segments = _measured(recordings, terms)
+    segments = _measure_joints(recordings, terms)
     measurements = [m for own in segments for (m,) in own]
     if not any(is_driven(m) for m in measurements):
         raise IdentificationError(
@@ -168,7 +168,7 @@ def _of_pendulum(
     if given.constant is not None:
         larger = 1 + given.constant.std / given.constant.value
         moved = [replace(one, torque=larger * one.torque) if one.torque_constant else one for one in recordings]
-        there = _by_schemes(chosen, _measured(moved, terms), terms, recordings, regressions(terms))
+        there = _by_schemes(chosen, _measure_joints(moved, terms), terms, recordings, regressions(terms))
         results = {id: own.calibrated(given.constant, there[id].model) for id, own in results.items()}
     else:
         results = {id: own.per(given.unit) for id, own in results.items()}
@@ -228,8 +228,8 @@ def _names(recordings: Sequence[Recording]) -> str:
     return ", ".join(recording.name for recording in recordings)
 
 
-def _measured(recordings: Sequence[Recording], terms: Sequence[Term]) -> Segments:
-    """Measurements of the one joint of a pendulum, with the states of the terms along them."""
+def _measure_joints(recordings: Sequence[Recording], terms: Sequence[Term]) -> Segments:
+    """Measure the one joint of a pendulum, with the states of the terms along the motion."""
     return [[(remember(m, terms),) for m in measure_segments(recording)] for recording in recordings]
 
 
