@@ -12,7 +12,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 from msgspec import Meta
 
@@ -171,8 +171,9 @@ class RigConfig(Top):
     @property
     def wiring(self) -> str:
         """Digest of all that the check has tried: other limits do not void it, another wiring does."""
-        tried = [self.adapter, vars(self.link), self.torque_sign, asdict(self.encoder)]
-        return hashlib.sha256(json.dumps(tried).encode()).hexdigest()
+        link = asdict(cast(Any, self.link))  # `register` and `find_adapter` refuse what is no dataclass
+        tried = [self.adapter, link, self.torque_sign, asdict(self.encoder)]
+        return hashlib.sha256(json.dumps(tried, default=str).encode()).hexdigest()
 
     @property
     def note(self) -> Path:

@@ -106,9 +106,11 @@ def register(name: str, adapter: Adapter) -> None:
 
     Raises:
         ValueError: if the name is that of a built-in adapter.
+        Mistake: if it has no dataclass `settings`.
     """
     if name in BUILT_IN:
         raise ValueError(f"adapter name '{name}' is taken: choose another one")
+    _refuse_without_settings(name, adapter, getattr(adapter, "__qualname__", type(adapter).__qualname__))
     _registered[name] = adapter
 
 
@@ -146,6 +148,12 @@ def find_adapter(name: str) -> Adapter:
         raise Mistake(
             f"the adapter '{name}' cannot be loaded from {found.value} ({why}): mend or reinstall its package"
         ) from None
-    if not is_dataclass(getattr(adapter, "settings", None)):
-        raise Mistake(f"the adapter '{name}' ({found.value}) has no dataclass 'settings': see docs/how-to/drive.md")
+    _refuse_without_settings(name, adapter, found.value)
     return adapter
+
+
+def _refuse_without_settings(name: str, adapter: object, origin: str) -> None:
+    """Refuse an adapter whose settings are no dataclass; `origin` says where it comes from."""
+    settings = getattr(adapter, "settings", None)
+    if not (isinstance(settings, type) and is_dataclass(settings)):
+        raise Mistake(f"the adapter '{name}' ({origin}) has no dataclass 'settings': see docs/how-to/drive.md")

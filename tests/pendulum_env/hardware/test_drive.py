@@ -2,8 +2,9 @@
 
 import pytest
 
-from pendulum_env.backends.hardware.config import ConfigError, load
+from pendulum_env.backends.hardware.config import ConfigError, EncoderSettings, load, mark_checked
 from pendulum_env.backends.hardware.drive import BUILT_IN, adapters, find_adapter, register
+from pendulum_env.mistake import Mistake
 from tests.pendulum_env.packages import install, install_bench
 
 
@@ -43,6 +44,48 @@ def test_an_adapter_that_cannot_be_loaded_is_one_sentence_with_its_package(tmp_p
         load(rig(tmp_path, "broken"))
     assert why in str(failed.value) and "broken:Broken" in str(failed.value)
     assert len(str(failed.value).splitlines()) == 1
+
+
+ADAPTER = """
+from dataclasses import dataclass, field
+
+@dataclass(frozen=True, slots=True)
+class Slots:
+    address: str = ""
+    device: str = "slots"
+
+@dataclass(frozen=True)
+class Nested:
+    more: Slots = field(default_factory=Slots)
+    device: str = "nested"
+
+class WithSlots:
+    settings = Slots
+
+class WithTable:
+    settings = Nested
+"""
+
+
+@pytest.mark.parametrize(("adapter", "table"), [("WithSlots", "{}"), ("WithTable", "[lab.more]\n{}")])
+def test_the_check_holds_for_the_settings_of_any_adapter_until_they_change(tmp_path, monkeypatch, adapter, table):
+    install(tmp_path, monkeypatch, "lab", ADAPTER, {"lab": f"lab:{adapter}"})
+
+    def most(address: str) -> float:
+        path = rig(tmp_path, "lab", table.format(f"address = '{address}'") + "\n[limits]\ntorque = 5.0")
+        return load(path).max_torque
+
+    assert most("left") == 2.0
+    mark_checked(load(tmp_path / "rig.toml"))
+    assert most("left") == 5.0
+    assert most("right") == 2.0
+
+
+@pytest.mark.parametrize("settings", [None, 3, EncoderSettings()])
+def test_an_adapter_without_a_dataclass_of_settings_is_not_registered(settings):
+    with pytest.raises(Mistake, match=r"the adapter 'bench' \(Bench\) has no dataclass 'settings': see docs"):
+        register("bench", type("Bench", (), {"settings": settings}))
+    assert "bench" not in adapters()
 
 
 def test_nothing_takes_the_place_of_a_built_in_adapter(tmp_path, monkeypatch):
