@@ -10,7 +10,7 @@ from msgspec import Meta, Struct
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.excitation import Excitation, signal_from_json, signal_json
-from pendulum_env.reading import NonNegative, Number, Text, convert
+from pendulum_env.reading import NonNegative, Number, Text, Unreadable, convert
 
 LONGEST = 100_000.0  # [s] of an experiment
 RATE = 500.0  # [Hz], of the experiment's torque as samples
@@ -99,6 +99,9 @@ class Suggestion:
             ValueError: if it is none.
         """
         content = convert(data, _SuggestionFile, key)
+        low, high = content.reach
+        if low >= high:
+            raise Unreadable(f"'{f'{key}.reach'.lstrip('.')}' is [{low:g}, {high:g}]: expected the lower angle first")
         signal = signal_from_json(content.signal, f"{key}.signal".lstrip("."))
         return cls(signal, content.seconds, content.settles, content.peak_torque, content.reach, content.peak_speed)
 

@@ -50,6 +50,8 @@ DIAGNOSES = [
     (json.dumps({**DIAGNOSIS, "forbidden": "no experiment within 0.5 N m"}), "no experiment within 0.5 N m"),
     (json.dumps({**DIAGNOSIS, "inseparable": [[3]]}), "'inseparable[0][0]' is 3: expected a text"),
     (suggested(reach=[1.0]), "'suggestion.reach' is [1.0]: expected a list of length 2"),
+    (suggested(reach=[2, 1]), "'suggestion.reach' is [2, 1]: expected the lower angle first"),
+    (suggested(reach=[1.0, 1.0]), "'suggestion.reach' is [1, 1]: expected the lower angle first"),
     (suggested(seconds=1e308), "'suggestion.seconds' is 1e+308: expected a number <= 100000"),
     (suggested(settles=[{}]), "'suggestion.settles[0]' lacks 'effect'"),
     (signal(phases=[1.0] * 3), "a signal is one of two_tone"),
