@@ -12,7 +12,7 @@ from pendulum_env.arms.joints import at_joints, body_of, check_places, joint_eff
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics import BASE, Model, ModelError, Term, nameable
+from pendulum_env.physics import BASE, Model, Term, nameable
 from pendulum_env.physics.library import term
 from pendulum_env.physics.limits import Limits, check_names, limited, limited_term, limits_of
 from pendulum_env.reading import shown
@@ -160,8 +160,8 @@ def model_that_moves(given: Model) -> Model:
     """
     if not isinstance(given, Model):
         raise TypeError(f"{shown(given)} is not a model: read a file with Model.load, or take the model of a result")
-    if "inertia" not in given.estimates and body_of(given.terms) is None:
-        raise ModelError("the model lacks the term inertia, without which nothing moves")
+    if body_of(given.terms) is None:
+        given.refuse_without_inertia()
     return given
 
 

@@ -214,7 +214,7 @@ def convert(content: Any, kind: type[T], key: str = "") -> T:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
         message, _, place = str(error).partition(" - at `$")
-    value, place = content, place.rstrip("`").replace("[...]", "")  # of a table's values, which msgspec does not name
+    value, place = content, place.rstrip("`").partition("[...]")[0]  # msgspec does not name a table's values
     for name, index in re.findall(r"\.([^.\[]+)|\[(\d+)\]", place):
         value = value[int(index) if index else name]
     place = (key + place).lstrip(".")

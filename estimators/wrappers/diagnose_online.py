@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import VectorEnv
 
+from estimators.arguments import model_that_moves
 from estimators.online.change import Fit
 from estimators.online.diagnosis import Diagnoser, hindrance
 from estimators.wrappers.measuring import Measuring, MeasuringVector
@@ -164,7 +165,8 @@ def load_given(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term, ...
     """Return terms and estimates of a model, or of its file; the errors of unknown estimates are infinite.
 
     Raises:
-        ValueError: if the model is that of another kind of plant or per another unit, or a file holds no model.
+        ValueError: if the model is that of another kind of plant or per another unit, or lacks inertia, or a file holds
+            no model.
     """
     body = plant.body
     if isinstance(model, str | Path):
@@ -172,6 +174,7 @@ def load_given(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term, ...
     if isinstance(model, ArmModel) != (body is not None):
         ours, other = ("an arm", "a pendulum") if body is None else ("a pendulum", "an arm")
         raise ValueError(f"the model is of {ours}, and what is diagnosed is {other}: give the model of one")
+    model_that_moves(model)
     if model.torque_unit != plant.torque_unit:
         raise ValueError(
             f"the model is per {model.torque_unit}, but the environment measures torque in {plant.torque_unit}: "

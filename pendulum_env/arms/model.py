@@ -11,13 +11,14 @@ from msgspec import Struct
 
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Coupling, Links, at_joint, body_of, coupled
+from pendulum_env.arms.joints import Coupling, Links, at_joint, body_of, can_sit, coupled
+from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Model, ModelError, Term, library
 from pendulum_env.physics.limits import collect_limits, limited_term, read_limits, write_limits
-from pendulum_env.physics.model import ARM_SCHEMA, read_estimate
+from pendulum_env.physics.model import ARM_SCHEMA, read_estimate, read_log_format
 from pendulum_env.physics.table import Table, read_table
 from pendulum_env.physics.term import loads
-from pendulum_env.reading import Number, Text, Unreadable, convert, read_json
+from pendulum_env.reading import Number, Text, Unreadable, convert, read_json, shown
 
 HINT = "an arm's model is what `identify --robot` or `diagnose --robot` write with -o"
 
@@ -66,12 +67,12 @@ class ArmModel(Model):
         """
         try:
             return cls.of_body(read_json(path, HINT), body)
-        except (Unreadable, ModelError) as error:
+        except Mistake as error:
             raise ModelError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
     @classmethod
     def of_body(cls, content: JSON, body: Body) -> ArmModel:
-        """Model of a body from a dictionary that `json` made; raises ModelError, or Unreadable, as `load`."""
+        """Model of a body from a dictionary that `json` made; raises a Mistake, as `load` does."""
         if not isinstance(content, dict) or content.get("schema") != ARM_SCHEMA:
             raise ModelError(f"is no model of an arm; {HINT}")
         data = convert(content, _ArmModelFile)
@@ -83,11 +84,14 @@ class ArmModel(Model):
             )
         limits = read_limits(data.limits or {})
         terms = [limited_term(_term(k, data, body), limits) for k in range(len(data.terms))]
+        for k, term in enumerate(terms):
+            if term.id in {other.id for other in terms[:k]}:
+                raise ModelError(f"'terms[{k}]' is {term.id} again: each term may appear once")
         model = cls.build((Links(body), *terms), 0.0)
         return replace(
             model,
             estimates={name: read_estimate(data.theta, name, own.unit) for name, own in model.estimates.items()},
-            log_format=data.log_format or {},
+            log_format=read_log_format(data.log_format),
         )
 
 
@@ -113,6 +117,7 @@ class _ArmTerm(Struct):
 class _ArmModelFile(_ArmFile, kw_only=True):
     """Content of the model file of an arm."""
 
+    robot: Text | None = None
     base: dict[str, Any]
     terms: list[_ArmTerm]
     theta: dict[str, Any]
@@ -150,19 +155,34 @@ class Asked:
 def _term(k: int, data: _ArmModelFile, body: Body) -> Term:
     """Make term k of a model file."""
     item = data.terms[k]
-    for place in loads(item.joint):
+    places = list(loads(item.joint)) if item.id == Coupling.id else [item.joint]
+    for place in places:
         if place not in body.joints:
-            raise ModelError(f"has a term at joint '{place}', the robot has {', '.join(body.joints)}")
+            raise ModelError(f"'terms[{k}].joint' is '{place}': the robot has {', '.join(body.joints)}")
     if item.id == Coupling.id:
+        if len(places) != 2:
+            raise ModelError(f"'terms[{k}].joint' is {shown(item.joint)}: expected two joints, such as A,-B")
         return coupled(item.joint, f"coupling.inertia@{item.joint}" in data.theta)()
-    kind = library.term(item.id)
+    try:
+        kind = library.term(item.id)
+    except ValueError as error:
+        raise ModelError(f"'terms[{k}].id': {error}") from None
+    slides = body.slides[body.joints.index(item.joint)]
+    if not can_sit(item.id, slides):
+        raise ModelError(f"'terms[{k}].id' is {item.id}: no joint of an arm{' that slides' * slides} can have it")
     values = {}
     for known in kind.shapes:
         if known.name not in item.shape:
             raise ModelError(f"'terms[{k}].shape' lacks '{known.name}'")
         place = f"terms[{k}].shape.{known.name}"
         values[known.name] = value = convert(item.shape[known.name], float, place)
-        if not known.low <= value <= known.high:
-            raise ModelError(f"'{place}' is {value:g}: expected a number from {known.low:g} to {known.high:g}")
-    there = at_joint(kind, item.joint, body.slides[body.joints.index(item.joint)])
-    return read_table(there, item.extent, f"terms[{k}].extent") if issubclass(there, Table) else there(**values)
+        if not (known.low <= value <= known.high and (value.is_integer() or not known.integer)):
+            what = "a whole number" if known.integer else "a number"
+            raise ModelError(f"'{place}' is {value:g}: expected {what} from {known.low:g} to {known.high:g}")
+    there = at_joint(kind, item.joint, slides)
+    if issubclass(there, Table):
+        return read_table(there, item.extent, f"terms[{k}].extent")
+    term = there(**values)
+    if term.fault:
+        raise ModelError(f"'terms[{k}]' makes no sense: {term.fault}")
+    return term

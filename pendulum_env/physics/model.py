@@ -241,10 +241,24 @@ class Model:
         linear = sum(c * column.torque(x, acceleration) for c, column in zip(self.theta, self.columns, strict=True))
         return linear + sum(column.torque(x, acceleration) for term in self.terms for column in term.fixed)
 
+    def refuse_without_inertia(self) -> None:
+        """Refuse a model that lacks inertia, without which nothing moves.
+
+        Raises:
+            ModelError: if it does.
+        """
+        if "inertia" not in self.estimates:
+            raise ModelError("the model lacks the term inertia, without which nothing moves")
+
     def simulate(
         self, period: float, torque: Array, position: ArrayLike, velocity: ArrayLike, start: ArrayLike = 0.0
     ) -> Trajectory:
-        """Motion in free run under a held torque command; see `pendulum_env.physics.simulation.simulate`."""
+        """Simulate free motion under a held torque command; see `pendulum_env.physics.simulation.simulate`.
+
+        Raises:
+            ModelError: if the model lacks inertia.
+        """
+        self.refuse_without_inertia()
         return simulate(self.terms, self.theta, period, torque, position, velocity, start)
 
     def _repr_html_(self) -> str:
@@ -355,7 +369,27 @@ def read_estimate(theta: Mapping[str, Any], name: str, unit: str) -> Estimate:
     return convert(theta[name], ParameterFile, f"theta.{name}").estimate(unit)
 
 
+class _LogFormat(Struct):
+    """Log format in a model file, in the words of a study."""
+
+    columns: dict[str, Any] | None = None  # which reading a recording checks
+    unwrap: bool | None = None
+    load: dict[str, Number] | None = None
+    drive: dict[str, Text | Number] | None = None
+
+
+def read_log_format(content: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    """Read the log format of a model file; empty if the file has none.
+
+    Raises:
+        Unreadable: if a value is of another type, or no number of a pendulum.
+    """
+    convert(content or {}, _LogFormat, "log_format")
+    return content or {}
+
+
 def _model(data: _ModelFile) -> Model:
+    """Make a model of the content of a file."""
     limits = read_limits(data.limits or {})
     terms = tuple(limited_term(_term(id, data), limits) for id in data.terms)
     if len({term.id for term in terms}) != len(terms):
@@ -369,12 +403,13 @@ def _model(data: _ModelFile) -> Model:
     model = replace(
         Model(terms, estimates).per(_unit(data.torque_unit or "N m", "torque_unit")),
         torque_constant=None if constant is None else constant.estimate(_unit(constant.unit, "torque_constant.unit")),
-        log_format=data.log_format or {},
+        log_format=read_log_format(data.log_format),
     )
     return model if data.covariance is None else model.correlated(*_covariance(data.covariance, list(estimates)))
 
 
 def _all_derived(model: Model) -> dict[str, Estimate]:
+    """Compute what the terms of a model derive from its parameters, by name."""
     names, values = list(model.estimates), np.array([estimate.value for estimate in model.estimates.values()])
     covariance = model.assumed_covariance
     found, first = {}, 0
@@ -404,14 +439,14 @@ def _all_derived(model: Model) -> dict[str, Estimate]:
 
 
 def _derived(term: Term, values: Array) -> dict[str, tuple[float, str]]:
-    """What a term derives from its parameters (P + S,), linear ones first."""
+    """Compute what a term derives from its parameters (P + S,), linear ones first."""
     count = len(term.columns)
     shapes = {shape.name: float(value) for shape, value in zip(term.free, values[count:], strict=True)}
     return replace(term, **shapes).derived(values[:count])
 
 
 def _term(id: str, data: _ModelFile) -> Term:
-    """The term of an id in a model file, with its shape parameters, or its extent."""
+    """Make the term of an id in a model file, with its shape parameters, or its extent."""
     kind = library.term(id)
     if issubclass(kind, Table):
         tables = data.tables or {}
@@ -436,7 +471,7 @@ def _term(id: str, data: _ModelFile) -> Term:
 
 
 def _covariance(data: _Covariance, known: Sequence[str]) -> tuple[list[str], Array]:
-    """The known parameters, and their covariance, of which a model file may tell more."""
+    """Take the known parameters and their covariance out of a model file, which may tell more."""
     names = data.parameters
     if missing := [name for name in known if name not in names]:
         raise ModelError(f"'covariance' does not tell of {', '.join(missing)}: add it, or leave the whole key out")
@@ -450,7 +485,7 @@ def _covariance(data: _Covariance, known: Sequence[str]) -> tuple[list[str], Arr
 
 
 def _unit(text: str | None, key: str) -> str:
-    """A unit in a file; it is written into reports and programs, and may hold no words of theirs."""
+    """Check a unit in a file; it is written into reports and programs, and may hold no words of theirs."""
     if text is None or re.fullmatch(r"[\w /^().%°µ·²-]{1,20}", text) is None:
         raise ModelError(f"'{key}' is {shown(text)}: expected a unit, such as N m or A")
     return text

@@ -70,7 +70,7 @@ class Drive:
                 raise DriveError(f"{name} is {getattr(self, name):g}: it should be 0 or a positive number")
         for name in ("limit", "supply", "gain", "rate", "cutoff"):
             value = getattr(self, name)
-            if value is not None and not value > 0:
+            if value is not None and not (value > 0 and (math.isfinite(value) or name == "limit")):
                 raise DriveError(f"{name} is {value:g}: it should be a positive number")
         if self.kp == self.ki == 0:
             raise DriveError("kp and ki are both 0: such a controller does not follow its goal, say its gain")

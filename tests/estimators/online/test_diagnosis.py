@@ -215,6 +215,7 @@ def test_what_cannot_be_followed_is_refused():
         ({"candidates": "backlash"}, "no effect to try: backlash depends on the past"),
         ({"rate": np.nan}, "give a positive number"),
         ({"rate": 0.0}, "give a positive number"),
+        ({"model": Model.build(BASE[1:], 0.5)}, "lacks the term inertia"),
         ({"add_from": 0.2}, "add_from"),
         ({"alarms_per_hour": 0.0}, "alarms_per_hour"),
     ):

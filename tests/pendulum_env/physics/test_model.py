@@ -9,7 +9,7 @@ from pendulum_env.physics import BASE, Estimate, Model, ModelError, Samples, eff
 from pendulum_env.physics.base import Inertia, Viscous
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.limits import limited_term
-from pendulum_env.plant import hide, paper_plant
+from pendulum_env.plant import hide, make_plant, paper_plant
 
 EVERYTHING = sorted(effects())
 
@@ -122,6 +122,8 @@ def covered(**changes: object) -> dict:
         (with_theta(gravity={"value": 2.0, "std": float("nan")}), "'theta.gravity.std' is nan"),
         (with_theta(inertia={"value": 0.0}), "'theta.inertia.value' is 0: .* a number above zero"),
         (edited(torque_unit=3), "'torque_unit' is 3: expected a text"),
+        (edited(log_format={"load": {"inertia": np.nan}}), "'log_format.load' is .*: expected a number"),
+        (edited(limits={"gravity": [np.nan, 1.0]}), "'limits' is .*: expected a number"),
         (with_theta(gravity={"value": None}), "'theta.gravity.value' is None: expected a number"),
         (shaped("stribeck", "stribeck_velocity", -0.5), "stribeck_velocity.*-0.5"),
         (shaped("cogging", "order", 3.5), "order.*3.5"),
@@ -142,6 +144,18 @@ def test_what_makes_no_model_is_refused_with_the_file_and_the_reason(content, ma
         path.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
     with pytest.raises(ModelError, match=rf"broken\.json: .*{match}"):
         Model.load(path)
+
+
+@pytest.mark.parametrize("terms", [(), BASE[1:]])
+def test_a_model_without_inertia_is_read_and_not_simulated(terms, tmp_path):
+    model = Model.build(terms, 0.5)
+    model.save(tmp_path / "model.json")
+    assert Model.load(tmp_path / "model.json") == model
+    with pytest.raises(ModelError, match="lacks the term inertia"):
+        model.simulate(0.01, np.ones(10), 0.0, 0.0)
+    for given in (model, tmp_path / "model.json"):
+        with pytest.raises(ModelError, match="lacks the term inertia"):
+            make_plant(model=given)
 
 
 def test_a_transmission_is_also_told_as_a_spring_and_a_damper():

@@ -178,6 +178,7 @@ def test_torque_that_was_asked_for_is_bounded_and_odd(goal, position, velocity, 
         ({"preset": "xl33"}, "xl330"),
         ({"gains": 1}, "kp"),
         ({"kp": 1, "delay": 3.0}, "no controller is later"),
+        ({"kp": 1, "supply": float("inf")}, "supply is inf: it should be a positive number"),
         ({"kp": 1, "supply": 0}, "positive"),
     ],
 )
