@@ -26,6 +26,7 @@ from workbench.commands.effects import parameters
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "workbench" / "app" / "assets" / "gallery"  # the app shows the same
 WIDTH = "84"  # characters of a line of help
+NOTEBOOK = re.compile(r"\]\((?:\.\./)?examples/(\w+)\.ipynb")
 ARITHMATEX = re.compile(r'<(?P<tag>span|div) class="arithmatex">(?P<latex>.*?)</(?P=tag)>', re.S)
 
 
@@ -49,6 +50,11 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
         files.append(File.generated(config, f"gallery/{picture.name}", abs_src_path=str(picture)))
 
 
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Lead links to notebooks, which stand beside docs/, to the pages made of them."""
+    return NOTEBOOK.sub(r"](\1.md", markdown)
+
+
 def on_page_content(content: str, **_: Any) -> str:
     """Turn LaTeX into MathML, which browsers draw by themselves."""
 
@@ -62,7 +68,7 @@ def on_page_content(content: str, **_: Any) -> str:
 def from_root(name: str) -> str:
     """A file beside docs/ as a page: its links and pictures as seen from there."""
     page = (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](").replace('src="docs/', 'src="')
-    page = re.sub(r"\]\(examples/(\w+)\.ipynb\)", r"](\1.md)", page.replace("](README.md", "](index.md"))
+    page = page.replace("](README.md", "](index.md")
     return re.sub(r"\]\((CONTRIBUTING|SECURITY|CHANGELOG)\.md", lambda found: found[0].lower(), page)
 
 

@@ -98,7 +98,7 @@ def test_the_search_works_in_pages_that_were_opened_from_a_folder(folder):
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--headless", "--no-sandbox"])
         page = browser.new_page()
-        page.goto((folder / "how-to" / "watch.html").as_uri())
+        page.goto((folder / "how-to" / "online-diagnosis.html").as_uri())
         page.click("[data-md-component=search-query]")
         page.get_by_text("Type to start searching").wait_for(state="attached")  # the index is there
         page.locator("[data-md-component=search-query]").press_sequentially("Stribeck", delay=20)

@@ -229,7 +229,7 @@ class _Filter:
             self._memory = after[-1].memory
 
     def _process_noise(self) -> Array:
-        """Covariance that a period adds: torque noise that is held over it, and parameters that wander."""
+        """Covariance that a period adds: white torque noise, and parameters that wander."""
         ukf, period = self._ukf, self._period
         x = Samples(np.zeros(1), ukf.x[:1], ukf.x[1:2], np.zeros(1))
         balance = Balance(self._terms, ukf.x[2:])

@@ -147,9 +147,6 @@ def test_the_callback_in_c_says_what_python_says(tmp_path):
     assert np.std(said, axis=0).min() > 1e-3
 
 
-DUTY = Drive(output="duty", kp=1.2, limit=0.8, supply=9.0, gain=0.5)
-
-
 @pytest.mark.parametrize("format", ["python", "mjcf"])
 def test_a_drive_is_in_the_unit_of_its_model(format):
     pytest.importorskip("mujoco")

@@ -102,13 +102,13 @@ def simulated(state: State) -> Options | None:
 
 
 def free_name(state: State) -> str:
-    """A name for the next recording."""
+    """Choose a name for the next recording."""
     known = {one.id for one in state.loaded}
     return next(name for k in range(1, 1000) if (name := f"recording-{k}.csv") not in known)
 
 
 def fields() -> list[Component]:
-    """A form for a run: its torque, and what is hidden in the plant; `options` reads it."""
+    """Make the form of a run: its torque, and what is hidden in the plant; `options` reads it."""
     torques = {id: opening(id) for id in EXCITATIONS}
     torques |= {id: f"Learnt policy, {bound} torque bounded" for id, bound in LEARNT.items()}
     hidden = {id: text for id, text in effects_to_choose(nothing="nothing").items() if id not in MEASURED}

@@ -46,20 +46,20 @@ def sort_files(place: Path, coming: Sequence[tuple[str, str]], unwrap: bool) -> 
         coming: name and data URL of each file.
         unwrap: whether recordings that no study speaks of are unwrapped.
     """
-    files, told, uploaded = list[Path](), list[Source](), Uploaded()
+    files, of_study, uploaded = list[Path](), list[Source](), Uploaded()
     for name, content in coming:
         try:
             file = unpack(place, name, content)
             if file.suffix == ".toml":
-                told += [replace(one, file=place / safe_name(one.file.name)) for one in read_sources(file)]
+                of_study += [replace(one, file=place / safe_name(one.file.name)) for one in read_sources(file)]
             else:
                 files.append(file)
         except MISTAKES as mistake:
             uploaded.refused.append(sentence(mistake))
-    named = {one.file for one in told}
+    named = {one.file for one in of_study}
     for file in named.difference(files):
         uploaded.refused.append(f"{STUDY}: names {file.name}: drop both here together")
-    uploaded.sources.extend(one for one in told if one.file in files)
+    uploaded.sources.extend(one for one in of_study if one.file in files)
     for file in files:
         if file.suffix.lower() in FORMATS:
             uploaded.robots.append(file)

@@ -50,7 +50,7 @@ def index() -> str:
 
 
 def page() -> Component:
-    """What every visitor gets; the rest follows from the session."""
+    """Lay out what every visitor gets; the rest follows from the session."""
     most: dict[str, Any] = {"data-most": str(uploads.LARGEST)}  # so that the page can say why it refuses a file
     brand = html.Span("pendulum-ident", className="brand")
     stages = html.Nav(navigation(STAGES[0], NO_RECORDING), id="nav", **aria(label="Stages"))
@@ -92,14 +92,14 @@ def navigation(here: Stage, trouble: str) -> list[Component]:
 
 
 def story_so_far(state: Work) -> list[Component]:
-    """The headline, and the numbers behind it."""
+    """Show the headline, and the numbers behind it."""
     kicker, title, lead = told(state)
     parts: list[Component] = [html.P(kicker, className="kicker"), html.H1(title)]
     return [*parts, html.P(lead, className="lead")] if lead else parts
 
 
 def steps(session: Session) -> list[Component]:
-    """The way back."""
+    """Show the way back."""
     what = session.last_change
     if not (what or session.state.loaded):
         return []
