@@ -109,7 +109,7 @@ def read_arm_recording(
     """
     look = preview(path, most=500)  # columns: four of 64 joints, and what else a robot logs
     named = _named(path, look.headers, joints, held, dict(columns or {}))
-    single = [_read_joint(path, joint, named, unwrap) for joint in joints]
+    single = [_read_joint(path, look, joint, named, unwrap) for joint in joints]
     _refuse_twice(path, joints, single)
     _refuse_other_instants(joints, single)
     first = single[0]
@@ -155,12 +155,15 @@ def _refuse_twice(path: str | os.PathLike[str], joints: Sequence[str], single: S
                     )
 
 
-def _read_joint(path: str | os.PathLike[str], joint: str, named: Mapping[str, str], unwrap: bool) -> Recording:
-    """The columns of one joint, by the columns of quantities of all joints."""
+def _read_joint(
+    path: str | os.PathLike[str], look: Preview, joint: str, named: Mapping[str, str], unwrap: bool
+) -> Recording:
+    """Read the columns of one joint, by the columns of quantities of all joints."""
     own = {quantity: named.get(f"{quantity}_{joint}", UNUSED) for quantity in OF_JOINTS}
     own |= {"time": named["time"]} if "time" in named else {}
     unused = {"velocity": UNUSED, "reference": UNUSED}
     try:
+        named_column("torque", own["torque"], look.headers, of_arm=True)
         read = read_recording(path, unwrap=unwrap, columns=own | unused)
     except RecordingError as error:
         text = _of_joint(joint, str(error).removeprefix(f"{path}: "))
@@ -187,7 +190,6 @@ def _still(path: str | os.PathLike[str], look: Preview, text: str) -> Array:
 
 def _of_joint(joint: str, text: str) -> str:
     """A text about columns of one joint, ready to paste."""
-    text = re.sub(r", or torque=.*\*\? to have it found by known loads", "", text)  # of a pendulum
     text = re.sub(",(velocity|reference)=unused", "", text)
     text = re.sub(f"^({'|'.join(OF_JOINTS)}) is", lambda found: f"{found[1]}_{joint} is", text)
     return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})=", lambda found: f"{found[1]}_{joint}=", text)

@@ -22,6 +22,7 @@ from pendulum_env.recording.expression import (
 from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.vocabulary import (
     ALIASES,
+    GAIN_TO_FIND,
     GAINS,
     HEADER,
     LABELS,
@@ -292,10 +293,11 @@ def _raw(quantity: str, headers: Sequence[str]) -> list[str]:
     return [f"{shown(own, QUOTED)} needs a gain, as in --columns {_gain_example(quantity, own)}" for own in raw]
 
 
-def _gain_example(quantity: str, header: str) -> str:
-    """An example of a column with a gain, in the unit that its name tells."""
+def _gain_example(quantity: str, header: str, of_arm: bool = False) -> str:
+    """Write an example of a column with a gain, in the unit that its name tells."""
     unit = _raw_unit(_unit_at_the_end(RAW["torque"], header) or letters(re.split(r"[\[(]", header)[0]))
-    return GAINS[quantity].format(header, unit, TORQUE_GAINS[unit])
+    text = GAINS[quantity] + (GAIN_TO_FIND if quantity == "torque" and not of_arm else "")
+    return text.format(header, unit, TORQUE_GAINS[unit])
 
 
 def _raw_unit(text: str) -> str:
@@ -318,8 +320,8 @@ def refuse_unknown_quantity(quantity: str, of_arm: bool = False) -> None:
         raise ColumnError(f"columns are named for {', '.join(ALIASES)}, not for {quantity!r}")
 
 
-def named_column(quantity: str, text: str, headers: Sequence[str]) -> Column:
-    """The column that a user names for a quantity, with what is to be done with it."""
+def named_column(quantity: str, text: str, headers: Sequence[str], of_arm: bool = False) -> Column:
+    """Find the column that a user names for a quantity, with what is to be done with it; an arm's gains are known."""
     refuse_unknown_quantity(quantity)
     names = [header.strip() for header in headers]
     raw = RAW.get(quantity, {})
@@ -341,7 +343,7 @@ def named_column(quantity: str, text: str, headers: Sequence[str]) -> Column:
     needs_gain = unit in raw if unit is not None else _is_raw(quantity, name)
     converted = any(factor[0] == "*" for factor in expression.factors)  # else nobody knows whether 2 pi is in a ratio
     if needs_gain and not (converted or (expression.factors and expression.unit is not None)):
-        example = _gain_example(quantity, name)
+        example = _gain_example(quantity, name, of_arm)
         raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example}")
     if unit is None and needs_gain and quantity == "torque":  # `current [mA]`; a gain of counts is one to radians
         unit = _unit_at_the_end(raw, name)
