@@ -1,7 +1,6 @@
 """NPZ, MATLAB, HDF5 and Parquet: arrays by name, the elements of a vector as columns of their own, `x[0]`."""
 
 from collections.abc import Iterator, Mapping
-from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,9 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
+from pendulum_env.recording.clock import count_seconds
 from pendulum_env.recording.record import RecordingError
-from pendulum_env.recording.table import WIDEST, Find, Table, first_date, need, numbers
+from pendulum_env.recording.table import WIDEST, Find, Table, first_date, is_text, need, numbers
 
 NUMBER_TYPES = (pa.types.is_boolean, pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal)
 DESCRIPTIONS = ("dimensions", "name")  # fields of MATLAB structures that hold no samples
@@ -117,7 +117,7 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
     for quantity, column in columns.items():
         name, k = places[column.index]
         shape, dtype = sides[name], stored[name].dtype
-        dates = quantity == "time" and dtype.kind == "M"
+        dates = quantity == "time" and dtype.kind in "mM"
         if not (dates or dtype.kind in "biufO") or len(shape) not in (1, 2):
             raise RecordingError(
                 f"array {name!r} ({quantity}) has type {dtype} and shape {shape}: "
@@ -127,8 +127,7 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
         if array.ndim == 2:
             array = array[:, k] if shape[0] >= shape[1] else array[k]
         if dates:
-            date = datetime.fromtimestamp(float(array[0].astype("datetime64[ns]").astype(np.int64)) / 1e9, UTC)
-            array = (array - array[0]) / np.timedelta64(1, "s")
+            array, date = count_seconds(array)
         values[quantity] = np.asarray(array, dtype=np.float64)
     samples = {len(array) for quantity, array in values.items() if quantity != "time"}
     notes = []
@@ -162,7 +161,7 @@ def read_parquet(path: Path, find: Find) -> Table:
 
             series = pc.list_element(series, k)
         is_date = quantity == "time" and pa.types.is_timestamp(series.type)
-        is_label = quantity == "segment" and pa.types.is_string(series.type)
+        is_label = quantity == "segment" and is_text(series.type)
         if not (is_date or is_label or any(test(series.type) for test in NUMBER_TYPES)):
             raise RecordingError(
                 f"column {column.header!r} ({quantity}) has type {series.type}: "

@@ -23,6 +23,7 @@ class CleaningSettings:
     moving: float = 3.0  # times the usual deviation from steady motion that a step has, if the joint is sure to move
     same: float = 1e-6  # of the usual step of time, up to which it stands still
     alike: float = 0.25  # of a step, up to which others are the same motion
+    moved_on: float = 1.5  # times the step from row to row that a lost column makes across its empty cells
     least_steps: int = (
         20  # steps by the least change of a column, beside which it would also repeat, were it logged then
     )
@@ -62,13 +63,16 @@ def hold_unchanged(log: Log) -> None:
 
     A column that is written in every row repeats its value about half as often as it changes by its least step. A
     file in which a column takes many least steps and no column with empty cells ever repeats a value is written only
-    where values change. A column `enabled` or `segment` is always held.
+    where values change. If such a column moves on by more across empty cells than from row to row, its cells were lost.
+    A column `enabled` or `segment` is always held.
     """
     sparse = [quantity for quantity in log.values if quantity != "time" and np.isnan(log.values[quantity]).any()]
     steps = {quantity: np.diff(log.values[quantity][~np.isnan(log.values[quantity])]) for quantity in sparse}
     held = [quantity for quantity in sparse if quantity in ("enabled", "segment")]
     others = [quantity for quantity in sparse if quantity not in held]
-    if all(steps[quantity].all() for quantity in others) and any(_is_coarse(steps[quantity]) for quantity in others):
+    if all(steps[quantity].all() for quantity in others) and any(
+        _is_coarse(steps[quantity]) and not _is_lost(log.values[quantity]) for quantity in others
+    ):
         held += others
         log.notes.append("empty cells hold the last value: the file repeats no value")
     for quantity in held:
@@ -83,6 +87,15 @@ def _is_coarse(steps: Array) -> bool:
         return False
     sizes = np.abs(steps)
     return int(np.count_nonzero(sizes <= 1.5 * sizes[sizes > 0].min())) >= CLEANING.least_steps
+
+
+def _is_lost(values: Array) -> bool:
+    """Whether a column (N,) moved on where its cells are empty, so that its steps across them are larger."""
+    rows = np.flatnonzero(~np.isnan(values))
+    across, sizes = np.diff(rows) > 1, np.abs(np.diff(values[rows]))
+    if not across.any() or np.count_nonzero(~across) < CLEANING.least_steps:
+        return False
+    return bool(sizes[across].mean() > CLEANING.moved_on * sizes[~across].mean())
 
 
 def aligned(log: Log, fewest: int) -> None:

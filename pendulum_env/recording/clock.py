@@ -2,8 +2,10 @@
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
 from pendulum_env.recording.vocabulary import UNITS
@@ -16,6 +18,17 @@ STEPS = (1e-5, 0.1)  # [s] between samples of a recording, the least and the mos
 def find_date(start: float) -> datetime | None:
     """Date of a time in seconds since 1970; None of one that cannot be since 1970."""
     return datetime.fromtimestamp(start, UTC) if EPOCH[0] <= start < EPOCH[1] else None
+
+
+def count_seconds(time: NDArray[Any]) -> tuple[Array, datetime | None]:
+    """Count dates (N,) in seconds from the first, which is returned too, or durations in seconds; NaT becomes NaN."""
+    if time.dtype.kind != "M":
+        return time / np.timedelta64(1, "s"), None
+    known = time[~np.isnat(time)]
+    if not len(known):
+        return np.full(time.shape, np.nan), None
+    date = datetime.fromtimestamp(known[0].astype("datetime64[us]").astype(np.int64) / 1e6, UTC)
+    return (time - known[0]) / np.timedelta64(1, "s"), date
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.mistake import Mistake
-from pendulum_env.recording.clock import find_date
+from pendulum_env.recording.clock import count_seconds, find_date
 from pendulum_env.servo.drive import Drive
 from pendulum_env.words import plus_minus
 
@@ -87,8 +87,8 @@ class Recording:
 
     Samples of all segments stand in a row, time increases throughout. Within a segment it is uniform, with one period
     for the whole recording; between segments there is a gap, about which nothing is known. Filters, integrals and
-    simulation therefore start anew in each of `segments`. A time that counts from 1970 is counted from the first
-    sample, and `start_date` keeps its date.
+    simulation therefore start anew in each of `segments`. A time that counts from 1970, or that is of dates
+    (datetime64), is counted from the first sample, and `start_date` keeps its date.
 
     `torque[k]` is held from `time[k]` to `time[k + 1]` (zero-order hold, as a DAC does it), while `position[k]` and
     `velocity[k]` are taken at the instant `time[k]`. While the motor is open (`enabled` 0), torque is zero.
@@ -118,6 +118,10 @@ class Recording:
     start_date: datetime | None = None  # of the first sample of its file, if the log has a date
 
     def __post_init__(self) -> None:
+        if (time := np.asarray(self.time)).dtype.kind in "mM":  # dates, or durations
+            seconds, date = count_seconds(time)
+            object.__setattr__(self, "time", seconds)
+            object.__setattr__(self, "start_date", self.start_date or date)
         for quantity in QUANTITIES:
             values = getattr(self, quantity)
             if values is not None:

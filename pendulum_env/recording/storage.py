@@ -5,6 +5,7 @@ import math
 import os
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -224,7 +225,7 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
         torque_unit=unit,
         drive=drive,
         origin=origin,
-        start_date=log.clock.date or table.date,
+        start_date=log.clock.date or (table.date and table.date + timedelta(seconds=log.clock.start)),
     )
     if drive is not None and "torque" not in columns:
         asked = "torque is not taken from the log: it is what the drive asked for"

@@ -34,11 +34,19 @@ def numbers(column: pa.ChunkedArray) -> Array:
 
         ticks = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[column.type.unit]
         column = pc.divide(pc.subtract(column.cast(pa.int64()), pc.min(column).value).cast(pa.float64()), ticks)
-    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
-        column = pa.chunked_array([column.combine_chunks().dictionary_encode().indices])
+    if is_text(column.type):
+        whole = column.combine_chunks()
+        encoded = whole if pa.types.is_dictionary(whole.type) else whole.dictionary_encode()
+        column = pa.chunked_array([encoded.indices])
     if column.type != pa.float64():
         column = column.cast(pa.float64(), safe=False)
     return np.array(column.to_numpy())
+
+
+def is_text(kind: pa.DataType) -> bool:
+    """Whether a column of Arrow holds words, each in its place or by number."""
+    own = kind.value_type if pa.types.is_dictionary(kind) else kind
+    return bool(pa.types.is_string(own) or pa.types.is_large_string(own))
 
 
 def first_date(column: pa.ChunkedArray) -> datetime | None:

@@ -140,7 +140,7 @@ def _values(opened: Opened, layout: Layout, columns: dict[str, Column]) -> dict[
 def _cell_type(quantity: str, layout: Layout, column: Column) -> pa.DataType:
     """Type of a column's cells: numbers, `true` and `false`, or words that label segments."""
     first = layout.first[column.index]
-    if first in (*TRUE, *FALSE) and not NUMBER.fullmatch(first):
+    if quantity in ("enabled", "segment") and first in (*TRUE, *FALSE):
         return pa.bool_()
     return pa.string() if quantity == "segment" and first and not NUMBER.fullmatch(first) else pa.float64()
 

@@ -1,7 +1,7 @@
 """Clocks that logs have: since 1970 in any unit, since start-up, with few digits; time counts from the first sample."""
 
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +65,31 @@ def test_dates_count_from_the_first_and_are_kept(tmp_path: Path) -> None:
     recording = read_recording(tmp_path / "run.csv")
     np.testing.assert_allclose(recording.time, run["time"], rtol=0, atol=1e-9)
     assert recording.start_date == datetime(2026, 3, 1, 12, tzinfo=UTC)
+
+
+@pytest.mark.parametrize("unit", ["ms", "us", "ns"])
+def test_arrays_of_dates_and_of_durations_count_in_seconds(tmp_path: Path, unit: str) -> None:
+    run = motion(100)
+    passed = np.round(1000 * run["time"]).astype("timedelta64[ms]").astype(f"timedelta64[{unit}]")
+    date = np.datetime64("2026-03-01T12:00:00.250", "ms")
+    for time, start in ((passed, None), (date + passed, datetime(2026, 3, 1, 12, 0, 0, 250_000, UTC))):
+        np.savez(tmp_path / "run.npz", **run | {"time": time})
+        own = Recording("run", time, run["position"], run["torque"])
+        for recording in (own, read_recording(tmp_path / "run.npz")):
+            np.testing.assert_allclose(recording.time, run["time"], rtol=0, atol=1e-9)
+            assert recording.start_date == start
+
+
+def test_the_date_is_that_of_the_first_row_that_is_kept(tmp_path: Path) -> None:
+    run, first = motion(100), np.datetime64("2026-03-01T12:00:00", "ms")
+    stamps = first + np.round(1000 * run["time"]).astype("timedelta64[ms]")
+    torque = np.where(run["time"] < 0.5, np.nan, run["torque"])
+    np.savez(tmp_path / "run.npz", **run | {"time": stamps, "torque": torque})
+    stamps[0] = np.datetime64("NaT")
+    np.savez(tmp_path / "gap.npz", **run | {"time": stamps})
+    date = datetime(2026, 3, 1, 12, tzinfo=UTC)
+    assert read_recording(tmp_path / "run.npz").start_date == date + timedelta(seconds=0.5)
+    assert read_recording(tmp_path / "gap.npz").start_date == date + timedelta(seconds=0.01)
 
 
 def test_a_time_that_falls_is_told_with_digits_that_differ(tmp_path: Path) -> None:

@@ -5,6 +5,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import scipy.integrate
 
@@ -78,6 +80,35 @@ def test_lost_cells_of_a_column_that_repeats_are_no_values_that_are_held(tmp_pat
     rows = zip((f"{t:.3f}" for t in run["time"]), (f"{q:.9f}" for q in run["position"]), cells, strict=True)
     recording = read_recording(write(tmp_path / "run.csv", "time,position,torque", rows))
     assert any("left out" in note for note in recording.notes)
+
+
+def test_lost_cells_of_a_column_that_never_repeats_are_not_held(tmp_path: Path, run) -> None:
+    lost = np.zeros(len(run["time"]), dtype=bool)
+    lost[np.random.default_rng(0).choice(np.arange(50, len(lost) - 50), 30, replace=False)] = True
+    turning = [[f"{t:.3f}", "" if gone else f"{10 * t:.3f}", f"{u:.2f}"]
+               for t, u, gone in zip(run["time"], run["torque"], lost, strict=True)]  # fmt: skip
+    ramp = np.cumsum(np.where(np.arange(len(lost)) % 100 < 50, 0.01, -0.01))
+    ramped = [[f"{t:.3f}", f"{q:.9f}", "" if gone else f"{u:.2f}"]
+              for t, q, u, gone in zip(run["time"], run["position"], ramp, lost, strict=True)]  # fmt: skip
+    for rows, quantity in ((turning, "position"), (ramped, "torque")):
+        recording = read_recording(write(tmp_path / "run.csv", "time,position,torque", rows))
+        assert any(note.startswith(f"{quantity} is empty") for note in recording.notes)
+    np.testing.assert_allclose(recording.position, run["position"], atol=1e-3)
+
+
+def test_truth_values_are_no_torque(tmp_path: Path, run) -> None:
+    rows = [[f"{t:.3f}", f"{q:.9f}", "true"] for t, q in zip(run["time"], run["position"], strict=True)]
+    with pytest.raises(RecordingError, match=r"data row 1 .* has 'true' as torque, not a number"):
+        read_recording(write(tmp_path / "run.csv", "time,position,torque", rows))
+
+
+@pytest.mark.parametrize("kind", [pa.string(), pa.large_string(), pa.dictionary(pa.int32(), pa.string())])
+def test_labels_of_parquet_begin_a_segment_where_they_change(tmp_path: Path, run, kind: pa.DataType) -> None:
+    half = len(run["time"]) // 2
+    labels = pa.array(["up"] * half + ["down"] * (len(run["time"]) - half)).cast(kind)
+    pq.write_table(pa.table({**{name: run[name] for name in ("time", "position", "torque")}, "segment": labels}),
+                   tmp_path / "run.parquet")  # fmt: skip
+    assert read_recording(tmp_path / "run.parquet").starts == (0, half)
 
 
 @pytest.mark.parametrize(("yes", "no"), [("true", "false"), ("True", "False"), ("TRUE", "FALSE"), ("1", "0")])
