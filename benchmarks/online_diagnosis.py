@@ -156,7 +156,7 @@ def describe(verdict: OnlineDiagnosis) -> str:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was reported of a plant that changes.
+    """Reports on a plant that changes.
 
     Attributes:
         is_early: whether there was an alarm before the change.

@@ -82,14 +82,14 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
     for source in sources:
         with terminal.progress(f"reading {source.file.name}"):
             recordings.append(read(source))
-    counts = Counter(note for recording in recordings for note in set(_notes_of(recording)))
+    counts = Counter(note for recording in recordings for note in set(_collect_notes(recording)))
     for source, recording in zip(sources, recordings, strict=True):
         terminal.say(f"{source.file}: {recording.summary}")
         if source.said_by:
             columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
             others = (f"with its {key}" for key in source.format if key != "columns")
             terminal.say(f"  read as {source.said_by} says: {listing([*columns, *others])}")
-        for note in _notes_of(recording):
+        for note in _collect_notes(recording):
             if counts[note] == 1:
                 _print_note(note, terminal)
     for note, count in counts.items():
@@ -98,8 +98,8 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
     return recordings
 
 
-def _notes_of(recording: Recording) -> list[str]:
-    """Notes of a recording, and one on the units of an axis that slides."""
+def _collect_notes(recording: Recording) -> list[str]:
+    """Collect the notes of a recording, and one on the units of an axis that slides."""
     if recording.origin is None or not recording.origin.slides:
         return list(recording.notes)
     return [*recording.notes, "an axis that slides: read kg for kg m^2, N for N m and m for rad"]

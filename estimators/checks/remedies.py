@@ -61,7 +61,7 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
 
 
 def _can_be_upright(gravity: float, recordings: Sequence[Recording]) -> bool:
-    """Whether a negative gravity [N m] can be an upright zero: a few turns at most, and no mere share of the torque."""
+    """Return whether a negative gravity [N m] can be an upright zero: few turns, and no small share of the torque."""
     turns = max(float(np.ptp(recording.position)) for recording in recordings) / (2 * np.pi)
     torque = max(float(np.sqrt(np.mean(recording.torque**2))) for recording in recordings)
     return turns <= UPRIGHT_TURNS and abs(gravity) >= UPRIGHT_SHARE * torque

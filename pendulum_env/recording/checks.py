@@ -139,8 +139,8 @@ class AccelerationFit:
     is_odd: Mask
 
     @classmethod
-    def of(cls, recording: Recording) -> "AccelerationFit | None":
-        """Take the longest segment at some 200 Hz, 100,000 samples at most; None if it has fewer than 20."""
+    def from_recording(cls, recording: Recording) -> "AccelerationFit | None":
+        """Average the longest segment to some 200 Hz, 100,000 samples at most; None if it has fewer than 20."""
         part = max(recording.segments, key=len)
         stride = max(1, round(part.rate / 200.0))
         count = min(len(part) // stride, 100_000)
@@ -155,15 +155,15 @@ class AccelerationFit:
         return cls(savitzky_golay(q, window, 3), v, a, savitzky_golay(tau, window, 3), is_odd)
 
     def misfit(self, *gravity: Array) -> float:
-        """Norm of the residual of every other second, predicted by the fit of the seconds between."""
+        """Compute the norm of the residual of every other second, predicted by the fit of the seconds between."""
         v, a, odd = self.velocity, self.acceleration, self.is_odd
         phi = np.column_stack([self.torque, v, np.sign(v), np.ones_like(v), *gravity])
         phi /= np.abs(phi).max(axis=0) + np.finfo(float).tiny
         left = [a[~h] - phi[~h] @ np.linalg.lstsq(phi[h], a[h], rcond=None)[0] for h in (odd, ~odd)]
         return float(np.linalg.norm(np.concatenate(left)))
 
-    def misfit_in_unit(self, factor: float) -> float:
-        """Misfit of gravity, if position times a factor is in radians."""
+    def misfit_advise_unit(self, factor: float) -> float:
+        """Compute the misfit with gravity, if position times a factor is in radians."""
         x = factor * self.position
         return min(self.misfit(np.sin(x)), self.misfit(np.sin(x), np.cos(x)))
 
@@ -175,15 +175,15 @@ def suspect_unit(recording: Recording, origin: Origin) -> tuple[str, ...]:
     Degrees that cover more than 2 pi are told from a smaller difference. Over up to 30 degrees the sine is straight, as
     is a spring over radians that is wound as far: either may be meant, and a note says which was taken.
     """
-    fit = AccelerationFit.of(recording) if origin.columns["position"].unit is None else None
+    fit = AccelerationFit.from_recording(recording) if origin.columns["position"].unit is None else None
     if fit is not None:
         q = fit.position
         radians = min(fit.misfit(), fit.misfit(q), fit.misfit(q, np.sin(q)), fit.misfit(q, np.sin(q), np.cos(q)))
-        turns = fit.misfit_in_unit(UNITS["position"]["rev"])
+        turns = fit.misfit_advise_unit(UNITS["position"]["rev"])
         if radians > 1e-3 * np.sqrt(len(q)) and turns < BOUNDS.clear * radians:
             raise ColumnError(
                 f"gravity acts on position as on turns, with a residual of {turns / radians:.1%} of that in radians: "
-                f"{_in_unit(origin, 'rev')}"
+                f"{_advise_unit(origin, 'rev')}"
             )
     return _suspect_degrees(recording, origin)
 
@@ -193,10 +193,10 @@ def _suspect_degrees(recording: Recording, origin: Origin) -> tuple[str, ...]:
     part = max(recording.segments, key=len)
     if np.ptp(part.position) <= 2 * np.pi or not origin.could_be_degrees():
         return ()
-    if (fit := AccelerationFit.of(recording)) is None:
+    if (fit := AccelerationFit.from_recording(recording)) is None:
         return ()
     v, count = fit.velocity, len(fit.velocity)
-    radians, degrees, none = fit.misfit_in_unit(1.0), fit.misfit_in_unit(DEGREE), fit.misfit()
+    radians, degrees, none = fit.misfit_advise_unit(1.0), fit.misfit_advise_unit(DEGREE), fit.misfit()
     # Of 100 real and simulated runs, those in degrees have ratios below 0.945 here, those in radians above 0.975.
     if degrees >= 0.96 * min(radians, none) or none <= 1e-3 * np.sqrt(count):  # [rad/s^2], mere noise
         return ()
@@ -216,10 +216,10 @@ def _suspect_degrees(recording: Recording, origin: Origin) -> tuple[str, ...]:
 
 def _in_degrees(origin: Origin) -> str:
     """What mends a position whose unit or gain is in doubt."""
-    return _in_unit(origin, "deg") if origin.could_be_degrees() else "check its unit and gain"
+    return _advise_unit(origin, "deg") if origin.could_be_degrees() else "check its unit and gain"
 
 
-def _in_unit(origin: Origin, unit: str) -> str:
+def _advise_unit(origin: Origin, unit: str) -> str:
     name = {"deg": "degrees", "rev": "turns"}[unit]
     return f"read it with {origin.in_unit('position', unit)} if it is in {name}"
 

@@ -82,7 +82,7 @@ def hold_unchanged(log: Log) -> None:
 
 
 def _is_coarse(steps: Array) -> bool:
-    """Whether a column takes many of its least steps (M,), rounded to them."""
+    """Return whether a column takes many of its least steps (M,), rounded to them."""
     if not steps.any():
         return False
     sizes = np.abs(steps)
@@ -90,7 +90,7 @@ def _is_coarse(steps: Array) -> bool:
 
 
 def _is_lost(values: Array) -> bool:
-    """Whether a column (N,) moved on where its cells are empty, so that its steps across them are larger."""
+    """Return whether a column (N,) moved on where its cells are empty, so that its steps across them are larger."""
     rows = np.flatnonzero(~np.isnan(values))
     across, sizes = np.diff(rows) > 1, np.abs(np.diff(values[rows]))
     if not across.any() or np.count_nonzero(~across) < CLEANING.least_steps:
@@ -199,7 +199,7 @@ def ordered(log: Log) -> None:
 def start_from_zero(log: Log) -> None:
     """Count time from the first sample; the log's clock keeps its own count."""
     time = log.values["time"]
-    log.clock = Clock.of(time)
+    log.clock = Clock.from_time(time)
     log.values = {**log.values, "time": time - time[0]}
 
 

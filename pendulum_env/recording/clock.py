@@ -16,7 +16,7 @@ STEPS = (1e-5, 0.1)  # [s] between samples of a recording, the least and the mos
 
 
 def find_date(start: float) -> datetime | None:
-    """Date of a time in seconds since 1970; None of one that cannot be since 1970."""
+    """Convert a time in seconds since 1970 to a date; None if it cannot be since 1970."""
     return datetime.fromtimestamp(start, UTC) if EPOCH[0] <= start < EPOCH[1] else None
 
 
@@ -46,9 +46,9 @@ class Clock:
     rounding: float = 0.0
 
     @classmethod
-    def of(cls, time: Array) -> "Clock":
+    def from_time(cls, time: Array) -> "Clock":
         """Read off the clock of time (N,) [s] as a log counts it."""
-        return cls(float(time[0]), printed_resolution(time), 4.0 * float(np.spacing(np.abs(time).max())))
+        return cls(float(time[0]), find_resolution(time), 4.0 * float(np.spacing(np.abs(time).max())))
 
     @property
     def date(self) -> datetime | None:
@@ -77,8 +77,8 @@ def find_plausible_unit(step: float) -> str | None:
     return next((unit for unit in TIME_UNITS if STEPS[0] <= step * UNITS["time"][unit] <= STEPS[1]), None)
 
 
-def printed_resolution(time: Array) -> float:
-    """Last decimal place [s] that time was rounded to, or float32's; 0 if neither explains the digits."""
+def find_resolution(time: Array) -> float:
+    """Find the last decimal place [s] that time was rounded to, or float32's; 0 if neither explains the digits."""
     tail = time[-1000:]  # where time is largest and rounding coarsest
     size = np.abs(tail).max()
     single = float(np.spacing(np.float32(size))) if (tail == tail.astype(np.float32)).all() else 0.0

@@ -145,9 +145,9 @@ def find_columns(
         if quantity in SPARE:
             candidates = candidates[:1]
         if quantity == "time" and len(candidates) > 1 and "position" in given:
-            candidates = _of_path(given["position"], candidates) or candidates
+            candidates = _match_path(given["position"], candidates) or candidates
         if quantity == "velocity" and len(candidates) > 1:  # it may be missing
-            candidates = _of_element(columns.get("position"), candidates)
+            candidates = _match_element(columns.get("position"), candidates)
         if quantity == "torque" and output is not None:
             logged = _logged(output, headers)
             candidates = [] if logged is None else [named_column(quantity, logged, headers)]
@@ -176,35 +176,35 @@ def find_columns(
         )
     if "reference" in columns and columns["reference"].unit is None and columns["position"].unit in UNITS["position"]:
         columns["reference"] = replace(columns["reference"], unit=columns["position"].unit)  # one file, one unit
-    return _with_moteus_units(columns, headers)
+    return _apply_moteus_units(columns, headers)
 
 
-def _of_element(position: Column | None, candidates: Sequence[Column]) -> list[Column]:
-    """The one of several columns that has the element of position, `[6]`; none if it is not clear which."""
+def _match_element(position: Column | None, candidates: Sequence[Column]) -> list[Column]:
+    """Select the column that has the element of position, `[6]`; none if it is not clear which."""
     element = None if position is None else re.search(r"\[\d+\]$", position.header)
     found = [column for column in candidates if element and column.header.endswith(element[0])]
     return found if len(found) == 1 else []
 
 
-def _of_path(position: Column, candidates: Sequence[Column]) -> list[Column]:
-    """Those of several columns that stand in the structure or group of position."""
+def _match_path(position: Column, candidates: Sequence[Column]) -> list[Column]:
+    """Select the columns that stand in the structure or group of position."""
     path = re.split(r"[/.][^/.]*$", position.header)[0]
     return [column for column in candidates if re.split(r"[/.][^/.]*$", column.header)[0] == path]
 
 
-def left_out(headers: Sequence[str], columns: Mapping[str, Column], named: Mapping[str, str]) -> tuple[str, ...]:
-    """Note on a velocity that several columns could be, so that none was taken."""
+def describe_ambiguous_velocity(
+    headers: Sequence[str], columns: Mapping[str, Column], named: Mapping[str, str]
+) -> tuple[str, ...]:
+    """Describe a velocity that several columns could be, so that none was taken."""
     fitting = _most_direct(_fitting("velocity", headers, {column.index for column in columns.values()}))
     if "velocity" in columns or "velocity" in named or len(fitting) < 2:
         return ()
     names = " and ".join(shown(column.header, QUOTED) for column in fitting[:2])
-    return (
-        f"velocity is left out: {len(fitting)} columns could be it, as {names}; name it with --columns velocity=NAME",
-    )
+    return (f"velocity is left out: {len(fitting)} columns match, as {names}; name it with --columns velocity=NAME",)
 
 
-def _with_moteus_units(columns: dict[str, Column], headers: Sequence[str]) -> dict[str, Column]:
-    """Columns, those of a log of moteus in turns."""
+def _apply_moteus_units(columns: dict[str, Column], headers: Sequence[str]) -> dict[str, Column]:
+    """Set the units of a log of moteus, which are turns."""
     if not MOTEUS_SIGNATURE <= {header.strip() for header in headers}:
         return columns
     return {
@@ -215,8 +215,8 @@ def _with_moteus_units(columns: dict[str, Column], headers: Sequence[str]) -> di
     }
 
 
-def with_labels(columns: dict[str, Column], headers: Sequence[str], cells: Sequence[str]) -> dict[str, Column]:
-    """Columns, with one of words in the place of a missing `segment`, by the first cell of each."""
+def add_labels(columns: dict[str, Column], headers: Sequence[str], cells: Sequence[str]) -> dict[str, Column]:
+    """Add a column of words as `segment`, by the first cell of each column, where there is none."""
     if "segment" in columns:
         return columns
     for index, (header, cell) in enumerate(zip(headers, cells, strict=True)):
@@ -301,7 +301,7 @@ def _gain_example(quantity: str, header: str, of_arm: bool = False) -> str:
 
 
 def _raw_unit(text: str) -> str:
-    """`A`, `V` or `duty`, of which a gain makes torque, by letters of a unit or of a column's name."""
+    """Find the unit that a gain converts to torque, `A`, `V` or `duty`, by letters of a unit or of a column's name."""
     if text in ("v", "mv") or "volt" in text:
         return "V"
     return "duty" if text in ("%", "percent", "presentload") or "duty" in text or "pwm" in text else "A"

@@ -291,7 +291,7 @@ def is_uniform(time: Array, starts: tuple[int, ...] = (0,), tolerance: float = E
 
 
 def count_from_zero(time: Array, starts: tuple[int, ...] = (0,)) -> Array:
-    """Time (N,) [s] from 0, each segment on a grid of one period, so that float64 no longer rounds its steps."""
+    """Count time (N,) [s] from 0, each segment on a grid of one period, so that float64 no longer rounds its steps."""
     step = _covered(time, starts) / (len(time) - len(starts))
     bounds = pairwise((*starts, len(time)))
     return np.concatenate([time[a] - time[0] + step * np.arange(b - a, dtype=np.float64) for a, b in bounds])

@@ -92,7 +92,7 @@ def _starts(lengths: Sequence[int]) -> tuple[int, ...]:
 
 
 def is_rounded(time: Array, position: Array, resolution: float) -> bool:
-    """Whether long steps of time (N,) [s] come from rounding of a slower clock: regular, and unknown to the joint.
+    """Return whether long steps of time (N,) [s] come from rounding: regular, and unknown to the joint.
 
     Time was printed with that resolution [s].
     """

@@ -24,7 +24,7 @@ from pendulum_env.recording.arrays import read_hdf5, read_mat, read_npz, read_pa
 from pendulum_env.recording.bags import is_bag, read_bag
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.clock import find_unix_unit
-from pendulum_env.recording.columns import find_columns, left_out
+from pendulum_env.recording.columns import describe_ambiguous_velocity, find_columns
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import WARNING, ColumnError, Recording, RecordingError
 from pendulum_env.recording.table import Find, Table
@@ -199,7 +199,7 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
     is_output = drive is not None and unit == OUTPUTS.get(drive.output)
     noted = [own for own in columns.values() if not (is_output and own.quantity == "torque")]
     log = Log(values, [*(note for column in noted for note in column.notes), *table.notes])
-    log.notes += left_out(table.headers, columns, named)
+    log.notes += describe_ambiguous_velocity(table.headers, columns, named)
     cleaning.hold_unchanged(log)
     cleaning.aligned(log, checks.BOUNDS.fewest)
     cleaning.finite(log, checks.BOUNDS.fewest)

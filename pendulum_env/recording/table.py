@@ -44,7 +44,7 @@ def numbers(column: pa.ChunkedArray) -> Array:
 
 
 def is_text(kind: pa.DataType) -> bool:
-    """Whether a column of Arrow holds words, each in its place or by number."""
+    """Return whether a column of Arrow holds words, each in its place or by number."""
     own = kind.value_type if pa.types.is_dictionary(kind) else kind
     return bool(pa.types.is_string(own) or pa.types.is_large_string(own))
 

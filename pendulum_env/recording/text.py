@@ -14,7 +14,7 @@ import pyarrow.csv as pacsv
 from pendulum_env._typing import Array
 from pendulum_env.mistake import one_line
 from pendulum_env.reading import shown
-from pendulum_env.recording.columns import Column, with_labels
+from pendulum_env.recording.columns import Column, add_labels
 from pendulum_env.recording.expression import letters
 from pendulum_env.recording.record import RecordingError
 from pendulum_env.recording.table import Find, Table, need, numbers
@@ -84,7 +84,7 @@ def read_text(opened: Opened, find: Find) -> Table:
     """The columns in need of a text, see `read_csv`."""
     with opened() as stream:
         layout = _layout(stream.read(HEAD))
-    columns = with_labels(find(layout.headers), layout.headers, layout.first)
+    columns = add_labels(find(layout.headers), layout.headers, layout.first)
     notes = []
     if dated := _stamp(layout, columns["time"]):
         notes.append(f"time is counted from {dated[0].strip()}")
