@@ -241,7 +241,7 @@ class OutcomeOfTwo:
 
 
 def diagnose_two_changes(case: tuple[int, int]) -> OutcomeOfTwo:
-    """Diagnose a plant of which two parameters change one after the other; the case is a number and a seed."""
+    """Diagnose a plant with two parameters that change one after the other; the case is a number and a seed."""
     k, seed = case
     first, second = PARAMETERS[k % 4], PARAMETERS[(k + 1 + k // 4 % 3) % 4]
     rng = np.random.default_rng([seed, k])
@@ -259,7 +259,7 @@ def diagnose_two_changes(case: tuple[int, int]) -> OutcomeOfTwo:
 
 
 def two_changes(n: int, seed: int, workers: int, terminal: Terminal) -> None:
-    """Diagnose plants of which one parameter changes at 10 s and another one 5 s later."""
+    """Diagnose plants with one parameter that changes at 10 s and another one 5 s later."""
     cases = [(k, seed) for k in range(n)]
     found = each(diagnose_two_changes, cases, workers=workers, title="two changes", terminal=terminal)
     others = Counter(one.last for one in found).most_common(3)

@@ -64,7 +64,7 @@ def fit(phi: Array, y: Array, block: int) -> Fit:
 
 @dataclass
 class ParameterChange:
-    """Change of parameters from former ones, of which more is known with each row since then.
+    """Change of parameters from former ones, estimated better with each row since then.
 
     Attributes:
         names: of the parameters.

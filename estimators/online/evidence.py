@@ -78,7 +78,7 @@ class Bets:
 
 
 class UsualGain:
-    """Mean and standard deviation of a challenger's gains so far, of which outliers are learnt as smaller ones."""
+    """Mean and standard deviation of a challenger's gains so far; outliers count as smaller ones."""
 
     def __init__(self) -> None:
         """Begin without any gain."""

@@ -55,7 +55,7 @@ def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float],
     ties = _ties(tree)
     _bound(tree)
     try:
-        with _silenced():
+        with _silence_output():
             model = (
                 pin.buildModelFromXML(ElementTree.tostring(tree, encoding="unicode"))
                 if tree.tag == "robot"
@@ -108,7 +108,7 @@ def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float],
 
 
 @contextmanager
-def _silenced() -> Iterator[None]:
+def _silence_output() -> Iterator[None]:
     """Discard what a C++ library prints to the standard error, beside the exception that it raises."""
     kept = os.dup(2)
     try:

@@ -162,7 +162,7 @@ class AccelerationFit:
         left = [a[~h] - phi[~h] @ np.linalg.lstsq(phi[h], a[h], rcond=None)[0] for h in (odd, ~odd)]
         return float(np.linalg.norm(np.concatenate(left)))
 
-    def misfit_advise_unit(self, factor: float) -> float:
+    def misfit_in_unit(self, factor: float) -> float:
         """Compute the misfit with gravity, if position times a factor is in radians."""
         x = factor * self.position
         return min(self.misfit(np.sin(x)), self.misfit(np.sin(x), np.cos(x)))
@@ -172,31 +172,31 @@ def suspect_unit(recording: Recording, origin: Origin) -> tuple[str, ...]:
     """Refuse turns or degrees that were read as radians: gravity acts with the sine of another unit.
 
     Position is in turns where their misfit is a tenth of that of radians, with a spring as well or with neither.
-    Degrees that cover more than 2 pi are told from a smaller difference. Over up to 30 degrees the sine is straight, as
-    is a spring over radians that is wound as far: either may be meant, and a note says which was taken.
+    Degrees that cover more than 2 pi are recognised by a smaller difference. Over up to 30 degrees the sine is
+    straight, as is a spring over radians that is wound as far: either may be meant, and a note says which was taken.
     """
-    fit = AccelerationFit.from_recording(recording) if origin.columns["position"].unit is None else None
-    if fit is not None:
+    fit = AccelerationFit.from_recording(recording) if origin.could_be_degrees() else None
+    if fit is None:
+        return ()
+    if origin.columns["position"].unit is None:
         q = fit.position
         radians = min(fit.misfit(), fit.misfit(q), fit.misfit(q, np.sin(q)), fit.misfit(q, np.sin(q), np.cos(q)))
-        turns = fit.misfit_advise_unit(UNITS["position"]["rev"])
+        turns = fit.misfit_in_unit(UNITS["position"]["rev"])
         if radians > 1e-3 * np.sqrt(len(q)) and turns < BOUNDS.clear * radians:
             raise ColumnError(
                 f"gravity acts on position as on turns, with a residual of {turns / radians:.1%} of that in radians: "
                 f"{_advise_unit(origin, 'rev')}"
             )
-    return _suspect_degrees(recording, origin)
+    return _suspect_degrees(recording, origin, fit)
 
 
-def _suspect_degrees(recording: Recording, origin: Origin) -> tuple[str, ...]:
+def _suspect_degrees(recording: Recording, origin: Origin, fit: AccelerationFit) -> tuple[str, ...]:
     """Refuse degrees by the look of it; only position that covers more than 2 pi is judged."""
     part = max(recording.segments, key=len)
-    if np.ptp(part.position) <= 2 * np.pi or not origin.could_be_degrees():
-        return ()
-    if (fit := AccelerationFit.from_recording(recording)) is None:
+    if np.ptp(part.position) <= 2 * np.pi:
         return ()
     v, count = fit.velocity, len(fit.velocity)
-    radians, degrees, none = fit.misfit_advise_unit(1.0), fit.misfit_advise_unit(DEGREE), fit.misfit()
+    radians, degrees, none = fit.misfit_in_unit(1.0), fit.misfit_in_unit(DEGREE), fit.misfit()
     # Of 100 real and simulated runs, those in degrees have ratios below 0.945 here, those in radians above 0.975.
     if degrees >= 0.96 * min(radians, none) or none <= 1e-3 * np.sqrt(count):  # [rad/s^2], mere noise
         return ()

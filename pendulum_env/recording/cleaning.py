@@ -24,9 +24,7 @@ class CleaningSettings:
     same: float = 1e-6  # of the usual step of time, up to which it stands still
     alike: float = 0.25  # of a step, up to which others are the same motion
     moved_on: float = 1.5  # times the step from row to row that a lost column makes across its empty cells
-    least_steps: int = (
-        20  # steps by the least change of a column, beside which it would also repeat, were it logged then
-    )
+    least_steps: int = 20  # steps by its least change, from which a column that is always written repeats values, too
 
 
 CLEANING = CleaningSettings()

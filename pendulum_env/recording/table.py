@@ -13,6 +13,7 @@ from pendulum_env.recording.columns import Column
 from pendulum_env.recording.record import RecordingError
 
 WIDEST = 64  # elements of a vector that become columns of their own, and columns that a person is shown
+TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # of a time stamp of Arrow in a second
 Find = Callable[[Sequence[str]], dict[str, Column]]  # which of the columns with these names are read, by quantity
 
 
@@ -32,7 +33,7 @@ def numbers(column: pa.ChunkedArray) -> Array:
     if pa.types.is_timestamp(column.type):
         import pyarrow.compute as pc  # takes a while to import, as does every cast
 
-        ticks = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[column.type.unit]
+        ticks = float(TICKS[column.type.unit])
         column = pc.divide(pc.subtract(column.cast(pa.int64()), pc.min(column).value).cast(pa.float64()), ticks)
     if is_text(column.type):
         whole = column.combine_chunks()
@@ -55,9 +56,8 @@ def first_date(column: pa.ChunkedArray) -> datetime | None:
         return None
     import pyarrow.compute as pc  # takes a while to import
 
-    ticks = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[column.type.unit]
     first = pc.min(column.cast(pa.int64())).as_py()
-    return None if first is None else datetime.fromtimestamp(first / ticks, UTC)
+    return None if first is None else datetime.fromtimestamp(first / TICKS[column.type.unit], UTC)
 
 
 def need(module: str) -> None:

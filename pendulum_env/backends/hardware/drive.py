@@ -116,10 +116,10 @@ def register(name: str, adapter: Adapter) -> None:
 
 def adapters() -> dict[str, EntryPoint | Adapter]:
     """List all known adapters by name; those of installed packages are not loaded."""
-    return _offered() | _registered
+    return _list_entry_points() | _registered
 
 
-def _offered() -> dict[str, EntryPoint]:
+def _list_entry_points() -> dict[str, EntryPoint]:
     """Entry points of installed packages and of this one, by name."""
     return {point.name: point for point in entry_points(group=ENTRY_POINTS)} | BUILT_IN
 
@@ -134,7 +134,7 @@ def find_adapter(name: str) -> Adapter:
     find("adapter", name, adapters())  # which refuses an unknown one
     if name in _registered:
         return _registered[name]
-    found = _offered()[name]
+    found = _list_entry_points()[name]
     try:
         adapter: Adapter = found.load()
     except KeyboardInterrupt:
