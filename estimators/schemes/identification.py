@@ -76,8 +76,9 @@ class Identification:
     @cached_property
     def windows(self) -> Model:
         """The least-squares fit over windows, on which `compare` and `diagnose` stand, too; raises as `fitted`."""
-        terms = next(iter(self.schemes.values())).model.terms
-        return self.fitted(lambda data: fit_terms(PreparedData(data), terms)[0])
+        first, *_ = models = [one.model for one in self.schemes.values()]
+        disputed = {name for model in models for name, estimate in model.estimates.items() if estimate.is_biased}
+        return self.fitted(lambda data: fit_terms(PreparedData(data), first.terms)[0]).biased(disputed)
 
     def fitted(self, fit: Callable[[Dataset], Model]) -> Model:
         """The model that a fit finds in the windows, in their unit of torque, and with their torque constant.
@@ -178,7 +179,8 @@ def _of_pendulum(
     with suppress(IdentificationError):  # windows need more motion than some schemes
         data = prepare(recordings)
         mistakes = [*mistakes, *_mistakes(given, own_fits([data], terms), terms)]
-        mistakes = mistakes or _lacking(list(results.values()), PreparedData(data), terms)
+        if not mistakes:
+            mistakes, results = _lacking(results, PreparedData(data), terms)
     unknown = (given.doubt,) if given.doubt is not None else ()
     ends = tuple(np.cumsum([sum(len(m) * m.period for (m,) in own) for own in segments]).tolist())
     return Identification(
@@ -220,7 +222,8 @@ def _of_arm(
     doubts += (Doubt(f"{text}, run diagnose") for text in driving_friction(next(iter(results.values())).model))
     with suppress(IdentificationError):
         prepared = PreparedData.of_arm(of_arms(recordings), terms)
-        doubts += map(Doubt, _lacking(list(results.values()), prepared, terms))
+        lacking, results = _lacking(results, prepared, terms)
+        doubts += map(Doubt, lacking)
     return Identification(results, tuple(doubts), tuple(recording.name for recording in recordings))
 
 
@@ -303,21 +306,31 @@ def _mistakes(given: Preprocessed, fits: Sequence[Own], terms: Sequence[Term]) -
     ]
 
 
-def _lacking(results: Sequence[Identified], prepared: PreparedData, terms: Sequence[Term]) -> list[str]:
-    """One line where the terms surely do not explain the recordings: by what they leave, or by schemes that disagree.
+def _lacking(
+    results: dict[str, Identified], prepared: PreparedData, terms: Sequence[Term]
+) -> tuple[list[str], dict[str, Identified]]:
+    """Test whether the terms explain the recordings: by the residual, and by the agreement of the schemes.
 
-    Schemes see the same noise, so that their estimates differ by less than independent ones would; but they take what
-    the terms lack each for something else.
+    Schemes share the noise, so that their estimates differ by less than independent ones. A missing effect biases each
+    of them differently.
+
+    Returns:
+        One line where an effect is missing, and the results, with the estimates marked on which the schemes disagree.
     """
     data, floors = prepared.data, prepared.floors
     left = data.errors(prepared.regression.residual(terms))
     least = {at: AGREEMENT.misfits * max(floors[at], data.negligible(at)) for at in left}
     times = {at: error / max(floors[at], 1e-300) for at, error in left.items() if error > least[at]}
-    apart = {name: gap for gap, name in sorted(_gaps(results)) if gap > APART}  # of each name the largest
-    most = "up to " * (len(times) > 1)
-    found = [f"what these terms leave is {most}{_at_most(times, 'times what noise gives')}"] if times else []
-    found += [f"the schemes differ by up to {_at_most(apart, 'of their standard errors')}"] if apart else []
-    return [f"{listing(found)}: something is missing, run diagnose"] if found else []
+    gaps = sorted(_gaps(list(results.values())))
+    disputed = {name: gap for gap, name in gaps if gap > APART}  # of each name the largest
+    found = (
+        [f"the residual is {'up to ' * (len(times) > 1)}{_at_most(times, 'times the noise floor')}"] if times else []
+    )
+    found += [f"the schemes disagree by up to {_at_most(disputed, 'standard errors')}"] if disputed else []
+    if not found:
+        return [], results
+    marked = {id: replace(own, model=own.model.biased(disputed)) for id, own in results.items()}
+    return [f"the model is incomplete: {listing(found)}: run diagnose"], marked
 
 
 def _at_most(sizes: Mapping[str, float], of: str) -> str:

@@ -216,11 +216,8 @@ def schemes_of_arm(found: Identification) -> Table:
     return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
 
 
-def schemes_table(found: Identification, model: Model | None = None, label: str = "windows") -> Table:
-    """Estimates of every scheme, one a row; a model that was fitted besides is the last, under its label.
-
-    Of an arm, which has many parameters, they stand in the rows.
-    """
+def schemes_table(found: Identification, by_instruments: Model | None = None) -> Table:
+    """Tabulate the estimates of every scheme, one a row, and those by instruments last; of an arm one a column."""
     if found.of_arm:
         return schemes_of_arm(found)
     columns = next(iter(found.schemes.values())).model.columns
@@ -229,9 +226,9 @@ def schemes_table(found: Identification, model: Model | None = None, label: str 
     for id, result in found.schemes.items():
         values = [result.model.estimates[name].text for name in names]
         rows.append((id, *values, f"{result.residual_rms:.3g} {result.unit}"))
-    if model is not None:
-        withheld = {name for doubt in found.doubts for name in doubt.withheld}
-        rows.append((label, *(model.withholding(withheld).estimates[name].text for name in names), ""))
+    if by_instruments is not None:
+        shown = by_instruments.withholding({name for doubt in found.doubts for name in doubt.withheld})
+        rows.append(("instruments", *(shown.estimates[name].text for name in names), ""))
     return Table(("scheme", *(f"{column.name} [{column.unit}]" for column in columns), "residual"), rows)
 
 

@@ -227,9 +227,13 @@ class Model:
         names = [column.name for column in term.columns] + [term.full(shape.name) for shape in term.free]
         return {name: self.estimates[name] for name in names}
 
-    def biased(self) -> Self:
-        """The same model, known to lack something that no term explains."""
-        return replace(self, estimates={name: replace(e, is_biased=True) for name, e in self.estimates.items()})
+    def biased(self, names: Container[str] | None = None) -> Self:
+        """Mark estimates, by default all, as biased by an effect that the model lacks."""
+        estimates = {
+            name: replace(e, is_biased=True) if names is None or name in names else e
+            for name, e in self.estimates.items()
+        }
+        return replace(self, estimates=estimates)
 
     def withholding(self, names: Container[str]) -> Self:
         """The same model, some of its parameters, by name, unknown: the data hardly depend on them."""

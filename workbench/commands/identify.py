@@ -13,6 +13,7 @@ from workbench.inputs import opened, write_json, write_model, wrote
 from workbench.options import LIMITS, READING, ROBOT, declare
 from workbench.terminal import Terminal
 
+OVER_WINDOWS = "the least-squares fit over windows, which compare and diagnose use"
 SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
 
 
@@ -25,7 +26,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         --scheme all|ID,...  {", ".join(item.id for item in SCHEMES)}; all (default), or paper: all with the paper's
             own choices
         --json FILE  write estimates, warnings and how the estimates converge
-        -o, --output MODEL.json  write the model, fitted over windows
+        -o, --output MODEL.json  write the fit that compare and diagnose use (least squares over windows), or that of
+            the one scheme given
         """,
         scheme=(lambda text: SETS.get(text) or [scheme(id.strip()) for id in text.split(",")], SCHEMES),
     )
@@ -41,14 +43,14 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         found = identify(given.recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
         one = found.schemes.get(SAVED, next(iter(found.schemes.values())))
         nearest = nearest_body(one.model) if body is not None else None
-        model = one.model if nearest is not None else _over_windows(found, arguments)
+        model = one.model if nearest is not None else _model_to_write(found, arguments)
     if body is not None:
         terminal.say(f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters")
         for parameter in (own for own in body.base if len(own.parts) > 1):
             terminal.say(f"  {parameter.name} stands for {parameter.text}")
     write_json(arguments.json, found.json() | ({"nearest_body": nearest.json()} if nearest is not None else {}))
     terminal.heading("Estimates ± standard errors")
-    terminal.table(*schemes_table(found, model, "instruments" if arguments.instruments else "windows"))
+    terminal.table(*schemes_table(found, model if arguments.instruments else None))
     if body is not None and len(found.schemes) > 1:
         terminal.say(TRUST)
     for doubt in found.doubts:
@@ -58,11 +60,25 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if model is not None:
         outputs[1] = write_model(model, arguments.output, asked.fitted, terminal)
     wrote(outputs, terminal)
+    if outputs[1] is not None and model is not None:
+        terminal.say(f"{outputs[1]} has {_name_fit(found, arguments)}")
 
 
-def _over_windows(found: Identification, arguments: argparse.Namespace) -> Model | None:
-    """The model of a pendulum that is written, by least squares or by instruments; None where nobody needs it."""
+def _model_to_write(found: Identification, arguments: argparse.Namespace) -> Model | None:
+    """Model of a pendulum that `-o` writes: by instruments, by the one scheme given, or the fit over windows."""
     if arguments.instruments is not None:
         terms, _ = within_limits(BASE, {}, arguments.fixed, arguments.bounds)
         return found.fitted(lambda data: fit_by_reference(data, terms))
-    return found.windows if found.data is not None or arguments.output is not None else None
+    if arguments.output is None:
+        return None
+    schemes = list(found.schemes.values())
+    return schemes[0].model if len(schemes) == 1 else found.windows
+
+
+def _name_fit(found: Identification, arguments: argparse.Namespace) -> str:
+    """Name the estimates that `-o` writes."""
+    if arguments.instruments:
+        return "the estimates by instruments"
+    if found.of_arm or len(found.schemes) == 1:
+        return f"the estimates of {SAVED if SAVED in found.schemes else next(iter(found.schemes))}"
+    return OVER_WINDOWS

@@ -47,7 +47,7 @@ def test_the_hidden_effect_lowers_both_errors_and_its_size_is_found(added):
 
 def test_what_is_missing_at_a_joint_is_warned_of_and_judged_and_nothing_where_nothing_is(body, recording, lacking):
     (doubt,) = identify(recording, arm_base(body)).doubts
-    said = r"what these terms leave is \d\d times what noise gives \(elbow\).*: something is missing, run diagnose"
+    said = r"the model is incomplete: the residual is \d\d times the noise floor \(elbow\).*: run diagnose"
     assert re.match(said, doubt.text)
     compared = compare(lacking, recording)
     assert {region.at for region in compared.regions} == {"elbow"} and "at elbow" in compared.headline

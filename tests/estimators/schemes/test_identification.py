@@ -129,13 +129,25 @@ def test_what_the_terms_lack_is_said_in_one_line_and_nothing_where_they_lack_not
     """Friction that has a peak near rest: each scheme takes it for something else."""
     plants = {"whole": paper_plant(), "lacking": hide(paper_plant(), "stribeck=0.45")}
     runs = {name: record(plant, excitation("paper", 1), 15, rng=1) for name, plant in plants.items()}
-    missing = {name: [d.text for d in identify(run).doubts if "is missing" in d.text] for name, run in runs.items()}
+    found = {name: identify(run) for name, run in runs.items()}
+    missing = {name: [d.text for d in own.doubts if "incomplete" in d.text] for name, own in found.items()}
     assert missing["whole"] == []
     (line,) = missing["lacking"]
-    assert re.search(r"what these terms leave is [\d.]+ times what noise gives and the schemes differ by up to ", line)
-    assert line.endswith("something is missing, run diagnose")
+    assert re.search(r"the residual is [\d.]+ times the noise floor and the schemes disagree by up to ", line)
+    assert line.endswith("run diagnose")
+    biased = {
+        name: {
+            parameter
+            for scheme in own.schemes.values()
+            for parameter, estimate in scheme.model.estimates.items()
+            if estimate.is_biased
+        }
+        for name, own in found.items()
+    }
+    assert biased["whole"] == set() and "coulomb" in biased["lacking"] and "inertia" not in biased["lacking"]
+    assert found["lacking"].windows.estimates["coulomb"].is_biased
     (line,) = (d.text for d in identify(runs["lacking"], schemes="energy").doubts)  # which differs from none
-    assert "noise" in line and "schemes" not in line
+    assert "noise" in line and "disagree" not in line
 
 
 def test_torque_that_was_asked_of_an_open_motor_did_not_act():
