@@ -10,17 +10,13 @@ import re
 from collections.abc import Iterable, Sequence
 from functools import singledispatch
 from html import escape
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.thinning import thin
-from pendulum_env.words import Table, listing, parameters_table, unit
-
-if TYPE_CHECKING:
-    from pendulum_env.physics import Model
-    from pendulum_env.recording import Recording
+from pendulum_env.words import Table
 
 BLUE, ORANGE, GREEN = "#3d85d8", "#d9792a", "#2f9e77"  # 3 : 1 or more on white and on black
 WIDTH, HEIGHT = 600, 64  # of a curve, in its own units
@@ -165,29 +161,3 @@ def plot(
     limits = element("span", "white-space:nowrap;margin-left:1em", f"{low:.3g} to {high:.3g}")
     caption = element("div", f"display:flex;justify-content:space-between;{SMALL}", element("span", "", label), limits)
     return element("div", "max-width:42em;margin:.35em 0", caption, drawing)
-
-
-def show_model(model: Model) -> str:
-    """A model: its torque balance and its parameters."""
-    law = " + ".join(term.law for term in model.terms)
-    title = f"Model with {listing([term.id for term in model.terms])}"
-    return card(title, paragraph(f"torque = {law}"), table(parameters_table(model)))
-
-
-def show_recording(recording: Recording) -> str:
-    """A recording: length and rate, what was changed at reading, what it lacks, and its curves."""
-    signals = [
-        ("position q", recording.position, "rad", BLUE),
-        ("torque", recording.torque, recording.torque_unit, ORANGE),
-    ]
-    if recording.velocity is not None:
-        signals.insert(1, ("velocity q'", recording.velocity, "rad/s", GREEN))
-    remarks = [*recording.notes]
-    if not recording.torque.any():
-        remarks.append("torque is never applied: only ratios of parameters can be known")
-    plots = [
-        plot(f"{label} [{unit(symbol)}] over {recording.duration:.3g} s", recording.time, curves)
-        for label, values, symbol, color in signals
-        for curves in [[Curve(own, color) for own in np.atleast_2d(values.T)]]  # a joint each
-    ]
-    return card(f"Recording {recording.name}", paragraph(recording.summary), bullets(remarks), *plots)

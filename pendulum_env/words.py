@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from pendulum_env.physics import Estimate, Model
 
 NAMES = {  # where an id with its underscores taken out does not read well; terms add their titles
     "filtered_hamiltonian": "filtered Hamiltonian",
@@ -115,25 +112,18 @@ def json_per(data: Any, torque_unit: str) -> Any:
     return per(data, torque_unit) if isinstance(data, str) else data
 
 
-def estimate(item: Estimate) -> str:
-    """Value and standard error, to the digit where the error has its second."""
-    return item.text.replace("-", "−")
+def typeset(text: str) -> str:
+    """Text of an estimate with minus signs in place of hyphens."""
+    return text.replace("-", "−")
 
 
-def value_and_error(item: Estimate) -> tuple[str, str]:
-    """Value and standard error apart, for two lines of a table; the error is empty where there is none."""
-    value, _, error = estimate(item).partition(" ± ")
+def value_and_error(text: str) -> tuple[str, str]:
+    """Value and standard error of an estimate, for two lines of a table; the error is empty where there is none."""
+    value, _, error = typeset(text).partition(" ± ")
     return value, error and f"± {error}"
 
 
 BIASED = "biased: the best there is, but what the model lacks moves it by more than noise does, nobody knows how far"
-
-
-def parameters_table(model: Model) -> Table:
-    """Parameters with standard errors, also as people call them."""
-    named = {**model.readable, **model.derived}
-    rows = [(name, e.text, e.unit) for name, e in named.items()]
-    return Table(("parameter", "estimate", "unit"), rows, left=("unit",))
 
 
 def percent(share: float) -> str:

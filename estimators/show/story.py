@@ -17,8 +17,9 @@ from estimators.signals.residual import SYMBOLS, Profile
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.physics import Model
+from pendulum_env.physics.model_card import parameters_table
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.words import BIASED, Table, bar, listing, parameters_table
+from pendulum_env.words import BIASED, Table, bar, listing
 
 RUNNERS_UP = 5  # rejected candidates that are shown
 SCORE = (

@@ -16,8 +16,9 @@ from pendulum_env.lookup import find
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import UNUSED, named_column
+from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.preview import Preview, preview
-from pendulum_env.recording.record import NEWTON_METRE, ColumnError
+from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import Source
 
 QUANTITIES = ("position", "torque")

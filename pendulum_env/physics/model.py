@@ -12,6 +12,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from msgspec import Meta, Struct
 
+from pendulum_env import notebook
 from pendulum_env._typing import JSON, Array, ArrayLike
 from pendulum_env.files import write_whole
 from pendulum_env.mistake import Mistake
@@ -266,9 +267,7 @@ class Model:
         return simulate(self.terms, self.theta, period, torque, position, velocity, start)
 
     def _repr_html_(self) -> str:
-        from pendulum_env.notebook import show_model  # only a notebook asks for it
-
-        return show_model(self)
+        return notebook.shown(self)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
 from pendulum_env.recording.clock import count_seconds
-from pendulum_env.recording.record import RecordingError
+from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.table import WIDEST, Find, Table, first_date, is_text, need, numbers
 
 NUMBER_TYPES = (pa.types.is_boolean, pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal)

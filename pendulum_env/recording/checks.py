@@ -12,8 +12,9 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.filters import savitzky_golay
 from pendulum_env.reading import LARGE
 from pendulum_env.recording.clock import STEPS, find_plausible_unit
+from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.origin import DEGREE, Origin
-from pendulum_env.recording.record import ColumnError, Recording, RecordingError
+from pendulum_env.recording.record import Recording
 from pendulum_env.recording.vocabulary import UNITS
 
 

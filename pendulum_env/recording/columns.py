@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from pendulum_env.reading import shown
+from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.expression import (
     LONGEST_UNIT,
     Expression,
@@ -19,7 +20,6 @@ from pendulum_env.recording.expression import (
     letters,
     parse,
 )
-from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.vocabulary import (
     ALIASES,
     GAIN_TO_FIND,

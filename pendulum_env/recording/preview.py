@@ -10,7 +10,7 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.recording.columns import Column, guess_columns, named_column
-from pendulum_env.recording.record import RecordingError
+from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.storage import read_table
 from pendulum_env.recording.table import WIDEST
 

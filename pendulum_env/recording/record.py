@@ -4,19 +4,18 @@ import math
 from dataclasses import dataclass, replace
 from datetime import datetime
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pendulum_env._typing import JSON, Array
-from pendulum_env.mistake import Mistake
+from pendulum_env.notebook import shown
 from pendulum_env.recording.clock import count_seconds, find_date
+from pendulum_env.recording.errors import RecordingError
+from pendulum_env.recording.origin import Origin
 from pendulum_env.servo.drive import Drive
 from pendulum_env.words import plus_minus
-
-if TYPE_CHECKING:  # which needs the errors of this module
-    from pendulum_env.recording.origin import Origin
 
 QUANTITIES = (  # the columns of a recording, those first that it needs
     "time",
@@ -31,14 +30,6 @@ QUANTITIES = (  # the columns of a recording, those first that it needs
 NEWTON_METRE = "N m"
 WARNING = "warning: "  # begins a note of what is likely wrong
 EXACT, LOOSE = 1e-6, 1e-5  # of a step that a clock may be off: a file's is left as it is, and so is any slice of it
-
-
-class RecordingError(Mistake):
-    """A recording cannot be used; the message is one sentence with where, why and what to do about it."""
-
-
-class ColumnError(RecordingError):
-    """What the columns of a file mean is not known, or cannot be what was said or guessed: saying it mends it."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +105,7 @@ class Recording:
     torque_constant: TorqueConstant | None = None  # by which a current became the torque, if one did
     drive: Drive | None = None  # the controller that followed the reference, if it is known
     is_moved: bool = False  # whether its torque was moved in time, so that when it changed is known to a sample only
-    origin: "Origin | None" = None  # the columns of its file, if it was read from one
+    origin: Origin | None = None  # the columns of its file, if it was read from one
     start_date: datetime | None = None  # of the first sample of its file, if the log has a date
 
     def __post_init__(self) -> None:
@@ -173,9 +164,7 @@ class Recording:
         return f"<{type(self).__name__} {self.name!r}: {self.summary}>"
 
     def _repr_html_(self) -> str:
-        from pendulum_env.notebook import show_recording  # only a notebook asks for it
-
-        return show_recording(self)
+        return shown(self)
 
     @property
     def summary(self) -> str:

@@ -25,8 +25,9 @@ from pendulum_env.recording.bags import is_bag, read_bag
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.clock import find_unix_unit
 from pendulum_env.recording.columns import describe_ambiguous_velocity, find_columns
+from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.origin import Origin
-from pendulum_env.recording.record import WARNING, ColumnError, Recording, RecordingError
+from pendulum_env.recording.record import WARNING, Recording
 from pendulum_env.recording.table import Find, Table
 from pendulum_env.recording.text import read_csv, read_excel
 from pendulum_env.recording.vocabulary import OUTPUTS

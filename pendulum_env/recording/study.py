@@ -38,7 +38,8 @@ from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
 from pendulum_env.reading import NonNegative, Number, Text, Unreadable, convert, read_toml, toml
 from pendulum_env.recording.columns import refuse_unknown_quantity
-from pendulum_env.recording.record import ColumnError, Load, Recording, RecordingError
+from pendulum_env.recording.errors import ColumnError, RecordingError
+from pendulum_env.recording.record import Load, Recording
 from pendulum_env.recording.storage import read_recording
 from pendulum_env.servo.drive import Drive
 

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from pendulum_env._typing import Array
 from pendulum_env.recording.columns import Column
-from pendulum_env.recording.record import RecordingError
+from pendulum_env.recording.errors import RecordingError
 
 WIDEST = 64  # elements of a vector that become columns of their own, and columns that a person is shown
 TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # of a time stamp of Arrow in a second

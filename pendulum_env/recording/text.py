@@ -15,8 +15,8 @@ from pendulum_env._typing import Array
 from pendulum_env.mistake import one_line
 from pendulum_env.reading import shown
 from pendulum_env.recording.columns import Column, add_labels
+from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.expression import letters
-from pendulum_env.recording.record import RecordingError
 from pendulum_env.recording.table import Find, Table, need, numbers
 from pendulum_env.recording.vocabulary import HEADER, OPTIONAL, UNITS
 

@@ -18,9 +18,9 @@ from pendulum_env._typing import Array
 from pendulum_env.arms.recording import without_units
 from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.columns import UNUSED, is_told, named_column
+from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.expression import NUMBER, Expression, letters, parse
 from pendulum_env.recording.preview import Preview, preview
-from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS
 from pendulum_env.words import listing
 from workbench.app.parts import UNWRAP, aria, button, graph, labelled, panel, table

@@ -15,7 +15,7 @@ from dash.development.base_component import Component
 
 from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.recording import RecordingError, Source
-from pendulum_env.recording.record import ColumnError
+from pendulum_env.recording.errors import ColumnError
 from pendulum_env.words import listing
 from workbench.app import uploads
 from workbench.app.card import Card

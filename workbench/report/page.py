@@ -45,7 +45,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    names = ("name", "opening", "listing", "number", "unit", "estimate", "value_and_error", "percent")
+    names = ("name", "opening", "listing", "number", "unit", "typeset", "value_and_error", "percent")
     environment.filters |= {name: getattr(words, name) for name in names}
     return environment
 

@@ -12,7 +12,7 @@ import scipy.integrate
 
 from estimators import identify
 from pendulum_env.recording import Recording, RecordingError, read_recording
-from pendulum_env.recording.record import ColumnError
+from pendulum_env.recording.errors import ColumnError
 
 TRUTH = {"inertia": 0.05, "gravity": 1.5, "viscous": 0.12, "coulomb": 0.0}
 

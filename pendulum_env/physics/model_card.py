@@ -1,0 +1,20 @@
+"""A model in a notebook: its torque balance and its parameters."""
+
+from pendulum_env.notebook import card, paragraph, shown, table
+from pendulum_env.physics.model import Model
+from pendulum_env.words import Table, listing
+
+
+def parameters_table(model: Model) -> Table:
+    """Parameters with standard errors, also as people call them."""
+    named = {**model.readable, **model.derived}
+    rows = [(name, e.text, e.unit) for name, e in named.items()]
+    return Table(("parameter", "estimate", "unit"), rows, left=("unit",))
+
+
+@shown.register
+def show_model(model: Model) -> str:
+    """A model: its torque balance and its parameters."""
+    law = " + ".join(term.law for term in model.terms)
+    title = f"Model with {listing([term.id for term in model.terms])}"
+    return card(title, paragraph(f"torque = {law}"), table(parameters_table(model)))

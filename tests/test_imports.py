@@ -1,0 +1,49 @@
+"""Imports between the modules of the packages, those for type hints and those inside functions included."""
+
+import ast
+from collections.abc import Set
+from functools import cache
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+PACKAGES = ("pendulum_env", "estimators", "agents", "workbench")  # each may import those before it
+ROOT = Path(__file__).parents[1]
+
+
+@cache
+def find_imports() -> dict[str, set[str]]:
+    """Find the modules of the four packages that each of their modules imports."""
+    files = {_name(file): file for package in PACKAGES for file in (ROOT / package).rglob("*.py")}
+    return {module: _imported(file, files.keys()) - {module} for module, file in files.items()}
+
+
+def _name(file: Path) -> str:
+    return ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def _imported(file: Path, known: Set[str]) -> set[str]:
+    """Known modules that a file imports: `from package import name` imports a module of the package or the package."""
+    imported: set[str] = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            imported |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.module is not None and node.level == 0, f"{file} has a relative import"
+            modules = {f"{node.module}.{alias.name}" for alias in node.names}
+            imported |= modules if modules <= known else (modules & known) | {node.module}
+    return imported & known
+
+
+def test_modules_import_each_other_in_no_circle():
+    TopologicalSorter(find_imports()).prepare()  # a CycleError names the modules of a circle
+
+
+def test_packages_depend_one_way():
+    order = {package: k for k, package in enumerate(PACKAGES)}
+    upward = [
+        (module, other)
+        for module, imported in find_imports().items()
+        for other in imported
+        if order[other.partition(".")[0]] > order[module.partition(".")[0]]
+    ]
+    assert not upward
