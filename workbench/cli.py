@@ -7,6 +7,8 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
 from typing import NoReturn
 
 from pendulum_env.lookup import find
@@ -59,6 +61,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     for name, summary in COMMANDS.items():
         sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
         if name == named:  # only what is run is imported: no command waits for the libraries of the others
+            refuse_other_packages()
             command = import_module(f"workbench.commands.{name}")
             command.configure(sub)
             sub.add_argument(
@@ -106,6 +109,24 @@ def plugins(argv: Sequence[str]) -> None:
     early.add_argument("--plugin", action="append", default=[])
     for path in early.parse_known_args(argv)[0].plugin:
         load_plugin(path)
+
+
+def refuse_other_packages() -> None:
+    """Refuse packages of the same name that Python finds before those of this distribution.
+
+    Raises:
+        InputError: naming both folders.
+    """
+    for name in ("estimators", "agents"):
+        own = Path(__file__).resolve().parents[1] / name
+        found = find_spec(name)
+        file = Path((found and found.origin) or "nowhere").resolve()
+        other = file.parent if file.name == "__init__.py" else file
+        if other != own:
+            raise InputError(
+                f"Python finds the package '{name}' in {other}, before that of {PROGRAM} in {own}: rename the first, "
+                "or take its folder off the Python path"
+            )
 
 
 def _version() -> str:

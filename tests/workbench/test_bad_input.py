@@ -2,6 +2,7 @@
 
 import json
 import socket
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import agents
 from pendulum_env.plant import hide, paper_plant
 from workbench.cli import main
 from workbench.mistakes import LONGEST, InputError, sentence
@@ -255,3 +257,17 @@ def test_a_sentence_is_short_and_holds_nothing_that_a_terminal_obeys() -> None:
     told = sentence(InputError(f"a{'b' * 1000}c \x1b[31m\n\td"))
     assert len(told) < LONGEST and told.startswith("ab") and told.endswith("bc \\x1b[31m d") and " ... " in told
     assert sentence(InputError("plain ± text")) == "plain ± text"
+
+
+@pytest.mark.parametrize("command", ["train", "evaluate"])
+@pytest.mark.parametrize("kind", ["package", "module"])
+def test_a_package_of_the_user_s_that_hides_one_of_ours_is_named_with_both_folders(tmp_path, command, kind):
+    file = tmp_path / ("agents.py" if kind == "module" else "agents/__init__.py")
+    file.parent.mkdir(exist_ok=True)
+    file.touch()
+    done = subprocess.run(
+        [sys.executable, "-m", "workbench.cli", command, "policy.npz"], cwd=tmp_path, capture_output=True, text=True
+    )
+    ours = Path(agents.__file__).parent
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert str(ours) in done.stderr and str(file if kind == "module" else file.parent) in done.stderr
