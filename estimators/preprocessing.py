@@ -204,7 +204,7 @@ def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), s
     Raises:
         IdentificationError: if a part holds too little motion, or torque is never applied.
     """
-    if not any(recording.torque.any() for recording in recordings):
+    if not any(recording.is_driven for recording in recordings):
         names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(
             f"{names}: torque is never applied, so that only ratios of parameters are known: record with torque"

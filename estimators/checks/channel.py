@@ -30,22 +30,23 @@ from estimators.regression.least_squares import outside
 from estimators.selection.regression import Regression
 from estimators.selection.score import BLOCK, Blocks, cross_validated
 from estimators.signals.channel import Channel
+from estimators.signals.motion import load_in_newton_metres
 from estimators.weak_form.dataset import Dataset, prepare, smooth_laws
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arms.joints import Links, arm_base, body_of
 from pendulum_env.arms.recording import of_arms
-from pendulum_env.physics import BASE, Column, KnownLoad, Term
+from pendulum_env.physics import BASE, Column, Term
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
 NONE = Load(0.0, 0.0)
-# friction that is pressed by what hangs on the output, the joint's own weight and the known loads [per N m of each]
+# friction that is pressed by what acts on the output, the joint's own weight and the known loads [per N m of each]
 OWN = Column("own", "1", dry=lambda x: np.abs(np.sin(x.position)))
-HUNG = Column("hung", "1", dry=lambda x: x.load.gravity * np.abs(np.sin(x.position)))
+HUNG = Column("hung", "1", dry=lambda x: np.abs(x.load.gravity * np.sin(x.position) - x.load.torque))
 # and by the motor, with its slope by the torque
 MOTOR = Column("motor", "1", dry=lambda x: np.abs(x.torque), of_torque=True)
 SENSE = Column("sense", "1", dry=lambda x: np.sign(x.torque), of_torque=True)
@@ -94,7 +95,8 @@ class ChannelFits:
         known = [(data.where(term.at), data.columns([term])[0][0]) for term in beside if term not in of_torque]
         load, *friction = (data.rows.column(column, data.rows.samples) for column in (LOAD, OWN, HUNG))
         carried, gain = (load, []) if recordings[0].torque_unit == NEWTON_METRE else (0.0 * load, [load])
-        pressed = [] if is_arm else friction if len({recording.load for recording in recordings}) > 1 else friction[:1]
+        has_several = len({r.load for r in recordings}) > 1 or any(r.has_varying_load for r in recordings)
+        pressed = [] if is_arm else friction if has_several else friction[:1]
         phi = np.column_stack([*gain, *pressed, placed(len(load), [*laws, *known])])
         if len(rows) < SEARCH.fewest_equations * phi.shape[1]:
             return None
@@ -347,8 +349,8 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
 
 def _under_loads(recordings: Sequence[Recording]) -> Dataset:
     """Windows of a pendulum, each with its known load."""
-    data, loads = prepare(recordings), [recording.load or NONE for recording in recordings]
-    hung = zip(data.windows, (KnownLoad(load.inertia, load.gravity) for load in loads), strict=True)
+    data = prepare(recordings)
+    hung = zip(data.windows, map(load_in_newton_metres, recordings), strict=True)
     return replace(data, windows=tuple(replace(w, samples=replace(w.samples, load=load)) for w, load in hung))
 
 

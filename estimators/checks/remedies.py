@@ -4,13 +4,17 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from estimators.regression.equations import IdentificationError
 from estimators.selection.physical import driving_friction, sure_sign, surely_negative
-from pendulum_env.physics import Model
+from estimators.weak_form.dataset import prepare
+from pendulum_env.physics import Column, Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.origin import Origin
-from pendulum_env.recording.record import WARNING
+from pendulum_env.recording.record import NEWTON_METRE, WARNING
 from pendulum_env.words import listing
 
+# takes the load torque out of the balance: its parameter is 0, or -2 if the sensor has the opposite sign
+LOAD_TORQUE = Column("load_torque", "1", force=lambda x: -1.0 * x.load.torque)
 UPRIGHT_TURNS = 3.0  # that a joint makes at most, if its zero may be upright
 UPRIGHT_SHARE = 0.05  # of the RMS torque, the least gravity of a joint whose zero may be upright
 
@@ -34,6 +38,11 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
 
     What is known to hang on the joint besides tells where down is.
     """
+    if _is_load_torque_turned(model, recordings):
+        told = (
+            "the motion follows load_torque with the opposite sign: it should be positive where it drives the joint on"
+        )
+        return [told + _remedy(recordings, lambda origin: origin.turned("load_torque"))]
     if surely_negative(model, "inertia"):
         told = "inertia came out negative: torque and position have opposite signs, turn one of them round"
         return [told + _remedy(recordings, lambda origin: origin.turned("torque"))]
@@ -58,6 +67,20 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
         told = "gravity came out negative: position 0 seems to be the upright position, it should hang down"
         return [told + _remedy(recordings, lambda origin: origin.shifted(np.pi, 0))]
     return []
+
+
+def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> bool:
+    """Return whether the balance is better with the opposite sign of the load torque."""
+    loaded = [one for one in recordings if one.has_varying_load and one.torque_unit == NEWTON_METRE]
+    try:
+        data = prepare(loaded) if loaded else None
+    except IdentificationError:
+        data = None
+    if data is None:
+        return False
+    equations = data.equations(model.terms)
+    phi = np.column_stack([equations.phi, data.rows.column(LOAD_TORQUE, data.rows.samples)])
+    return bool(np.linalg.lstsq(phi, equations.y, rcond=None)[0][-1] < -1.0)
 
 
 def _can_be_upright(gravity: float, recordings: Sequence[Recording]) -> bool:

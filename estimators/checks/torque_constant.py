@@ -5,7 +5,8 @@ known inertia dI and gravity dmgl, which differs from recording to recording, ca
 
     i = (1/K) (dI q'' + dmgl sin q) + (1/K) (I q'' + mgl sin q + friction),
 
-as the torque of the known loads is a column like any other, fitted with all else that lies between torque and log.
+as the torque of the known loads is a column like any other, fitted with all else that lies between torque and log. A
+load torque that was measured at the output, and that varies, belongs to that column: a single recording is enough.
 
 Source: Gautier and Briot, Journal of Dynamic Systems, Measurement, and Control 136(5), 2014 (drive gains of robots from
 known payloads).
@@ -90,19 +91,20 @@ def torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | str:
     """
     unit = unit_of(recordings)
     loads = [recording.load or NONE for recording in recordings]
+    by_load_torque = any(recording.has_varying_load for recording in recordings)
     name = "torque constant" if unit == "A" else "torque gain"
     unknown = f"the {name} is not known, and every parameter is per {unit}"
-    if len(set(loads)) < 2:
+    if len(set(loads)) < 2 and not by_load_torque:
         hung = "known loads that differ are needed" if loads[0] == NONE else "all recordings have the same load"
         return (
             f"{unknown}: the log has {LOGGED.get(unit, unit)} for the torque, and {hung}; record with another known "
-            "load, or without any, and give `load` in the study"
+            "load, or without any, and give `load` in the study; or log the torque at the output as `load_torque`"
         )
     fits = ChannelFits.of(recordings)
     if fits is None:
         return f"{unknown}: too little of the motion is clear of the ends of the recordings; record longer"
     moved = {loads[k] for k in np.unique(fits.data.recording_of_window[fits.rows])}
-    if len(moved) < 2:
+    if len(moved) < 2 and not by_load_torque:
         return (
             f"{unknown}: of {len(set(loads))} known loads only one was moved; move the joint under each of them, clear "
             "of stick"
@@ -110,15 +112,15 @@ def torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | str:
     share, std = (fits if driven(fits.data) > DRIVEN else fits.rubbing()).delayed.gain  # 1/K
     if abs(share) <= LEAST * std:
         return (
-            f"{unknown}: all that {len(moved)} known loads tell of its inverse is {plus_minus(share, std)} "
-            f"{unit}/(N m); take loads that differ more, or move further"
+            f"{unknown}: its inverse is {plus_minus(share, std)} {unit}/(N m) by the known loads; take loads that "
+            "differ more, or move further"
         )
     if share < 0:
         return (
-            f"{unknown}: it would be negative, {plus_minus(1 / share, std / share**2)} N m/{unit}; turn torque or "
-            "position round with a minus sign"
+            f"{unknown}: it would be negative, {plus_minus(1 / share, std / share**2)} N m/{unit}; turn "
+            f"{'load_torque, ' if by_load_torque else ''}torque or position round with a minus sign"
         )
-    return TorqueConstant(1 / share, std / share**2, unit, len(moved))
+    return TorqueConstant(1 / share, std / share**2, unit, len(moved), by_load_torque)
 
 
 def of_the_drive(model: Model, constant: TorqueConstant, data: Dataset) -> list[str]:

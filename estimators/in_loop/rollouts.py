@@ -64,12 +64,14 @@ class Rollouts:
             pairs = zip(values, parts, strict=True)
             return np.array([np.interp(begins, np.arange(len(part)) / part.rate, own) for own, part in pairs]).T
 
-        def load(quantity: str) -> Array:
-            return np.array([getattr(known_load(part), quantity) for part in parts], dtype=float)
-
         drives = tuple(part.drive for part in parts if part.drive is not None)
         goals = [part.reference for part in parts if part.reference is not None]
-        loads = load("inertia"), load("gravity")
+        loads = [known_load(part) for part in parts]
+        hung = KnownLoad(
+            np.array([own.inertia for own in loads], dtype=float),
+            np.array([own.gravity for own in loads], dtype=float),
+            between([np.broadcast_to(own.torque, len(part)) for own, part in zip(loads, parts, strict=True)]),
+        )
         return Servos(
             drives,
             step,
@@ -79,7 +81,7 @@ class Rollouts:
             np.array([part.position[0] for part in parts]),
             np.array([_velocity_at_start(part) for part in parts]),
             np.array([part.time[0] for part in parts]),
-            KnownLoad(*loads) if any(np.any(own) for own in loads) else KnownLoad(),
+            hung if any(loads) else KnownLoad(),
             between([warmth(part) for part in parts]),
         )
 

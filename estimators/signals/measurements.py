@@ -55,7 +55,7 @@ class Measurements:
         torque_noise: standard deviation of the white noise in `held` [N m].
         reach: samples on either side that a value depends on.
         memory: state variables of terms that have any, by term id, see `remember`.
-        load: what is known to hang on the joint.
+        load: what is known to hang on the joint, and to act on it.
     """
 
     time: Array
@@ -183,6 +183,9 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
     slope, curvature = smoothing.of_steps(period)
     at_instant, before = smoothing.of_torque()
     steps = np.diff(recording.position)
+    load = known_load(recording)
+    if np.ndim(load.torque):
+        load = load._replace(torque=np.convolve(load.along(recording.time), smoothing.of_position(), "valid"))
     velocity = np.convolve(steps, slope, "valid")
     return Measurements(
         time=recording.time[smoothing.reach : -smoothing.reach],
@@ -195,7 +198,7 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
         period=period,
         torque_noise=scatter(recording.torque) * _length(before),
         reach=smoothing.reach + 1,
-        load=known_load(recording),
+        load=load,
         temperature=warmth(recording)[smoothing.reach : -smoothing.reach],
     )
 

@@ -35,6 +35,12 @@ def warmth(recording: Recording) -> Array:
 
 def known_load(recording: Recording) -> KnownLoad:
     """The known load of a recording, for samples of it; none where torque is no torque, and cannot be compared."""
-    if recording.load is None or recording.torque_unit != NEWTON_METRE:
-        return UNLOADED
-    return KnownLoad(recording.load.inertia, recording.load.gravity)
+    return UNLOADED if recording.torque_unit != NEWTON_METRE else load_in_newton_metres(recording)
+
+
+def load_in_newton_metres(recording: Recording) -> KnownLoad:
+    """The known load of a recording whatever the unit of its torque."""
+    outside = 0.0 if recording.load_torque is None else recording.load_torque
+    if recording.load is None:
+        return KnownLoad(torque=outside)
+    return KnownLoad(recording.load.inertia, recording.load.gravity, outside)

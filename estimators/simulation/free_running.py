@@ -42,6 +42,13 @@ class Segments:
     velocity: Array
     hidden: Mapping[str, Memory] = field(default_factory=dict)
 
+    @property
+    def load(self) -> KnownLoad:
+        """Known load of every segment: inertia and gravity (B,), and its torque over each period (N, B)."""
+        x, index = self.windows.samples, self.first + np.arange(len(self.torque))[:, None]
+        none, torque = np.zeros(len(self.first)), x.load.along(x.time)
+        return KnownLoad(none + x.load.inertia, none + x.load.gravity, 0.5 * (torque[index] + torque[index + 1]))
+
     def command(self, delay: float) -> Array:
         """Held command in every segment, (N, B) [N m], `delay` [s] late; zero before the recording began."""
         if delay == 0:
@@ -160,6 +167,7 @@ def simulated(
         """One value a segment (B,) of each recording for every model, (V B,)."""
         return np.tile(np.concatenate(series), len(models))
 
+    loads = [segment.load for segment in segments]
     terms, theta = _stacked(models, sum(len(segment.first) for segment in segments))
     delays = [sum(term.delay for term in own) for own, _ in models]
     return simulate(
@@ -174,10 +182,9 @@ def simulated(
         longest_step=longest_step,
         observe=observe,
         load=KnownLoad(
-            *(
-                each([np.full(len(f.first), part) for f, part in zip(segments, of_each, strict=True)])
-                for of_each in zip(*(f.windows.samples.load for f in segments), strict=True)
-            )
+            each([np.asarray(load.inertia) for load in loads]),
+            each([np.asarray(load.gravity) for load in loads]),
+            np.tile(np.concatenate([np.asarray(load.torque) for load in loads], axis=1), len(models)),
         ),
     )
 

@@ -381,7 +381,7 @@ def choose_half_width(recording: Recording) -> float:
             inertia = carried + abs(float(np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]))
             real = calibrate(w).torque_noise / max(w.torque_noise, 1e-300)
             break
-    enough = NEGLIGIBLE * float(np.std(recording.torque))
+    enough = NEGLIGIBLE * float(np.std(recording.torque + cuts[0].samples.load.torque))
     covered = [len(w.centers) * width for w, width in zip(cuts, widths, strict=True)]  # [s], clear of stick
     enough_windows = [
         len(w.centers) >= WEAK_FORM.enough or time >= WEAK_FORM.clear * recording.duration

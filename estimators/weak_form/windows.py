@@ -16,6 +16,7 @@ Source: weak-form identification as in Messenger and Bortz, Multiscale Modeling 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -228,7 +229,7 @@ class Windows:
         """Samples at the windows' centres, (R,) each."""
         x, c = self.samples, self.centers
         warm = np.broadcast_to(x.temperature, x.time.shape)[c]
-        return Samples(x.time[c], x.position[c], x.velocity[c], x.torque[c], load=x.load, temperature=warm)
+        return Samples(x.time[c], x.position[c], x.velocity[c], x.torque[c], load=x.load.at(c), temperature=warm)
 
     def noise(self, inertia: float) -> float:
         """Standard deviation of a window's residual due to noise [N m]; inertia of known loads is added."""
@@ -308,7 +309,8 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     """
     m = max(2, round(half_width * recording.rate))
     smoothing = max(2, round(0.75 * m))
-    window = bump(m)
+    window, load = bump(m), known_load(recording)
+    noise = math.hypot(white_noise(recording.torque), white_noise(load.along(recording.time)))
     motion = from_position(recording, window, smoothing)
     measured = from_velocity(recording, window, smoothing)
     if measured and measured.acceleration_noise < 0.7 * motion.acceleration_noise:
@@ -334,7 +336,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
             motion.position,
             v,
             held(recording.torque),
-            load=known_load(recording),
+            load=load,
             temperature=warmth(recording),
         ),
         acceleration=motion.acceleration,
@@ -342,7 +344,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
         centers=candidates[~stuck],
         turning=candidates[stuck & mostly_moving],
         moving=moving,
-        torque_noise=white_noise(recording.torque) * float(np.linalg.norm(np.convolve(window, [0.5, 0.5]))),
+        torque_noise=noise * float(np.linalg.norm(np.convolve(window, [0.5, 0.5]))),
         acceleration_noise=motion.acceleration_noise,
         acceleration_shared=shared(motion.noise_weights, m),
         velocity_noise=motion.velocity_noise,

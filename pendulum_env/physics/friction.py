@@ -163,7 +163,7 @@ class LoadDependentFriction(Term):
             Column(
                 "load_dependent_friction.output",
                 "1",
-                dry=lambda x: np.abs((self.weight + x.load.gravity) * np.sin(x.position)),
+                dry=lambda x: np.abs((self.weight + x.load.gravity) * np.sin(x.position) - x.load.torque),
                 least=0.0,
                 most=self.most,
             ),

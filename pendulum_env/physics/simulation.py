@@ -226,34 +226,46 @@ def simulate(
         before: commands before the first, (M,) or (M, B), for terms that delay the torque; zero where unknown.
         memory: initial state variables of terms with memory, where they are known; else those of long rest.
         longest_step: longest integration step [s].
-        load: known load, scalars or (B,).
+        load: known load, inertia and gravity scalars or (B,), torque a scalar or the mean over each period (N, B).
         observe: called, after the run, with all that is known at the start of every period and at the end of the last.
         program: of these terms, as `prepared` gives it; None prepares one.
     """
     torque = np.asarray(torque, dtype=float)
     torque = torque[:, None] if torque.ndim == 1 else torque
-    scalars = (np.shape(one) for one in (position, velocity, start, period, *load))
-    batch = np.broadcast_shapes(*scalars, torque.shape[1:], np.shape(theta)[1:], (1,))
+    scalars = (np.shape(one) for one in (position, velocity, start, period, load.inertia, load.gravity))
+    batch = np.broadcast_shapes(*scalars, torque.shape[1:], np.shape(load.torque)[1:], np.shape(theta)[1:], (1,))
     balance = Balance(terms, np.asarray(theta, dtype=float), bool(load))
     count = substeps(period, longest_step)
     h = period / count
     commands = _commands(terms, torque, before, count, h)
     q, v, t = (np.broadcast_to(np.asarray(a, dtype=float), batch).copy() for a in (position, velocity, start))
-    x = Samples(t, q, v, commands[0] if len(commands) else np.zeros(1), load=load)
+    inputs = np.broadcast_to(commands, (len(commands), *batch))[:, None]
+    if balance.loaded:
+        outside = np.broadcast_to(load.torque, (len(torque), *batch))
+        inputs = np.stack([inputs[:, 0], np.repeat(outside, count, axis=0)], axis=1)
+    x = _given(Samples(t, q, v, np.zeros(1), load=load), inputs[0] if len(inputs) else np.zeros((inputs.shape[1], 1)))
     x = replace(x, memory={id: (memory or {}).get(id, state) for id, state in balance.start(x).items()})
     states = np.array([np.broadcast_to(row, batch) for row in rows(x)])
     made = (program or prepared(terms, balance.loaded, h)) if len(batch) == 1 else Prepared(None, ())
     if made.step is not None:
-        constants = [*balance.theta, *made.shapes, *(load if balance.loaded else ()), h]
+        constants = [*balance.theta, *made.shapes, *(load[:2] if balance.loaded else ()), h]
         own = np.array([np.broadcast_to(value, batch) for value in constants])
-        inputs = np.broadcast_to(commands, (len(commands), *batch))
-        path = made.step(inputs[:, None], own[:, None], states[:, None], count)[:, :, 0]
+        path = made.step(inputs, own[:, None], states[:, None], count)[:, :, 0]
     else:
-        path = repeated(lambda command, now: rows(step(balance, samples(now, x, command), h)), commands, states, count)
+        path = repeated(
+            lambda given, now: rows(step(balance, _given(samples(now, x), given), h)), inputs, states, count
+        )
     if observe is not None:
         for k, state in enumerate(path):
-            observe(samples(state, x, commands[max(0, k * count - 1)] if len(commands) else x.torque))
+            now = samples(state, x)
+            observe(_given(now, inputs[max(0, k * count - 1)]) if len(inputs) else now)
     return Trajectory(path[:, 1].copy(), path[:, 2].copy())
+
+
+def _given(x: Samples, given: Array) -> Samples:
+    """Samples under the command of a step, and under the load torque if there is one, (1 or 2, B)."""
+    command, *outside = given
+    return replace(x, torque=command, load=x.load._replace(torque=outside[0]) if outside else x.load)
 
 
 def _commands(terms: Sequence[Term], torque: Array, before: Array | None, count: int, h: ArrayLike) -> Array:
@@ -272,12 +284,12 @@ def rows(x: Samples) -> list[Any]:
     return [x.time, x.position, x.velocity, *(row for memory in x.memory.values() for row in memory)]
 
 
-def samples(state: Array, like: Samples, torque: Array) -> Samples:
-    """The samples that such rows are of."""
+def samples(state: Array, like: Samples) -> Samples:
+    """The samples that such rows are of, under the torque of others."""
     row = iter(state)
     t, q, v = next(row), next(row), next(row)
     memory = {id: tuple(next(row) for _ in memory) for id, memory in like.memory.items()}
-    return Samples(t, q, v, torque, memory, like.load)
+    return Samples(t, q, v, like.torque, memory, like.load)
 
 
 class Prepared(NamedTuple):
@@ -298,8 +310,8 @@ def prepared(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike = L
         balance, x, shapes = in_symbols(terms, loaded)
         duration: Any = name("h", most=upper(longest))
         after = step(balance, x, duration)
-        constants = [*balance.theta, *map(name, shapes), *(x.load if loaded else ()), duration]
-        parts: Any = [x.torque], constants, rows(x)
+        constants = [*balance.theta, *map(name, shapes), *(x.load[:2] if loaded else ()), duration]
+        parts: Any = [x.torque, *(x.load[2:] if loaded else ())], constants, rows(x)
         inputs, known, before = ([symbol.label for symbol in each] for each in parts)
         step_of = recurrence(inputs, known, before, rows(after))
     except Exception:  # a user's law may do anything that NumPy does
@@ -318,6 +330,7 @@ def in_symbols(terms: Sequence[Term], loaded: bool = False) -> tuple[Balance, Sa
     balance = Balance([term for term, _ in each], theta, loaded)
     x: Any = Samples(*(name(text) for text in ("time", "position", "velocity", "torque")))  # type: ignore[arg-type]
     if loaded:
-        x = replace(x, load=KnownLoad(name("load_inertia"), name("load_gravity")))  # type: ignore[arg-type]
+        load: Any = KnownLoad(*(name(f"load_{part}") for part in KnownLoad._fields))  # type: ignore[arg-type]
+        x = replace(x, load=load)
     memory = {id: tuple(name(f"memory.{id}.{k}") for k in range(len(own))) for id, own in balance.start(x).items()}
     return balance, replace(x, memory=memory), {text: value for _, own in each for text, value in own.items()}

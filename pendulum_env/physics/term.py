@@ -45,9 +45,18 @@ class KnownLoad(NamedTuple):
 
     inertia: ArrayLike = 0.0  # [kg m^2] about the axis
     gravity: ArrayLike = 0.0  # [N m], torque that holds it out level
+    torque: ArrayLike = 0.0  # [N m], measured at the output, that acts on the joint
 
     def __bool__(self) -> bool:
-        return may(self.inertia) or may(self.gravity)
+        return may(self.inertia) or may(self.gravity) or may(self.torque)
+
+    def along(self, time: Array) -> Array:
+        """Torque at every sample (N,) [N m]."""
+        return np.broadcast_to(np.asarray(self.torque, dtype=float), time.shape)
+
+    def at(self, index: Any) -> KnownLoad:
+        """Select samples of what changes from sample to sample."""
+        return KnownLoad(*(own if np.ndim(own) == 0 else np.asarray(own)[index] for own in self))
 
 
 T = TypeVar("T", bound="Term")
@@ -134,14 +143,15 @@ class Column:
         return lossy(x) * x.velocity + self.dry(x) * np.abs(x.velocity)
 
 
-# Torque that a known load takes, dI q'' + dmgl sin q. It is no term of any model: it belongs to the recording, so that
-# the parameters are those of the joint without it.
+# Torque that a known load takes, dI q'' + dmgl sin q - tau_load. It is no term of any model: it belongs to the
+# recording, so that the parameters are those of the joint without it.
 LOAD = Column(
     "load",
     "1",
     mass=lambda x: x.load.inertia,
-    force=lambda x: x.load.gravity * np.sin(x.position),
+    force=lambda x: x.load.gravity * np.sin(x.position) - x.load.torque,
     potential=lambda x: x.load.gravity * (1.0 - np.cos(x.position)),
+    loss=lambda x: -1.0 * x.load.torque,
 )
 
 

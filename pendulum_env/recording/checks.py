@@ -41,7 +41,7 @@ UNWRAP = "read it with --unwrap (unwrap=True)"  # what mends a wrapped angle, on
 def refuse_absurd(values: Mapping[str, Array]) -> None:
     """Refuse numbers that nothing measures: their squares would be beyond all numbers, or drown all others."""
     for quantity, column in values.items():
-        most = LARGE if quantity == "torque" else BOUNDS.absurd
+        most = LARGE if quantity in ("torque", "load_torque") else BOUNDS.absurd
         beyond = np.flatnonzero((np.abs(column) > most) & np.isfinite(column))
         if len(beyond):
             raise ColumnError(

@@ -102,6 +102,8 @@ class Column:
             notes.append(f"{self.quantity} is in {self.result_unit}, its gain to be found")
         if self.rank is Rank.COMMANDED and letters(self.header) != "u":  # which never means anything else
             notes.append(f"torque is the commanded one, from column {self.header!r}")
+        if self.quantity == "torque" and NAMES.get(letters(self.header), ("",))[0] == "load_torque":
+            notes.append(f"torque is that of column {self.header!r}: the log has no other torque")
         for other in self.passed_over:
             notes.append(f"{self.quantity} is taken from column {self.header!r}; {other!r} is there too")
         return tuple(notes)
@@ -159,6 +161,9 @@ def find_columns(
         if candidates:
             others = tuple(c.header for c in fitting if c not in candidates)
             columns[quantity] = replace(candidates[0], passed_over=others)
+    if not {"torque", *unused} & columns.keys() and "load_torque" in columns and output is None:
+        if not _raw("torque", headers):  # else a motor drives the joint, too
+            columns["torque"] = replace(columns.pop("load_torque"), quantity="torque")
     needed = ("time", "position", "torque" if output is None else "reference")
     missing = [quantity for quantity in needed if quantity not in columns]
     if missing:

@@ -26,6 +26,7 @@ QUANTITIES = (  # the columns of a recording, those first that it needs
     "supply",
     "enabled",
     "temperature",
+    "load_torque",
 )
 NEWTON_METRE = "N m"
 WARNING = "warning: "  # begins a note of what is likely wrong
@@ -34,7 +35,10 @@ EXACT, LOOSE = 1e-6, 1e-5  # of a step that a clock may be off: a file's is left
 
 @dataclass(frozen=True)
 class Load:
-    """A load of known size that hung on the joint during one recording, beside the unknown rest of the mechanism."""
+    """A load of known size that hung on the joint during one recording, beside the unknown rest of the mechanism.
+
+    A load torque that was measured is the column `load_torque` of the recording.
+    """
 
     inertia: float  # [kg m^2] about the axis
     gravity: float  # [N m], torque that holds it out level
@@ -54,6 +58,7 @@ class TorqueConstant:
     std: float  # standard error [N m/unit]
     of: str  # unit of what was logged: `A`, or `V` and `duty`, of which it is a gain
     loads: int = 0  # how many different ones it is known from, none counting as one; 0 if none told it
+    by_load_torque: bool = False  # whether a measured load torque determines it
 
     @property
     def unit(self) -> str:
@@ -64,12 +69,15 @@ class TorqueConstant:
     def text(self) -> str:
         """`torque constant 0.873 ± 0.004 N m/A, from 8 known loads`."""
         name = "torque constant" if self.of == "A" else "torque gain"
-        source = f"from {self.loads} known loads" if self.loads else "of the model"
+        sources = ["the load torque"] if self.by_load_torque else []
+        sources += [f"{self.loads} known loads"] if self.loads > 1 else []
+        source = f"from {' and '.join(sources)}" if sources else "of the model"
         return f"{name} {plus_minus(self.value, self.std)} {self.unit}, {source}"
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
-        return {"value": self.value, "std": self.std, "unit": self.unit, "loads": self.loads}
+        found = {"value": self.value, "std": self.std, "unit": self.unit, "loads": self.loads}
+        return {**found, "by_load_torque": self.by_load_torque}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,6 +91,7 @@ class Recording:
 
     `torque[k]` is held from `time[k]` to `time[k + 1]` (zero-order hold, as a DAC does it), while `position[k]` and
     `velocity[k]` are taken at the instant `time[k]`. While the motor is open (`enabled` 0), torque is zero.
+    `load_torque[k]` acts on the joint from outside at the instant `time[k]`, with the sign of `torque`: both add up.
 
     Raises:
         RecordingError: if the arrays differ in shape, a segment holds fewer than two samples, values are not finite, or
@@ -100,6 +109,7 @@ class Recording:
     supply: Array | None = None  # (N,) [V], voltage of the bus, if it was recorded
     enabled: Array | None = None  # (N,), 1 while the motor is powered and 0 while it is open, if it was recorded
     temperature: Array | None = None  # (N,) [deg C], of the joint, if it was recorded
+    load_torque: Array | None = None  # (N,) [N m], measured at the output, positive where it drives the joint forward
     load: Load | None = None  # known load on the joint, None if nothing is known of one
     torque_unit: str = NEWTON_METRE  # or that of a current, `A`, whose gain is to be found
     torque_constant: TorqueConstant | None = None  # by which a current became the torque, if one did
@@ -211,6 +221,16 @@ class Recording:
     def powered(self) -> Array:
         """1 while the motor is powered and 0 while it is open (N,): as recorded, or else all along."""
         return np.ones(len(self)) if self.enabled is None else self.enabled
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether the motor or a measured load drives the joint."""
+        return bool(self.torque.any()) or self.has_varying_load
+
+    @property
+    def has_varying_load(self) -> bool:
+        """Whether a load torque was measured that changes."""
+        return self.load_torque is not None and bool(np.ptp(self.load_torque) > 0)
 
     @property
     def has_logged_torque(self) -> bool:

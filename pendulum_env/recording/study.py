@@ -14,7 +14,8 @@ file = "monday.csv"              # beside the study
 role = "fit"                     # or "holdout"
 unwrap = true                    # undo jumps of 2 pi in position
 range = [2.0, 30.0]              # [s] from the first sample
-load = {mass = 0.5, length = 0.2}    # [kg] at [m] from the axis, or inertia [kg m^2] and gravity [N m]
+load = {mass = 0.5, length = 0.2}    # [kg] at [m] from the axis, or inertia [kg m^2] and gravity [N m]; a load torque
+                                     # that was measured is a column, `load_torque`
 drive = {kp = 400}               # beside what [drive] says of all
 columns = {torque = "i_q:A*0.091"}   # instead of those above
 """

@@ -20,6 +20,8 @@ ALIASES = {
     "supply": "supply volts vbus busvoltage supplyvoltage batteryvoltage presentinputvoltage",
     "enabled": "enabled powered torqueenable torqueenabled",
     "temperature": "temperature temp motortemperature motortemp jointtemperature jointtemp presenttemperature",
+    "load_torque": "loadtorque torqueload tauload torquesensor sensortorque dynotorque torquedyno dynamometertorque "
+    "externaltorque torqueext tauext",
     "segment": "segment segments episode episodeindex trial",
 }
 LABELS = ("state", "phase", "test")  # of a column that counts segments, where its cells are words
@@ -79,8 +81,10 @@ OUTPUTS = {"duty": "duty", "current": "A"}  # units of what a known controller g
 LINEAR = {"position": {"m": 1.0, "mm": 1e-3}, "velocity": {"ms": 1.0, "mms": 1e-3}, "torque": {"n": 1.0, "kn": 1e3}}
 for _of in (RAW, LINEAR):
     _of["reference"] = _of["position"]
+LINEAR["load_torque"] = LINEAR["torque"]
 UNITS |= {
     "reference": UNITS["position"] | UNITS["velocity"],
+    "load_torque": UNITS["torque"],
     "segment": {},
     "supply": {"v": 1.0, "mv": 1e-3},
     "enabled": {},
@@ -92,6 +96,7 @@ SI = {
     "velocity": "rad/s",
     "torque": "N m",
     "reference": "rad",
+    "load_torque": "N m",
     "segment": "",
     "supply": "V",
     "enabled": "",
@@ -103,10 +108,11 @@ TOLD = {  # of UNITS, what people are told of
     "velocity": "rad/s, deg/s, rpm, rev/s, counts/s",
     "torque": "Nm, mNm, Ncm, A, mA, V, duty",
     "reference": "rad, mrad, deg, rev, counts, rad/s, deg/s, rpm, rev/s",
+    "load_torque": "Nm, mNm, Ncm",
     "supply": "V, mV",
     "temperature": "degC",
 }
-OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature")
+OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature", "load_torque")
 SPARE = OPTIONAL[1:]  # of which the first column will do
 
 

@@ -35,7 +35,7 @@ class Servos:
         on: whether the motor is powered (N, B).
         position, velocity: at the start (B,) [rad, rad/s].
         start: time of the first sample (B,) [s].
-        load: what is known to hang on each (B,).
+        load: what is known to hang on each (B,); its torque, over each step (N, B).
         temperature: of each over each step (N, B) [deg C]; None: nobody measured it.
     """
 
@@ -65,13 +65,14 @@ class State(NamedTuple):
 
 
 class Given(NamedTuple):
-    """What a servo is given over a step: goal, scale of its output, whether it is on, due to look, how warm it is."""
+    """What a servo is given over a step: goal, scale of its output, whether it is on, due to look, warmth, load."""
 
     goal: Any
     scale: Any
     on: Any
     due: Any
     temperature: Any = ROOM
+    load_torque: Any = 0.0
 
 
 def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) -> Array:
@@ -95,13 +96,14 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     gains = np.array([gains_of(drive, servos.step) for drive in servos.drives]).T
     scale = np.column_stack([drive.scale(own) for drive, own in zip(servos.drives, servos.supply.T, strict=True)])
     warm = np.full_like(servos.goal, ROOM) if servos.temperature is None else servos.temperature
-    inputs = np.stack([servos.goal, scale, servos.on, _due(servos), warm], axis=1)
+    outside = np.broadcast_to(servos.load.torque, servos.goal.shape)
+    inputs = np.stack([servos.goal, scale, servos.on, _due(servos), warm, outside], axis=1)
     program = _prepared(terms, speed, len(weights), loaded, integrates, h)
     theta = theta[:, :, None]
-    constants = [*theta, *program.shapes, *gains[:, None], *(servos.load if loaded else ()), *weights, h]
+    constants = [*theta, *program.shapes, *gains[:, None], *(servos.load[:2] if loaded else ()), *weights, h]
     own = np.array([np.broadcast_to(value, shape) for value in constants])
     q, v, t = (np.broadcast_to(part, shape) for part in (servos.position, servos.velocity, servos.start))
-    x = Samples(t, q, v, np.zeros(shape), load=servos.load)
+    x = Samples(t, q, v, np.zeros(shape), load=servos.load._replace(torque=outside[0]))
     balance = Balance(terms, theta, loaded)
     x = replace(x, memory=balance.start(x))
     state = State(np.zeros(shape), (np.zeros(shape),) * (len(weights) - 1), np.zeros(shape), v, v)
@@ -113,7 +115,7 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
         held, *late = now[len(rows(x)) :]
         before, (seen, last, *integral) = late[: len(weights) - 1], late[len(weights) - 1 :]
         then = State(held, tuple(before), integral[0] if integrates else 0.0, seen, last)
-        begin = samples(now, x, x.torque)
+        begin = samples(now, x)
         named = dict(zip(GAINS, gains, strict=True))
         return _flat(*servo_step(balance, begin, then, Given(*given), named, [*weights], speed, h), integrates)
 
@@ -174,7 +176,8 @@ def servo_step(
     torque, state = control(x, state, given, gains, taps, speed)
     measured = {BackEmf.id: (given.on,), TemperatureDependentFriction.id: (given.temperature, 0.0)}
     memory: Any = {id: measured.get(id, own) for id, own in x.memory.items()}
-    after = step(balance, replace(x, torque=torque, memory=memory), h)
+    load = x.load._replace(torque=given.load_torque)
+    after = step(balance, replace(x, torque=torque, memory=memory, load=load), h)
     return after, state
 
 
@@ -213,7 +216,7 @@ def _prepared(
     try:
         balance, x, shapes = in_symbols(terms, loaded)
         after, later = servo_step(balance, x, state, given, gains, weights, speed, h)
-        shared = [*gains.values(), *(x.load if loaded else ()), *weights, h]
+        shared = [*gains.values(), *(x.load[:2] if loaded else ()), *weights, h]
         constants: Any = [*balance.theta, *map(name, shapes), *shared]
         inputs, known, states = (
             [one.label for one in each] for each in (given, constants, _flat(x, state, integrates))

@@ -11,6 +11,7 @@ import numpy as np
 from estimators.in_loop.fit import likelier
 from estimators.in_loop.rollouts import GRAIN
 from estimators.selection.data import PreparedData
+from estimators.signals.motion import load_in_newton_metres
 from estimators.simulation.free_running import Segments, simulate_all, start_memory
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
@@ -82,10 +83,10 @@ def _mean_size(values: Array) -> float:
 
 
 def refuse_loads(recordings: Sequence[Recording]) -> None:
-    """Raise ExportError if a known load hung on the joint, which no exported model has."""
+    """Raise ExportError if a known load hung on the joint or drove it, which no exported model has."""
     for recording in recordings:
-        if recording.load is not None and (recording.load.inertia or recording.load.gravity):
-            raise ExportError(f"{recording.name}: a known load hung on the joint: check with a recording without one")
+        if load_in_newton_metres(recording):
+            raise ExportError(f"{recording.name}: a known load acted on the joint: check with a recording without one")
 
 
 def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array:
