@@ -6,6 +6,7 @@ from estimators.comparison import Comparison, compare
 from estimators.diagnosis.addition import add, fit
 from estimators.diagnosis.result import Addition, Diagnosis, Verdict
 from estimators.diagnosis.run import diagnose
+from estimators.prediction import Prediction
 from estimators.preprocessing import Preprocessed, gather
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification, identify
@@ -25,6 +26,7 @@ __all__ = [
     "Errors",
     "Identification",
     "IdentificationError",
+    "Prediction",
     "PreparedData",
     "Preprocessed",
     "Verdict",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from estimators.checks.homogeneity import AGREEMENT, Disagreement, disagreements
 from estimators.checks.torque_constant import unit_of
 from estimators.in_loop.fit import in_loop
 from estimators.in_loop.rollouts import are_driven
+from estimators.prediction import Prediction, predictions
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData
@@ -23,6 +25,7 @@ from pendulum_env._typing import JSON, Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.arms.recording import of_arms
+from pendulum_env.mistake import Mistake
 from pendulum_env.notebook import shown
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.terms import has_link
@@ -91,6 +94,18 @@ class Comparison:
     disagreements: tuple[Disagreement, ...] = ()
     torque_constant: TorqueConstant | None = None
     data: Preprocessed | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def errors(self) -> Errors:
+        """Errors on all recordings together."""
+        return self.joint.errors
+
+    @cached_property
+    def recordings(self) -> tuple[Prediction, ...]:
+        """Each recording beside what the model predicts of it, sample by sample."""
+        if self.data is None:
+            raise Mistake("the comparison has no data: compare the model with the recordings again")
+        return predictions(self.model, self.data)
 
     @property
     def torque_unit(self) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from estimators.checks.homogeneity import Disagreement
 from estimators.comparison import of_joints
 from estimators.diagnosis.likeness import likenesses
 from estimators.diagnosis.suggestion import Suggestion
+from estimators.prediction import Prediction, predictions
 from estimators.preprocessing import Preprocessed
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step, of_one
@@ -19,6 +21,7 @@ from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
+from pendulum_env.mistake import Mistake
 from pendulum_env.notebook import shown
 from pendulum_env.physics import Model
 from pendulum_env.physics.term import loads
@@ -150,6 +153,13 @@ class Diagnosis:
     def model(self) -> Model:
         """The final model."""
         return self.steps[-1].model
+
+    @cached_property
+    def recordings(self) -> tuple[Prediction, ...]:
+        """Each recording beside what the final model predicts of it, fitted ones first; without those that disagree."""
+        if self.data is None:
+            raise Mistake("the diagnosis was read from a file and has no data: compare its model with the recordings")
+        return predictions(self.model, self.data)
 
     @property
     def noise_floor(self) -> float:

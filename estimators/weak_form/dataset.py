@@ -153,7 +153,7 @@ class Dataset:
     @cached_property
     def load_rates(self) -> Array:
         """Time derivative of the torque of known loads (R,) [N m/s]."""
-        return self._rates.column(LOAD, self.rows.samples)
+        return np.concatenate([w.rates.column(LOAD, w.samples) for w in self.windows])
 
     @property
     def recording_of_window(self) -> Index:

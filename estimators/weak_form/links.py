@@ -49,14 +49,29 @@ def prepare_arm(recordings: Sequence[ArmRecording], links: Links, shared: Sequen
                 "motion"
             )
     parts = [_columns(own, links.body) for own in entries]
-    calibrated, linear, rates = [], [], []
-    for k in range(len(links.body.joints)):  # the windows of a joint stand in a row
-        for own, part in zip(entries, parts, strict=True):
-            calibrated.append(_calibrated(own, k, part))
-            linear.append(part.linear[k])
-            rates.append(part.rates[k])
+    calibrated = [
+        [_calibrated(own, k, part) for k in range(len(own))] for own, part in zip(entries, parts, strict=True)
+    ]
+    return _joined(calibrated, parts, links, shared)
+
+
+def at_every_sample(windows: Sequence[Windows], links: Links, shared: Sequence[type[Coupling]] = ()) -> Dataset:
+    """Equations of one recording of an arm about every sample that is clear of stick, from windows of each joint."""
+    entries = [w.at_every_sample() for w in windows]
+    return _joined([entries], [_columns(entries, links.body)], links, shared)
+
+
+def _joined(
+    entries: Sequence[Sequence[Windows]], parts: Sequence[_Columns], links: Links, shared: Sequence[type[Coupling]]
+) -> Dataset:
+    """Equations of recordings from the windows of each joint and the links' columns there."""
+    joints = range(len(links.body.joints))  # the windows of a joint stand in a row
+    linear, rates = (
+        np.concatenate([own[k] for k in joints for own in each])
+        for each in zip(*((part.linear, part.rates) for part in parts), strict=True)
+    )
     inertia = np.mean([np.diagonal(part.masses.mean(axis=0), axis1=1, axis2=2).T for part in parts], axis=0)
-    data = dataset(calibrated, {links.id: Given(np.concatenate(linear), np.concatenate(rates), inertia)})
+    data = dataset([own[k] for k in joints for own in entries], {links.id: Given(linear, rates, inertia)})
     return replace(data, given={**data.given, **{kind.id: _coupled(entries, kind) for kind in shared}})
 
 

@@ -25,6 +25,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.sparse import block_diag, csr_array
+from scipy.sparse.linalg import LinearOperator
 
 from estimators.signals.differentiation import from_position, from_velocity, near_turns, shared, white_noise
 from estimators.signals.motion import LEAD_IN, SLOWEST, known_load, warmth
@@ -32,6 +33,8 @@ from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.physics import Column, KnownLoad, Samples, Term
 from pendulum_env.physics.term import LOAD, traces
 from pendulum_env.recording import Recording
+
+DENSEST = 4  # entries of a matrix of averages per sample, above which averages are made by sliding the window
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +50,8 @@ class Rows:
 
     samples: Samples
     acceleration: Array
-    narrow: csr_array
-    wider: csr_array
+    narrow: csr_array | LinearOperator
+    wider: csr_array | LinearOperator
 
     @classmethod
     def joined(cls, parts: Sequence[Rows]) -> Rows:
@@ -134,6 +137,7 @@ class Windows:
         centers: sample index of each window that is clear of stick, (R,).
         turning: the same for other windows with mostly motion: near a reversal, a start or a halt.
         moving: samples whose velocity has a sign, (N,).
+        is_clear: samples whose window is clear of stick, as those of `centers` are, (N,).
         torque_noise: standard deviation of a window's torque from white noise [N m].
         acceleration_noise: the same for its acceleration [rad/s^2].
         acceleration_shared: correlation of that noise between windows half a window apart.
@@ -150,6 +154,7 @@ class Windows:
     centers: Index
     turning: Index
     moving: Mask
+    is_clear: Mask
     torque_noise: float
     acceleration_noise: float
     acceleration_shared: float
@@ -179,8 +184,18 @@ class Windows:
         wider = np.convolve(kernel, [1 / 12, 10 / 12, 1 / 12])
         return Rows(self.samples, self.acceleration, self._averages(kernel), self._averages(wider))
 
-    def _averages(self, kernel: Array) -> csr_array:
+    def at_every_sample(self) -> Windows:
+        """The same with a window about every sample that is clear of stick."""
+        return replace(self, centers=np.flatnonzero(self.is_clear))
+
+    def _averages(self, kernel: Array) -> csr_array | LinearOperator:
         count, length = len(self.centers), len(kernel)
+        if count * length > DENSEST * len(self.moving):
+            return LinearOperator(
+                (count, len(self.moving)),
+                matvec=lambda series: np.correlate(np.ravel(series), kernel, "valid")[self.centers - length // 2],
+                dtype=np.float64,
+            )
         place = self.centers[:, None] + np.arange(length) - length // 2
         parts = np.tile(kernel, count), place.ravel(), length * np.arange(count + 1)
         return csr_array(parts, shape=(count, len(self.moving)))
@@ -328,6 +343,8 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     candidates = np.arange(first + m, stop - m, m)
     candidates = candidates[~outside[candidates]]
     stuck = near[candidates]
+    is_clear = ~(near | outside)
+    is_clear[: first + m] = is_clear[stop - m :] = False
     mostly_moving = sliding_window_view(moving, len(window))[candidates - m] @ window > 0.5
     return Windows(
         recording=recording,
@@ -344,6 +361,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
         centers=candidates[~stuck],
         turning=candidates[stuck & mostly_moving],
         moving=moving,
+        is_clear=is_clear,
         torque_noise=noise * float(np.linalg.norm(np.convolve(window, [0.5, 0.5]))),
         acceleration_noise=motion.acceleration_noise,
         acceleration_shared=shared(motion.noise_weights, m),

@@ -61,7 +61,7 @@ def test_gymnasium_knows_the_environment_by_its_conventions_and_nothing_is_impor
     code = (
         f"import gymnasium, sys; {how}; print('pymunk' in sys.modules, gymnasium.make(id).unwrapped.rate); "
         "import estimators, pendulum_env.backends.emulators; "
-        "print({'torch', 'pygame', 'serial', 'nidaqmx', 'grpc'} & set(sys.modules))"
+        "print({'torch', 'plotly', 'pygame', 'serial', 'nidaqmx', 'grpc'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "1000.0", "set()"]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from estimators import compare
+from estimators.show.figure import Figure, axis, line
 from tests import slow
 from tests.cases import diagnosed
 from tests.patience import wait_until
@@ -15,7 +16,6 @@ from tests.workbench.surveys import surveyed_rows
 from workbench.cli import main
 from workbench.report import render, render_comparison
 from workbench.report.case import Case
-from workbench.report.figure import Figure, axis, line
 from workbench.report.numbers import errors, ladder
 from workbench.report.page import assemble
 from workbench.report.survey import render as render_survey

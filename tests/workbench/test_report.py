@@ -11,6 +11,7 @@ from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
+from estimators.show.figure import broken, numbers, thin
 from estimators.signals.residual import Region, profiles, stand_out
 from pendulum_env.physics import BASE, Model, Samples
 from pendulum_env.physics.table import Extent, TorqueByAngle
@@ -21,7 +22,6 @@ from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values, whole
 from workbench.report import render
 from workbench.report.failures import profile_figure
-from workbench.report.figure import broken, numbers, thin
 from workbench.report.numbers import of_models
 from workbench.report.page import SECTIONS
 

@@ -14,6 +14,7 @@ from dash import ALL, Dash, Input, Output, dcc, html
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
+from estimators.show.figure import Figure, axis, line, thin
 from pendulum_env._typing import Array
 from pendulum_env.arms.recording import without_units
 from pendulum_env.recording import RecordingError, Source
@@ -24,7 +25,6 @@ from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS
 from pendulum_env.words import listing
 from workbench.app.parts import UNWRAP, aria, button, graph, labelled, panel, table
-from workbench.report.figure import Figure, axis, line, thin
 
 COLUMN = "column"  # kind of a plot that a range is brushed in
 NEEDED = 3  # columns with numbers: time, position and torque

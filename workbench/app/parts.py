@@ -6,13 +6,14 @@ from typing import Any
 from dash import dcc, html
 from dash.development.base_component import Component
 
+from estimators.show.figure import Figure
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import at_joints, joint_effects
 from pendulum_env.physics import addable, nameable
 from pendulum_env.physics.table import TABLES
 from pendulum_env.words import name, opening
 from workbench.report import page
-from workbench.report.figure import Figure, Section
+from workbench.report.section import Section
 
 Content = Component | str | Sequence[Component | str] | None
 

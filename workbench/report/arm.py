@@ -15,8 +15,8 @@ from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import percent
 from workbench.report.case import Case, Drawn, ends
 from workbench.report.failures import key, profile_figure
-from workbench.report.figure import Section
 from workbench.report.numbers import of_models
+from workbench.report.section import Section
 from workbench.report.story import ranked
 
 SHOWN = ("position", "velocity", "time")  # a strip's plots

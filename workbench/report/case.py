@@ -49,6 +49,16 @@ class Case:
         """Label, colour and model of what is drawn, see `ends`."""
         return [(label, color, step.model) for label, color, step in ends(self.diagnosis.steps, self.first)]
 
+    @property
+    def drawn(self) -> list[tuple[str, str]]:
+        """Label and colour of each model."""
+        return [(label, color) for label, color, _ in self.models]
+
+    @property
+    def is_incomplete(self) -> bool:
+        """Whether the first model lacks something."""
+        return bool(self.diagnosis.selected or self.diagnosis.unexplained)
+
     @cached_property
     def _watched(self) -> dict[int, list[PreparedData]]:
         return {}

@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.in_loop.fit import followed
+from estimators.show.figure import DRAWING, Figure, axis, band, before_and_after, broken, joined, line, thin
 from estimators.simulation.free_running import Segments, follow
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.words import opening
 from workbench.report.case import Case
-from workbench.report.figure import DRAWING, Figure, Section, axis, band, broken, joined, line, stacked, thin, views
+from workbench.report.section import Section
 
 
 def comparison(case: Case) -> Section:
@@ -48,7 +49,8 @@ def torque_figure(
     x, (measured, *left) = broken(time, thin(residuals[0]), torque, *residuals)
     modelled = [measured - residual for residual in left]
     label = f"Measured and modelled torque over time, and their difference, {of}"
-    figure = before_and_after(case, id, label, x, measured, modelled, left, ("torque", "residual", "N m"))
+    names = ("torque", "residual", "N m")
+    figure = before_and_after(id, label, x, measured, case.drawn, modelled, left, names, case.is_incomplete)
     figure.data.insert(0, band(time[[0, -1]], np.full(2, 2 * noise), "noise (±2σ)", yaxis="y2"))
     return figure
 
@@ -72,35 +74,11 @@ def position_figure(case: Case, id: str, each: Sequence[Segments]) -> Figure:
     simulated = [measured + error for error in errors]
     label = f"Measured position and free-running simulation over time, recording {recording.name}"
     names = ("position", "error", "rad")
-    figure = before_and_after(case, id, label, x, measured, simulated, errors, names)
+    figure = before_and_after(id, label, x, measured, case.drawn, simulated, errors, names, case.is_incomplete)
     dots = {"color": "--measured", "size": 5}
     more = {"mode": "markers", "marker": dots, "hoverinfo": "skip", "hovertemplate": None}
     figure.data.append(line(start, segments.position[0], "start of a window", "--measured", "", **more))
     return figure
-
-
-def before_and_after(
-    case: Case,
-    id: str,
-    label: str,
-    x: Array,
-    measured: Array,
-    modelled: Sequence[Array],
-    differences: Sequence[Array],
-    names: tuple[str, str, str],
-) -> Figure:
-    """Measured and modelled quantity (N,) above their difference, for every model; names: of both, and their unit."""
-    quantity, difference, unit = names
-    data = [line(x, measured, "measured", "--measured", unit, line={"color": "--measured", "width": DRAWING.broad})]
-    for (name, color, _), above, below in zip(case.models, modelled, differences, strict=True):
-        data.append(line(x, above, name, color, unit, legendgroup=name))
-        data.append(line(x, below, name, color, unit, legendgroup=name, yaxis="y2", showlegend=False))
-    layout = stacked(f"{quantity} [{unit}]", f"{difference} [{unit}]", "time [s]")
-    to_see = bool(case.diagnosis.selected or case.diagnosis.unexplained)
-    choice = views(x, [measured, *modelled], differences, DRAWING.close, worst_first=to_see, model=case.first)
-    for key, limits in choice[0].ranges.items():
-        layout[key]["range"] = limits
-    return Figure(id, label, data, layout, 460, choice)
 
 
 def loop(

@@ -4,10 +4,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from estimators.show.figure import Figure, axis, band, line, numbers
 from estimators.signals.residual import REGIONS, WITHIN, Profile, Region, profiles, stand_out, wrapped
 from pendulum_env._typing import JSON, Array
 from workbench.report.case import Case
-from workbench.report.figure import Figure, Section, axis, band, line, numbers
+from workbench.report.section import Section
 
 TITLES = {
     "position": "angle q [rad]",

@@ -19,8 +19,8 @@ from workbench.report import arm
 from workbench.report.case import Case
 from workbench.report.comparison import comparison, loop, of_diagnosis
 from workbench.report.failures import failures
-from workbench.report.figure import Section
 from workbench.report.numbers import errors, parameters, schemes
+from workbench.report.section import Section
 from workbench.report.story import candidates, method, next_experiment, story
 
 SECTIONS: tuple[Callable[[Case], Section | None], ...] = (  # of a diagnosis, in the order in which they are read

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from estimators.diagnosis.result import Candidate, Detectable, Diagnosis, Verdict
+from estimators.show.figure import Figure, axis, line
 from estimators.signals.differentiation import encoder_noise, white_noise
 from estimators.simulation.free_running import SECONDS
 from estimators.weak_form.windows import Windows
 from pendulum_env.physics import nameable
 from pendulum_env.words import listing, name, number
 from workbench.report.case import Case
-from workbench.report.figure import Figure, Section, axis, line
+from workbench.report.section import Section
 
 
 @dataclass(frozen=True)

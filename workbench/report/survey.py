@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from html import escape
 
+from estimators.show.figure import DRAWING, Figure, axis, numbers
 from pendulum_env._typing import JSON
-from workbench.report.figure import DRAWING, Figure, Section, axis, numbers
 from workbench.report.page import assemble
+from workbench.report.section import Section
 from workbench.survey.table import LEVEL, Series, changes_table, recordings_table
 
 COLORS = ("--final", "--base", "--scheme-1", "--scheme-2", "--scheme-3", "--low", "--high", "--train")

@@ -15,6 +15,7 @@ from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from estimators.selection.data import PreparedData
+from estimators.show.figure import Figure, axis, broken, line, numbers, span, thin
 from estimators.signals.residual import AXES, Region, profiles, stand_out, turns, wrapped
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.arms.recording import of_arms
@@ -28,7 +29,6 @@ from workbench.report.arm import strips
 from workbench.report.case import Case, ends
 from workbench.report.comparison import position_figure, torque_figure
 from workbench.report.failures import planes, profile_figure
-from workbench.report.figure import Figure, axis, broken, line, numbers, span, thin
 
 GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
 HINT = "Drag a box in any of the plots, or choose a region: the same moments light up in all."

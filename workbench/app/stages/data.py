@@ -9,6 +9,7 @@ import numpy as np
 from dash import dcc, html
 from dash.development.base_component import Component
 
+from estimators.show.figure import Figure, line, stacked, thin
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE
@@ -20,7 +21,6 @@ from workbench.app.session import Action, Form, Session, Stage
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import MODEL, STUDY
 from workbench.options import FORMATS
-from workbench.report.figure import Figure, line, stacked, thin
 from workbench.robot import held_text
 
 WHY = "No effect does that, and several may be found that only imitate it."

@@ -1,17 +1,31 @@
-"""Sections of a page and their plots, as plain data for plotly.js.
+"""Plots as plain data for Plotly.
 
-Colours are names of the page's own, so that one file does light and dark.
+Colours are names such as `--measured`. A page looks them up in its style, `interactive` in `COLORS`.
 """
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pendulum_env import thinning
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
+from pendulum_env.notebook import BLUE, ORANGE
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure as PlotlyFigure
+
+COLORS = {  # of a plot outside of a page, that are seen on white and on black
+    "--measured": "#8a8f98",
+    "--base": ORANGE,
+    "--final": BLUE,
+    "--noise": "rgba(128, 128, 128, 0.25)",
+    "--muted": "#8a8f98",
+}
 
 
 @dataclass(frozen=True)
@@ -52,20 +66,20 @@ class Figure:
     height: int = 340  # [px]
     views: tuple[View, ...] = ()  # parts to choose from; the first one is shown
 
+    def interactive(self) -> PlotlyFigure:
+        """The plot as a Plotly figure, in the colours of `COLORS`."""
+        from plotly import graph_objects  # here, so that `import estimators` does not load it
 
-@dataclass(frozen=True)
-class Section:
-    """What the page shows under one heading."""
+        return graph_objects.Figure(_colored(self.data), _colored({"height": self.height} | self.layout))
 
-    id: str  # anchor on the page, and name of the template
-    short: str  # title in the navigation
-    title: str  # heading
-    content: Mapping[str, Any]  # what the template may use
 
-    @property
-    def template(self) -> str:
-        """File name of the template."""
-        return f"{self.id}.html"
+def _colored(value: Any) -> Any:
+    """Plain data with colours in the place of their names."""
+    if isinstance(value, str):
+        return COLORS.get(value, value)
+    if isinstance(value, list):
+        return [_colored(item) for item in value]
+    return {key: _colored(item) for key, item in value.items()} if isinstance(value, dict) else value
 
 
 def numbers(values: Array) -> list[float | None]:
@@ -178,3 +192,39 @@ def views(
 def joined(parts: Sequence[Array]) -> Array:
     """Arrays in a row with a gap between each two."""
     return np.concatenate([np.r_[part, np.nan] for part in parts]) if parts else np.empty(0)
+
+
+def before_and_after(
+    id: str,
+    label: str,
+    x: Array,
+    measured: Array,
+    models: Sequence[tuple[str, str]],
+    modelled: Sequence[Array],
+    differences: Sequence[Array],
+    names: tuple[str, str, str],
+    worst_first: bool = False,
+) -> Figure:
+    """Plot a measured and a modelled quantity (N,) above their difference.
+
+    Args:
+        id: of the figure.
+        label: of the figure.
+        x: time (N,) [s].
+        measured: the measured quantity (N,).
+        models: name and colour of each model.
+        modelled: the quantity under each model (N,).
+        differences: what each model leaves of it (N,).
+        names: of the quantity, of the difference, and of their unit.
+        worst_first: whether the stretch of the largest difference is shown at first.
+    """
+    quantity, difference, unit = names
+    data = [line(x, measured, "measured", "--measured", unit, line={"color": "--measured", "width": DRAWING.broad})]
+    for (name, color), above, below in zip(models, modelled, differences, strict=True):
+        data.append(line(x, above, name, color, unit, legendgroup=name))
+        data.append(line(x, below, name, color, unit, legendgroup=name, yaxis="y2", showlegend=False))
+    layout = stacked(f"{quantity} [{unit}]", f"{difference} [{unit}]", "time [s]")
+    choice = views(x, [measured, *modelled], differences, DRAWING.close, worst_first, models[0][0])
+    for key, limits in choice[0].ranges.items():
+        layout[key]["range"] = limits
+    return Figure(id, label, data, layout, 460, choice)

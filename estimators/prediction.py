@@ -1,0 +1,226 @@
+"""Recordings beside what a model predicts of them, sample by sample."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.in_loop.fit import likelier
+from estimators.in_loop.rollouts import are_driven
+from estimators.preprocessing import Preprocessed
+from estimators.regression.equations import IdentificationError
+from estimators.selection.data import PreparedData
+from estimators.selection.regression import Regression
+from estimators.show.figure import Figure, before_and_after, broken, thin
+from estimators.simulation.free_running import Segments, follow
+from estimators.weak_form import links
+from estimators.weak_form.dataset import Dataset, dataset
+from estimators.weak_form.windows import Windows
+from pendulum_env._typing import Array, Mask
+from pendulum_env.arms.joints import Coupling, Links, body_of
+from pendulum_env.lookup import find
+from pendulum_env.mistake import Mistake
+from pendulum_env.physics import Model, Samples
+from pendulum_env.recording import Recording
+from pendulum_env.recording.record import NEWTON_METRE
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from plotly.graph_objects import Figure as PlotlyFigure
+
+QUANTITIES = ("position", "torque", "predicted_torque", "residual", "simulated_position")
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """A recording of N samples beside what a model predicts of it.
+
+    Arrays are (N,), of an arm with n joints (N, n). A sample without a value is NaN.
+
+    Attributes:
+        name: of the recording.
+        time: instants (N,) [s].
+        position: measured position (N,) [rad].
+        torque: measured torque, averaged over a short window about each sample (N,) [N m]. NaN where the joint sticks
+            or reverses within the window, and near gaps.
+        predicted_torque: torque that the model needs for the measured motion, averaged alike (N,) [N m].
+        simulated_position: position of free-running simulations of one second, each from the measured state (N,) [rad].
+            A servo with a drive is simulated over the whole recording from its goal. An arm is not simulated.
+        is_counted: samples at which `torque_rms` takes the residual, half a window apart (N,).
+        is_held_out: samples that the model was not fitted to (N,).
+        units: unit of the torque by joint; the joint of a pendulum has an empty name.
+    """
+
+    name: str
+    time: Array
+    position: Array
+    torque: Array
+    predicted_torque: Array
+    simulated_position: Array
+    is_counted: Mask
+    is_held_out: Mask
+    units: Mapping[str, str]
+
+    @property
+    def residual(self) -> Array:
+        """Measured minus predicted torque (N,) [N m]."""
+        return self.torque - self.predicted_torque
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """Time and all quantities, (N,) each, by name; of an arm `torque_elbow` for each joint."""
+        named = {"time": self.time}
+        for quantity in QUANTITIES:
+            for at, values in zip(self.units, getattr(self, quantity).reshape(len(self.time), -1).T, strict=True):
+                named[f"{quantity}_{at}" if at else quantity] = values
+        return named
+
+    def to_frame(self) -> DataFrame:
+        """Return a pandas DataFrame of `columns`, a row a sample.
+
+        Raises:
+            ModuleNotFoundError: if pandas is not installed.
+        """
+        try:
+            import pandas  # here, as it is no requirement
+        except ModuleNotFoundError:
+            raise ModuleNotFoundError("to_frame needs pandas: pip install pandas, or use `columns`") from None
+        return pandas.DataFrame(self.columns)
+
+    def figure(self, quantity: str = "torque", joint: str | None = None) -> PlotlyFigure:
+        """Plot the measured and the predicted quantity over time, above their difference, as the report does.
+
+        Args:
+            quantity: `torque` or `position`.
+            joint: of an arm; by default the first one.
+
+        Raises:
+            ValueError: if there is no such quantity or joint, or no sample has a value.
+        """
+        names = {"torque": ("torque", "predicted_torque"), "position": ("position", "simulated_position")}
+        own = names[find("quantity", quantity, {name: name for name in names})]
+        at = next(iter(self.units)) if joint is None else find("joint", joint, {name: name for name in self.units})
+        k = list(self.units).index(at)
+        measured, modelled = (getattr(self, name).reshape(len(self.time), -1)[:, k] for name in own)
+        known = np.isfinite(measured + modelled)
+        if not known.any():
+            raise Mistake(f"{self.name}: no sample has a predicted {quantity}: see `columns` for what there is")
+        unit, where = self.units[at] if quantity == "torque" else "rad", f" of {at}" if at else ""
+        left = (measured - modelled)[known]
+        x, (above, below, error) = broken(self.time[known], thin(left), measured[known], modelled[known], left)
+        label = f"Measured and predicted {quantity}{where}, recording {self.name}"
+        texts = (f"{quantity}{where}", "residual", unit)
+        figure: Figure = before_and_after(quantity, label, x, above, [("model", "--final")], [below], [error], texts)
+        return figure.interactive()
+
+    def __repr__(self) -> str:
+        shares = (f"{np.mean(np.isfinite(own)):.0%}" for own in (self.residual, self.simulated_position))
+        return "<Prediction of {}: {} samples, torque of {} and position of {} predicted>".format(
+            self.name, len(self.time), *shares
+        )
+
+
+def predictions(model: Model, data: Preprocessed) -> tuple[Prediction, ...]:
+    """Predict the recordings that a result is of: those that were fitted, then those that were held out."""
+    is_same = data.holdout is data.recordings  # compared, all alike
+    seen = data.recordings if is_same else (*data.recordings, *data.holdout)
+    found = [_without_values(model, recording) for recording in seen]
+    is_driven = body_of(model.terms) is None and are_driven(seen)
+    with suppress(*[IdentificationError] * is_driven):  # a servo may move too little for a regression of its torque
+        fitted, unseen = data.parts
+        _predict(model, fitted, found[: len(data.recordings)], False)
+        if not is_same:
+            _predict(model, unseen, found[len(data.recordings) if data.holdout else 0 :], True)
+    if is_driven:
+        for own, path in zip(found, _in_loop(model, seen), strict=True):
+            own.simulated_position[:] = path
+    return tuple(found)
+
+
+def _without_values(model: Model, recording: Recording) -> Prediction:
+    """A prediction that is still to be made."""
+    shape, body = recording.position.shape, body_of(model.terms)
+    torque, predicted, simulated = (np.full(shape, np.nan) for _ in range(3))
+    units = {"": recording.torque_unit}
+    if body is not None:
+        units = {at: body.worded(at, NEWTON_METRE) for at in body.joints}
+    counted, held_out = np.zeros(shape, dtype=bool), np.zeros(len(recording.time), dtype=bool)
+    time, position = recording.time, recording.position
+    return Prediction(recording.name, time, position, torque, predicted, simulated, counted, held_out, units)
+
+
+def _predict(model: Model, prepared: PreparedData, found: Sequence[Prediction], is_held_out: bool) -> None:
+    """Fill in predictions of recordings, or of a part of each."""
+    prepared, body = prepared.watching(model), body_of(model.terms)
+    data = prepared.data
+    runs = [number if body is None else w.run or 0 for number, w in enumerate(data.windows)]
+    for run, own in enumerate(found):
+        windows = [w for k, w in zip(runs, data.windows, strict=True) if k == run]
+        if all(w.is_clear.any() for w in windows):
+            watched = {id: [each[run]] for id, each in data.watched.items()}
+            dense = _at_every_sample(model, windows, watched)
+            _write(own, dense.windows, dense.torque(), Regression(dense).equations(model.terms).error(model.theta))
+    ends = np.cumsum([len(w.centers) for w in data.windows])[:-1]
+    coarse = (np.split(each, ends) for each in (data.torque(), prepared.residual(model.terms, model.theta)))
+    for run, w, torque, residual in zip(runs, data.windows, *coarse, strict=True):
+        own = found[run]
+        _write(own, [w], torque, residual)
+        begin, joint = _place(own, w)
+        _by_joint(own.is_counted)[begin + w.centers, joint] = True
+        own.is_held_out[begin + w.first : begin + w.stop] |= is_held_out
+    for own, segments in zip(found, prepared.segments, strict=body is None):
+        _simulate(model, segments, own.simulated_position)
+
+
+def _at_every_sample(model: Model, windows: Sequence[Windows], watched: Mapping[str, Sequence[Samples]]) -> Dataset:
+    """Equations of one recording about every sample that is clear of stick."""
+    first = model.terms[0]
+    if isinstance(first, Links):
+        return links.at_every_sample(windows, first, [type(term) for term in model.terms if isinstance(term, Coupling)])
+    return replace(dataset([w.at_every_sample() for w in windows]), watched=watched)
+
+
+def _by_joint(values: Array) -> Array:
+    """A view (N, n) of values (N,) or (N, n)."""
+    return values.reshape(len(values), -1)
+
+
+def _place(own: Prediction, w: Windows) -> tuple[int, int]:
+    """Sample of a recording at which windows of a part of it begin to count, and the number of their joint."""
+    return int(np.searchsorted(own.time, w.recording.time[0])), list(own.units).index(w.at)
+
+
+def _write(own: Prediction, windows: Sequence[Windows], torque: Array, residual: Array) -> None:
+    """Fill in the torque and what is left of it (R,) in the windows of one recording."""
+    done = 0
+    for w in windows:
+        rows = slice(done, done := done + len(w.centers))
+        begin, joint = _place(own, w)
+        _by_joint(own.torque)[begin + w.centers, joint] = torque[rows]
+        _by_joint(own.predicted_torque)[begin + w.centers, joint] = torque[rows] - residual[rows]
+
+
+def _simulate(model: Model, segments: Segments, position: Array) -> None:
+    """Fill in free-running simulations of segments; where two overlap, the later one counts."""
+    path = segments.position + follow(segments, model.terms, model.theta)
+    index = segments.first + np.arange(len(path))[:, None]
+    position[segments.first] = path[0]
+    position[index[1:].T.ravel()] = path[1:].T.ravel()
+
+
+def _in_loop(model: Model, recordings: Sequence[Recording]) -> Iterator[Array]:
+    """Positions (N,) [rad] of servos, simulated from their goals, for each recording."""
+    rollouts, missed = likelier(model, recordings)
+    simulated = rollouts.position + missed
+    for k, recording in enumerate(recordings):
+        own, path = rollouts.recording_of == k, []
+        for part in recording.segments:
+            time = part.time - recording.time[0]
+            within = own & (rollouts.time > time[0]) & (rollouts.time <= time[-1])
+            known = np.r_[time[0], rollouts.time[within]], np.r_[part.position[0], simulated[within]]
+            path.append(np.interp(time, *known, right=np.nan))
+        yield np.concatenate(path)

@@ -1,0 +1,129 @@
+"""Results as arrays: what a model predicts of recordings, sample by sample."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from benchmarks import six_joint
+from estimators import Prediction, compare, diagnose, identify
+from pendulum_env.arms.joints import arm_base
+from pendulum_env.physics import Model
+from pendulum_env.recording import Recording
+from tests.estimators.in_loop.test_in_loop import MODEL, recorded
+
+
+def rms(values) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def missed(own: Prediction) -> np.ndarray:
+    error = own.simulated_position - own.position
+    return error[np.isfinite(error)]
+
+
+@pytest.fixture(scope="module")
+def wrong(exact) -> Model:
+    """A model whose inertia is 10 % too large."""
+    model = identify(exact)["dynamic"].model
+    return model.at({"inertia": 1.1 * model.estimates["inertia"].value})
+
+
+def test_torque_of_a_wrong_inertia_is_off_by_what_the_acceleration_takes(exact, wrong):
+    (own,) = compare(wrong, exact).recordings
+    assert own.name == exact.name and own.residual.shape == own.time.shape == (len(exact),)
+    known = np.isfinite(own.residual)
+    assert np.array_equal(known, np.isfinite(own.torque)) and np.mean(known) > 0.5
+    assert np.array_equal(own.residual[known], (own.torque - own.predicted_torque)[known])
+    acceleration = np.gradient(np.gradient(exact.position, exact.time), exact.time)
+    least = -0.1 / 1.1 * wrong.estimates["inertia"].value * acceleration
+    assert np.corrcoef(own.residual[known], least[known])[0, 1] > 0.95
+    assert rms(own.residual[known] - least[known]) < 0.4 * rms(least[known])  # windows are smooth, differences are not
+
+
+def test_errors_are_those_of_the_counted_samples(exact, paper_run, wrong):
+    found = compare(wrong, [exact, paper_run])
+    for own, distance in zip(found.recordings, found.distances, strict=True):
+        assert rms(own.residual[own.is_counted]) == pytest.approx(distance.errors.torque_rms, rel=1e-9)
+        assert rms(own.residual[np.isfinite(own.residual)]) == pytest.approx(distance.errors.torque_rms, rel=0.05)
+        assert rms(missed(own)) == pytest.approx(distance.errors.position_rms, rel=0.1)
+        assert not own.is_held_out.any()
+    assert found.errors == found.joint.errors
+
+
+def test_each_second_of_motion_is_what_the_model_does_from_the_measured_state(exact, wrong):
+    (own,) = compare(wrong, exact).recordings
+    begins = np.flatnonzero(np.isfinite(own.simulated_position))[0]
+    stretch = slice(begins, begins + 100)
+    velocity = np.gradient(exact.position, exact.time)[begins]
+    path = wrong.simulate(1 / exact.rate, exact.torque[stretch], exact.position[begins], velocity).position[:100, 0]
+    np.testing.assert_allclose(own.simulated_position[stretch], path, atol=2e-3)
+
+
+def test_a_joint_that_sticks_has_no_torque_to_predict(sticky):
+    (own,) = compare(identify(sticky)["dynamic"].model, sticky).recordings
+    still = np.abs(np.gradient(sticky.position, sticky.time)) < 1e-3
+    assert np.mean(still) > 0.1
+    assert np.isnan(own.residual[still]).all() and np.isfinite(own.residual[~still]).any()
+    assert np.isfinite(own.position).all()
+
+
+def test_nothing_is_predicted_across_a_gap(exact, wrong):
+    kept = np.r_[0:1500, 2500:4000]
+    time, position, torque = exact.time[kept], exact.position[kept], exact.torque[kept]
+    (own,) = compare(wrong, Recording("gap", time, position, torque, starts=(0, 1500))).recordings
+    assert np.isnan(own.residual[1498:1502]).all()
+    assert np.abs(missed(own)).max() < 1.0
+
+
+def test_parts_of_a_diagnosis_are_told_apart(exact):
+    found = diagnose(exact, only=["stribeck"])
+    (own,) = found.recordings
+    errors, held_out = found.steps[-1].errors, own.is_held_out
+    for name, part in (("train", ~held_out), ("holdout", held_out)):
+        assert rms(own.residual[own.is_counted & part]) == pytest.approx(errors[name].torque_rms, rel=1e-9)
+    assert held_out[-1] and not held_out[0] and np.mean(held_out) == pytest.approx(0.3, abs=0.01)
+
+
+def test_a_servo_in_the_loop_is_predicted_by_its_position():
+    servo = recorded({}, gains=(4.0,))
+    off = MODEL.at({"coulomb": 0.16})
+    found = compare(off, servo)
+    (own,) = found.recordings
+    assert np.mean(np.isfinite(own.simulated_position)) > 0.98
+    assert np.mean(np.abs(missed(own))) == pytest.approx(found.errors.in_loop, rel=0.02)
+
+
+def test_an_arm_has_a_column_a_joint():
+    body, run = six_joint.body(), six_joint.simulate(1, seconds=5.0)
+    found = compare(identify(run, arm_base(body), "filtered_dynamic")["filtered_dynamic"].model, run)
+    (own,) = found.recordings
+    assert own.residual.shape == own.position.shape == (len(run), len(body.joints))
+    assert np.isnan(own.simulated_position).all()
+    for k, at in enumerate(body.joints):
+        assert np.array_equal(own.columns[f"residual_{at}"], own.residual[:, k], equal_nan=True)
+        counted = own.residual[own.is_counted[:, k], k]
+        assert rms(counted) == pytest.approx(found.errors.joints[at], rel=1e-9)
+        assert rms(own.residual[np.isfinite(own.residual[:, k]), k]) == pytest.approx(rms(counted), rel=0.1)
+    with pytest.raises(ValueError, match="position"):
+        own.figure("position")
+    assert own.figure(joint=body.joints[-1]).data
+
+
+def test_a_figure_draws_measured_and_predicted_torque(exact, wrong):
+    (own,) = compare(wrong, exact).recordings
+    for quantity, modelled in (("torque", own.predicted_torque), ("position", own.simulated_position)):
+        measured, above, below = own.figure(quantity).data
+        drawn = np.array(above.y, dtype=float)
+        assert np.nanmax(drawn) == pytest.approx(np.nanmax(modelled), rel=1e-2)
+        np.testing.assert_allclose(np.array(measured.y, dtype=float) - drawn, np.array(below.y, dtype=float), atol=1e-2)
+    with pytest.raises(ValueError, match="torque"):
+        own.figure("torqe")
+
+
+def test_a_frame_has_a_row_a_sample(exact, wrong, monkeypatch):
+    (own,) = compare(wrong, exact).recordings
+    assert {len(values) for values in own.columns.values()} == {len(exact)}
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ModuleNotFoundError, match="pip install pandas"):
+        own.to_frame()

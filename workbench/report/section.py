@@ -1,0 +1,20 @@
+"""Sections of a page."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Section:
+    """What the page shows under one heading."""
+
+    id: str  # anchor on the page, and name of the template
+    short: str  # title in the navigation
+    title: str  # heading
+    content: Mapping[str, Any]  # what the template may use
+
+    @property
+    def template(self) -> str:
+        """File name of the template."""
+        return f"{self.id}.html"
