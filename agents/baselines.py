@@ -163,9 +163,11 @@ def _look_ahead(constraint: Constraint, _: int) -> Policy:  # 0.4 s
     return LookAhead(constraint, 3, 7, (-2.0, -1.0, 0.0, 1.0, 2.0))
 
 
-BASELINE = "two-tone"  # the paper's
+BASELINE = "two-tone"  # the paper's, of random phases
+RANDOM = "random-sinusoid"  # ten sines of random frequencies, 0.2 to 4 Hz, and phases
 BASELINES: dict[str, Callable[[Constraint, int], Policy]] = {
     BASELINE: partial(_drawn, "paper"),
+    RANDOM: partial(_drawn, "multisine"),
     "multisine-optimised": _optimised,
     "greedy": lambda constraint, _: LookAhead(constraint, 1, 1, (-1.0, -0.5, 0.0, 0.5, 1.0)),
     "look-ahead": _look_ahead,

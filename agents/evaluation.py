@@ -1,53 +1,44 @@
-"""How much sooner an excitation makes the parameters known: policies on the same plants, the real estimator beside.
+"""Errors of the online estimator while a policy excites pendulums.
 
-What counts is the real error of the real estimator. Information is the sum of outer products of its own regressor rows
-at 1 kHz, clear of stick by its own guard, not what the policy was paid for.
+Information is the sum of outer products of the estimator's own regressor rows at 1 kHz, clear of stick by its own
+guard. It is not the reward of the policy.
 """
 
 from __future__ import annotations
 
-import operator
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property, partial
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 
 from agents.baselines import rows
+from agents.contenders import Contender
 from agents.design_env import RATE, ExcitationDesignVector
 from agents.observer import COUNT, NOMINAL, TICK, log_det
 from estimators.online import OnlineEstimator
-from estimators.progress import Progress
 from estimators.schemes.six import scheme
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import Array
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.physics import BASE
 from pendulum_env.physics.simulation import simulate
-from pendulum_env.policy import Policy, State
+from pendulum_env.policy import State
 
-SCHEMA = "pendulum-ident/evaluation@2"
-MOMENTS = (2.0, 5.0, 10.0)  # [s] at which errors are told
+MOMENTS = (2.0, 5.0, 10.0)  # [s] at which errors are compared
 CLOSE = (0.01, 0.003)  # shares of its value that every parameter has to stay within
-RESAMPLES = 2000
 FRESH = 2**20  # added to seeds, for plants that no training has drawn
-PART = 160  # plants at most that are simulated together; how many workers there are changes nothing
-Statistic = Callable[[Array, Array], float]
-Contender = Callable[[int], Policy]  # makes a policy from the seed of what it draws
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a policy did and what was learnt, on N plants over T ticks of 20 ms.
+    """Motion and errors of N plants under a policy, over T ticks of 20 ms.
 
-    The Cramer-Rao bound is of unbiased estimators that see the motion exactly, use it while the arm moves, and know the
-    law; it is NaN where effects are hidden.
+    The Cramer-Rao bound holds for unbiased estimators that see the motion exactly, use it while the arm moves, and know
+    the law; it is NaN where effects are hidden.
     """
 
-    error: Array  # (T, N), RMS of the relative errors of the four parameters
-    worst: Array  # (T, N), largest of them
+    parameter_errors: Array  # (T, N, P), relative errors of inertia, gravity, viscous and dry friction
     log_det: Array  # (T, N), of the information in nominal units [nat]
     bound: Array  # (M, N), Cramer-Rao bound of `error` at `MOMENTS`
     torque: Array  # (T, N), commanded [N m]
@@ -56,60 +47,30 @@ class Outcome:
     seconds_per_action: float  # computing time that the policy took for all plants together [s]
 
     @cached_property
+    def error(self) -> Array:
+        """RMS of the relative errors of the parameters (T, N)."""
+        return np.sqrt((self.parameter_errors**2).mean(axis=2))
+
+    @cached_property
     def errors(self) -> Array:
         """RMS error at `MOMENTS` (M, N)."""
         return self.error[[round(moment / TICK) - 1 for moment in MOMENTS]]
 
     @cached_property
     def close(self) -> Array:
-        """Time from which on all four stay within each of `CLOSE` (C, N) [s]; inf if they do not."""
-        return np.array([stays_within(self.worst, bound) for bound in CLOSE])
+        """Time from which on all parameters stay within each of `CLOSE` (C, N) [s]; inf if they do not."""
+        worst = np.abs(self.parameter_errors).max(axis=2)
+        return np.array([stays_within(worst, bound) for bound in CLOSE])
 
     @staticmethod
     def join(parts: Sequence[Outcome]) -> Outcome:
-        """Outcomes of one policy on several lots of plants, as one."""
+        """Join the outcomes of one policy on several lots of plants."""
         arrays = [field.name for field in fields(Outcome) if field.name != "seconds_per_action"]
-        joined = {name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in arrays}
+        axes = {"parameter_errors": 1}  # of the plants; the last of the others
+        joined = {
+            name: np.concatenate([getattr(part, name) for part in parts], axis=axes.get(name, -1)) for name in arrays
+        }
         return Outcome(**joined, seconds_per_action=sum(part.seconds_per_action for part in parts))
-
-
-def compare(
-    contenders: Mapping[str, Contender],
-    constraint: str,
-    plants: int,
-    *,
-    seed: int = 0,
-    executor: Executor | None = None,
-    tell: Progress | None = None,
-    **setting: Any,
-) -> dict[str, Outcome]:
-    """Let every policy excite the same fresh plants for 10 s.
-
-    The result depends on the seed, not on where it is worked out.
-
-    Args:
-        contenders: functions of a seed by name, picklable if there is an executor.
-        constraint: of the torque.
-        plants: number of them.
-        seed: of plants, noise and signals.
-        executor: processes that do the work; None does it here.
-        tell: called with the progress, as text and as a share.
-        setting: of all, see `observe`.
-    """
-    sizes = [min(PART, plants - first) for first in range(0, plants, PART)]
-    jobs = [
-        partial(observe, contender, constraint, size, seed=seed + 4 * FRESH * part, **setting)
-        for contender in contenders.values()
-        for part, size in enumerate(sizes)
-    ]
-    work: Callable[..., Iterable[Outcome]] = map if executor is None else executor.map
-    done: list[Outcome] = []
-    for outcome in work(operator.call, jobs):
-        done.append(outcome)
-        if tell is not None:
-            tell([*contenders][(len(done) - 1) // len(sizes)], len(done) / len(jobs))
-    count = len(sizes)
-    return {name: Outcome.join(done[k * count : (k + 1) * count]) for k, name in enumerate(contenders)}
 
 
 def observe(
@@ -122,7 +83,7 @@ def observe(
     task: Mapping[str, float] | None = None,
     scheme_id: str = "filtered_dynamic",
 ) -> Outcome:
-    """Let a policy excite fresh plants for 10 s, the online estimator beside it at 1 kHz.
+    """Let a policy excite fresh plants for 10 s and estimate their parameters online at 1 kHz.
 
     The same seed gives the same plants and the same noise to every policy. Effects are hidden in the plants; `task` has
     further arguments of `ExcitationDesignVector`: `spread`, `max_speed` or `max_turns`.
@@ -155,8 +116,7 @@ def observe(
     bound = np.full((len(MOMENTS), plants), np.nan)
     if not effects:
         bound = cramer_rao(truth, np.repeat(torque, held, axis=0))
-    error, worst = np.sqrt((errors**2).mean(axis=2)), np.abs(errors).max(axis=2)
-    return Outcome(error, worst, learnt, bound, torque, position, speed, acting / steps)
+    return Outcome(errors, learnt, bound, torque, position, speed, acting / steps)
 
 
 def cramer_rao(truth: Array, torque: Array) -> Array:
@@ -182,61 +142,3 @@ def stays_within(errors: Array, bound: float) -> Array:
     last = len(errors) - np.argmax(outside[::-1], axis=0)  # ticks until the last that is outside
     last = np.where(outside.any(axis=0), last, 0)
     return np.where(last == len(errors), np.inf, (last + 1) * TICK)
-
-
-def information_ratio(policy: Array, base: Array) -> float:
-    """Median of (det M / det M_base)^(1/4), of log determinants on the same plants."""
-    return float(np.median(np.exp((policy - base) / COUNT)))
-
-
-def improvement(policy: Array, base: Array) -> float:
-    """Median of the baseline over that of the policy: above 1 is better; NaN where half never get there."""
-    numbers = float(np.median(base)), float(np.median(policy))
-    return numbers[0] / numbers[1] if np.isfinite(numbers).all() else float("nan")
-
-
-def interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) -> tuple[float, float]:
-    """Bootstrap interval of 95 % over plants, the same plants for both."""
-    picks = np.random.default_rng(seed).integers(len(policy), size=(RESAMPLES, len(policy)))
-    values = [statistic(policy[pick], base[pick]) for pick in picks]
-    low, high = np.quantile(values, [0.025, 0.975])
-    return float(low), float(high)
-
-
-def evaluation_json(outcomes: Mapping[str, Outcome], base: str, **setting: object) -> JSON:
-    """All policies beside a baseline, for programs, and what else is to be written; the infinite or unknown is null."""
-    policies = {name: _policy_json(outcome, outcomes[base]) for name, outcome in outcomes.items()}
-    return {"schema": SCHEMA, **setting, "baseline": base, "policies": policies}
-
-
-def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
-    moments, bounds = [f"{moment:g} s" for moment in MOMENTS], [f"{100 * bound:g} %" for bound in CLOSE]
-    names = [f"error {moment}" for moment in moments] + [f"time to {bound}" for bound in bounds]
-    series = zip(names, [*outcome.errors, *outcome.close], [*base.errors, *base.close], strict=True)
-    gains = {name: _against(improvement, own, usual) for name, own, usual in series}
-    gains["information"] = _against(information_ratio, outcome.log_det[-1], base.log_det[-1])
-    return {
-        "error": dict(zip(moments, map(_quartiles, outcome.errors), strict=True)),
-        "cramer_rao": dict(zip(moments, map(_quartiles, outcome.bound), strict=True)),
-        "time_to": dict(zip(bounds, map(_quartiles, outcome.close), strict=True)),
-        "gain": gains,
-        "torque_peak": float(np.abs(outcome.torque).max()),
-        "torque_rms": _quartiles(np.sqrt((outcome.torque**2).mean(axis=0))),
-        "speed": _quartiles(outcome.speed),
-        "turns": _quartiles(np.ptp(outcome.position, axis=0) / (2 * np.pi)),  # between the outermost angles
-        "seconds_per_action": outcome.seconds_per_action,
-    }
-
-
-def _against(statistic: Statistic, policy: Array, base: Array) -> JSON:
-    values = statistic(policy, base), *interval(statistic, policy, base)
-    return dict(zip(("ratio", "low", "high"), map(_finite, values), strict=True))
-
-
-def _quartiles(values: Array) -> list[float | None]:
-    """Lower quartile, median, upper quartile."""
-    return [_finite(value) for value in np.quantile(values, [0.25, 0.5, 0.75], method="closest_observation")]
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -19,7 +19,7 @@ import numpy as np
 
 from agents import load
 from agents.arm_env import TORQUE, plan
-from agents.evaluation import improvement, interval
+from agents.comparison import improvement, interval
 from estimators.arms.excitation import PRIOR, design_excitation, sizes, telling
 from estimators.arms.following import follow
 from estimators.arms.limits import limits_of

@@ -1,6 +1,5 @@
-"""The comparison of policies: its statistics, and that the estimator in its loop is the real one."""
+"""Errors under a policy: the estimator in the loop is the real one."""
 
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -8,23 +7,13 @@ import pytest
 
 from agents import load
 from agents.baselines import baseline
-from agents.evaluation import compare, cramer_rao, improvement, information_ratio, interval, observe, stays_within
+from agents.comparison import information_ratio
+from agents.evaluation import cramer_rao, observe, stays_within
 
 
 def test_time_from_which_errors_stay_within_a_bound():
     errors = np.array([[3.0, 0.5, 3.0, 3.0], [0.5, 0.5, 0.5, 3.0], [3.0, 0.5, 0.5, 3.0], [0.5, 0.5, 0.5, 3.0]])
     np.testing.assert_allclose(stays_within(errors, 1.0), [0.08, 0.02, 0.04, np.inf])
-
-
-def test_ratios_and_their_intervals():
-    rng = np.random.default_rng(0)
-    base = rng.lognormal(0.0, 0.3, 400)
-    policy = base / 2 * rng.lognormal(0.0, 0.05, 400)
-    low, high = interval(improvement, policy, base)
-    assert low < improvement(policy, base) < high
-    assert improvement(policy, base) == pytest.approx(2.0, rel=0.1)
-    assert information_ratio(np.full(3, 4 * np.log(2.5)), np.zeros(3)) == pytest.approx(2.5)
-    assert np.isnan(improvement(np.full(4, np.inf), base))
 
 
 def load_policy(name, _):
@@ -81,19 +70,6 @@ def test_the_bound_is_that_of_least_squares_with_known_motion():
     np.testing.assert_allclose(bound, cramer_rao(truth, -torque[:, None]), rtol=1e-6)  # in a mirror
     assert (cramer_rao(truth, np.full((10_000, 1), 6.0)) > 20 * bound).all()
     assert np.isinf(cramer_rao(truth, np.full((10_000, 1), 0.1))).all()  # it never moves
-
-
-@pytest.mark.slow
-def test_where_it_is_worked_out_changes_nothing(monkeypatch):
-    monkeypatch.setattr("agents.evaluation.PART", 2)
-    contenders = {name: partial(baseline, name, "peak") for name in ("two-tone",)}
-    here = compare(contenders, "peak", 3, seed=1)
-    with ThreadPoolExecutor(2) as pool:
-        there = compare(contenders, "peak", 3, seed=1, executor=pool)
-    for name, outcome in here.items():
-        assert outcome.errors.shape == (3, 3)
-        np.testing.assert_array_equal(outcome.error, there[name].error)
-        assert not np.allclose(outcome.torque[:, 0], outcome.torque[:, 2])  # signals differ between parts
 
 
 @pytest.mark.slow

@@ -1,19 +1,26 @@
 """`evaluate`: the same figures however many processes share the work."""
 
 import json
+from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
+import torch
+from stable_baselines3 import A2C
 
-from agents import load
-from agents.evaluation import Outcome, evaluation_json
+from agents import DESIGN, load
+from agents.comparison import PolicyComparison
+from agents.evaluation import Outcome
 from workbench.commands.evaluate import show
 from workbench.terminal import Terminal
 
 
-def figures(done, policy, workers):
+def figures(done, policy, workers, *more):
     """What an evaluation of a file writes, without computing time, and what it prints."""
-    out = done("evaluate", policy, "--plants", "2", "--seed", "2", "--workers", workers, "--json", "figures.json")
+    out = done(
+        "evaluate", policy, *more, "--plants", "2", "--seed", "2", "--workers", workers, "--json", "figures.json"
+    )
     with open("figures.json", encoding="utf-8") as file:
         told = json.load(file)
     assert all(own.pop("seconds_per_action") > 0 for own in told["policies"].values())
@@ -36,6 +43,20 @@ def test_every_policy_is_printed_beside_the_baseline(done, policy):
         assert f"{own['gain']['information']['ratio']:.2f} (" in out
 
 
+def test_an_own_class_and_a_model_of_stable_baselines_take_part(done, policy):
+    """Both always play nothing, so they learn nothing."""
+    lines = "import numpy as np", "class Rest:", "    def predict(self, seen):", "        return np.zeros(len(seen))"
+    Path("own_class_of_a_test.py").write_text("\n".join(lines))
+    model = A2C("MlpPolicy", gym.make(DESIGN), device="cpu", policy_kwargs={"net_arch": [4]})
+    with torch.no_grad():
+        for parameter in model.policy.action_net.parameters():
+            parameter.zero_()
+    model.save("model.zip")
+    told, _ = figures(done, "own_class_of_a_test:Rest", 1, "model.zip")
+    assert list(told["policies"]) == ["two-tone", "own_class_of_a_test:Rest", "model.zip"]
+    assert [own["torque_peak"] > 0 for own in told["policies"].values()] == [True, False, False]
+
+
 @pytest.mark.slow
 def test_processes_give_the_same_figures(done, policy):
     assert figures(done, policy, 2)[0] == figures(done, policy, 1)[0]
@@ -43,12 +64,12 @@ def test_processes_give_the_same_figures(done, policy):
 
 def test_what_a_policy_never_reaches_is_told_without_a_number(capsys):
     def outcome(log_det: float, error: float) -> Outcome:
-        course, none = np.full((500, 4), error), np.zeros((500, 4))
-        return Outcome(course, course, none + log_det, np.full((3, 4), 1e-4), none, none, np.ones(4), 1e-3)
+        none = np.zeros((500, 4))
+        return Outcome(np.full((500, 4, 4), error), none + log_det, np.full((3, 4), 1e-4), none, none, np.ones(4), 1e-3)
 
     outcomes = {"two-tone": outcome(0, 2e-3), "a": outcome(4, 1e-3), "b": outcome(2, 2e-2)}
     setting = {"plants": 4, "constraint": "peak", "scheme": "energy", "effects": (), "spread": 0.3}
-    figures = evaluation_json(outcomes, "two-tone", **setting)
+    figures = PolicyComparison(outcomes, setting).json()
     sooner, never = (figures["policies"][name]["gain"] for name in ("a", "b"))
     assert sooner["information"]["ratio"] == pytest.approx(np.exp(4 / 4))
     assert (sooner["error 2 s"]["ratio"], never["error 2 s"]["ratio"]) == pytest.approx((2.0, 0.1))

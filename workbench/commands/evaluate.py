@@ -6,14 +6,18 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import AbstractContextManager, nullcontext
-from functools import partial
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
 
-from agents.baselines import BASELINE, BASELINES, baseline
-from agents.evaluation import Contender, compare, evaluation_json
-from agents.network import Network, load
+from agents.baselines import BASELINE, BASELINES
+from agents.comparison import compare_policies
+from agents.contenders import load_class
+from agents.network import load
 from agents.observer import CONSTRAINTS
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
+from pendulum_env.lookup import find
 from workbench.inputs import check_outputs, write_json, wrote
 from workbench.mistakes import InputError
 from workbench.options import declare, number, one_of, whole
@@ -26,11 +30,12 @@ PLANNER = "look-ahead"  # with which the agent's information and time are compar
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare policies, plants and output."""
-    known = f"{SHIPPED} (which ships), {', '.join(BASELINES)}, or what `train` wrote"
+    known = f"{SHIPPED} (which ships), {', '.join(BASELINES)}"
     declare(
         parser,
         f"""
-        policies POLICY  {known}; all that have a name by default
+        policies POLICY  {known}; a file NAME.npz that `train` wrote, a model NAME.zip of stable-baselines3, which runs
+            the pickles in it, or MODULE:CLASS, an own class with `predict`; all that have a name by default
         --constraint  {", ".join(CONSTRAINTS)}
         --plants  fresh plants (default 160)
         --spread  within which they differ (default 0.3)
@@ -54,41 +59,40 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Let every policy excite the same plants, and tell what was learnt."""
-    files = [name for name in arguments.policies if name.endswith(".npz")]
-    check_outputs([arguments.json], files)
-    names = list(dict.fromkeys([BASELINE, *(arguments.policies or [SHIPPED, *BASELINES])]))
-    task = {name: getattr(arguments, name) for name in ("spread", "max_speed", "max_turns")}
-    task = {name: value for name, value in task.items() if value is not None}
-    contenders = {name: _contender(name, arguments.constraint) for name in names}
+    """Let every policy excite the same plants, and print the errors of the estimates."""
+    check_outputs([arguments.json], [name for name in arguments.policies if name.endswith((".npz", ".zip"))])
+    names = dict.fromkeys([BASELINE, *(arguments.policies or [*BASELINES, SHIPPED])])
+    baselines = [name for name in names if name in BASELINES]
+    policies = {name: _policy(name, arguments.constraint) for name in names if name not in BASELINES}
     pool: AbstractContextManager[Executor | None] = nullcontext()
     if arguments.workers > 1:
         pool = local_workers(arguments.workers)
     try:
         with pool as executor, terminal.progress("evaluating") as tell:
-            outcomes = compare(
-                contenders,
-                arguments.constraint,
-                arguments.plants,
+            comparison = compare_policies(
+                policies,
+                baselines,
+                constraint=arguments.constraint,
+                plants=arguments.plants,
                 seed=arguments.seed,
                 effects=arguments.effects,
-                task=task,
-                scheme_id=arguments.scheme,
+                spread=arguments.spread,
+                max_speed=arguments.max_speed,
+                max_turns=arguments.max_turns,
+                scheme=arguments.scheme,
                 executor=executor,
-                tell=tell,
+                progress=tell,
             )
     except BrokenExecutor:
         raise InputError("a worker process was killed: memory may be too small, give fewer --workers") from None
-    told = ("constraint", "plants", "seed", "scheme", "effects", "spread", "max_speed", "max_turns")
-    setting = {name: getattr(arguments, name) for name in told}
-    figures = evaluation_json(outcomes, BASELINE, **setting)
+    figures = comparison.json()
     show(figures, terminal)
     write_json(arguments.json, figures)
     wrote([arguments.json], terminal)
 
 
 def show(report: JSON, terminal: Terminal) -> None:
-    """Print what `evaluation_json` holds."""
+    """Print the figures of a `PolicyComparison`."""
     policies = report["policies"]
     first = policies[report["baseline"]]
 
@@ -131,15 +135,12 @@ def _number(value: float | None) -> str:
     return "-" if value is None or not math.isfinite(value) else f"{value:.2f}"
 
 
-def _contender(name: str, constraint: str) -> Contender:
+def _policy(name: str, constraint: str) -> Any:
+    """Policy of a name, a file or a class."""
     if name == SHIPPED or name.endswith(".npz"):
-        network = load(constraint if name == SHIPPED else name)
-        if network.constraint != constraint:
-            raise InputError(f"{name}: was trained under the constraint {network.constraint}, not {constraint}")
-        return partial(_always, network)
-    baseline(name, constraint)
-    return partial(baseline, name, constraint)
-
-
-def _always(network: Network, seed: int) -> Network:
-    return network  # it draws nothing
+        return load(constraint if name == SHIPPED else name)
+    if name.endswith(".zip"):
+        if find_spec("stable_baselines3") is None:
+            raise InputError(f"{name}: models of stable-baselines3 need the extra rl: pip install 'pendulum-ident[rl]'")
+        return import_module("agents.sb3").load_policy(name)  # imports torch
+    return load_class(name) if ":" in name else find("baseline", name, BASELINES)

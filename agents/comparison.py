@@ -1,0 +1,228 @@
+"""Comparison of excitation policies on the same plants: errors of the online estimator, beside those of baselines."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from agents.baselines import BASELINE, RANDOM
+from agents.contenders import baselines as make_baselines
+from agents.contenders import contender
+from agents.evaluation import CLOSE, FRESH, MOMENTS, Outcome, observe
+from agents.observer import COUNT, INPUTS
+from estimators.progress import Progress, no_progress
+from pendulum_env._typing import JSON, Array
+from pendulum_env.mistake import Mistake
+from pendulum_env.plant import PAPER
+
+SCHEMA = "pendulum-ident/evaluation@2"
+RESAMPLES = 2000
+PART = 160  # plants at most that are simulated together; how many workers there are changes nothing
+Statistic = Callable[[Array, Array], float]
+
+
+@dataclass(frozen=True)
+class PolicyComparison:
+    """Outcomes of policies on the same plants; `print` shows a table.
+
+    Attributes:
+        outcomes: by name of the policy, the baselines first. `outcomes["mine"].parameter_errors` are the relative
+            errors of inertia, gravity, viscous and dry friction (T, N, 4) after each tick of 20 ms, on N plants.
+        settings: of the comparison.
+    """
+
+    outcomes: Mapping[str, Outcome]
+    settings: Mapping[str, object]
+
+    @property
+    def baseline(self) -> str:
+        """The policy that all others are compared with, the first."""
+        return next(iter(self.outcomes))
+
+    def records(self) -> list[dict[str, Any]]:
+        """One dictionary for each policy, medians over the plants.
+
+        `error_10s` is the RMS of the four relative errors, `inertia_error` and so on are those of single parameters at
+        the end, `time_to_1_percent` is the time from which on all stay within 1 % [s], infinite if they do not;
+        `gain` is the error of the baseline at the end over that of the policy, `information_gain` the same of the
+        fourth root of det M. Above 1, both are better than the baseline.
+        """
+        base = self.outcomes[self.baseline]
+        rows = []
+        for name, own in self.outcomes.items():
+            row: dict[str, Any] = {"policy": name}
+            row |= {f"error_{moment:g}s": _median(error) for moment, error in zip(MOMENTS, own.errors, strict=True)}
+            last = np.abs(own.parameter_errors[-1])
+            row |= {f"{parameter}_error": _median(last[:, k]) for k, parameter in enumerate(PAPER)}
+            row |= {f"time_to_{100 * b:g}_percent": _median(time) for b, time in zip(CLOSE, own.close, strict=True)}
+            row["gain"] = improvement(own.errors[-1], base.errors[-1])
+            row["information_gain"] = information_ratio(own.log_det[-1], base.log_det[-1])
+            rows.append(row)
+        return rows
+
+    def json(self) -> JSON:
+        """Quartiles of all figures, and gains over the baseline with intervals; infinite figures are null."""
+        base = self.outcomes[self.baseline]
+        policies = {name: _policy_json(outcome, base) for name, outcome in self.outcomes.items()}
+        return {"schema": SCHEMA, **self.settings, "baseline": self.baseline, "policies": policies}
+
+    def __str__(self) -> str:
+        header = [f"error at {moment:g} s [%]" for moment in MOMENTS] + ["1 % after [s]", f"gain over {self.baseline}"]
+        rows = [
+            [f"{100 * row[f'error_{moment:g}s']:.3f}" for moment in MOMENTS]
+            + [f"{row['time_to_1_percent']:.2f}", f"{row['gain']:.2f}"]
+            for row in self.records()
+        ]
+        widest = max(map(len, ("policy", *self.outcomes)))
+        lines = zip(("policy", *self.outcomes), (header, *rows), strict=True)
+        return "\n".join(
+            f"{name:{widest}}  " + "  ".join(f"{cell:>{len(title)}}" for cell, title in zip(cells, header, strict=True))
+            for name, cells in lines
+        )
+
+
+def compare_policies(
+    policies: Mapping[str, Any] | None = None,
+    baselines: Sequence[str] = (BASELINE, RANDOM),
+    *,
+    constraint: str = "peak",
+    plants: int = 40,
+    seed: int = 0,
+    effects: Sequence[str] = (),
+    spread: float = 0.3,
+    max_speed: float | None = None,
+    max_turns: float | None = None,
+    scheme: str = "filtered_dynamic",
+    executor: Executor | None = None,
+    progress: Progress = no_progress,
+) -> PolicyComparison:
+    """Let policies excite the same fresh plants for 10 s, and compare the errors of the online estimator.
+
+    A policy is one of these:
+
+    - an object with `predict(observation, deterministic=...)`, such as a model of stable-baselines3. It gets the
+      observations (B, 20) of `ExcitationDesignVector` and returns shares of the peak torque (B, 1). `state` and
+      `episode_start` are passed if `predict` takes them;
+    - a class of such objects, which is made without arguments;
+    - an open-loop signal: an excitation of `pendulum_env.excitation`, or a function of time [s] that returns a torque
+      [N m].
+
+    The result depends on the seed, not on the executor.
+
+    Args:
+        policies: by name.
+        baselines: names among `agents.baselines.BASELINES`. The first is the reference of all gains.
+        constraint: of the torque, "peak" (6 N m) or "rms" (3 N m root mean square, 15 N m at most).
+        plants: number of them.
+        seed: of plants, noise and signals.
+        effects: hidden in the plants, as `stribeck=0.4`.
+        spread: relative half width within which the parameters of the plants are drawn.
+        max_speed: beyond which no torque drives the arm on [rad/s].
+        max_turns: to either side, beyond which no torque drives the arm outwards.
+        scheme: of the estimator.
+        executor: processes that do the work, to which policies are pickled; None works in this process.
+        progress: called with the name of a policy and the share of the work.
+
+    Raises:
+        ValueError: if a policy or a name is none that is known, or a number is out of its range.
+
+    Examples:
+        >>> from agents import compare_policies
+        >>> from pendulum_env.excitation import excitation
+        >>> found = compare_policies({"chirp": excitation("chirp", 1, seconds=10)}, ["two-tone"], plants=2)
+        >>> [record["policy"] for record in found.records()]
+        ['two-tone', 'chirp']
+        >>> found.outcomes["chirp"].parameter_errors.shape
+        (500, 2, 4)
+    """
+    policies = policies or {}
+    if taken := [name for name in policies if name in baselines]:
+        raise Mistake(f"a policy and a baseline are both called {taken[0]}: rename the policy")
+    if plants < 1:
+        raise Mistake(f"a comparison of policies needs 1 plant or more, got {plants}")
+    inputs = INPUTS + (max_turns is not None)
+    contenders = make_baselines(baselines, constraint)
+    contenders |= {name: contender(name, policy, constraint, inputs) for name, policy in policies.items()}
+    if not contenders:
+        raise Mistake("there is nothing to compare: give a policy or a baseline")
+    limits = {"max_speed": max_speed, "max_turns": max_turns}
+    task: dict[str, float] = {"spread": spread} | {name: one for name, one in limits.items() if one is not None}
+    sizes = [min(PART, plants - first) for first in range(0, plants, PART)]
+    setting: dict[str, Any] = {"effects": tuple(effects), "task": task, "scheme_id": scheme}
+    jobs = [
+        partial(observe, make, constraint, size, seed=seed + 4 * FRESH * part, **setting)
+        for make in contenders.values()
+        for part, size in enumerate(sizes)
+    ]
+    work: Callable[..., Iterable[Outcome]] = map if executor is None else executor.map
+    done: list[Outcome] = []
+    names, count = [*contenders], len(sizes)
+    for outcome in work(operator.call, jobs):
+        done.append(outcome)
+        progress(names[(len(done) - 1) // count], len(done) / len(jobs))
+    outcomes = {name: Outcome.join(done[k * count : (k + 1) * count]) for k, name in enumerate(names)}
+    settings: dict[str, object] = {"constraint": constraint, "plants": plants, "seed": seed, "scheme": scheme}
+    settings |= {"effects": list(effects), "spread": spread, **limits}
+    return PolicyComparison(outcomes, settings)
+
+
+def information_ratio(policy: Array, base: Array) -> float:
+    """Median of (det M / det M_base)^(1/4), of log determinants on the same plants."""
+    return float(np.median(np.exp((policy - base) / COUNT)))
+
+
+def improvement(policy: Array, base: Array) -> float:
+    """Median of the baseline over that of the policy: above 1 is better; NaN where half never get there."""
+    numbers = float(np.median(base)), float(np.median(policy))
+    return numbers[0] / numbers[1] if np.isfinite(numbers).all() else float("nan")
+
+
+def interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) -> tuple[float, float]:
+    """Bootstrap interval of 95 % over plants, the same plants for both."""
+    picks = np.random.default_rng(seed).integers(len(policy), size=(RESAMPLES, len(policy)))
+    values = [statistic(policy[pick], base[pick]) for pick in picks]
+    low, high = np.quantile(values, [0.025, 0.975])
+    return float(low), float(high)
+
+
+def _median(values: Array) -> float:
+    return float(np.median(values))
+
+
+def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
+    moments, bounds = [f"{moment:g} s" for moment in MOMENTS], [f"{100 * bound:g} %" for bound in CLOSE]
+    names = [f"error {moment}" for moment in moments] + [f"time to {bound}" for bound in bounds]
+    series = zip(names, [*outcome.errors, *outcome.close], [*base.errors, *base.close], strict=True)
+    gains = {name: _against(improvement, own, usual) for name, own, usual in series}
+    gains["information"] = _against(information_ratio, outcome.log_det[-1], base.log_det[-1])
+    return {
+        "error": dict(zip(moments, map(_quartiles, outcome.errors), strict=True)),
+        "cramer_rao": dict(zip(moments, map(_quartiles, outcome.bound), strict=True)),
+        "time_to": dict(zip(bounds, map(_quartiles, outcome.close), strict=True)),
+        "gain": gains,
+        "torque_peak": float(np.abs(outcome.torque).max()),
+        "torque_rms": _quartiles(np.sqrt((outcome.torque**2).mean(axis=0))),
+        "speed": _quartiles(outcome.speed),
+        "turns": _quartiles(np.ptp(outcome.position, axis=0) / (2 * np.pi)),  # between the outermost angles
+        "seconds_per_action": outcome.seconds_per_action,
+    }
+
+
+def _against(statistic: Statistic, policy: Array, base: Array) -> JSON:
+    values = statistic(policy, base), *interval(statistic, policy, base)
+    return dict(zip(("ratio", "low", "high"), map(_finite, values), strict=True))
+
+
+def _quartiles(values: Array) -> list[float | None]:
+    """Lower quartile, median, upper quartile."""
+    return [_finite(value) for value in np.quantile(values, [0.25, 0.5, 0.75], method="closest_observation")]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,148 @@
+"""Policies of every form that a comparison takes, as policies of `ExcitationDesignVector`."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import sys
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from agents.baselines import BASELINES, Signals, baseline
+from agents.network import Network
+from agents.observer import CONSTRAINTS, EPISODE, INPUTS, TICK, Batch
+from pendulum_env._typing import Array
+from pendulum_env.lookup import find
+from pendulum_env.mistake import Mistake, told
+from pendulum_env.policy import Policy, State
+from pendulum_env.reading import shown
+
+Contender = Callable[[int], Policy]  # makes a policy from the seed of its random numbers
+ACTIONS = gym.spaces.Box(-1.0, 1.0, (1,), dtype=np.float32)
+ARGUMENTS = ("state", "episode_start", "deterministic")  # of `predict`, beside the observation
+
+
+class Checked:
+    """A policy whose `predict` may take fewer arguments and return actions only; its actions are checked."""
+
+    def __init__(self, name: str, policy: Any, inputs: int = INPUTS) -> None:
+        """Take the policy, its name in messages, and the length of an observation.
+
+        Raises:
+            Mistake: if the policy declares other observations or actions than those of the task.
+        """
+        seen, chosen = (getattr(policy, kind, None) for kind in ("observation_space", "action_space"))
+        if isinstance(seen, gym.Space) and seen.shape != (inputs,):
+            raise Mistake(f"policy {name} takes observations of shape {seen.shape}, the task has ({inputs},)")
+        if isinstance(chosen, gym.Space) and chosen != ACTIONS:
+            raise Mistake(f"policy {name} chooses actions of {chosen}, the task takes {ACTIONS}")
+        parameters = inspect.signature(policy.predict).parameters
+        takes_all = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+        self.name, self._policy = name, policy
+        self._arguments = [argument for argument in ARGUMENTS if takes_all or argument in parameters]
+
+    def predict(
+        self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Batch, State]:
+        """Shares of the peak torque (B, 1) for observations (B, N).
+
+        Raises:
+            Mistake: if the policy fails, or returns anything but one finite number for each pendulum.
+        """
+        given = dict(zip(ARGUMENTS, (state, episode_start, deterministic), strict=True))
+        try:
+            answer = self._policy.predict(observation, **{name: given[name] for name in self._arguments})
+            action, state = answer if isinstance(answer, tuple) else (answer, None)
+            shares = np.asarray(action, dtype=np.float32)
+        except Mistake:
+            raise
+        except Exception as error:
+            raise Mistake(f"policy {self.name} fails: {told(error)}") from error
+        batch = len(observation)
+        if shares.shape not in ((batch,), (batch, 1)) or not np.isfinite(shares).all():
+            wanted = f"return finite numbers of shape ({batch}, 1)"
+            seen = f"observations of shape {np.shape(observation)}"
+            raise Mistake(f"policy {self.name} returns {shown(action)} for {seen}: {wanted}")
+        return shares.reshape(batch, 1), state
+
+
+def contender(name: str, policy: Any, constraint: str, inputs: int = INPUTS) -> Contender:
+    """Return a function that makes the policy anew; it is picklable if the policy is.
+
+    Args:
+        name: in messages.
+        policy: an object with `predict`, such as a model of stable-baselines3; a class of such objects; an excitation;
+            or a function of time [s] that returns a torque [N m].
+        constraint: of the torque.
+        inputs: length of an observation.
+
+    Raises:
+        ValueError: if the policy is of no such form, or does not fit the task.
+    """
+    make = partial(_make, name, policy, constraint, inputs)
+    make(0)
+    return make
+
+
+def baselines(names: Any, constraint: str) -> dict[str, Contender]:
+    """Contenders among `BASELINES`, by name.
+
+    Raises:
+        ValueError: if a name is unknown.
+    """
+    for name in names:
+        find("baseline", name, BASELINES)
+    find("constraint", constraint, CONSTRAINTS)
+    return {name: partial(baseline, name, constraint) for name in names}
+
+
+def load_class(text: str) -> type:
+    """Import the class of `module:Class`; modules in the current folder are found, too.
+
+    Raises:
+        Mistake: if there is no such module or class, or its import fails.
+    """
+    module, _, name = text.partition(":")
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    try:
+        found = getattr(import_module(module), name, None)
+    except Exception as error:  # an import runs the user's code
+        raise Mistake(f"{text}: the import of {module} fails: {told(error)}") from error
+    if not isinstance(found, type):
+        raise Mistake(f"{text}: module {module} has no class {name}")
+    return found
+
+
+def _make(name: str, policy: Any, constraint: str, inputs: int, seed: int) -> Policy:
+    if isinstance(policy, type):
+        try:
+            policy = policy()
+        except Exception as error:
+            raise Mistake(f"policy {name} cannot be made without arguments: {told(error)}") from error
+    if isinstance(policy, Network) and policy.constraint != constraint:
+        raise Mistake(f"policy {name} was trained under the constraint {policy.constraint}, not {constraint}")
+    if hasattr(policy, "predict"):
+        return Checked(name, policy, inputs)
+    signal = getattr(policy, "signal", policy)
+    if not callable(signal):
+        known = "an object with predict, a class, an excitation or a function of time"
+        raise Mistake(f"policy {name} is {shown(policy)}: give {known}")
+    return Signals(partial(np.array, _shares(name, signal, constraint)))
+
+
+def _shares(name: str, signal: Callable[[float], Any], constraint: str) -> Array:
+    """Torque of a signal at the start of each tick (T,) [share of the peak]."""
+    peak = find("constraint", constraint, CONSTRAINTS).peak
+    try:
+        torque = np.array([float(signal(tick * TICK)) for tick in range(round(EPISODE / TICK))])
+    except Exception as error:
+        raise Mistake(f"signal {name} fails: {told(error)}") from error
+    if not (np.abs(torque) <= peak * (1 + 1e-9)).all():  # NaN fails the comparison
+        raise Mistake(f"signal {name} reaches {np.abs(torque).max():g} N m: keep it within the peak of {peak:g} N m")
+    return torque / peak

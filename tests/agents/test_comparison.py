@@ -1,0 +1,136 @@
+"""Comparison of policies: every form of a policy plays the same, and what does not fit is refused."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from stable_baselines3 import A2C, SAC
+
+from agents import DESIGN, compare_policies, load
+from agents.baselines import BASELINES
+from agents.comparison import improvement, information_ratio, interval
+from agents.contenders import contender, load_class
+from agents.observer import TICK
+from agents.sb3 import load_policy
+from pendulum_env.excitation import TwoTone
+
+PHASES = (0.4, 1.3)
+
+
+def torque(time: float) -> float:
+    """Two tones [N m]."""
+    return 3.0 * np.sin(12.07 * time + PHASES[0]) + 3.0 * np.sin(2.25 * time + PHASES[1])
+
+
+class Player:
+    """The two tones as a class that knows the time from its observation only, and takes no state."""
+
+    def predict(self, observation, deterministic=True):
+        tick = np.rint((1.0 - observation[:, 17].astype(float)) * 500)
+        return torque(TICK * tick)[:, None] / 6.0
+
+
+def answers(answer):
+    """A policy that always returns the same."""
+
+    class Constant:
+        def predict(self, observation, state=None, **_):
+            return answer(len(observation)), state
+
+    return Constant()
+
+
+def test_a_class_an_excitation_and_a_function_play_the_same():
+    forms = {"class": Player, "excitation": TwoTone(6.0, PHASES), "function": torque}
+    found = compare_policies(forms, [], plants=2, seed=3)
+    assert found.baseline == "class"
+    time = TICK * np.arange(500)
+    for outcome in found.outcomes.values():
+        np.testing.assert_allclose(outcome.torque, np.tile(torque(time)[:, None], 2), atol=2e-6)
+        np.testing.assert_allclose(outcome.error, found.outcomes["class"].error, rtol=1e-3)
+
+
+def test_records_are_the_medians_of_the_errors():
+    found = compare_policies({"mine": torque}, plants=3, seed=1, spread=0.1)
+    assert [record["policy"] for record in found.records()] == ["two-tone", "random-sinusoid", "mine"]
+    own, base = found.outcomes["mine"], found.outcomes["two-tone"]
+    assert own.parameter_errors.shape == (500, 3, 4)
+    mine = found.records()[-1]
+    rms = np.sqrt((own.parameter_errors[99] ** 2).mean(axis=1))
+    assert mine["error_2s"] == pytest.approx(np.median(rms))
+    assert mine["inertia_error"] == pytest.approx(np.median(np.abs(own.parameter_errors[-1, :, 0])))
+    assert mine["gain"] == pytest.approx(np.median(base.error[-1]) / np.median(own.error[-1]))
+    assert max(record["error_10s"] for record in found.records()) < 0.005
+    assert all(name in str(found) for name in found.outcomes)
+    assert found.json()["policies"]["mine"]["error"]["2 s"][1] == pytest.approx(mine["error_2s"])
+
+
+@pytest.mark.parametrize("algorithm", [A2C, SAC])
+def test_a_model_of_stable_baselines_acts_as_its_file(algorithm, tmp_path):
+    env = gym.make(DESIGN)
+    model = algorithm("MlpPolicy", env, seed=1, device="cpu", policy_kwargs={"net_arch": [8]})
+    model.save(tmp_path / "model.zip")
+    observation = np.random.default_rng(0).uniform(-1, 1, (5, 20)).astype(np.float32)
+    begun = np.ones(5, dtype=bool)
+    first, second = (
+        contender("mine", policy, "peak")(0).predict(observation, None, begun, deterministic=True)[0]
+        for policy in (model, load_policy(tmp_path / "model.zip"))
+    )
+    assert np.ptp(first) > 0
+    np.testing.assert_array_equal(first, second)
+
+
+def test_a_policy_that_does_not_fit_is_refused():
+    for policy, why in (
+        (3.0, "policy mine is 3.0: give"),
+        (lambda time: 7.0, "signal mine reaches 7 N m: keep it within the peak of 6 N m"),
+        (lambda time: {}["a"], "signal mine fails: KeyError"),
+        (load("rms"), "was trained under the constraint rms, not peak"),
+        (answers(lambda batch: np.zeros(1)), r"return finite numbers of shape \(2, 1\)"),
+        (answers(lambda batch: np.full((batch, 1), np.nan)), "return finite numbers"),
+        (answers(lambda batch: 1 / 0), "policy mine fails: ZeroDivisionError"),
+        (A2C("MlpPolicy", "Pendulum-v1", device="cpu"), r"takes observations of shape \(3,\), the task has \(20,\)"),
+    ):
+        with pytest.raises(ValueError, match=why):
+            compare_policies({"mine": policy}, [], plants=2)
+    for arguments, why in (
+        (({}, ["two_tone"]), "did you mean two-tone"),
+        (({"two-tone": torque},), "both called two-tone"),
+        (({}, []), "nothing to compare"),
+    ):
+        with pytest.raises(ValueError, match=why):
+            compare_policies(*arguments)
+
+
+def test_a_class_is_found_in_a_module_of_the_current_folder(tmp_path, monkeypatch):
+    (tmp_path / "own_policy_of_a_test.py").write_text("class Mine:\n    def predict(self, observation): ...\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)  # put back afterwards
+    assert load_class("own_policy_of_a_test:Mine").__name__ == "Mine"
+    for text, why in (("own_policy_of_a_test:Yours", "has no class Yours"), ("no_such_module:A", "import .* fails")):
+        with pytest.raises(ValueError, match=why):
+            load_class(text)
+
+
+def test_ratios_and_their_intervals():
+    rng = np.random.default_rng(0)
+    base = rng.lognormal(0.0, 0.3, 400)
+    policy = base / 2 * rng.lognormal(0.0, 0.05, 400)
+    low, high = interval(improvement, policy, base)
+    assert low < improvement(policy, base) < high
+    assert improvement(policy, base) == pytest.approx(2.0, rel=0.1)
+    assert information_ratio(np.full(3, 4 * np.log(2.5)), np.zeros(3)) == pytest.approx(2.5)
+    assert np.isnan(improvement(np.full(4, np.inf), base))
+
+
+@pytest.mark.slow
+def test_where_it_is_worked_out_changes_nothing(monkeypatch):
+    monkeypatch.setattr("agents.comparison.PART", 2)
+    here = compare_policies({}, [*BASELINES][:1], plants=3, seed=1)
+    with ThreadPoolExecutor(2) as pool:
+        there = compare_policies({}, [*BASELINES][:1], plants=3, seed=1, executor=pool)
+    for name, outcome in here.outcomes.items():
+        assert outcome.errors.shape == (3, 3)
+        np.testing.assert_array_equal(outcome.error, there.outcomes[name].error)
+        assert not np.allclose(outcome.torque[:, 0], outcome.torque[:, 2])  # signals differ between parts
