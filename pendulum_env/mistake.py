@@ -13,5 +13,7 @@ def one_line(error: BaseException | str) -> str:
 
 
 def told(error: BaseException) -> str:
-    """Kind and message of any exception, even of one that cannot say it."""
+    """Kind and message of any exception, even of one that cannot say it; of a mistake, its sentence."""
+    if isinstance(error, Mistake):
+        return str(error)
     return "".join(traceback.format_exception_only(error)).strip()

@@ -6,9 +6,10 @@ from importlib.metadata import entry_points
 from types import ModuleType
 
 from pendulum_env.lookup import find
-from pendulum_env.mistake import told
+from pendulum_env.mistake import Mistake, told
 from pendulum_env.physics import actuation, friction, potential, sensor, time_varying, transmission
 from pendulum_env.physics.base import BASE
+from pendulum_env.physics.effect_check import check_effect
 from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.term import Term
 
@@ -47,14 +48,27 @@ _registered: dict[str, type[Term]] = {}
 def register(effect: type[Term]) -> type[Term]:
     """Add an effect to the library for this process; usable as a class decorator.
 
+    The class is checked, and each of its laws is evaluated on a made-up motion. A class of the same module and name
+    takes the place of the earlier one, as when a cell of a notebook runs again.
+
     Raises:
-        ValueError: if its id is taken by another effect or by a base term.
+        Mistake: if a field or a law of the class is wrong, or its id is that of another effect or of a base term.
     """
+    if effect in _registered.values():
+        return effect
+    check_effect(effect)
+    earlier = {id for id, kind in _registered.items() if _full_name(kind) == _full_name(effect)}
     taken = {term.id for term in BASE} | {built_in.id for built_in in BUILT_IN} | MEASURED.keys()
-    if effect.id in taken or _registered.get(effect.id, effect) is not effect:
-        raise ValueError(f"effect id '{effect.id}' is taken: choose another id for {effect.__name__}")
+    if effect.id in taken | (_registered.keys() - earlier):
+        raise Mistake(f"effect id '{effect.id}' is taken: choose another id for {effect.__name__}")
+    for id in earlier - {effect.id}:
+        del _registered[id]
     _registered[effect.id] = effect
     return effect
+
+
+def _full_name(kind: type[Term]) -> tuple[str, str]:
+    return kind.__module__, kind.__qualname__
 
 
 @cache
@@ -64,6 +78,8 @@ def installed() -> tuple[type[Term], ...]:
     for point in entry_points(group=ENTRY_POINTS):
         try:
             kind = point.load()
+            if isinstance(kind, type) and issubclass(kind, Term):
+                check_effect(kind)
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # whatever another package does wrong must not end this one

@@ -10,13 +10,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
-
-from pendulum_env._typing import Array
 from pendulum_env.mistake import Mistake, told
 from pendulum_env.physics import library
-from pendulum_env.physics.term import Samples, Term
-from pendulum_env.reading import shown
+from pendulum_env.physics.term import Term
 
 _loaded: dict[Path, tuple[type[Term], ...]] = {}
 
@@ -26,7 +22,7 @@ class PluginError(Mistake):
 
 
 def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
-    """Run a Python file whose effects register themselves, see `register`; returns them.
+    """Run a Python file whose effects register themselves; returns them. `register` checks each class.
 
     It runs once: what is loaded again is what it was.
 
@@ -44,8 +40,6 @@ def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
             if sys.stdout is not None and sys.stdout.closed:
                 raise PluginError(f"{path}: closes standard output: take that out")
             kinds = tuple(kind for kind in library.effects().values() if kind not in before)
-            for kind in kinds:
-                _try(kind)
         if not kinds:
             raise PluginError(f"{path}: registers no effect: put @register from pendulum_env.physics above its class")
         _loaded[file] = kinds
@@ -77,19 +71,6 @@ def _run(file: Path, path: str | Path) -> None:
         raise PluginError(f"{path}{where}: {error.msg}") from None
 
 
-def _try(kind: type[Term]) -> None:
-    """See that words are words, and that each law gives a torque for each sample."""
-    words = {name: getattr(kind, name) for name in ("id", "law", "kind", "reveal", "title", "typical")}
-    if wrong := [name for name, word in words.items() if not isinstance(word, str)]:
-        raise TypeError(f"{wrong[0]} of {kind.__name__} is {shown(words[wrong[0]])}: it has to be a text")
-    for samples in (1000, 37):
-        time: Array = np.arange(samples) / 100.0
-        x = Samples(time, np.sin(time), np.cos(time), np.sin(3 * time))
-        for term in kind.grid(x, x.torque):
-            for column in () if term.remembers else (*term.columns, *term.fixed):
-                np.broadcast_to(np.asarray(column.torque(x, x.torque), dtype=float), time.shape)
-
-
 @contextmanager
 def _telling(file: Path, path: str | Path) -> Iterator[None]:
     """Turn whatever a user's file does wrong, sys.exit included, into one sentence."""
@@ -107,5 +88,6 @@ def _fault(error: BaseException, file: Path, path: str | Path) -> PluginError:
 
 
 def _lines(error: BaseException, file: Path) -> list[int | None]:
-    """Lines of a file that an error came through."""
-    return [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
+    """Lines of a file that an error, and its cause after it, came through."""
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
+    return lines + (_lines(error.__cause__, file) if error.__cause__ is not None else [])

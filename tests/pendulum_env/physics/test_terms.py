@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from pendulum_env.physics import BASE, Column, Model, Samples, Term, effect, effects, library, register
+from pendulum_env.physics import BASE, Column, Model, Samples, Shape, Term, effect, effects, library, register
 from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.physics.effect_check import check_effect
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.physics.term import Kind, Symptom, traces
 from pendulum_env.plant import read_parameters, typical
@@ -289,9 +290,9 @@ def bare_library(monkeypatch) -> None:
     monkeypatch.setattr(library, "_registered", {})
 
 
-def cubic() -> type[Term]:
-    """Another class each time, as of another module."""
-    return type("CubicDamping", (CubicDamping,), {})
+def cubic(module: str = __name__, **members: object) -> type[Term]:
+    """Another class each time, as when a cell of a notebook runs again, or of another module."""
+    return type("CubicDamping", (CubicDamping,), {"__module__": module, **members})
 
 
 @pytest.mark.usefixtures("bare_library")
@@ -310,10 +311,45 @@ def test_a_registered_effect_takes_part_in_the_library_in_models_and_in_simulati
 def test_an_id_cannot_be_taken_twice_and_registering_again_changes_nothing(taken):
     first = cubic()
     assert register(register(first)) is first and list(effects().values()).count(first) == 1
-    kind = cubic()
-    kind.id = taken
+    columns = (Column(taken, "N m s^3/rad^3", force=lambda x: x.velocity**3),)
     with pytest.raises(ValueError, match=f"effect id '{taken}' is taken: choose another id for CubicDamping"):
-        register(kind)
+        register(cubic("elsewhere", id=taken, columns=columns))
+
+
+@pytest.mark.usefixtures("bare_library")
+def test_a_class_that_is_written_again_takes_its_own_place_under_any_id():
+    register(cubic())
+    again = register(cubic(law="2 c q'^3"))
+    assert effects()["cubic_damping"] is again
+    columns = (Column("cubed", "N m s^3/rad^3", force=lambda x: x.velocity**3),)
+    register(cubic(id="cubed", columns=columns))
+    assert "cubed" in effects() and "cubic_damping" not in effects()
+
+
+@pytest.mark.usefixtures("bare_library")
+@pytest.mark.parametrize(
+    ("members", "what"),
+    [
+        ({"law": None}, "law of CubicDamping"),
+        ({"id": "cubic=damping"}, "id of CubicDamping"),
+        ({"kind": "dissipativ"}, "kind of CubicDamping 'dissipativ': did you mean dissipative"),
+        ({"shapes": (Shape("speed", "rad/s", 0.1, 10.0),)}, "'speed' of CubicDamping is no field"),
+        ({"columns": Column("cubic_damping", "1")}, "columns of CubicDamping"),
+        ({"columns": (Column("drag", "1"),)}, "a column of CubicDamping is named 'drag'"),
+        ({"columns": (Column("cubic_damping", "1", dry=lambda x: x.speed),)}, "dry of column .* of CubicDamping: Attr"),
+        ({"columns": (Column("cubic_damping", "1", mass=lambda x: 1 / (0 * x.time)),)}, "mass of .* is not finite"),
+        ({"start": lambda self, x: (x.position,), "advance": lambda *_: ()}, "advance of CubicDamping"),
+    ],
+)
+def test_an_effect_is_tried_when_it_is_registered_and_named_by_class_and_field(members, what):
+    with pytest.raises(ValueError, match=what):
+        register(cubic(**members))
+    assert "cubic_damping" not in effects()
+
+
+@pytest.mark.parametrize("id", list(effects()))
+def test_every_effect_of_the_library_passes_the_check_of_a_user_s_own(id):
+    check_effect(effect(id))
 
 
 def test_an_unknown_effect_is_refused_with_the_nearest_and_all_known_ones():

@@ -1,0 +1,100 @@
+"""Checks of a user's own effect before it joins the library: its texts, its columns, and a trial of each law."""
+
+import re
+from collections.abc import Callable
+from dataclasses import fields, replace
+from functools import partial
+from typing import Any, TypeVar, get_args
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.lookup import find
+from pendulum_env.mistake import Mistake, told
+from pendulum_env.physics.term import Column, Kind, Samples, Shape, Term
+from pendulum_env.reading import shown
+
+T = TypeVar("T")
+TEXTS = ("id", "law", "kind", "reveal", "title", "typical", "signature")
+LAWS = ("mass", "force", "dry", "potential", "loss")
+
+
+def check_effect(kind: type[Term]) -> None:
+    """Check the class of an effect; each law is evaluated on a made-up motion.
+
+    Raises:
+        Mistake: naming the class, and the field or the law that is wrong.
+    """
+    if not (isinstance(kind, type) and issubclass(kind, Term)):
+        raise Mistake(f"{shown(kind)} is no effect: register a subclass of Term")
+    name = kind.__name__
+    for text in TEXTS:
+        if not isinstance(value := getattr(kind, text, None), str):
+            raise Mistake(f"{text} of {name} is {shown(value)}: it has to be a text")
+    if not re.fullmatch(r"[\w-]+", kind.id):
+        raise Mistake(f"id of {name} is {shown(kind.id)}: use letters, digits and underscores")
+    find(f"kind of {name}", kind.kind, dict.fromkeys(get_args(Kind)))
+    _check_all(kind.shapes, Shape, f"shapes of {name}")
+    for shape in kind.shapes:
+        if shape.name not in {field.name for field in fields(kind)}:
+            raise Mistake(
+                f"shape '{shape.name}' of {name} is no field of the dataclass: declare '{shape.name}: float = ...', "
+                "and put @register above @dataclass(frozen=True)"
+            )
+    bare = _tried(f"{name}()", kind)
+    for samples in (1000, 37):
+        time: Array = np.arange(samples) / 100.0
+        x = Samples(time, np.sin(time), np.cos(time), np.sin(3 * time))
+        for term in (bare, *_tried(f"grid of {name}", partial(_variants, kind, x))):
+            _try_laws(term, x)
+
+
+def _variants(kind: type[Term], x: Samples) -> list[Term]:
+    return [*kind.grid(x, x.torque)]
+
+
+def _try_laws(term: Term, x: Samples) -> None:
+    """Evaluate every law of a term on some samples, and move its state variables on."""
+    name = type(term).__name__
+    if term.remembers:
+        memory = _tried(f"start of {name}", lambda: term.start(x))
+        after = _tried(f"advance of {name}", lambda: term.advance(memory, x, 0.01))
+        if len(after) != len(memory):
+            raise Mistake(f"advance of {name} returns {len(after)} state variables, and start {len(memory)}")
+        x = replace(x, memory=term.known_by(memory))
+    for field in ("columns", "fixed"):
+        columns = _tried(f"{field} of {name}", partial(getattr, term, field))
+        _check_all(columns, Column, f"{field} of {name}")
+        for column in columns:
+            if column.name.partition(".")[0] != term.id or not isinstance(column.unit, str):
+                raise Mistake(
+                    f"a column of {name} is named {shown(column.name)} with unit {shown(column.unit)}: name it "
+                    f"'{term.id}' or '{term.id}.PART', and give its unit as a text"
+                )
+            for law in LAWS:
+                if (function := getattr(column, law)) is not None:
+                    _try_law(f"{law} of column '{column.name}' of {name}", function, x)
+
+
+def _try_law(of: str, law: Callable[[Samples], Any], x: Samples) -> None:
+    values = _tried(of, lambda: np.broadcast_to(np.asarray(law(x), dtype=float), x.time.shape))
+    if (count := int(np.sum(~np.isfinite(values)))) > 0:
+        raise Mistake(f"{of} is not finite at {count} of {values.size} samples: give a law that is")
+
+
+def _check_all(values: object, kind: type, of: str) -> None:
+    if not isinstance(values, tuple | list) or not all(isinstance(value, kind) for value in values):
+        raise Mistake(f"{of} are {shown(values)}: give a tuple of {kind.__name__}")
+
+
+def _tried(of: str, function: Callable[[], T]) -> T:
+    """Result of a function of the user's.
+
+    Raises:
+        Mistake: with what the function raises, and where it is.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            return function()
+    except Exception as error:
+        raise Mistake(f"{of}: {told(error)}") from error
