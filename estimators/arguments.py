@@ -54,7 +54,7 @@ def chosen_recordings(given: Recordings, *, empty: bool = False, body: Body | No
     return tuple(one if one.time[0] == 0.0 else replace(one, time=one.time - one.time[0]) for one in several)
 
 
-def chosen_terms(given: Terms | None) -> tuple[Term, ...]:
+def chosen_terms(given: Terms | Model | None) -> tuple[Term, ...]:
     """Terms as they are, or by id with their default shape parameters; None are the paper's four.
 
     Behind the links of an arm are those at its joints, by id as in `stribeck@elbow`.

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from estimators.diagnosis.result import Diagnosis
 from estimators.show.story import Part, ends, of_diagnosis
 from pendulum_env.physics import Estimate
+from pendulum_env.physics.model import short_name
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import Table
 from workbench.terminal import Terminal
@@ -77,7 +78,5 @@ def errors_line(found: Diagnosis) -> str:
 
 def parameters_line(estimates: Mapping[str, Estimate], is_biased: bool) -> list[str]:
     """Parameters with standard errors on one line, if there are any."""
-    values = ", ".join(
-        f"{name} {own.text}{'' if own.unit == '1' else f' {own.unit}'}" for name, own in estimates.items()
-    )
+    values = ", ".join(f"{short_name(name)} {own}" for name, own in estimates.items())
     return [f"parameters{' (biased by what is left)' if is_biased else ''}: {values}"] if values else []

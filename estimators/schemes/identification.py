@@ -40,12 +40,13 @@ SCHEMA, ARM_SCHEMA = "pendulum-ident/identification@1", "pendulum-ident/arm-iden
 SAVED = "filtered_dynamic"  # scheme whose model of an arm is the one to go on with
 APART = 5.0  # standard errors between two schemes, to which noise alone does not bring them: 2.3 is the most seen,
 COARSE = 0.05  # and share of a parameter, to which slow sampling does not: 0.034 is what 50 Hz do
+SHOWN = 3  # recordings, at most, whose names are printed
 FEWEST = 10  # that hold motion, below which standard errors mean little
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification:
-    """What all schemes find in the same recordings.
+class Identification(Mapping[str, Identified]):
+    """What all schemes find in the same recordings: a mapping of their ids to what each finds.
 
     Attributes:
         schemes: results by id of the scheme.
@@ -73,6 +74,12 @@ class Identification:
     def __getitem__(self, scheme: str) -> Identified:
         return find("scheme", scheme, self.schemes)
 
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.schemes)
+
+    def __len__(self) -> int:
+        return len(self.schemes)
+
     @cached_property
     def windows(self) -> Model:
         """The least-squares fit over windows, on which `compare` and `diagnose` stand, too; raises as `fitted`."""
@@ -94,7 +101,9 @@ class Identification:
         return told(fit(self.data), self.data, fit)
 
     def __repr__(self) -> str:
-        return f"<Identification of {listing(self.recordings)} by {listing(list(self.schemes))}>"
+        count = len(self.recordings)
+        names = listing(self.recordings) if count <= SHOWN else f"{count} recordings"
+        return f"<Identification of {names} by {listing(list(self.schemes))}>"
 
     def _repr_html_(self) -> str:
         return shown(self)

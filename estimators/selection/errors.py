@@ -12,7 +12,7 @@ from pendulum_env.physics import Model
 from pendulum_env.physics.term import loads
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Errors:
     """Errors of a model on a recording.
 
@@ -45,6 +45,11 @@ class Errors:
         mean, rms = float(np.mean(np.abs(missed))), float(np.sqrt(np.mean(missed**2)))
         return replace(self, in_loop=mean, in_loop_rms=rms)
 
+    def __repr__(self) -> str:
+        errors = [f"{name}={value:.4g}" for name, value in self.json().items()]
+        errors += [f"{joint}={error:.4g}" for joint, error in self.joints.items() if joint]
+        return f"<Errors: {', '.join(errors)}>"
+
     @property
     def is_in_loop(self) -> bool:
         """Whether there are errors of motion that was simulated with the controller in the loop."""
@@ -74,13 +79,17 @@ def of_one(floors: Mapping[str, float]) -> float:
     return next(iter(floors.values())) if len(floors) == 1 else np.nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Step:
     """One rung of the ladder: the effect that was added (None: the base model) and the errors after the refit."""
 
     added: str | None
     model: Model
     errors: Mapping[str, Errors]  # "train", "holdout"
+
+    def __repr__(self) -> str:
+        added = "base model" if self.added is None else f"with {self.added}"
+        return f"<Step: {added}, held out {self.errors['holdout']!r}>"
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""

@@ -23,7 +23,7 @@ from pendulum_env.reading import Number, Text, Unreadable, convert, read_json, s
 HINT = "an arm's model is what `identify --robot` or `diagnose --robot` write with -o"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ArmModel(Model):
     """A model whose first term are the links of an arm, with base parameters; the others are at its joints.
 

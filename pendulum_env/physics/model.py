@@ -15,6 +15,7 @@ from msgspec import Meta, Struct
 from pendulum_env import notebook
 from pendulum_env._typing import JSON, Array, ArrayLike
 from pendulum_env.files import write_whole
+from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import library
 from pendulum_env.physics.base import BASE
@@ -33,7 +34,7 @@ class ModelError(Mistake):
     """A model or model file that makes no sense; the message says where and what to do."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Estimate:
     """Value of a parameter with its standard error, both in `unit`; the error is 0 where nothing was estimated.
 
@@ -64,7 +65,13 @@ class Estimate:
         return plus_minus(self.value, self.std) + (" (at its bound)" if self.at_bound else "")
 
     def __str__(self) -> str:
-        return f"{self.text} {self.unit}"
+        return self.text if self.unit == "1" else f"{self.text} {self.unit}"
+
+    def __repr__(self) -> str:
+        return f"<{self}>"
+
+    def __float__(self) -> float:
+        return self.value
 
     def json(self) -> JSON:
         """Plain dictionary for JSON; what is biased or unknown says so."""
@@ -72,9 +79,16 @@ class Estimate:
         return data | {key: True for key, so in (("biased", self.is_biased), ("unknown", self.is_unknown)) if so}
 
 
-@dataclass(frozen=True)
+def short_name(name: str) -> str:
+    """Name of a parameter for a reader: `dead_time` for `dead_time.dead_time`."""
+    id, _, rest = name.partition(".")
+    part, at, joint = rest.partition("@")
+    return f"{id}{at}{joint}" if part == id else name
+
+
+@dataclass(frozen=True, repr=False)
 class Model:
-    """Terms and parameters of the torque balance.
+    """Terms and parameters of the torque balance; `model["gravity"]` is an estimate, printed with a line for each.
 
     Attributes:
         terms: ordered terms; a term's shape parameters are fields of the term.
@@ -122,6 +136,14 @@ class Model:
     def columns(self) -> tuple[Column, ...]:
         """Columns of the regressor in order."""
         return tuple(column for term in self.terms for column in term.columns)
+
+    def __getitem__(self, name: str) -> Estimate:
+        known = {short_name(full): own for full, own in self.estimates.items()}
+        return find("parameter", name, {**known, **self.estimates})
+
+    def __repr__(self) -> str:
+        lines = [f"{short_name(name)}  {estimate}" for name, estimate in self.readable.items()]
+        return "\n  ".join([f"<{type(self).__name__} with {len(self.terms)} terms>", *lines])
 
     @property
     def theta(self) -> Array:

@@ -1,14 +1,14 @@
 """A model in a notebook: its torque balance and its parameters."""
 
 from pendulum_env.notebook import card, paragraph, shown, table
-from pendulum_env.physics.model import Model
+from pendulum_env.physics.model import Model, short_name
 from pendulum_env.words import Table, listing
 
 
 def parameters_table(model: Model) -> Table:
     """Parameters with standard errors, also as people call them."""
     named = {**model.readable, **model.derived}
-    rows = [(name, e.text, e.unit) for name, e in named.items()]
+    rows = [(short_name(name), e.text, e.unit) for name, e in named.items()]
     return Table(("parameter", "estimate", "unit"), rows, left=("unit",))
 
 

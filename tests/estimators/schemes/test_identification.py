@@ -161,3 +161,12 @@ def test_torque_that_was_asked_of_an_open_motor_did_not_act():
     assert diagnose(run, only=["stribeck"]).headline == "Nothing is missing"
     short = run.slice(1450, 1510)
     assert len(cut(short, 0.04).centers) == 0  # the motor is off in half of it
+
+
+def test_an_identification_maps_schemes_to_what_they_find(swing):
+    found = identify(swing, schemes=["dynamic", "energy"])
+    assert list(found) == ["dynamic", "energy"] and len(found) == 2
+    assert {id: own.scheme for id, own in found.items()} == {"dynamic": "dynamic", "energy": "energy"}
+    assert "energy" in found and "enrgy" not in found and found.get("enrgy") is None
+    many = identify([replace(swing, name=f"run {k}") for k in range(5)], schemes="dynamic")
+    assert len(repr(many)) < 100

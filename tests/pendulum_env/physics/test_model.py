@@ -176,3 +176,14 @@ def test_a_saved_model_keeps_the_covariance(tmp_path):
     model.save(tmp_path / "model.json")
     np.testing.assert_allclose(Model.load(tmp_path / "model.json").covariance, covariance, rtol=1e-12)
     assert model.at({"gravity": 1.9}).covariance is None  # nobody has told that of another model
+
+
+def test_an_estimate_is_a_number_and_a_model_a_table_of_them():
+    model = Model.build(BASE, [0.09, 2.0, 0.35, 0.8]).add(effect("dead_time")(0.003))
+    assert float(model["gravity"]) == 2.0 and np.array([model["inertia"]], dtype=float) == 0.09
+    assert model["dead_time"] is model["dead_time.dead_time"] is model.estimates["dead_time.dead_time"]
+    lines = repr(model).splitlines()
+    assert len(lines) == 1 + len(model.estimates) and all(len(line) < 60 for line in lines)
+    assert lines[2].split() == ["gravity", "2", "N", "m"] and lines[-1].split() == ["dead_time", "0.003", "s"]
+    with pytest.raises(KeyError, match="did you mean gravity"):
+        model["gravty"]
