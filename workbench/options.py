@@ -194,7 +194,8 @@ recordings RECORDING  {KINDS}; fitted jointly
 --holdout RECORDING  recording to confirm the result on (may be repeated; default: the last 30 %% of each recording)
 --columns QUANTITY=NAME[:UNIT][*GAIN]...,...  columns of time, position, torque, velocity, reference, segment, supply,
     enabled and temperature whose names are not known, with unit and conversion, e.g.
-    time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=unused;
+    time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=none;
+    torque=none: nothing drives the joint;
     units: {"; ".join(TOLD[quantity] for quantity in ("time", "position", "velocity", "torque"))} (default: SI)
 --unwrap  undo jumps of 2 pi in position
 --drive KEY=VALUE,...  the controller that followed the reference, {DRIVEN};

@@ -15,7 +15,7 @@ from pendulum_env._typing import Array
 from pendulum_env.lookup import find
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording import Recording, RecordingError, read_recording
-from pendulum_env.recording.columns import UNUSED, named_column
+from pendulum_env.recording.columns import NONE, UNUSED, named_column
 from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE
@@ -46,7 +46,12 @@ class ArmRecording(Recording):
     @classmethod
     def of(cls, name: str, names: Sequence[str], time: Array, position: Array, torque: Array) -> ArmRecording:
         """From time (N,) [s], positions (N, n) [rad] and held torques (N, n) [N m]; raises as `Recording` does."""
-        return cls(name, time, position, torque, names=tuple(names))
+        return cls(time, position, torque, name=name, names=tuple(names))
+
+    def __post_init__(self) -> None:
+        if getattr(self, "torque", None) is None:
+            raise RecordingError(f"recording {self.name!r} is of an arm, which needs the torque of every joint")
+        super().__post_init__()
 
     def shape_of(self, quantity: str) -> tuple[int, ...]:
         """What is of joints has a column a joint."""
@@ -59,7 +64,7 @@ class ArmRecording(Recording):
         of_each: list[dict[str, Any]] = [
             {name: np.ascontiguousarray(own[:, k]) for name, own in series.items()} for k in range(len(self.names))
         ]
-        return tuple(Recording(self.name, self.time, starts=self.starts, **own) for own in of_each)
+        return tuple(Recording(self.time, name=self.name, starts=self.starts, **own) for own in of_each)
 
     @property
     def columns(self) -> dict[str, Array]:
@@ -119,10 +124,10 @@ def read_arm_recording(
     notes = [note for own in single for note in own.notes]
     columns_of = {joint: named.get(f"position_{joint}", UNUSED) for joint in held}
     return ArmRecording(
-        first.name,
         first.time,
         np.column_stack([own.position for own in single]),
         np.column_stack([own.torque for own in single]),
+        name=first.name,
         notes=tuple(dict.fromkeys(notes)),
         temperature=None if all(own is None for own in measured) else warm,
         starts=first.starts,
@@ -164,6 +169,8 @@ def _read_joint(
     own |= {"time": named["time"]} if "time" in named else {}
     unused = {"velocity": UNUSED, "reference": UNUSED}
     try:
+        if own["torque"] == NONE:
+            raise ColumnError("an arm needs the torque of every joint: name its column")
         named_column("torque", own["torque"], look.headers, of_arm=True)
         read = read_recording(path, unwrap=unwrap, columns=own | unused)
     except RecordingError as error:

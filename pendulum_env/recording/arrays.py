@@ -1,6 +1,7 @@
 """NPZ, MATLAB, HDF5 and Parquet: arrays by name, the elements of a vector as columns of their own, `x[0]`."""
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -110,7 +111,10 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
     widths = {name: min(shape) if len(shape) == 2 else 1 for name, shape in sides.items()}
     places = [(name, k) for name, width in widths.items() if width <= WIDEST for k in range(width)]
     headers = [name if widths[name] == 1 else f"{name}[{k}]" for name, k in places]
-    columns = find(headers)
+    wordy = [
+        k for k, (name, _) in enumerate(places) if stored[name].dtype.kind not in "iufO" or math.prod(sides[name]) < 2
+    ]
+    columns = find(headers, wordy=wordy)
     load = cache(lambda name: stored[name][()])
     values: dict[str, Array] = {}
     date = None
@@ -147,11 +151,26 @@ def read_parquet(path: Path, find: Find) -> Table:
         RecordingError: if a column is missing or does not hold numbers.
     """
     with pq.ParquetFile(path, pre_buffer=False) as file:
-        places = _places(file)
-        headers = [name if k is None else f"{name}[{k}]" for name, k in places]
-        columns = find(headers)
-        needed = list(dict.fromkeys(places[column.index][0] for column in columns.values()))
-        table = file.read(columns=needed, use_threads=False)
+
+        def first(names: list[str]) -> Any:
+            return next(file.iter_batches(batch_size=1, columns=names), None)
+
+        return _arrow(file.schema_arrow, first, lambda names: file.read(columns=names, use_threads=False), find)
+
+
+def _arrow(schema: pa.Schema, first: Callable[..., Any], read: Callable[..., pa.Table], find: Find) -> Table:
+    """The columns in need of what Arrow knows; of columns by name, `first` gives a row, if any, and `read` all."""
+    vectors = [
+        field.name for field in schema if isinstance(field.type, pa.ListType | pa.LargeListType | pa.FixedSizeListType)
+    ]
+    row = first(vectors) if vectors else None
+    widths = {name: min(len(row[name][0].as_py() or ()), WIDEST) for name in vectors if row}
+    places = [(name, k) for name in schema.names for k in (range(widths.get(name, 0)) if name in vectors else [None])]
+    headers = [name if k is None else f"{name}[{k}]" for name, k in places]
+    kinds = [schema.field(name).type for name, _ in places]
+    wordy = [k for k, kind in enumerate(kinds) if not _is_number(kind) and places[k][1] is None]
+    columns = find(headers, wordy=wordy)
+    table = read(list(dict.fromkeys(places[column.index][0] for column in columns.values())))
     values, date = {}, None
     for quantity, column in columns.items():
         name, k = places[column.index]
@@ -162,7 +181,7 @@ def read_parquet(path: Path, find: Find) -> Table:
             series = pc.list_element(series, k)
         is_date = quantity == "time" and pa.types.is_timestamp(series.type)
         is_label = quantity == "segment" and is_text(series.type)
-        if not (is_date or is_label or any(test(series.type) for test in NUMBER_TYPES)):
+        if not (is_date or is_label or _is_number(series.type)):
             raise RecordingError(
                 f"column {column.header!r} ({quantity}) has type {series.type}: "
                 "store it as a floating-point number in SI"
@@ -172,12 +191,5 @@ def read_parquet(path: Path, find: Find) -> Table:
     return Table(headers, columns, values, date=date)
 
 
-def _places(file: pq.ParquetFile) -> list[tuple[str, int | None]]:
-    """Name and element of every column, the elements of vectors one by one."""
-    schema = file.schema_arrow
-    vectors = [
-        field.name for field in schema if isinstance(field.type, pa.ListType | pa.LargeListType | pa.FixedSizeListType)
-    ]
-    first = next(file.iter_batches(batch_size=1, columns=vectors), None) if vectors else None
-    widths = {name: min(len(first[name][0].as_py() or ()), WIDEST) for name in vectors if first}
-    return [(name, k) for name in schema.names for k in (range(widths.get(name, 0)) if name in vectors else [None])]
+def _is_number(kind: pa.DataType) -> bool:
+    return any(test(kind) for test in NUMBER_TYPES)

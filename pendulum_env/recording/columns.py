@@ -7,7 +7,8 @@ than a guess. Users name columns as they stand in the file, with what is to be d
 """
 
 import re
-from collections.abc import Mapping, Sequence
+import shlex
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from pendulum_env.reading import shown
@@ -25,11 +26,14 @@ from pendulum_env.recording.vocabulary import (
     GAIN_TO_FIND,
     GAINS,
     HEADER,
+    INDICES,
     LABELS,
     LINEAR,
     MOTEUS,
     MOTEUS_SIGNATURE,
+    MOTOR,
     NAMES,
+    NO_TORQUE,
     OPTIONAL,
     OUTPUTS,
     RAW,
@@ -39,11 +43,14 @@ from pendulum_env.recording.vocabulary import (
     TOLD,
     TORQUE_GAINS,
     UNITS,
+    UNITS_OF_NO_TORQUE,
+    WORD,
     Rank,
 )
 from pendulum_env.words import along
 
 QUOTED = 40  # characters of a header, of which a sentence may name a dozen
+NONE = "none"  # what the user says of a torque where nothing drives the joint
 UNUSED = "unused"  # what the user says of one of them to do without, whatever the names of columns tell
 LINKS = "identify and diagnose take an arm's links with --robot ARM.urdf (read_arm_recording), or "
 CHOOSE = "say which with --columns QUANTITY=NAME (columns=...)"  # what mends it, on the command line and in Python
@@ -116,16 +123,23 @@ def _factor(quantity: str, unit: str | None) -> float:
 
 
 def find_columns(
-    headers: Sequence[str], named: Mapping[str, str] | None = None, output: str | None = None
+    headers: Sequence[str],
+    named: Mapping[str, str] | None = None,
+    output: str | None = None,
+    *,
+    wordy: Collection[int] = (),
 ) -> dict[str, Column]:
     """Column by quantity: time, position, torque, and those of `OPTIONAL` if there are.
+
+    Torque may be missing only if the user says `none`, or if no other column could hold it, see `may_be_torque`.
 
     Args:
         headers: names of the columns in the file.
         named: columns that the user names, by quantity, as in `expression.py`, or `unused` for a quantity to do
-            without; the others are found by their names.
+            without, or `none` for a torque; the others are found by their names.
         output: of a known controller that followed the reference: then the reference is needed, and torque is what
             the user names, or else a column of that output.
+        wordy: places of columns that hold no numbers.
 
     Raises:
         ColumnError: if one is missing, if two fit the same quantity, or if one needs a gain that is not given.
@@ -133,6 +147,7 @@ def find_columns(
     told = {quantity: text.strip() for quantity, text in (named or {}).items()}
     optional = OPTIONAL if output is None else {*OPTIONAL, "torque"}
     unused = {q for q, text in told.items() if text == UNUSED and q in optional and UNUSED not in headers}
+    unused |= {q for q, text in told.items() if text == NONE and q in (*OPTIONAL, "torque") and NONE not in headers}
     given = {
         quantity: named_column(quantity, text, headers) for quantity, text in told.items() if quantity not in unused
     }
@@ -165,7 +180,14 @@ def find_columns(
         if not _raw("torque", headers):  # else a motor drives the joint, too
             columns["torque"] = replace(columns.pop("load_torque"), quantity="torque")
     needed = ("time", "position", "torque" if output is None else "reference")
-    missing = [quantity for quantity in needed if quantity not in columns]
+    missing = [quantity for quantity in needed if quantity not in columns and (quantity, NONE) not in told.items()]
+    used = {column.index for column in columns.values()}
+    if (
+        missing == ["torque"]
+        and columns.keys().isdisjoint(MOTOR)
+        and not any(may_be_torque(header, k) for k, header in enumerate(headers) if k not in used and k not in wordy)
+    ):
+        missing = []
     if missing:
         if missing == ["reference"]:
             raise ColumnError(
@@ -176,12 +198,35 @@ def find_columns(
         plain = f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or {CHOOSE}"
         if len(joints := _joints(headers)) > 1:
             hints = [f"there are some for {_listed(joints)}: {LINKS}for one joint {CHOOSE}"]
+        if missing == ["torque"]:
+            said = ",".join(f"{quantity}={text}" for quantity, text in {**told, "torque": NONE}.items())
+            hints = hints or ["say which with --columns torque=NAME (columns=...)"]
+            hints[-1] += f", or --columns {shlex.quote(said)} if nothing drives the joint"
         raise ColumnError(
             f"no column for {', '.join(missing)} among {_listed(headers)}: " + ("; ".join(hints) or plain)
         )
     if "reference" in columns and columns["reference"].unit is None and columns["position"].unit in UNITS["position"]:
         columns["reference"] = replace(columns["reference"], unit=columns["position"].unit)  # one file, one unit
     return _apply_moteus_units(columns, headers)
+
+
+def may_be_torque(header: str, place: int) -> bool:
+    """Return whether a column that was not recognised may hold a torque: its name tells neither unit nor quantity.
+
+    A goal, a supply or a power switch belongs to a motor, so that torque is not known to be zero.
+    """
+    bare, words = header.strip(), set(WORD.findall(header))
+    if not bare or bare.lower() in INDICES:
+        return not bare and place > 0  # pandas writes row numbers first
+    known = {match[0] for own in _spelt(header) if (match := NAMES.get(letters(own)))}
+    if known:
+        return not known.isdisjoint(("torque", *MOTOR))
+    unit = re.search(r"[\[(]([^\])]+)[\])]$", bare)
+    if (unit and letters(unit[1]) in UNITS_OF_NO_TORQUE) or _is_raw("position", header):
+        return False
+    if _unit_at_the_end({**UNITS["position"], **UNITS["velocity"]}, header):
+        return False
+    return not any(word.lower() in NO_TORQUE for word in words)
 
 
 def _match_element(position: Column | None, candidates: Sequence[Column]) -> list[Column]:

@@ -62,7 +62,7 @@ def preview(path: str | os.PathLike[str], most: int = WIDEST) -> Preview:
 def _look(path: Path, most: int) -> Preview:
     headers: list[str] = []
 
-    def some(places: slice, names: Sequence[str]) -> dict[str, Column]:
+    def some(places: slice, names: Sequence[str], **_: object) -> dict[str, Column]:
         headers[:] = [name.strip() for name in names[:most]]
         # readers take dates in place of time, and messages at the times of those with the position
         quantities = ("time", "position", *map(str, range(most)))

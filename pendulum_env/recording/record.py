@@ -1,10 +1,11 @@
 """The record that everything else works on: time, position and torque, uniformly sampled between gaps."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
+from functools import wraps
 from itertools import pairwise
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +18,7 @@ from pendulum_env.recording.origin import Origin
 from pendulum_env.servo.drive import Drive
 from pendulum_env.words import plus_minus
 
+T = TypeVar("T")
 QUANTITIES = (  # the columns of a recording, those first that it needs
     "time",
     "position",
@@ -80,6 +82,21 @@ class TorqueConstant:
         return {**found, "by_load_torque": self.by_load_torque}
 
 
+def accept_name_first(kind: type[T]) -> type[T]:
+    """Let a record take its name as the first argument, too: `Recording("monday", time, position, torque)`."""
+    construct = kind.__init__
+
+    @wraps(construct)
+    def construct_named(self: Any, *arguments: Any, **named: Any) -> None:
+        if arguments and isinstance(arguments[0], str):
+            named["name"], arguments = arguments[0], arguments[1:]
+        construct(self, *arguments, **named)
+
+    kind.__init__ = construct_named  # type: ignore[method-assign]
+    return kind
+
+
+@accept_name_first
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """N samples of one run, all finite, in segments of uniform time; the arrays are read-only float64 views.
@@ -88,6 +105,8 @@ class Recording:
     for the whole recording; between segments there is a gap, about which nothing is known. Filters, integrals and
     simulation therefore start anew in each of `segments`. A time that counts from 1970, or that is of dates
     (datetime64), is counted from the first sample, and `start_date` keeps its date.
+
+    Without torque it is a free swing: torque is zero. A name may come first: `Recording("monday", time, position)`.
 
     `torque[k]` is held from `time[k]` to `time[k + 1]` (zero-order hold, as a DAC does it), while `position[k]` and
     `velocity[k]` are taken at the instant `time[k]`. While the motor is open (`enabled` 0), torque is zero.
@@ -98,10 +117,9 @@ class Recording:
             time is not uniform and increasing. Files with uneven time are mended by `read_recording`, not here.
     """
 
-    name: str
     time: Array  # (N,) [s]
     position: Array  # (N,) [rad], unwrapped, 0 hangs down, counter-clockwise positive
-    torque: Array  # (N,) [N m]
+    torque: Array = None  # type: ignore[assignment]  # (N,) [N m]; zero if it is left out
     velocity: Array | None = None  # (N,) [rad/s], as the sensor reports it; None if it was not recorded
     notes: tuple[str, ...] = ()  # what was changed at reading, e.g. "resampled to 333.3 Hz"
     starts: tuple[int, ...] = (0,)  # index of the first sample of each segment
@@ -117,6 +135,7 @@ class Recording:
     is_moved: bool = False  # whether its torque was moved in time, so that when it changed is known to a sample only
     origin: Origin | None = None  # the columns of its file, if it was read from one
     start_date: datetime | None = None  # of the first sample of its file, if the log has a date
+    name: str = field(default="recording", kw_only=True)
 
     def __post_init__(self) -> None:
         if (time := np.asarray(self.time)).dtype.kind in "mM":  # dates, or durations
@@ -125,6 +144,8 @@ class Recording:
             object.__setattr__(self, "start_date", self.start_date or date)
         for quantity in QUANTITIES:
             values = getattr(self, quantity)
+            if quantity == "torque" and values is None:
+                values = np.zeros(self.shape_of(quantity))
             if values is not None:
                 object.__setattr__(self, quantity, self._column(quantity, values))
         if self.enabled is not None:  # whatever was asked of an open motor
@@ -234,8 +255,8 @@ class Recording:
 
     @property
     def has_logged_torque(self) -> bool:
-        """Whether torque was logged, and is not what a controller asked for."""
-        return self.origin is None or "torque" in self.origin.columns
+        """Whether torque was logged, or is none, and is not what a controller asked for."""
+        return self.drive is None or self.origin is None or "torque" in self.origin.columns
 
     @property
     def asked_torque(self) -> Array:

@@ -24,10 +24,10 @@ from pendulum_env.recording.arrays import read_hdf5, read_mat, read_npz, read_pa
 from pendulum_env.recording.bags import is_bag, read_bag
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.clock import find_unix_unit
-from pendulum_env.recording.columns import describe_ambiguous_velocity, find_columns
+from pendulum_env.recording.columns import NONE, describe_ambiguous_velocity, find_columns
 from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.origin import Origin
-from pendulum_env.recording.record import WARNING, Recording
+from pendulum_env.recording.record import NEWTON_METRE, WARNING, Recording
 from pendulum_env.recording.table import Find, Table
 from pendulum_env.recording.text import read_csv, read_excel
 from pendulum_env.recording.vocabulary import OUTPUTS
@@ -75,10 +75,12 @@ def read_recording(
     path: str | os.PathLike[str],
     *,
     unwrap: bool = False,
-    columns: Mapping[str, str] | None = None,
+    columns: Mapping[str, str | None] | None = None,
     drive: Drive | None = None,
 ) -> Recording:
     """Read a file with columns time, position, torque and perhaps velocity, reference, segment, supply and enabled.
+
+    Without a torque column, and if no column of an unknown name could be one, it is a free swing: torque is zero.
 
     CSV (also .csv.gz, .tsv, .txt), Parquet, NPZ and MATLAB are read as they are; HDF5, MATLAB 7.3, Excel, MCAP and bags
     of ROS need the extra `formats`.
@@ -90,7 +92,7 @@ def read_recording(
         unwrap: undo jumps of 2 pi in position, which are refused otherwise.
         columns: which column is which quantity, where the file's own names do not tell, by quantity (time, position,
             torque, velocity, reference, segment), each `NAME:UNIT*GAIN/RATIO+OFFSET`: `{"position": "-Winkel:deg/6",
-            "torque": "current:A*0.091"}`; `unused` leaves out velocity, reference or segment. Units are s, ms, us, ns;
+            "torque": "current:A*0.091"}`; `none` or None leaves one out: torque is then zero. Units are s, ms, us, ns;
             rad, mrad, deg, rev, counts; rad/s, deg/s, rpm, rev/s, counts/s; Nm, mNm, Ncm, A, mA, V, duty. Counts need
             the counts of a turn (`enc:counts/4096`), and currents a torque constant (`*?` if it is to be found).
         drive: the controller that followed the reference. Then torque is what a column of its output (duty, current)
@@ -104,8 +106,9 @@ def read_recording(
     try:
         name = path.name if is_bag(path) else path.name[: -len(_format(path))]
         output = None if drive is None else drive.output
-        table = read_table(path, partial(find_columns, named=columns, output=output))
-        return _recording(name, table, unwrap, drive, columns or {})
+        named = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
+        table = read_table(path, partial(find_columns, named=named, output=output))
+        return _recording(name, table, unwrap, drive, named)
     except RecordingError as error:
         raise type(error)(f"{path}: {error}") from error.__cause__
 
@@ -188,9 +191,13 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
         raise RecordingError(
             "a duty is a share of the supply: name its column (supply=...), or give the drive a supply [V]"
         )
-    unit = columns["torque"].result_unit if drive is None or "torque" in values else drive.unit
-    if drive is not None and "torque" not in values:
-        values["torque"] = np.zeros_like(values["position"])  # until the motion is known
+    notes = [*table.notes]
+    unit = columns["torque"].result_unit if "torque" in columns else NEWTON_METRE if drive is None else drive.unit
+    if "torque" not in values:
+        values["torque"] = np.zeros_like(values["position"])  # of a drive until the motion is known
+        if drive is None:
+            given = "torque is taken as none" if "torque" in named else "no torque column"
+            notes.append(f"{given}: the recording is a free swing (torque 0)")
     checks.refuse_absurd(values)
     checks.refuse_too_few(values["time"])
 
@@ -199,7 +206,7 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
 
     is_output = drive is not None and unit == OUTPUTS.get(drive.output)
     noted = [own for own in columns.values() if not (is_output and own.quantity == "torque")]
-    log = Log(values, [*(note for column in noted for note in column.notes), *table.notes])
+    log = Log(values, [*(note for column in noted for note in column.notes), *notes])
     log.notes += describe_ambiguous_velocity(table.headers, columns, named)
     cleaning.hold_unchanged(log)
     cleaning.aligned(log, checks.BOUNDS.fewest)
@@ -219,7 +226,7 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
     if "enabled" in signals:
         signals["enabled"] = np.asarray(signals["enabled"] > 0.5, dtype=float)
     recording = Recording(
-        name,
+        name=name,
         **signals,
         notes=tuple(log.notes),
         starts=log.starts,

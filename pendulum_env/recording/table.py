@@ -1,9 +1,10 @@
 """What every file format is read into, before anyone asks whether it makes sense."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.util import find_spec
+from typing import Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -14,7 +15,14 @@ from pendulum_env.recording.errors import RecordingError
 
 WIDEST = 64  # elements of a vector that become columns of their own, and columns that a person is shown
 TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # of a time stamp of Arrow in a second
-Find = Callable[[Sequence[str]], dict[str, Column]]  # which of the columns with these names are read, by quantity
+
+
+class Find(Protocol):
+    """Choose the columns to read, by quantity."""
+
+    def __call__(self, headers: Sequence[str], *, wordy: Collection[int] = ()) -> dict[str, Column]:
+        """Choose from all names; `wordy` are the places of columns that hold no numbers."""
+        ...
 
 
 @dataclass(frozen=True)

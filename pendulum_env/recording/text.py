@@ -84,7 +84,8 @@ def read_text(opened: Opened, find: Find) -> Table:
     """The columns in need of a text, see `read_csv`."""
     with opened() as stream:
         layout = _layout(stream.read(HEAD))
-    columns = add_labels(find(layout.headers), layout.headers, layout.first)
+    wordy = [k for k, cell in enumerate(layout.first) if not _may_be_number(cell, layout.headers[k])]
+    columns = add_labels(find(layout.headers, wordy=wordy), layout.headers, layout.first)
     notes = []
     if dated := _stamp(layout, columns["time"]):
         notes.append(f"time is counted from {dated[0].strip()}")
@@ -97,7 +98,7 @@ def read_text(opened: Opened, find: Find) -> Table:
             quantity = refusal.quantity if isinstance(refusal, CellError) else ""
             if quantity not in OPTIONAL or columns[quantity].expression is not None:
                 raise refusal from None
-            without = read_text(opened, lambda headers: {q: c for q, c in columns.items() if q != quantity})
+            without = read_text(opened, lambda *_, **__: {q: c for q, c in columns.items() if q != quantity})
             return replace(without, notes=(*without.notes, f"{quantity} is left out: {refusal}"))
         notes.append("the last row is cut off: left out")
     return Table(layout.headers, columns, values, tuple(notes), None if dated is None else _date(dated[0]))
@@ -143,6 +144,11 @@ def _cell_type(quantity: str, layout: Layout, column: Column) -> pa.DataType:
     if quantity in ("enabled", "segment") and first in (*TRUE, *FALSE):
         return pa.bool_()
     return pa.string() if quantity == "segment" and first and not NUMBER.fullmatch(first) else pa.float64()
+
+
+def _may_be_number(cell: str, header: str) -> bool:
+    """Return whether a column may hold numbers, by its first cell; one without cells and name holds none."""
+    return bool(NUMBER.fullmatch(cell.replace(",", "."))) if cell else bool(header.strip())
 
 
 def _stamp(layout: Layout, time: Column) -> re.Match[str] | None:

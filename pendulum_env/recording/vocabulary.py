@@ -1,6 +1,7 @@
 """Names and units as people write them: which mean a quantity, and which need a gain first."""
 
 import math
+import re
 from collections.abc import Iterator
 from enum import IntEnum
 
@@ -112,6 +113,17 @@ TOLD = {  # of UNITS, what people are told of
     "supply": "V, mV",
     "temperature": "degC",
 }
+MOTOR = ("reference", "supply", "enabled", "load_torque")  # quantities that only a driven joint has
+NO_TORQUE = frozenset(  # words in names of columns that hold no torque
+    "acceleration accel acc alpha ddq qdd qddot thetadd thetaddot gyro gyroscope x y z height distance energy kinetic "
+    "potential counter count index idx id row no nr sample samples frame frames seq sequence step label comment note "
+    "event marker date".split()
+)
+INDICES = ("unnamed: 0", "__index_level_0__")  # names of a column of row numbers; it may have none
+WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")  # of a name, `sampleNumber` and `sample_number` have two
+UNITS_OF_NO_TORQUE = frozenset(  # letters of units in brackets, beside those of other quantities
+    "ms2 ms² rads2 rads² degs2 degs² cm mm m c k hz j mj w mw ut µt μt pa hpa kpa lx db".split()
+).union(*(UNITS[quantity] for quantity in ("time", "position", "velocity", "temperature")))
 OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature", "load_torque")
 SPARE = OPTIONAL[1:]  # of which the first column will do
 

@@ -18,7 +18,7 @@ from estimators.show.figure import Figure, axis, line, thin
 from pendulum_env._typing import Array
 from pendulum_env.arms.recording import without_units
 from pendulum_env.recording import RecordingError, Source
-from pendulum_env.recording.columns import UNUSED, is_told, named_column
+from pendulum_env.recording.columns import NONE, UNUSED, is_told, named_column
 from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.expression import NUMBER, Expression, letters, parse
 from pendulum_env.recording.preview import Preview, preview
@@ -27,9 +27,10 @@ from pendulum_env.words import listing
 from workbench.app.parts import UNWRAP, aria, button, graph, labelled, panel, table
 
 COLUMN = "column"  # kind of a plot that a range is brushed in
-NEEDED = 3  # columns with numbers: time, position and torque
+NEEDED = 2  # columns with numbers: time and position
 PLAIN = re.compile(rf"[+-]?(?:{NUMBER.pattern})|\?")  # what is written alone is a gain
-ASKED = "Time, position and torque are needed; velocity and reference are of use."
+ASKED = "Time and position are needed, and torque if anything drives the joint; velocity and reference are of use."
+FREE = "Nothing drives the joint: torque is zero"
 ASKED_OF_ARM = (
     "Time, and position and torque of each joint are needed: on the side of the joint, with the torque that holds the "
     "links up. What was logged of a motor before its gear has the ratio in the last column, a current its gain."
@@ -103,6 +104,7 @@ class Card:
     known: str = ""  # id of the recording that it is of; empty while that waits for an answer
     why: str = ""  # what is wrong with it, in a sentence; empty if a person asked to see it
     joints: tuple[str, ...] = ()  # of the arm that it is of; none of a pendulum
+    is_free: bool = False  # whether nothing drives the joint, so that a missing torque is zero
 
     @classmethod
     def of(cls, source: Source, known: str = "", why: str = "", joints: tuple[str, ...] = ()) -> Card:
@@ -113,7 +115,8 @@ class Card:
         shown = preview(source.file)
         if sum(values is not None for values in shown.values) < NEEDED:
             raise RecordingError(f"{source.file}: has fewer than {NEEDED} columns of numbers: nothing can be chosen")
-        card = cls(source, (), shown, source.range or (None, None), known, why, joints)
+        is_free = source.columns.get("torque") == NONE
+        card = cls(source, (), shown, source.range or (None, None), known, why, joints, is_free)
         guessed = shown.guessed
         if joints:
             plain = without_units(shown.headers)
@@ -142,7 +145,8 @@ class Card:
         """The card as the controls of the page have it."""
         columns = range(len(self.choices))
         choices = [Choice(*(form.get(f"{what}:{k}") or "" for what in ("role", "unit", "then"))) for k in columns]
-        return self.told(choices, bool(form.get("unwrap:0")), (form.get("from:0"), form.get("to:0")))
+        free = replace(self, is_free=bool(form.get("free:0")))
+        return free.told(choices, bool(form.get("unwrap:0")), (form.get("from:0"), form.get("to:0")))
 
     def is_as(self, other: Card) -> bool:
         """Whether another card has the same roles and units."""
@@ -161,6 +165,8 @@ class Card:
                 named = listing(list(map(repr, headers)))
                 raise ColumnError(f"{self.source.file}: columns {named} are all to be {role}: choose one")
             columns[role] = self._expression(role) or ""
+        if self.is_free and "torque" not in columns and not self.joints:
+            columns["torque"] = NONE
         others = [q for q in OPTIONAL if not (q in columns or self.joints) and is_told(q, self.preview.headers)]
         first, last = self.ends
         chosen, seconds = None, self.seconds
@@ -218,6 +224,11 @@ def show(card: Card) -> Component:
         ),
         html.Div(ends, className="fields"),
         dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], ["unwrap"] * card.source.unwrap, id=_id("unwrap")),
+        *(
+            []
+            if card.joints
+            else [dcc.Checklist([{"label": FREE, "value": "free"}], ["free"] * card.is_free, id=_id("free"))]
+        ),
         html.Div(
             [
                 button("Read it again" if card.known else "Load it", "card-load", primary=True),

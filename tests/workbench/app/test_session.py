@@ -524,6 +524,21 @@ def test_a_box_selects_the_same_windows_in_every_view(state):
     assert len(chosen) and chosen.min() >= region.low and chosen.max() <= region.high
 
 
+def test_a_free_swing_is_loaded_with_a_note_and_a_card_can_say_that_nothing_drives_the_joint(tmp_path):
+    time = np.arange(0.0, 4.0, 0.01)
+    swing = np.column_stack([time, np.exp(-0.1 * time) * np.cos(5 * time), time % 0.7])
+    plain, asked = tmp_path / "plain.csv", tmp_path / "asked.csv"
+    np.savetxt(plain, swing[:, :2], delimiter=",", header="time,angle", comments="")
+    np.savetxt(asked, swing, delimiter=",", header="time,angle,m1", comments="")
+    (folder := tmp_path / "session").mkdir()
+    session = Session(folder)
+    session.load([Source(plain), Source(asked)])
+    (loaded,), (card,) = session.state.loaded, session.cards
+    assert any("free swing" in note for note in loaded.recording.notes) and "torque=none" in card.why
+    session.answer(card.filled({"role:0": "time", "role:1": "position", "free:0": ["free"]}))
+    assert not session.cards and not session.state.loaded[1].recording.torque.any()
+
+
 def test_a_card_begins_with_what_is_said_of_its_columns_and_reads_as_they_do(tmp_path):
     time = np.arange(0.0, 4.0, 0.01)
     file = tmp_path / "run.csv"
@@ -539,7 +554,7 @@ def test_a_card_begins_with_what_is_said_of_its_columns_and_reads_as_they_do(tmp
     with pytest.raises(RecordingError, match="columns 't' and 'i' are all to be time: choose one"):
         card.told(both, False, (None, None)).asked()
     np.savetxt(file, rows[:, :1], delimiter=",", header="t", comments="")
-    with pytest.raises(RecordingError, match="has fewer than 3 columns of numbers"):
+    with pytest.raises(RecordingError, match="has fewer than 2 columns of numbers"):
         Card.of(Source(file))
 
 

@@ -1,0 +1,99 @@
+"""A recording without torque is a free swing, unless a column of an unknown name could be the torque."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pendulum_env.arms.recording import ArmRecording, read_arm_recording
+from pendulum_env.recording import Recording, RecordingError, read_recording, read_study, write_recording
+
+CASES = Path(__file__).parents[4] / "shared" / "cases"
+TIME = np.arange(600) / 100
+ANGLE = 1.2 * np.exp(-0.2 * TIME) * np.cos(5 * TIME)
+
+
+def table(path: Path, header: str, *others: np.ndarray | list[str]) -> Path:
+    columns = [[f"{t:.2f}" for t in TIME], [f"{q:.6f}" for q in ANGLE], *[[str(x) for x in other] for other in others]]
+    path.write_text("\n".join([header, *map(",".join, zip(*columns, strict=True))]) + "\n")
+    return path
+
+
+HARMLESS: dict[str, tuple[np.ndarray | list[str], ...]] = {
+    "time,angle": (),
+    "time,angle,velocity": (np.gradient(ANGLE, TIME),),
+    "t,theta,omega,alpha": (np.gradient(ANGLE, TIME), np.arange(600) % 7),
+    "Time (s),Angle (rad),Acceleration (m/s^2)": (np.arange(600),),
+    "time,angle,sample_number": (np.arange(600),),
+    "time,angle,comment": (["ok", *["late"] * 599],),
+    "time,angle,x,y": (np.sin(ANGLE), -np.cos(ANGLE)),
+    "time,angle,Light [lx]": (np.arange(600),),
+    "time,angle,temperature": (np.full(600, 21.0),),
+    "time,angle,": ([""] * 600,),
+}
+
+
+@pytest.mark.parametrize("header", HARMLESS)
+def test_a_file_without_torque_is_a_free_swing(tmp_path: Path, header: str) -> None:
+    recording = read_recording(table(tmp_path / "swing.csv", header, *HARMLESS[header]))
+    assert not recording.torque.any() and recording.torque.shape == recording.position.shape
+    np.testing.assert_allclose(recording.position, ANGLE, atol=1e-6)
+    assert any("free swing" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize("name", ["m1", "Kraft", "Drehmoment", "ch3", "load [V]", "F (N)", "setpoint", "current", "S"])
+def test_a_column_that_may_be_the_torque_is_asked_for(tmp_path: Path, name: str) -> None:
+    file = table(tmp_path / "run.csv", f"time,angle,{name}", np.cos(TIME))
+    with pytest.raises(RecordingError, match="--columns torque=none") as refusal:
+        read_recording(file)
+    assert "no column for torque" in str(refusal.value)
+    for said in ("none", None):
+        recording = read_recording(file, columns={"torque": said})
+        assert not recording.torque.any() and any("free swing" in note for note in recording.notes)
+
+
+def test_the_line_that_is_offered_keeps_what_was_said(tmp_path: Path) -> None:
+    file = table(tmp_path / "run.csv", "clock,arm,m1", np.cos(TIME))
+    with pytest.raises(RecordingError, match="--columns time=clock,position=arm:rad,torque=none"):
+        read_recording(file, columns={"time": "clock", "position": "arm:rad"})
+
+
+def test_a_column_named_none_is_a_column(tmp_path: Path) -> None:
+    file = table(tmp_path / "run.csv", "time,angle,none", np.cos(TIME))
+    assert read_recording(file, columns={"torque": "none"}).torque.any()
+
+
+def test_arrays_of_other_kinds_are_no_torque(tmp_path: Path) -> None:
+    np.savez(tmp_path / "run.npz", time=TIME, angle=ANGLE, rate=100.0, author="me", is_new=TIME > 3)
+    assert not read_recording(tmp_path / "run.npz").torque.any()
+
+
+def test_a_recording_of_arrays_without_torque_is_a_free_swing(tmp_path: Path) -> None:
+    swing = Recording(TIME, ANGLE, name="swing")
+    assert not swing.torque.any() and swing.name == "swing"
+    write_recording(swing, tmp_path / "swing.csv")
+    np.testing.assert_array_equal(read_recording(tmp_path / "swing.csv").position, ANGLE)
+
+
+def test_a_study_says_that_nothing_drives_the_joint(tmp_path: Path) -> None:
+    table(tmp_path / "run.csv", "time,angle,m1", np.cos(TIME))
+    (tmp_path / "study.toml").write_text('[columns]\ntorque = "none"\n[[recording]]\nfile = "run.csv"\n')
+    (recording,) = read_study(tmp_path / "study.toml").recordings
+    assert not recording.torque.any()
+
+
+def test_an_arm_needs_torque(tmp_path: Path) -> None:
+    np.savez(tmp_path / "arm.npz", time=TIME, position_a=ANGLE, position_b=ANGLE)
+    with pytest.raises(RecordingError, match="columns of torque, there is none for a, b"):
+        read_arm_recording(tmp_path / "arm.npz", ["a", "b"])
+    with pytest.raises(RecordingError, match="needs the torque of every joint"):
+        read_arm_recording(tmp_path / "arm.npz", ["a", "b"], columns={"torque_a": "none", "torque_b": "none"})
+    with pytest.raises(RecordingError, match="needs the torque of every joint"):
+        ArmRecording(TIME, np.column_stack([ANGLE, ANGLE]), names=("a", "b"))
+
+
+@pytest.mark.skipif(not CASES.exists(), reason="needs the shared cases")
+@pytest.mark.parametrize("name", ["swing1.csv", "swing1_angle_only.csv"])
+def test_logs_of_a_swing_are_read(name: str) -> None:
+    recording = read_recording(CASES / name)
+    assert len(recording) == 2400 and not recording.torque.any()
