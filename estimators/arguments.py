@@ -14,7 +14,7 @@ from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term, nameable
 from pendulum_env.physics.library import term
-from pendulum_env.physics.limits import Limits, check_names, limited, limited_term, limits_of
+from pendulum_env.physics.limits import Bounds, check_names, limited, limited_term, limits_of
 from pendulum_env.reading import shown
 from pendulum_env.recording import Recording
 
@@ -131,7 +131,7 @@ def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recordin
 
 
 def within_limits(
-    terms: Sequence[Term], library: Mapping[str, type[Term]], fixed: Mapping[str, float] | None, bounds: Limits | None
+    terms: Sequence[Term], library: Mapping[str, type[Term]], fixed: Mapping[str, float] | None, bounds: Bounds | None
 ) -> tuple[tuple[Term, ...], dict[str, type[Term]]]:
     """Terms and effects whose parameters are known, or stay within bounds, by name: `gravity`, `cogging.order`.
 
@@ -152,12 +152,13 @@ def within_limits(
 
 
 def model_that_moves(given: Model) -> Model:
-    """A model with inertia, or of an arm.
+    """A model with inertia, or of an arm: given itself, or as the model of a result.
 
     Raises:
         TypeError: if it is no model, such as a file's name.
         ModelError: if it lacks inertia.
     """
+    given = getattr(given, "model", given)
     if not isinstance(given, Model):
         raise TypeError(f"{shown(given)} is not a model: read a file with Model.load, or take the model of a result")
     if body_of(given.terms) is None:

@@ -22,6 +22,7 @@ from estimators.signals.residual import Profile, Region, everywhere, profiles
 from estimators.simulation.free_running import growth, select
 from estimators.weak_form.dataset import dataset
 from pendulum_env._typing import JSON, Array
+from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.arms.recording import of_arms
@@ -204,6 +205,7 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
         ModelError: if the model has no inertia, or is of a current and the recordings are not.
         TypeError: if something else is given than a model and recordings.
     """
+    check_order("compare(model, recordings)", (model, Model), (recordings, Recording))
     model = model_that_moves(model)
     body = body_of(model.terms)
     recordings = in_units_of(model, chosen_recordings(recordings, body=body)).recordings

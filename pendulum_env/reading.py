@@ -42,7 +42,7 @@ def shown(value: object, most: int = SHOWN) -> str:
     """A value as a sentence quotes it, up to so many characters; what it holds in turn is left out."""
     brief = reprlib.Repr()
     brief.maxlevel, brief.maxlong, brief.maxstring, brief.maxother = 1, most, most, most
-    text = brief.repr(value)
+    text = " ".join(brief.repr(value).split())
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 

@@ -55,7 +55,7 @@ def test_a_study(tmp_path):
     assert first == Source(STORED / "monday.csv", columns=columns, drive=drive, joints=("shoulder",), **loaded)
     assert second.role == "holdout" and second.drive == Drive.of({"preset": "xl330", "kp": 200})
     assert second.load == Load(0.02, 0.98) and second.columns == {**columns, "torque": "i_q:A*0.091"}
-    write_study(tmp_path / "study.toml", [first, second])
+    write_study([first, second], tmp_path / "study.toml")
     assert read_sources(tmp_path / "study.toml") == (first, second)
 
 

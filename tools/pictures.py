@@ -40,7 +40,7 @@ def report(path: Path) -> None:
         for seed, name in [(1, "monday"), (2, "tuesday")]
     ]
     training, holdout = recordings[:1], recordings[1:]
-    write_report(path, diagnose(training, holdout))
+    write_report(diagnose(training, holdout), path)
 
 
 def keep(tab: Page, name: str, **options: bool) -> None:

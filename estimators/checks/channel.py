@@ -35,9 +35,10 @@ from estimators.weak_form.dataset import Dataset, prepare, smooth_laws
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.arguments import check_order
 from pendulum_env.arms.joints import Links, arm_base, body_of
 from pendulum_env.arms.recording import of_arms
-from pendulum_env.physics import BASE, Column, Term
+from pendulum_env.physics import BASE, Column, Model, Term
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Load, Recording
@@ -293,7 +294,7 @@ class ChannelFits:
         return [np.unique(clusters[self.rows], return_inverse=True)[1] for clusters in several]
 
 
-def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Alignment:
+def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = ()) -> Alignment:
     """Delay and lag of the torque channel that all recordings share.
 
     Args:
@@ -307,7 +308,12 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
     held torque surely predicts better; what looks late by more was, if that surely predicts better. Sampled torque is
     late by half a sample unless another delay surely predicts better, and need not surely predict better than none.
     Recordings too short to tell give an alignment without a finding and with infinite standard errors.
+
+    Raises:
+        TypeError: if something else is given than recordings and terms.
     """
+    check_order("align(recordings, beside)", (recordings, Recording), (beside, Term | Model))
+    recordings = [recordings] if isinstance(recordings, Recording) else recordings
     try:
         fits = ChannelFits.of(recordings, beside) if any(one.torque.any() for one in recordings) else None
     except IdentificationError:

@@ -21,10 +21,12 @@ from estimators.selection.motion import refit
 from estimators.selection.moves import best, freer, settle
 from estimators.selection.physical import objection
 from estimators.selection.search import Selection
+from pendulum_env.arguments import check_order
 from pendulum_env.arms.joints import body_of, kind_at
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.friction import LoadDependentFriction
 from pendulum_env.physics.library import addition
+from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.terms import ids, is_hidden
 from pendulum_env.recording import Recording
 
@@ -43,7 +45,7 @@ def add(
     progress: Progress = no_progress,
     *,
     fixed: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
+    bounds: Bounds | None = None,
 ) -> Addition:
     """Refit a model's terms, then with one more effect; of an arm, shape parameters of its terms stay.
 
@@ -55,7 +57,7 @@ def add(
         holdout: recordings to confirm on; without them the last 30 % of each recording is held out.
         progress: called with what is being done and the share that is done.
         fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
-        bounds: of other parameters: `{"stribeck": (0.0, 0.5)}`.
+        bounds: of other parameters: `{"stribeck": (0.0, 0.5)}`; None is no limit.
 
     Raises:
         ValueError: if the effect, its joint or a parameter is unknown.
@@ -63,6 +65,7 @@ def add(
         IdentificationError: if the recordings hold too little motion, or do not show the effect.
         TypeError: if something else is given than a model, an id and recordings.
     """
+    check_order("add(model, id, recordings)", (model, Model), (id, Term), (recordings, Recording))
     model = model_that_moves(model)
     body = body_of(model.terms)
     recordings = chosen_recordings(recordings, body=body)

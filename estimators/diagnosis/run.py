@@ -42,9 +42,11 @@ from estimators.selection.tables import explaining
 from estimators.signals.measurements import measure_segments
 from estimators.signals.residual import Region
 from estimators.weak_form.instruments import fit_by_reference
+from pendulum_env.arguments import check_order
 from pendulum_env.arms.joints import body_of
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics import BASE, Term
+from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.terms import ids
 from pendulum_env.recording import Recording
@@ -67,7 +69,7 @@ def diagnose(
     only: Sequence[str] | None = None,
     without: Sequence[str] = (),
     fixed: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
+    bounds: Bounds | None = None,
     criterion: Criterion | None = None,
     rng: np.random.Generator | None = None,
     by_reference: bool = False,
@@ -95,7 +97,7 @@ def diagnose(
         only: ids of those that are looked for; by default all. Of an arm `stribeck`, or `stribeck@elbow` at one joint.
         without: ids of effects that the joint cannot have.
         fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
-        bounds: of other parameters: `{"stribeck": (0.0, 0.5), "cogging.order": (10, 14)}`.
+        bounds: of other parameters: `{"stribeck": (0.0, 0.5), "cogging.order": (10, None)}`; None is no limit.
         criterion: what effects have to achieve.
         rng: of the bootstrap; the same seed gives the same result, and so does none.
         by_reference: fit the base model by instruments made of the reference; effects by least squares all the same.
@@ -105,6 +107,8 @@ def diagnose(
         ValueError: if a name is unknown.
         TypeError: if something else is given than recordings and terms.
     """
+    kinds = (recordings, Recording), (holdout, Recording), (base, Term | Model)
+    check_order("diagnose(recordings, holdout, base)", *kinds)
     terms = chosen_terms(base)
     body = body_of(terms)
     terms, effects = within_limits(terms, chosen_effects(library, only, without, body), fixed, bounds)

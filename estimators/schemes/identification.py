@@ -26,12 +26,14 @@ from estimators.selection.physical import driving_friction
 from estimators.signals.measurements import Measurements, measure_segments, remember
 from estimators.weak_form.dataset import Dataset, prepare
 from pendulum_env._typing import JSON
+from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.arms.recording import of_arms
 from pendulum_env.lookup import find
 from pendulum_env.notebook import shown
 from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics.limits import Bounds
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import json_per, listing
@@ -126,7 +128,7 @@ def identify(
     schemes: str | Sequence[str | Regressor] = SCHEMES,
     *,
     fixed: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
+    bounds: Bounds | None = None,
 ) -> Identification:
     """Fit the linear parameters of the terms to recordings, one set for all, by each scheme.
 
@@ -143,7 +145,8 @@ def identify(
         schemes: which to use, as they are or by id; one that borrows its inertia, or what makes the momentum of an arm,
             comes after the scheme that lends it.
         fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
-        bounds: of other parameters: `{"viscous": (0.0, 0.5)}`; an estimate that would leave them stays at the bound.
+        bounds: of other parameters: `{"viscous": (0.0, None)}`, None for no limit; an estimate that would leave them
+            stays at the bound.
 
     Raises:
         IdentificationError: if there is too little motion, or no torque at all.
@@ -151,6 +154,7 @@ def identify(
             used before.
         TypeError: if something else is given than recordings, terms and schemes.
     """
+    check_order("identify(recordings, terms, schemes)", (recordings, Recording), (terms, Term | Model))
     terms, chosen = chosen_terms(terms), chosen_schemes(schemes)
     recordings = chosen_recordings(recordings, body=body_of(terms))
     terms, _ = within_limits(terms, {}, fixed, bounds)

@@ -15,7 +15,7 @@ from pendulum_env._typing import Array
 from pendulum_env.lookup import find
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording import Recording, RecordingError, read_recording
-from pendulum_env.recording.columns import NONE, UNUSED, named_column
+from pendulum_env.recording.columns import NONE, UNUSED, check_named, named_column
 from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE
@@ -113,6 +113,7 @@ def read_arm_recording(
         RecordingError: as `read_recording`, and if columns of joints are missing, are of other joints, or are currents
             without a torque constant.
     """
+    check_named(columns)
     look = preview(path, most=500)  # columns: four of 64 joints, and what else a robot logs
     named = _named(path, look.headers, joints, held, dict(columns or {}))
     single = [_read_joint(path, look, joint, named, unwrap) for joint in joints]

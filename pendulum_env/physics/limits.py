@@ -4,6 +4,7 @@ import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cache
+from numbers import Real
 from typing import Any, cast
 
 import numpy as np
@@ -11,33 +12,53 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics.term import Column, Samples, Shape, Term, derived
+from pendulum_env.reading import shown
 
 Limits = Mapping[str, tuple[float, float]]  # least and largest value by parameter, `gravity` or `cogging.order`
+Bounds = Mapping[str, tuple[float | None, float | None]]  # as a user gives them: None is no limit
 
 
 class LimitsError(Mistake):
     """Limits that make no sense; the message says which and why."""
 
 
-def limits_of(fixed: Mapping[str, float], bounds: Limits) -> dict[str, tuple[float, float]]:
+def limits_of(fixed: Mapping[str, float], bounds: Bounds) -> dict[str, tuple[float, float]]:
     """Limits from known values and from bounds.
 
     Raises:
         LimitsError: if a parameter is named twice, or its limits leave nothing.
+        TypeError: if values are no numbers, or bounds no pairs of them.
     """
+    known = {name: float(value) for name, value in _numbers(fixed, "fixed", "{'gravity': 2.0}").items()}
+    ends = _numbers(bounds, "bounds", "{'viscous': (0.0, None)}", is_pair=True)
+    bounded = {name: (-np.inf if a is None else a, np.inf if b is None else b) for name, (a, b) in ends.items()}
     twice = sorted(set(fixed) & set(bounds))
     if twice:
         raise LimitsError(f"{twice[0]} is fixed and bounded: do one or the other")
-    for name, (low, high) in bounds.items():
+    for name, (low, high) in bounded.items():
         if not low <= high:
             raise LimitsError(f"{name} cannot lie from {low:g} to {high:g}: give the smaller bound first")
-    limits = {name: (float(value), float(value)) for name, value in fixed.items()} | dict(bounds)
+    limits = {name: (value, value) for name, value in known.items()} | bounded
     for name, (low, high) in limits.items():
         if np.isnan([low, high]).any() or low == np.inf or high == -np.inf:
             raise LimitsError(f"{name} cannot be {low:g}: give a number")
         if name == "inertia" and high <= 0:
             raise LimitsError(f"inertia cannot be {high:g}: give a positive number")
     return limits
+
+
+def _numbers(given: Any, argument: str, example: str, is_pair: bool = False) -> Mapping[str, Any]:
+    """Refuse arguments that are no mapping of names to numbers, or to pairs of numbers or None."""
+
+    def is_right(value: Any) -> bool:
+        if not is_pair:
+            return isinstance(value, Real)
+        ends = value if isinstance(value, list | tuple) else ()
+        return len(ends) == 2 and all(isinstance(end, Real | None) for end in ends)
+
+    if not isinstance(given, Mapping) or not all(map(is_right, given.values())):
+        raise TypeError(f"{argument}={shown(given)}: give a dictionary, as in {example}")
+    return given
 
 
 def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
@@ -93,8 +114,7 @@ def read_limits(content: Mapping[str, tuple[float | None, float | None]]) -> dic
     Raises:
         LimitsError: if they leave no value.
     """
-    ends = {name: (-np.inf if a is None else a, np.inf if b is None else b) for name, (a, b) in content.items()}
-    return limits_of({}, ends)
+    return limits_of({}, content)
 
 
 def limited_term(term: Term, limits: Limits) -> Term:

@@ -141,6 +141,9 @@ class Model:
         known = {short_name(full): own for full, own in self.estimates.items()}
         return find("parameter", name, {**known, **self.estimates})
 
+    def __contains__(self, name: str) -> bool:
+        return name in self.estimates
+
     def __repr__(self) -> str:
         lines = [f"{short_name(name)}  {estimate}" for name, estimate in self.readable.items()]
         return "\n  ".join([f"<{type(self).__name__} with {len(self.terms)} terms>", *lines])

@@ -370,6 +370,17 @@ def refuse_unknown_quantity(quantity: str, of_arm: bool = False) -> None:
         raise ColumnError(f"columns are named for {', '.join(ALIASES)}, not for {quantity!r}")
 
 
+def check_named(columns: object) -> None:
+    """Refuse columns that are no mapping of quantities to texts; None is of no columns.
+
+    Raises:
+        TypeError: if they are not.
+    """
+    is_mapping = isinstance(columns, Mapping) and all(isinstance(text, str) for text in columns.values())
+    if columns is not None and not is_mapping:
+        raise TypeError(f"columns={shown(columns)}: give a dictionary of quantities, as in {{'position': 'q:deg'}}")
+
+
 def named_column(quantity: str, text: str, headers: Sequence[str], of_arm: bool = False) -> Column:
     """Find the column that a user names for a quantity, with what is to be done with it; an arm's gains are known."""
     refuse_unknown_quantity(quantity)

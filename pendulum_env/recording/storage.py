@@ -16,6 +16,7 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
 from pendulum_env._typing import Array
+from pendulum_env.arguments import check_order
 from pendulum_env.files import replacing
 from pendulum_env.mistake import one_line
 from pendulum_env.reading import Unreadable, check_size
@@ -24,7 +25,7 @@ from pendulum_env.recording.arrays import read_hdf5, read_mat, read_npz, read_pa
 from pendulum_env.recording.bags import is_bag, read_bag
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.clock import find_unix_unit
-from pendulum_env.recording.columns import NONE, describe_ambiguous_velocity, find_columns
+from pendulum_env.recording.columns import NONE, check_named, describe_ambiguous_velocity, find_columns
 from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import NEWTON_METRE, WARNING, Recording
@@ -99,9 +100,11 @@ def read_recording(
             or of the user's naming holds, or else what the controller asked for.
 
     Raises:
+        TypeError: if `columns` are no mapping of quantities to texts.
         RecordingError: if the file cannot be read or its content cannot be trusted: one sentence with the file, the
             data row (from 1, header and blank lines not counted) where there is one, the reason and the remedy.
     """
+    check_named(columns)
     path = Path(path)
     try:
         name = path.name if is_bag(path) else path.name[: -len(_format(path))]
@@ -123,6 +126,7 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     Raises:
         RecordingError: if the ending is unknown or the file cannot be written.
     """
+    check_order("write_recording(recording, path)", (recording, Recording), (path, str | os.PathLike))
     columns = recording.columns
     if len(recording.starts) > 1:  # number of the segment that each sample is in, from 0
         numbers = np.searchsorted(recording.starts, np.arange(len(recording)), side="right")

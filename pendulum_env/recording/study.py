@@ -36,6 +36,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from pendulum_env._typing import JSON
+from pendulum_env.arguments import check_order
 from pendulum_env.files import write_whole
 from pendulum_env.reading import NonNegative, Number, Text, Unreadable, convert, read_toml, toml
 from pendulum_env.recording.columns import refuse_unknown_quantity
@@ -225,12 +226,14 @@ def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
     return tuple(sources)
 
 
-def write_study(path: str | os.PathLike[str], sources: Sequence[Source]) -> None:
+def write_study(sources: Sequence[Source], path: str | os.PathLike[str]) -> None:
     """Write a study that reads back as these sources, files relative to it where they lie below.
 
     Raises:
+        TypeError: if the arguments are in another order.
         OSError: if it cannot be written.
     """
+    check_order("write_study(sources, path)", (sources, Source), (path, str | os.PathLike))
     path = Path(path)
     folder = path.resolve().parent
     shared = dict(sources[0].columns) if sources and all(s.columns == sources[0].columns for s in sources) else {}

@@ -2,17 +2,21 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from estimators import add, compare, diagnose, identify
+from estimators import add, align, compare, diagnose, identify
 from estimators.schemes.six import Integral, Scheme, scheme
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Gravity, Inertia, Model, ModelError
 from pendulum_env.plant import hide, make_plant
+from pendulum_env.recording import Source, read_recording, write_recording, write_study
+from workbench.export import export
+from workbench.report import write_report
 
 MODEL = Model.build(BASE, [0.09, 2.0, 0.35, 0.9])
 
@@ -32,6 +36,59 @@ def test_what_is_no_recording(call, given, kind, says):
     with pytest.raises(kind, match=says) as raised:
         call(given)
     assert len(str(raised.value)) < 200
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda r: compare(r, MODEL), r"compare\(model, recordings\): the first argument is of type Recording"),
+        (lambda r: add(MODEL, r, "spring"), r"add\(model, id, recordings\): the second argument is of type Recording"),
+        (lambda r: add([r], "spring", MODEL), "the first argument is of type Recording"),
+        (lambda r: identify(BASE, r), r"identify\(recordings, terms, .*the first argument is of type Inertia"),
+        (lambda r: identify(MODEL, r), "the first argument is of type Model"),
+        (lambda r: diagnose(r, BASE), r"diagnose\(recordings, holdout, base\): the second argument is of type Inertia"),
+        (lambda r: diagnose(r, (), [r]), "the third argument is of type Recording"),
+        (lambda r: align(MODEL), r"align\(recordings, .*the first argument is of type Model"),
+        (lambda r: write_recording("run.csv", r), r"write_recording\(recording, path\): the first argument .* str"),
+        (lambda r: write_study("study.toml", [Source(Path("run.csv"))]), "the first argument is of type str"),
+        (lambda r: write_report("page.html", compare(MODEL, r)), r"write_report\(result, path\): the first argument"),
+        (lambda r: export("mjcf", MODEL), r"export\(model, format, request\): the first argument is of type str"),
+    ],
+)
+def test_arguments_in_another_order(swing, call, says):
+    with pytest.raises(TypeError, match=says) as raised:
+        call(swing)
+    assert "\n" not in str(raised.value) and len(str(raised.value)) < 200
+
+
+def test_a_result_stands_for_its_model(swing):
+    found = identify(swing, schemes="dynamic")["dynamic"]
+    assert compare(found, swing).errors == compare(found.model, swing).errors
+
+
+@pytest.mark.parametrize(
+    "limits", [{"bounds": {"coulomb": 0.3}}, {"bounds": ["coulomb"]}, {"fixed": {"gravity": "2"}}, {"fixed": 2.0}]
+)
+def test_limits_that_are_no_numbers(swing, limits):
+    with pytest.raises(TypeError, match="give a dictionary, as in"):
+        identify(swing, **limits)
+
+
+def test_none_is_no_limit(swing):
+    def coulomb(low, high):
+        return identify(swing, schemes="dynamic", bounds={"coulomb": (low, high)})["dynamic"].model["coulomb"]
+
+    free = coulomb(None, None).value
+    assert coulomb(None, 0.5 * free).value == pytest.approx(0.5 * free)
+    assert coulomb(2 * free, None).value == pytest.approx(2 * free)
+    assert coulomb(0.0, None).value == pytest.approx(free)
+
+
+@pytest.mark.parametrize("columns", [["t", "q", "tau"], "time=t", {"time": 0}])
+def test_columns_that_are_no_dictionary_are_not_blamed_on_the_file(swing, tmp_path, columns):
+    write_recording(swing, tmp_path / "run.csv")
+    with pytest.raises(TypeError, match="give a dictionary of quantities"):
+        read_recording(tmp_path / "run.csv", columns=columns)
 
 
 def test_held_out_recordings_are_checked_too(swing):

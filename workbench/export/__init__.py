@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
+from pendulum_env.arguments import check_order
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
@@ -40,6 +41,7 @@ def export(model: Model, format: str, request: Request | None = None) -> Exporte
             unit than the model.
         InputError: if a library of the extra `export` is not installed, or the format is none of an arm.
     """
+    check_order("export(model, format, request)", (model, Model), (format, str), (request, Request))
     request, write = request or Request(), find("format", format, FORMATS).write
     if isinstance(model, ArmModel):
         if format != "mjcf":

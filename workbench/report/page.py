@@ -2,6 +2,7 @@
 
 import base64
 import gzip
+import os
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from functools import cache
@@ -14,6 +15,7 @@ from estimators.comparison import Comparison
 from estimators.diagnosis.result import Diagnosis
 from estimators.selection.errors import Step
 from pendulum_env import words
+from pendulum_env.arguments import check_order
 from pendulum_env.files import write_whole
 from workbench.report import arm
 from workbench.report.case import Case
@@ -95,17 +97,19 @@ def assemble(sections: Sequence[Section], subject: str) -> str:
     )
 
 
-def write_report(path: str | Path, diagnosis: Diagnosis) -> None:
-    """Write a diagnosis as one self-contained HTML file: it needs no network and no other file, and it prints.
+def write_report(result: Diagnosis | Comparison, path: str | os.PathLike[str]) -> None:
+    """Write a diagnosis or a comparison as one self-contained HTML file: it needs no network, and it prints.
 
     Args:
+        result: with the data that it was made of.
         path: of the file, written whole or not at all.
-        diagnosis: what was found, with the data that it was made of.
 
     Raises:
+        TypeError: if the arguments are in another order.
         OSError: if the file cannot be written.
     """
-    write_whole(path, render(diagnosis))
+    check_order("write_report(result, path)", (result, Diagnosis | Comparison), (path, str | os.PathLike))
+    write_whole(Path(path), render_comparison(result) if isinstance(result, Comparison) else render(result))
 
 
 def render_comparison(compared: Comparison) -> str:

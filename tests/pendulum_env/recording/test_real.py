@@ -42,7 +42,7 @@ def test_practice_recordings_are_left_alone_and_refused_in_degrees(tmp_path: Pat
 @pytest.mark.parametrize("folder", COLUMNS)
 def test_every_file_is_read_as_it_is(folder: str, tmp_path: Path) -> None:
     files = at_hand("data", folder)
-    write_study(tmp_path / "study.toml", [Source(file, columns=COLUMNS[folder]) for file in files])
+    write_study([Source(file, columns=COLUMNS[folder]) for file in files], tmp_path / "study.toml")
     for file, recording in zip(files, read_study(tmp_path / "study.toml").fitted, strict=True):
         raw = np.loadtxt(file, delimiter=",", skiprows=1)
         assert len(recording.starts) <= LOST.get(folder, 1)

@@ -50,7 +50,7 @@ def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, 
     folder = tmp_path_factory.getbasetemp() / "studies"
     folder.mkdir(exist_ok=True)
     sources = [replace(source, file=folder / source.file) for source in sources]
-    write_study(folder / "study.toml", sources)
+    write_study(sources, folder / "study.toml")
     assert list(read_sources(folder / "study.toml")) == sources
 
 
@@ -160,7 +160,7 @@ def test_files_below_the_study_are_named_relative_to_it(tmp_path: Path) -> None:
     time = np.arange(1000) / 500
     (tmp_path / "one" / "data").mkdir(parents=True)
     write_recording(Recording("run", time, np.sin(time), np.cos(time)), tmp_path / "one" / "data" / "run.csv")
-    write_study(tmp_path / "one" / "study.toml", [Source(tmp_path / "one" / "data" / "run.csv")])
+    write_study([Source(tmp_path / "one" / "data" / "run.csv")], tmp_path / "one" / "study.toml")
     (tmp_path / "one").rename(tmp_path / "other")
     (recording,) = read_study(tmp_path / "other" / "study.toml").recordings
     assert math.isclose(recording.rate, 500)

@@ -159,7 +159,7 @@ def snippet(state: State) -> str:
             lines.append(f"model = add(model, {effect!r}, recordings, holdout{limits}).after.model")
         else:
             lines.append(f"found = diagnose(recordings, holdout, model.terms{looked}{limits})")
-            lines.append(f"write_report({REPORT!r}, found)")
+            lines.append(f"write_report(found, {REPORT!r})")
     return with_imports([*lines, f"model.save({MODEL!r})"])
 
 
@@ -177,7 +177,7 @@ def study(state: State) -> str:
     with tempfile.TemporaryDirectory() as folder:
         file, joints = Path(folder) / STUDY, state.robot.joints if state.robot is not None else None
         sources = [replace(one.source, joints=joints) for one in state.loaded]
-        write_study(file, [replace(source, file=file.with_name(source.file.name)) for source in sources])
+        write_study([replace(source, file=file.with_name(source.file.name)) for source in sources], file)
         return file.read_text(encoding="utf-8")
 
 
