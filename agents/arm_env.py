@@ -23,6 +23,7 @@ from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.excitation import USUAL_SPEED
+from pendulum_env.lookup import with_known_arguments
 from pendulum_env.mistake import Mistake
 from pendulum_env.policy import Policy, State
 
@@ -59,6 +60,7 @@ class ArmExcitationDesignVector(TaskVector):
     torque of 20 ms (B, P).
     """
 
+    @with_known_arguments
     def __init__(
         self,
         num_envs: int = 1,

@@ -18,7 +18,7 @@ from agents.task import Seen, Task, TaskVector
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
-from pendulum_env.lookup import find
+from pendulum_env.lookup import find, with_known_arguments
 from pendulum_env.plant import make_plant
 from pendulum_env.rendering import MODES, Renderer
 from pendulum_env.vector_env import DirectDrivePendulumVector
@@ -43,6 +43,7 @@ class ExcitationDesignVector(TaskVector):
 
     options = ("plant",)
 
+    @with_known_arguments
     def __init__(
         self,
         num_envs: int = 1,

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from pendulum_env.backends import BACKENDS, Sample, Sensor, Setup, Start, Status
 from pendulum_env.backends.sensing import COUNTS
+from pendulum_env.backends.simulator import Simulator
 from pendulum_env.interface import (
     MAX_TORQUE,
     MAX_VELOCITY,
@@ -22,7 +22,8 @@ from pendulum_env.interface import (
     spaces,
     warn_learner,
 )
-from pendulum_env.lookup import find
+from pendulum_env.lookup import find, with_known_arguments
+from pendulum_env.parameters import PlantAttribute, PlantParameters, Schedule, Values
 from pendulum_env.physics import Model
 from pendulum_env.plant import make_plant
 from pendulum_env.rendering import MODES, Renderer
@@ -49,13 +50,18 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
     `info` carries the measurement that estimators and recordings use: `time` [s] since the reset, `position` [rad]
     unwrapped as the encoder reads it, `velocity` [rad/s], `torque` [N m] as it was applied over the period that ends at
     `time` (0 after a reset), `clipped`: True where the action asked for more than max_torque and got that, and
-    `follows`: False where the action is ignored, as in a replay. A rig adds `jitter` [s], how late after its tick a
+    `follows`: False where the action is ignored, as in a replay. A simulated plant adds `plant`, its true parameters
+    from `time` on, by name, those of its effects included. A rig adds `jitter` [s], how late after its tick a
     sample was taken, `overruns`, how many ticks were missed so far, and on a fault `fault`, what happened and what to
     do.
     """
 
     metadata = {"render_modes": list(MODES), "render_fps": 50}  # noqa: RUF012  (Gymnasium's own interface)
+    model = PlantAttribute(lambda plant: plant.current_model)
+    theta = PlantAttribute(lambda plant: plant.theta)
+    effects = PlantAttribute(lambda plant: plant.effects)
 
+    @with_known_arguments
     def __init__(
         self,
         backend: str = "pymunk",
@@ -63,6 +69,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         effects: str | Sequence[str] | None = (),
         theta: Mapping[str, float] | Sequence[float] | None = None,
         model: Model | str | Path | None = None,
+        schedule: Schedule | None = None,
         rate: float = 1000.0,
         substeps: int = 1,
         max_torque: float = MAX_TORQUE,
@@ -80,6 +87,8 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             effects: hidden in the simulated plant, as `stribeck=0.4`; `pendulum-ident effects` lists them.
             theta: parameters of the plant that differ from the paper's, by name, or all four in order.
             model: an identified model or its file, as the plant.
+            schedule: changes of the plant's parameters in every episode, by the time after the reset [s], as
+                `{5.0: {"viscous": 0.3, "stribeck": 0.4}}`. An effect that begins later is made with size 0.
             rate: samples, and actions, per second [Hz]; a replay has its own.
             substeps: integration steps per sample; the error is of second order in their length, 4e-6 rad RMS over 30 s
                 of the paper's excitation for steps of 1 ms.
@@ -100,12 +109,15 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         """
         check_positive("a pendulum", rate=rate, substeps=substeps, max_torque=max_torque)
         self._renderer = Renderer(render_mode)
-        _check_belongs(backend, recording, config, bool(effects) or theta is not None or model is not None)
+        has_plant = bool(effects) or bool(schedule) or theta is not None or model is not None
+        _check_belongs(backend, recording, config, has_plant)
         sensor = Sensor(counts, torque_noise, find("velocity", velocity, VELOCITIES))
         files = [None if file is None else str(file) for file in (recording, config)]
         self._setup = Setup(make_plant(theta, effects, model), float(rate), int(substeps), sensor, *files)
-        self._make = find("backend", backend, BACKENDS)
-        self._connect(self._setup)
+        self.plant = PlantParameters(self._setup.model, self._setup.rate, schedule)
+        self._parameters = self.plant.info  # which the backend has
+        self.backend = find("backend", backend, BACKENDS)(self._setup)
+        self.backend.open()
         self.render_mode = render_mode
         self.overlay: Callable[[], Sequence[str]] = tuple  # lines that a wrapper wants to have shown
         # what a wrapper may want to know of the measurement
@@ -116,14 +128,27 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         self.observation_space, self.action_space = spaces(self.max_torque)
         self._running = False
 
-    def _connect(self, setup: Setup) -> None:
-        self.model, self.backend = setup.model, self._make(setup)
-        self.backend.open()
-
     @property
     def simulated(self) -> bool:
         """Whether the plant is a model, that can start anywhere and be replaced."""
         return self.traits.simulated
+
+    def set_parameters(self, parameters: Values) -> None:
+        """Change parameters of the simulated plant, by name, from now on until the next reset.
+
+        Raises:
+            ValueError: if a parameter is unknown or impossible, or the backend simulates no plant.
+        """
+        if not self.simulated:
+            raise ValueError(f"the {type(self.backend).__name__} backend simulates no plant with parameters to set")
+        self.plant.change(parameters)
+        self._update_plant()
+
+    def _update_plant(self) -> None:
+        """Let the backend go on with the parameters of now."""
+        before, self._parameters = self._parameters, self.plant.info
+        if isinstance(self.backend, Simulator) and self._parameters != before:
+            self.backend.take(self.plant.terms, self.plant.theta)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -132,9 +157,10 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
 
         Args:
             seed: of the noise of the measurement.
-            options: for a simulated plant: `position` [rad], `velocity` [rad/s], and `theta`, linear parameters of the
-                plant by name for this and later episodes. For a rig: `clear_fault`, True once the cause of a fault is
-                mended, without which no reset gives it power again.
+            options: for a simulated plant: `position` [rad], `velocity` [rad/s], `theta`, parameters of the plant by
+                name for this and later episodes, those of effects included, and `schedule` for this episode in the
+                place of that which the environment was made with. For a rig: `clear_fault`, True once the cause of a
+                fault is mended, without which no reset gives it power again.
 
         Raises:
             ValueError: if an option is unknown, or the backend cannot obey it.
@@ -149,11 +175,11 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             raise ValueError(f"the {type(self.backend).__name__} backend starts as it is: reset it without options")
         if self._running:
             self.backend.disable()
-        if "theta" in options:
-            self._connect(replace(self._setup, model=self.model.at(options["theta"])))
         position, velocity = (float(options.get(name, 0.0)) for name in ("position", "velocity"))
         if not math.isfinite(position + velocity):
             raise ValueError(f"a pendulum cannot start at {position:g} rad with {velocity:g} rad/s: give numbers")
+        self.plant.reset(options.get("theta"), options.get("schedule"))
+        self._update_plant()
         start = Start(position, velocity, self.np_random, clear)
         first = self.backend.enable(start)
         self._running, self._steps = True, 0
@@ -182,10 +208,12 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             self.backend.disable()  # no torque goes on while somebody wonders
             raise ValueError(f"the action is {action}, of shape {np.shape(action)}: it needs (1,), a torque in N m")
         sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
-        observation, info = self._show(sample, clipped=is_beyond(torque, self.max_torque))
+        self._steps += 1
         if self.simulated:
-            self._steps += 1
             warn_learner(self, self._steps)
+            if self.plant.follow_schedule(self._steps):
+                self._update_plant()
+        observation, info = self._show(sample, clipped=is_beyond(torque, self.max_torque))
         if self.render_mode == "human":
             self.render()
         return observation, 0.0, sample.status is Status.FAULT, sample.status is Status.ENDED, info
@@ -207,6 +235,8 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             "clipped": clipped,
             "follows": self.traits.follows,
         }
+        if self.simulated:
+            info["plant"] = dict(self._parameters)
         if sample.timing is not None:
             info |= sample.timing._asdict()
         if sample.fault is not None:
@@ -234,4 +264,4 @@ def _check_belongs(backend: str, recording: str | Path | None, config: str | Pat
     if backend != "dm1015b" and config is not None:
         raise ValueError(f"a configuration is for backend='dm1015b', not for '{backend}'")
     if backend in OWN_PLANT and has_plant:
-        raise ValueError(f"{OWN_PLANT[backend]}: leave out effects, theta and model")
+        raise ValueError(f"{OWN_PLANT[backend]}: leave out effects, theta, model and schedule")

@@ -1,11 +1,14 @@
 """Finding things by name, with an answer that helps when there is nothing of that name."""
 
 import difflib
-from collections.abc import Mapping
-from typing import TypeVar
+import functools
+import inspect
+from collections.abc import Callable, Mapping
+from typing import ParamSpec, TypeVar
 
 from pendulum_env.mistake import Mistake
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 
@@ -28,3 +31,21 @@ def find(kind: str, name: str, known: Mapping[str, T]) -> T:
         hint = f": did you mean {near[0]}? Known: " if near else "; known: "
         raise UnknownName(f"unknown {kind} '{name}'{hint}{', '.join(sorted(known))}")
     return known[name]
+
+
+def with_known_arguments(function: Callable[P, T]) -> Callable[P, T]:
+    """Decorate a function so that it refuses an unknown keyword with the nearest that it takes.
+
+    Raises:
+        Mistake: when it is called with one.
+    """
+    known = dict(inspect.signature(function).parameters)
+    known.pop("self", None)
+
+    @functools.wraps(function)
+    def checked(*args: P.args, **keywords: P.kwargs) -> T:
+        for name in keywords:
+            find("argument", name, known)
+        return function(*args, **keywords)
+
+    return checked

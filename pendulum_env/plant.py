@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pendulum_env.lookup import find
-from pendulum_env.physics import BASE, Model, Term, effect
+from pendulum_env.physics import BASE, Model, Shape, Term, effect
 from pendulum_env.physics.library import MEASURED
 from pendulum_env.reading import LARGE
 
@@ -95,10 +95,7 @@ def hide(plant: Model, text: str) -> Model:
         given = read_parameters(listed) if separator else {}
     shapes = {shape.name: given.get(shape.name, parameters[shape.name]) for shape in kind.shapes}
     for shape in kind.shapes:
-        value = shapes[shape.name]
-        if not shape.low <= value <= shape.high or (shape.integer and value != round(value)):
-            allowed = f"{'an integer' if shape.integer else 'a number'} from {shape.low:g} to {shape.high:g}"
-            raise ValueError(f"{shape.name} of {id} cannot be {value:g}: give {allowed} [{shape.unit}]")
+        check_shape(id, shape, shapes[shape.name])
     term = kind(**shapes)
     parameters = sizes(term)
     for name in given:
@@ -110,6 +107,28 @@ def hide(plant: Model, text: str) -> Model:
     if term.fault:
         raise ValueError(f"{id} cannot be as '{text}' says: {term.fault}")
     return plant.add(term, np.array([*linear.values()]))
+
+
+def check_shape(id: str, shape: Shape, value: float) -> None:
+    """Refuse a shape parameter of an effect that is out of its range.
+
+    Raises:
+        ValueError: naming the effect, the parameter and its range.
+    """
+    if not shape.low <= value <= shape.high or (shape.integer and value != round(value)):
+        allowed = f"{'an integer' if shape.integer else 'a number'} from {shape.low:g} to {shape.high:g}"
+        raise ValueError(f"{shape.name} of {id} cannot be {value:g}: give {allowed} [{shape.unit}]")
+
+
+def check_linear(name: str, value: float) -> None:
+    """Refuse a linear parameter that no plant can have; an identified model may have a negative one.
+
+    Raises:
+        ValueError: naming the parameter.
+    """
+    if not abs(value) <= LARGE or (name == "inertia" and value <= 0):
+        allowed = "a positive number" if name == "inertia" else f"a number from {-LARGE:g} to {LARGE:g}"
+        raise ValueError(f"{name} of a plant cannot be {value:g}: give {allowed}")
 
 
 def read_parameters(text: str) -> dict[str, float]:

@@ -23,7 +23,8 @@ from pendulum_env.interface import (
     is_beyond,
     spaces,
 )
-from pendulum_env.lookup import find
+from pendulum_env.lookup import find, with_known_arguments
+from pendulum_env.parameters import PlantAttribute, PlantParameters, Schedule, Values
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.simulation import Balance, CommandLine, step
 from pendulum_env.physics.term import Memory
@@ -37,11 +38,17 @@ AT_REST = np.array([1.0, 0.0, 0.0], dtype=np.float32)  # observed, hanging down
 class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
     """B direct-drive pendulums that advance together; made by `gymnasium.make_vec`.
 
-    Actions (B, 1) and observations (B, 3) are those of `DirectDrivePendulum`, so is `info`, with arrays (B,). The
+    Actions (B, 1) and observations (B, 3) are those of `DirectDrivePendulum`. `info` is in the layout of Gymnasium's
+    `SyncVectorEnv`: arrays (B,), each with a mask; `info["plant"]` holds an array (B,) for each parameter. The
     pendulums start at rest, hanging down, and each is truncated after max_episode_steps. They are plants, too: their
     rewards are 0 unless `InformationRewardVector` pays, and they draw no pictures.
     """
 
+    model = PlantAttribute(lambda plant: plant.current_model)
+    theta = PlantAttribute(lambda plant: plant.theta)  # (P, B)
+    effects = PlantAttribute(lambda plant: plant.effects)
+
+    @with_known_arguments
     def __init__(
         self,
         num_envs: int = 1,
@@ -49,6 +56,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         effects: str | Sequence[str] | None = (),
         theta: Mapping[str, float] | Sequence[float] | None = None,
         model: Model | str | Path | None = None,
+        schedule: Schedule | None = None,
         rate: float = 1000.0,
         substeps: int = 1,
         max_torque: float = MAX_TORQUE,
@@ -75,7 +83,6 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
             raise ValueError("pendulums restart by themselves: choose autoreset_mode NextStep or SameStep")
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset}
         ideal = find("velocity", velocity, VELOCITIES)
-        self.model = make_plant(theta, effects, model)
         self.sensor, self.counts = Sensor(counts, torque_noise, ideal), counts
         self.num_envs, self.rate, self.substeps, self.max_torque = num_envs, float(rate), int(substeps), max_torque
         self.max_episode_steps = np.inf if max_episode_steps in (None, -1) else max_episode_steps
@@ -84,24 +91,25 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._everyone, self._nobody = np.ones(num_envs, dtype=bool), np.zeros(num_envs, dtype=bool)
-        self.set_theta(np.repeat(self.model.theta[:, None], num_envs, axis=1))
+        self.plant = PlantParameters(make_plant(theta, effects, model), self.rate, schedule, (num_envs,))
         self._x: Samples | None = None
+        self._update_plant()
 
-    def set_theta(self, theta: Array) -> None:
-        """Linear parameters (P, B) of the pendulums, in the order of the model's columns, from now on.
+    def set_parameters(self, parameters: Values, which: Mask | None = None) -> None:
+        """Change parameters by name, scalars or (B,), of all pendulums or those, until the next reset of each.
 
         Raises:
-            ValueError: if the shape does not fit.
+            ValueError: if a parameter is unknown or impossible.
         """
-        theta = np.array(theta, dtype=float)
-        wanted = (len(self.model.theta), self.num_envs)
-        if theta.shape != wanted:
-            raise ValueError(f"theta has shape {theta.shape}, these pendulums need {wanted}")
-        inertia = [column.name for column in self.model.columns].index("inertia")
-        if not np.isfinite(theta).all() or not (theta[inertia] > 0).all():
-            raise ValueError("theta has to be made of numbers, inertia of positive ones")
-        self.theta = theta  # (P, B)
-        self._balance = Balance(self.model.terms, theta)
+        self.plant.change(parameters, which)
+        self._update_plant()
+
+    def _update_plant(self) -> None:
+        """Go on with the parameters of now."""
+        self._balance = Balance(self.plant.terms, self.plant.theta)
+        if self._x is not None:
+            self._command.take(self._balance.terms)
+        self._parameters = self.plant.info
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -110,17 +118,17 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
 
         Args:
             seed: of the measurement's noise, one for all; of a list, the first.
-            options: `position` [rad] and `velocity` [rad/s], scalars or (B,), `theta` as (P, B).
+            options: `position` [rad] and `velocity` [rad/s], scalars or (B,); `theta`, parameters for this and later
+                episodes by name, scalars or (B,), or all linear ones (P, B); `schedule` of the episodes until the next
+                reset.
 
         Raises:
-            ValueError: if an option is unknown.
+            ValueError: if an option is unknown or impossible.
         """
         super().reset(seed=seed[0] if isinstance(seed, list) else seed)
         options = options or {}
         for name in options:
             find("option of reset", name, RESET_OPTIONS)
-        if "theta" in options:
-            self.set_theta(options["theta"])
         position, velocity = (
             np.full(self.num_envs, options.get(name, 0.0), dtype=float) for name in ("position", "velocity")
         )
@@ -128,7 +136,9 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
             raise ValueError("pendulums start at positions and velocities that are numbers")
         self.steps = np.zeros(self.num_envs, dtype=np.int64)
         self._ended = self._nobody
-        self._command = CommandLine(self.model.terms, 1.0 / self.rate, self.substeps)
+        self.plant.reset(options.get("theta"), options.get("schedule"))
+        self._command = CommandLine(self.plant.terms, 1.0 / self.rate, self.substeps)
+        self._update_plant()
         self._x = begin(self._balance, position, velocity)
         self._before = self.sensor.position(position - velocity / self.rate)
         observation, info = self._show(np.zeros(self.num_envs), clipped=self._nobody.copy())
@@ -155,6 +165,8 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         if revived.any():
             torque = np.where(revived, 0.0, torque)
             self._restart(revived)
+        if self.plant.follow_schedule(self.steps):
+            self._update_plant()
         observation, info = self._show(torque, clipped=is_beyond(asked, self.max_torque) & ~revived)
         truncated = self._ended = self.steps >= self.max_episode_steps
         if self.autoreset is AutoresetMode.SAME_STEP and truncated.any():
@@ -163,6 +175,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
             observation = np.where(truncated[:, None], AT_REST, observation)
             for name in ("time", "position", "velocity", "torque", "clipped"):
                 info[name] = np.where(truncated, np.zeros_like(info["final_info"][name]), info["final_info"][name])
+            info["plant"] = dict(self._parameters)
             info |= {name: self._everyone for name in info["final_info"] if name not in info}
         return observation, np.zeros(self.num_envs), self._nobody.copy(), truncated, info
 
@@ -175,7 +188,9 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         self._x = replace(x, time=self.steps / self.rate)
 
     def _restart(self, which: Mask) -> None:
-        """Put those pendulums (B,) at rest, hanging down."""
+        """Put those pendulums (B,) at rest, hanging down, with the parameters that an episode begins with."""
+        self.plant.restart(which)
+        self._update_plant()
         x, still = self._x, begin(self._balance, *np.zeros((2, self.num_envs)))
         assert x is not None
 
@@ -208,5 +223,6 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
             "torque": np.asarray(self.sensor.torque(torque, self.np_random)),
             "clipped": clipped,
             "follows": self._everyone,
+            "plant": dict(self._parameters),
         }
         return observation, seen | {f"_{name}": self._everyone for name in seen}

@@ -14,7 +14,7 @@ from pendulum_env.arms.plane import friction_of
 from pendulum_env.arms.world import SpatialBodies
 from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, is_beyond, warn_learner
-from pendulum_env.lookup import find
+from pendulum_env.lookup import find, with_known_arguments
 from pendulum_env.plant import PAPER
 from pendulum_env.rendering import MODES, Renderer
 from pendulum_env.words import listing
@@ -137,6 +137,7 @@ class PlanarArm(SimulatedArm):
     Joint angles are relative to the link before, and all zero where the arm hangs down.
     """
 
+    @with_known_arguments
     def __init__(
         self,
         links: Sequence[Link] = TWO_LINK,

@@ -37,6 +37,10 @@ class ConstrainedBody:
         _library()
         self._balance = balance
 
+    def take(self, balance: Balance) -> None:
+        """Go on from where it is with other torques, of terms with the same state variables."""
+        self._balance = balance
+
     def place(self, x: Samples) -> None:
         """Put a new body there."""
         mujoco = _library()

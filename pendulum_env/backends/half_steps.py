@@ -39,26 +39,29 @@ def half_steps(balance: Balance, longest: float) -> Compiled | Interpreted:
 class Interpreted:
     """The two halves of a step by NumPy, with the state variables of the terms; they share their arguments."""
 
+    memory: Any  # state variables of the terms
+
     def __init__(self, balance: Balance) -> None:
         self._balance = balance
+        self.memory = {}
 
     def place(self, x: Samples) -> None:
         """Begin there."""
-        self._memory = x.memory
+        self.memory = x.memory
 
     def push(self, time: float, position: float, velocity: float, torque: float, h: float) -> Push:
         """What to push with for h [s]; the state variables go on to the middle of the step."""
         push, middle = _until_push(self._balance, self._samples(time, position, velocity, torque), h)
-        self._memory = middle.memory
+        self.memory = middle.memory
         return Push(*map(float, push))
 
     def complete(self, time: float, position: float, velocity: float, torque: float, h: float) -> None:
         """The state variables go on from the middle of a step of h [s], as given, at a mean velocity."""
         x = self._samples(time, position, velocity, torque)
-        self._memory = self._balance.advance(x, x.velocity, 0.5 * h)
+        self.memory = self._balance.advance(x, x.velocity, 0.5 * h)
 
     def _samples(self, *state: float) -> Samples:
-        given: list[Any] = [*map(np.float64, state), self._memory]
+        given: list[Any] = [*map(np.float64, state), self.memory]
         return Samples(*given)
 
 
@@ -70,6 +73,15 @@ class Compiled:
         _, _, shapes = in_symbols(balance.terms)
         for machine in (self._until, self._after):
             machine.given["constants"][:, 0] = *balance.theta, *shapes.values()
+
+    @property
+    def memory(self) -> Any:
+        """State variables of the terms."""
+        return self._until.given["memory"].copy()
+
+    @memory.setter
+    def memory(self, values: Any) -> None:
+        self._until.given["memory"][:] = values
 
     def place(self, x: Samples) -> None:
         """Begin there."""

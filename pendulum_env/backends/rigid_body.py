@@ -23,7 +23,13 @@ class RigidBody:
 
     def __init__(self, balance: Balance, longest: float) -> None:
         """Take the torques that act on it, and the longest step [s]."""
-        self._balance, self._halves = balance, half_steps(balance, longest)
+        self._balance, self._halves, self._longest = balance, half_steps(balance, longest), longest
+
+    def take(self, balance: Balance) -> None:
+        """Go on from where it is with other torques, of terms with the same state variables."""
+        memory = self._halves.memory
+        self._balance, self._halves = balance, half_steps(balance, self._longest)
+        self._halves.memory = memory
 
     def place(self, x: Samples) -> None:
         """Put a new body there: nothing of an earlier run remains, so that equal runs are equal bit for bit."""

@@ -1,14 +1,14 @@
 """A simulated pendulum as a backend: a model's torques on the body of a physics engine, seen through a sensor."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
 
-from pendulum_env._typing import ArrayLike
+from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.backends.port import Backend, Sample, Setup, Start, Traits
-from pendulum_env.physics import Samples
+from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.simulation import Balance, CommandLine
 
 
@@ -17,6 +17,9 @@ class Engine(Protocol):
 
     def place(self, x: Samples, /) -> None:
         """Begin a run there, scalars; nothing of an earlier one remains."""
+
+    def take(self, balance: Balance, /) -> None:
+        """Go on from where it is with other torques, of terms with the same state variables."""
 
     def step(self, torque: float, h: float, /) -> tuple[float, float]:
         """Advance by h [s] under a torque [N m], from where the last step ended: angle [rad], velocity [rad/s]."""
@@ -34,15 +37,22 @@ class Simulator(Backend):
 
     def __init__(self, setup: Setup, make: Callable[[Balance, float], Engine]) -> None:
         """Take the plant, sampling and sensor of the setup, and what makes the engine for steps so long at most."""
-        self.model, self.sensor, self.period, self.substeps = setup.model, setup.sensor, setup.period, setup.substeps
+        self.sensor, self.period, self.substeps = setup.sensor, setup.period, setup.substeps
         self.traits = Traits(setup.rate, setup.sensor.counts, simulated=True)
-        self._balance = Balance(self.model.terms, self.model.theta)
+        self._balance = Balance(setup.model.terms, setup.model.theta)
         self._engine = make(self._balance, self.period / self.substeps)
+        self._command = CommandLine(setup.model.terms, self.period, self.substeps)
+
+    def take(self, terms: Sequence[Term], theta: Array) -> None:
+        """Go on from where it is with other parameters: the same terms, and linear parameters theta (P,)."""
+        self._balance = Balance(terms, theta)
+        self._engine.take(self._balance)
+        self._command.take(terms)
 
     def enable(self, start: Start) -> Sample:
         """Put the body at the start."""
         self._rng = start.rng
-        self._command = CommandLine(self.model.terms, self.period, self.substeps)
+        self._command = CommandLine(self._balance.terms, self.period, self.substeps)
         self._engine.place(begin(self._balance, start.position, start.velocity))
         self._at = start.position, start.velocity
         self._count = 0  # of periods since

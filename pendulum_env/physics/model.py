@@ -23,6 +23,7 @@ from pendulum_env.physics.limits import collect_limits, limited_term, read_limit
 from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.table import Curve, Table, read_table, refuse_held
 from pendulum_env.physics.term import Column, Samples, Term
+from pendulum_env.physics.terms import with_shapes
 from pendulum_env.reading import Number, Text, Unreadable, convert, read_json, shown
 from pendulum_env.words import per, plus_minus
 
@@ -227,20 +228,19 @@ class Model:
         new = added.per(self.torque_unit).estimates
         return replace(self, terms=(*self.terms, term), estimates={**self.estimates, **new}, correlation=())
 
-    def at(self, theta: Mapping[str, float]) -> Model:
-        """The same terms with some linear parameters, by name, at other values.
+    def at(self, values: Mapping[str, float]) -> Model:
+        """The same terms with some parameters, by name, at other values.
 
         Raises:
-            ModelError: if a parameter is unknown.
+            ModelError: if a parameter is unknown, or a value is none that it can have.
         """
-        linear = {column.name: column for column in self.columns}
-        for name in theta:
-            if name not in linear:
-                raise ModelError(f"the model has no linear parameter '{name}': it has {', '.join(linear)}")
-            if not np.isfinite(theta[name]) or (name == "inertia" and theta[name] <= 0):
-                raise ModelError(f"{name} of a model cannot be {theta[name]:g}: give a positive number")
-        new = {name: Estimate(float(value), 0.0, self.estimates[name].unit) for name, value in theta.items()}
-        return replace(self, estimates={**self.estimates, **new}, correlation=())
+        for name, value in values.items():
+            find("parameter of the model", name, self.estimates)
+            if not np.isfinite(value) or (name == "inertia" and value <= 0):
+                raise ModelError(f"{name} of a model cannot be {value:g}: give a positive number")
+        new = {name: Estimate(float(value), 0.0, self.estimates[name].unit) for name, value in values.items()}
+        terms = with_shapes(self.terms, values)
+        return replace(self, terms=terms, estimates={**self.estimates, **new}, correlation=())
 
     def per(self, torque_unit: str) -> Self:
         """The same numbers with the units that they have if torque is in another unit, such as `A`."""

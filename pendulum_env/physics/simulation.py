@@ -177,9 +177,16 @@ class CommandLine:
 
     def __init__(self, terms: Sequence[Term], period: float, substeps: int) -> None:
         """Nothing has been commanded before."""
-        self._substeps = substeps
-        self._periods = sum(term.delay for term in terms) / (period / substeps)  # delay in substeps
+        self._substeps, self._h = substeps, period / substeps
         self._history: list[Array] = []
+        self.take(terms)
+
+    def take(self, terms: Sequence[Term]) -> None:
+        """Go on with the delay of other terms; what was commanded before stays on its way."""
+        self._periods = sum(term.delay for term in terms) / self._h  # delay in substeps
+        if self._history:
+            needed = int(self._periods / self._substeps) + 1
+            self._history = [*max(0, needed - len(self._history)) * self._history[:1], *self._history[-needed:]]
 
     def push(self, torque: ArrayLike) -> Iterable[Any]:
         """Torque that acts in each substep of the period over which `torque`, () or (B,), is commanded."""

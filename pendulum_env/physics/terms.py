@@ -1,7 +1,11 @@
 """Sets of terms: what they are called, and what they have of links, hidden states and parameters."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
+import numpy as np
+
+from pendulum_env._typing import ArrayLike
 from pendulum_env.physics.term import Term
 
 
@@ -38,6 +42,17 @@ def has_bristles(term: Term) -> bool:
 def is_hidden(term: Term) -> bool:
     """Whether it has a hidden state, of a link or of bristles, which shows in the motion more than in windows."""
     return term.link or has_bristles(term)
+
+
+def with_shapes(terms: Sequence[Term], values: Mapping[str, ArrayLike]) -> tuple[Term, ...]:
+    """Terms with some shape parameters, by full name, at other values; of a batch that agrees, at one number."""
+    changed = []
+    for term in terms:
+        names = {shape.name: term.full(shape.name) for shape in term.shapes}
+        own = {short: np.asarray(values[name]) for short, name in names.items() if name in values}
+        one = {short: float(value.flat[0]) if np.ptp(value) == 0 else value for short, value in own.items()}
+        changed.append(replace(term, **one) if one else term)
+    return tuple(changed)
 
 
 def complexity(term: Term) -> int:

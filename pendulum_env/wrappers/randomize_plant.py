@@ -61,10 +61,16 @@ def _root(nominal: Model, names: list[str], spread: str) -> Array:
     return axes * np.sqrt(np.maximum(variances, 0.0))
 
 
+def _beside(options: Mapping[str, Any] | None, drawn: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of a reset with drawn parameters, before which those that a user gives go."""
+    given = (options or {}).get("theta", {})
+    return {**(options or {}), "theta": {**drawn, **given} if isinstance(given, Mapping) else given}
+
+
 class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
     """Draw the parameters of a simulated plant anew at every reset, around those it was made with.
 
-    `info["plant"]` of the reset holds them, by name.
+    `info["plant"]` holds them, as it always does.
     """
 
     def __init__(self, env: gym.Env[Any, Any], spread: float | Mapping[str, float] | str = 0.3) -> None:
@@ -89,15 +95,12 @@ class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         """Reset the environment with a new plant; the same seed draws the same plants."""
         if seed is not None:
             self.np_random = np.random.default_rng([seed, 1])  # not the numbers that the measurement's noise draws
-        theta = self._spread.draw(self.np_random, 1)[:, 0]
-        plant = dict(zip(self._spread.names, theta.tolist(), strict=True))
-        observation, info = self.env.reset(seed=seed, options={"theta": plant, **(options or {})})
-        info["plant"] = plant
-        return observation, info
+        drawn = dict(zip(self._spread.names, self._spread.draw(self.np_random, 1)[:, 0].tolist(), strict=True))
+        return self.env.reset(seed=seed, options=_beside(options, drawn))
 
 
 class RandomizePlantVector(VectorWrapper):
-    """`RandomizePlant` for the batched pendulums; `info["plant"]` holds the linear parameters (B, P)."""
+    """`RandomizePlant` for the batched pendulums."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], spread: float | Mapping[str, float] | str = 0.3) -> None:
         """Wrap batched pendulums; see `RandomizePlant` for the spread.
@@ -107,7 +110,7 @@ class RandomizePlantVector(VectorWrapper):
         """
         super().__init__(env)
         plants: Any = env.unwrapped
-        if getattr(plants, "set_theta", None) is None:
+        if getattr(plants, "set_parameters", None) is None:
             raise ValueError("only the plants of batched pendulums can be drawn: make them with gymnasium.make_vec")
         self._plants, self._spread, self._rng = plants, Spread(plants.model, spread), np.random.default_rng()
 
@@ -118,12 +121,14 @@ class RandomizePlantVector(VectorWrapper):
         first = seed[0] if isinstance(seed, list) else seed
         if first is not None:
             self._rng = np.random.default_rng(first)
-        theta = self._spread.draw(self._rng, self.num_envs)
-        options = {**(options or {}), "theta": theta}
+        options = _beside(options, self._drawn())
         observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]  # lists are passed on
         self._time = np.asarray(info["time"])
-        info["plant"] = theta.T
         return observation, info
+
+    def _drawn(self) -> dict[str, Array]:
+        """Linear parameters (B,) by name."""
+        return dict(zip(self._spread.names, self._spread.draw(self._rng, self.num_envs), strict=True))
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step; a pendulum that has just been reset gets a new plant."""
@@ -132,8 +137,6 @@ class RandomizePlantVector(VectorWrapper):
         anew = time <= self._time
         self._time = time
         if anew.any():
-            theta = self._plants.theta.copy()
-            theta[:, anew] = self._spread.draw(self._rng, int(anew.sum()))
-            self._plants.set_theta(theta)
-        info["plant"] = self._plants.theta.T
+            self._plants.set_parameters(self._drawn(), anew)
+            info["plant"] = self._plants.plant.info
         return observation, reward, terminated, truncated, info

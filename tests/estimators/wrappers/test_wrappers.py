@@ -184,7 +184,7 @@ def test_many_pendulums_are_estimated_like_one(mode):
         )
     )
     total, observation, (_, truncated), info = paid(env, 1500)
-    plants = np.array(info.get("plant", [list(PAPER.values())] * 2))
+    plants = np.stack([info["plant"][name] for name in PAPER], axis=1)
     assert observation.shape == (2, 3 + 2 * 2 * 4) and env.observation_space.contains(observation)
     assert truncated.all() and (total > 20).all()
     np.testing.assert_allclose(info["estimates"]["filtered_dynamic"]["theta"], plants, rtol=0.02)

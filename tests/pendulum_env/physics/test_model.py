@@ -178,6 +178,16 @@ def test_a_saved_model_keeps_the_covariance(tmp_path):
     assert model.at({"gravity": 1.9}).covariance is None  # nobody has told that of another model
 
 
+def test_a_model_at_other_values_has_them_in_estimates_and_terms():
+    model = Model.build(BASE, [0.1, 2.0, 0.4, 0.9]).add(effect("stribeck")(0.5), 0.3)
+    other = model.at({"stribeck.stribeck_velocity": 0.8, "gravity": 1.0})
+    assert other.terms[-1].stribeck_velocity == other.estimates["stribeck.stribeck_velocity"].value == 0.8
+    assert other.theta.tolist() == [0.1, 1.0, 0.4, 0.9, 0.3]
+    for wrong in ({"gravty": 1.0}, {"inertia": 0.0}, {"gravity": np.nan}):
+        with pytest.raises(ValueError, match=r"did you mean gravity|cannot be"):
+            model.at(wrong)
+
+
 def test_an_estimate_is_a_number_and_a_model_a_table_of_them():
     model = Model.build(BASE, [0.09, 2.0, 0.35, 0.8]).add(effect("dead_time")(0.003))
     assert float(model["gravity"]) == 2.0 and np.array([model["inertia"]], dtype=float) == 0.09

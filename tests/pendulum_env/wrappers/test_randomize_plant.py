@@ -33,12 +33,14 @@ def test_the_drawn_plant_is_the_one_that_moves():
 
 def test_batched_pendulums_get_new_plants_with_each_episode():
     env = RandomizePlantVector(gym.make_vec(PENDULUM, num_envs=3, max_episode_steps=2), 0.2)
-    first = env.reset(seed=3)[1]["plant"].copy()
+    first = env.reset(seed=3)[1]["plant"]["gravity"]
+    assert len(set(first)) == 3
     action = np.zeros((3, 1), dtype=np.float32)
-    assert (env.step(action)[-1]["plant"] == first).all()
+    assert (env.step(action)[-1]["plant"]["gravity"] == first).all()
     env.step(action)
-    assert (env.step(action)[-1]["plant"] != first).all()
-    assert (env.reset(seed=3)[1]["plant"] == first).all()
+    assert (env.step(action)[-1]["plant"]["gravity"] != first).all()
+    assert (env.reset(seed=3)[1]["plant"]["gravity"] == first).all()
+    assert (env.reset(options={"theta": {"gravity": 1.0}})[1]["plant"]["gravity"] == 1.0).all()
 
 
 def test_plants_are_drawn_as_an_identified_model_knows_its_linear_parameters():
@@ -48,7 +50,8 @@ def test_plants_are_drawn_as_an_identified_model_knows_its_linear_parameters():
     model = Model.build((*BASE, Stribeck()), [0.09, 2.0, 0.35, 0.9, 0.001], [*std, 0.0005])
     model = model.correlated(list(PAPER), covariance)
     env = RandomizePlantVector(gym.make_vec(PENDULUM, num_envs=20_000, model=model), "covariance")
-    drawn = env.reset(seed=5)[1]["plant"]
+    plant = env.reset(seed=5)[1]["plant"]
+    drawn = np.stack([plant[column.name] for column in model.columns], axis=1)
     base = (drawn[:, :4] - model.theta[:4]) / std
     np.testing.assert_allclose(base.mean(axis=0), 0.0, atol=0.03)
     np.testing.assert_allclose(np.cov(base.T), covariance / np.outer(std, std), atol=0.05)

@@ -1,0 +1,195 @@
+"""Parameters of simulated plants: those that an episode begins with, those now, and changes by a schedule."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from pendulum_env._typing import Array, ArrayLike, Mask
+from pendulum_env.lookup import find
+from pendulum_env.mistake import Mistake
+from pendulum_env.physics import Model, Term, effects
+from pendulum_env.physics.terms import with_shapes
+from pendulum_env.plant import check_linear, check_shape
+
+Values = Mapping[str, ArrayLike]  # parameters by name; of a batch also one for each plant (B,)
+Schedule = Mapping[float, Values]  # changes by the time since the reset [s]
+
+T = TypeVar("T")
+
+
+class PlantParameters:
+    """Parameters of a plant, or of a batch of B plants of one model, by name.
+
+    Linear parameters have the name of their column, shape parameters are `effect.part`, as in `Model.estimates`.
+
+    Attributes:
+        model: the plant that an environment was made with.
+        now: parameters now, each () or (B,).
+    """
+
+    def __init__(
+        self, model: Model, rate: float, schedule: Schedule | None = None, batch: tuple[int, ...] = ()
+    ) -> None:
+        """Take the plant, samples per second [Hz], the schedule of every episode, and () or (B,).
+
+        Raises:
+            Mistake: if the schedule is wrong.
+        """
+        self.model, self._rate, self._batch = model, rate, batch
+        self._linear = [column.name for column in model.columns]
+        self._shapes = {term.full(shape.name): (term.id, shape) for term in model.terms for shape in term.free}
+        self._start: dict[str, Array] = {name: np.full(batch, own.value) for name, own in model.estimates.items()}
+        self.now = dict(self._start)
+        self._usual = self._events = self._planned(schedule or {})
+
+    def reset(self, theta: Values | Sequence[float] | Array | None = None, schedule: Schedule | None = None) -> None:
+        """Begin an episode.
+
+        Args:
+            theta: parameters of this and later episodes by name, or all linear parameters in order, (P,) or (P, B).
+            schedule: of this episode; None is the usual one.
+
+        Raises:
+            Mistake: if a parameter is unknown or impossible, or a time is none.
+        """
+        self._events = self._usual if schedule is None else self._planned(schedule)
+        if theta is not None:
+            self.now = dict(self._start)
+            self.change(theta)
+            self._start = self.now
+        self.now = dict(self._start)
+
+    def restart(self, which: Mask) -> None:
+        """Begin an episode of those plants (B,)."""
+        self.now = {name: np.where(which, self._start[name], value) for name, value in self.now.items()}
+
+    def change(self, values: Values | Sequence[float] | Array, which: Mask | None = None) -> None:
+        """Change some parameters until the next reset, of all plants or of those (B,).
+
+        Raises:
+            Mistake: if a parameter is unknown or impossible.
+        """
+        self._apply(self._checked(values), which)
+
+    def follow_schedule(self, steps: Any) -> bool:
+        """Change what is due after so many steps, () or (B,); returns whether anything changed."""
+        each = [(values, np.equal(steps, step)) for step, values in self._events.items()]
+        due = [(values, which) for values, which in each if which.any()]
+        for values, which in due:
+            self._apply(values, which)
+        return bool(due)
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Terms with the shape parameters of now."""
+        return with_shapes(self.model.terms, self.now)
+
+    @property
+    def theta(self) -> Array:
+        """Linear parameters now (P,) or (P, B), in the order of the model's columns."""
+        return np.array([self.now[name] for name in self._linear])
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Ids of the terms beyond the base."""
+        return self.model.effects
+
+    @property
+    def current_model(self) -> Model:
+        """The plant as it is now; of a batch, that which the environment was made with."""
+        if self._batch:
+            return self.model
+        changed = {name: float(value) for name, value in self.now.items() if value != self.model.estimates[name].value}
+        return self.model.at(changed) if changed else self.model
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """Parameters now, as an info holds them: numbers, or arrays (B,) with Gymnasium's masks."""
+        if not self._batch:
+            return {name: float(value) for name, value in self.now.items()}
+        everyone = np.ones(self._batch, dtype=bool)
+        return {**self.now, **{f"_{name}": everyone for name in self.now}}
+
+    def _apply(self, values: Mapping[str, Array], which: Mask | None) -> None:
+        for name, value in values.items():
+            self.now[name] = value if which is None else np.where(which, value, self.now[name])
+
+    def _planned(self, schedule: Schedule) -> dict[int, dict[str, Array]]:
+        """Changes by the step after which they are due."""
+        planned: dict[int, dict[str, Array]] = {}
+        try:
+            times = sorted(((float(time), values) for time, values in schedule.items()), key=lambda event: event[0])
+        except (AttributeError, TypeError, ValueError):
+            raise Mistake(f"a schedule is of the form {{5.0: {{'viscous': 0.3}}}}, not {schedule!r}") from None
+        for time, values in times:
+            if not 0 < time < np.inf:
+                raise Mistake(f"a parameter cannot change at {time:g} s after the reset: give a time above zero")
+            step = max(1, int(np.ceil(time * self._rate - 1e-6)))
+            planned[step] = planned.get(step, {}) | self._checked(values)
+        return planned
+
+    def _checked(self, given: Values | Sequence[float] | Array) -> dict[str, Array]:
+        """Arrays () or (B,) of parameters that the plant has and could have."""
+        values = given if isinstance(given, Mapping) else self._named(given)
+        checked = {}
+        for name, value in values.items():
+            id = name.partition(".")[0]
+            if name not in self.now and id in effects() and id not in self.effects:
+                raise Mistake(f"the plant has no effect '{id}' to change: make it with effects=['{id}=0']")
+            find("parameter of the plant", name, self.now)
+            try:
+                array = np.array(np.broadcast_to(np.asarray(value, dtype=float), self._batch))
+            except (TypeError, ValueError):
+                wanted = f"a number{', or one for each of the plants' * bool(self._batch)}"
+                raise Mistake(f"{name} of a plant cannot be {value!r}: give {wanted}") from None
+            for number in np.unique(array):
+                if name in self._shapes:
+                    check_shape(*self._shapes[name], float(number))
+                else:
+                    check_linear(name, float(number))
+            checked[name] = array
+        self._check_shapes(checked)
+        return checked
+
+    def _named(self, theta: Any) -> dict[str, Any]:
+        theta, wanted = np.asarray(theta, dtype=float), (len(self._linear), *self._batch)
+        if theta.shape != wanted:
+            raise Mistake(f"theta has shape {theta.shape}, it needs {wanted}: {', '.join(self._linear)}")
+        return dict(zip(self._linear, theta, strict=True))
+
+    def _check_shapes(self, values: Mapping[str, Array]) -> None:
+        """Refuse shape parameters that make no sense together, or that plants of a batch cannot have apart."""
+        if not values.keys() & self._shapes.keys():
+            return
+        merged = {**self.now, **values}
+        terms = with_shapes(self.model.terms, merged)
+        if any(np.ndim(term.delay) for term in terms):
+            raise Mistake("plants of a batch have one dead_time: give one number, or make each environment by itself")
+        for k in range(max(1, *self._batch) if self._batch else 1):
+            one = {name: np.ravel(value)[k] for name, value in merged.items()}
+            for term in with_shapes(self.model.terms, one):
+                if term.fault:
+                    raise Mistake(f"{term.id} of a plant cannot be so: {term.fault}")
+
+
+class PlantAttribute(Generic[T]):
+    """An attribute of an environment that tells of its plant, and that nobody can assign."""
+
+    def __init__(self, read: Callable[[PlantParameters], T]) -> None:
+        """Take what reads it."""
+        self._read = read
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, env: Any, owner: type | None = None) -> T:
+        return self if env is None else self._read(env.plant)  # type: ignore[return-value]  # for documentation
+
+    def __set__(self, env: Any, value: object) -> None:
+        raise AttributeError(
+            f"'{self._name}' of an environment cannot be assigned: change parameters by reset(options={{'theta': "
+            "{...}}), a schedule or set_parameters, and make another environment for other effects or another model"
+        )
