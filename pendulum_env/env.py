@@ -213,7 +213,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             warn_learner(self, self._steps)
             if self.plant.follow_schedule(self._steps):
                 self._update_plant()
-        observation, info = self._show(sample, clipped=is_beyond(torque, self.max_torque))
+        observation, info = self._show(sample, clipped=bool(is_beyond(torque, self.max_torque)))
         if self.render_mode == "human":
             self.render()
         return observation, 0.0, sample.status is Status.FAULT, sample.status is Status.ENDED, info

@@ -47,11 +47,11 @@ class Estimates:
         return self.judge(self.P)
 
 
-class SchemeEstimate(Mapping[str, Any]):
+class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metaclass,misc]  # for Gymnasium
     """What one scheme knows, by name; looked up when it is asked for, as few steps are looked at.
 
-    theta (P,), covariance (P, P), prediction_error, and P (P, P), the covariance for unit noise, of one plant, or
-    with a first axis over all.
+    theta (P,), covariance (P, P), prediction_error, and P (P, P), the covariance for unit noise, of one plant; of a
+    batch with a first axis over all, and with the masks (B,) of Gymnasium's vector environments, as `_theta`.
     """
 
     __slots__ = ("_now", "_pendulum", "_scheme", "units")
@@ -68,25 +68,34 @@ class SchemeEstimate(Mapping[str, Any]):
         self._now, self._scheme, self._pendulum, self.units = now, scheme, pendulum, units
 
     def __getitem__(self, name: str) -> Any:
+        if isinstance(self._pendulum, slice) and name[:1] == "_" and name[1:] in self._parts:
+            return np.ones(len(self._now.time), dtype=bool)
         return getattr(self._now, self._parts[name])[self._pendulum, self._scheme]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._parts)
+        return iter([*self._parts, *(f"_{name}" for name in self._parts if isinstance(self._pendulum, slice))])
 
     def __len__(self) -> int:
-        return len(self._parts)
+        return len(list(iter(self)))
 
     def __repr__(self) -> str:
-        return repr(dict(self))
+        return repr(self.copy())
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, SchemeEstimate) and all(np.array_equal(self[name], other[name]) for name in self)
 
     __hash__ = None  # type: ignore[assignment]  # as of any mapping
 
+    def copy(self) -> dict[str, Any]:
+        """All that it knows, computed."""
+        return {name: self[name] for name in self}
 
-class SchemeEstimates(dict[str, SchemeEstimate]):
-    """What several schemes know, by id; a notebook shows it as a table."""
+    def __reduce__(self) -> tuple[type[dict[str, Any]], tuple[dict[str, Any]]]:
+        return dict, (self.copy(),)  # for another process, which has no recursion to ask
+
+
+class SchemeEstimates(dict[str, Any]):
+    """What several schemes know, a `SchemeEstimate` by id; of a batch with Gymnasium's masks, as `_dynamic`."""
 
     def _repr_html_(self) -> str:
         return shown(self)
@@ -95,15 +104,16 @@ class SchemeEstimates(dict[str, SchemeEstimate]):
 @shown.register
 def show_estimates(found: SchemeEstimates) -> str:
     """Estimates of several schemes as they are now; of a batch, those of its first plant."""
-    units = {name: of for own in found.values() for name, of in own.units.items()}
+    schemes = {id: own for id, own in found.items() if isinstance(own, SchemeEstimate)}
+    units = {name: of for own in schemes.values() for name, of in own.units.items()}
     rows = []
-    for id, own in found.items():
+    for id, own in schemes.items():
         theta = np.atleast_2d(own["theta"])[0]
         variance = np.diagonal(own["covariance"], axis1=-2, axis2=-1).reshape(-1, len(theta))[0]
         std = np.sqrt(np.maximum(variance, 0.0))
         known = {name: plus_minus(*pair) for name, *pair in zip(own.units, theta, std, strict=True)}
         rows.append((id, *(known.get(name, "") for name in units)))
-    batch = [len(own["theta"]) for own in found.values() if np.ndim(own["theta"]) > 1]
+    batch = [len(own["theta"]) for own in schemes.values() if np.ndim(own["theta"]) > 1]
     return card(
         "Online estimates",
         table(Table(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows)),

@@ -128,10 +128,10 @@ class OnlineEstimator:
                 self._now = self._joint.beside(self._now)
         return self._now
 
-    def after_reset(self, then: Estimates, ended: Mask) -> Estimates:
-        """What is known once those pendulums (B,) have been reset, `then` being the estimates before."""
+    def after_reset(self, then: Estimates, ended: Mask, last: Array) -> Estimates:
+        """What is known once those pendulums (B,) are reset, after the estimates `then` of samples at times `last`."""
         none = ended[:, None]
-        index, time = np.where(ended, -1, then.index), np.where(ended, 0.0, then.time)
+        index, time = np.where(ended, -1, then.index), np.where(ended, then.time - last, then.time)
         regressor = None if then.regressor is None else np.where(none, 0.0, then.regressor)
         now = self._regressions(index, time, then.usable & ~none, regressor)
         return now if self._joint is None else self._joint.beside(now)

@@ -13,8 +13,9 @@ from gymnasium.vector import VectorEnv
 from estimators.arguments import model_that_moves
 from estimators.online.change import Fit
 from estimators.online.diagnosis import Diagnoser, hindrance
-from estimators.wrappers.measuring import Measuring, MeasuringVector
+from estimators.wrappers.measuring import Measuring, MeasuringVector, measured
 from estimators.wrappers.options import AnyEnv, Plant
+from pendulum_env._typing import Mask
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Model, Term
 
@@ -128,6 +129,17 @@ class DiagnoseOnlineVector(MeasuringVector):
         """Wrap a vector environment; the arguments are those of `DiagnoseOnline`, but for `add_from`."""
         self.diagnoser = diagnoser_of(env, terms, **options)
         super().__init__(env, self.diagnoser)
+
+    def _take(self, observation: Any, info: dict[str, Any]) -> Any:
+        ended: Mask | None = info.get("_final_info")
+        if ended is None:
+            return super()._take(observation, info)
+        # within this step, some have ended and begun again: their last sample still counts
+        final, self._time = info["final_info"], np.asarray(info["time"])
+        self.diagnoser.take(*(np.where(ended, a, b) for a, b in zip(measured(final), measured(info), strict=True)))
+        self._tell(observation, final)
+        self.diagnoser.reset(ended)
+        return self._tell(observation, info)
 
 
 def diagnoser_of(

@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 
 from estimators.online import Estimates, JointState, OnlineEstimator, SchemeEstimate, SchemeEstimates
 from estimators.schemes.six import Scheme
-from estimators.wrappers.measuring import Measuring, MeasuringVector, measured
+from estimators.wrappers.measuring import Measuring, MeasuringVector, measured, repeated
 from estimators.wrappers.options import Names, make
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Term
@@ -111,7 +111,9 @@ class EstimateParameters(Measuring):
 class EstimateParametersVector(MeasuringVector):
     """`EstimateParameters` for a vector environment; the entries of `info` have a first axis over its environments.
 
-    A pendulum whose time starts anew has been reset: its estimates start anew with it.
+    The layout of `info` is that of `gymnasium.make_vec(..., vectorization_mode="sync", wrappers=[EstimateParameters])`:
+    each entry has a mask, as `_regressor`, and `parameters` holds the names once for each environment. A pendulum whose
+    time starts anew has been reset: its estimates start anew with it.
     """
 
     def __init__(
@@ -138,13 +140,13 @@ class EstimateParametersVector(MeasuringVector):
             return super()._take(observation, info)
         # within this step, some have ended and begun again: their last sample still counts
         final, self._time = info["final_info"], np.asarray(info["time"])
-        last = (np.where(ended, a, b) for a, b in zip(measured(final), measured(info), strict=True))
-        then = self.estimator.take(*last)
+        time, *others = (np.where(ended, a, b) for a, b in zip(measured(final), measured(info), strict=True))
+        then = self.estimator.take(time, *others)
         tell(final, then, self.estimator, slice(None))
         if self._in_observation:
             info["final_obs"] = np.concatenate([info["final_obs"], told(then)], axis=1, dtype=np.float32)
         self.estimator.reset(ended)
-        self._known = self.estimator.after_reset(then, ended)
+        self._known = self.estimator.after_reset(then, ended, time)
         return self._tell(observation, info)
 
     def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
@@ -156,13 +158,22 @@ class EstimateParametersVector(MeasuringVector):
 
 
 def tell(info: dict[str, Any], now: Estimates, estimator: OnlineEstimator, pendulum: int | slice) -> None:
-    """Put what is known of one pendulum, or of several, into an info, beside what a wrapper inside has found."""
-    found = {scheme.id: SchemeEstimate(now, s, pendulum, estimator.units) for s, scheme in enumerate(estimator.schemes)}
-    info["estimates"] = SchemeEstimates(info.get("estimates", ()), **found)
-    info["estimates_time"] = now.time[pendulum]
+    """Put what is known of one pendulum, or of several, into an info, beside what a wrapper inside has found.
+
+    Of several, the layout is that of Gymnasium's vector environments: arrays with a first axis over them, and masks.
+    """
+    found: dict[str, Any] = {
+        scheme.id: SchemeEstimate(now, s, pendulum, estimator.units) for s, scheme in enumerate(estimator.schemes)
+    }
+    known: dict[str, Any] = {"estimates_time": now.time[pendulum], "parameters": estimator.names}
     if now.regressor is not None:
-        info["regressor"] = now.regressor[pendulum]
-    info["parameters"] = estimator.names
+        known["regressor"] = now.regressor[pendulum]
+    if isinstance(pendulum, slice):
+        known["parameters"] = repeated(estimator.names, len(now.time))
+        everyone = np.ones(len(now.time), dtype=bool)
+        found |= {f"_{name}": everyone for name in found}
+        known |= {f"_{name}": everyone for name in ("estimates", *known)}
+    info |= {"estimates": SchemeEstimates(info.get("estimates", ()), **found), **known}
 
 
 def told(now: Estimates) -> Array:

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Protocol
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
+from numpy.typing import NDArray
 
 from estimators.online.clock import Clock
 from pendulum_env._typing import Array, Mask
@@ -36,6 +37,13 @@ def measured(info: dict[str, Any]) -> tuple[Any, Any, Any]:
         raise ValueError(
             f"info lacks {error}: the wrapped environment has to carry time, position and torque"
         ) from None
+
+
+def repeated(value: object, count: int) -> NDArray[np.object_]:
+    """An object once for each of so many environments (B,), as Gymnasium's vector environments hold it."""
+    array = np.empty(count, dtype=object)
+    array.fill(value)
+    return array
 
 
 class Measuring(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -114,6 +122,7 @@ class MeasuringVector(VectorWrapper):
 
     def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
         """Put what is known into an info, and return the observation."""
-        info[self.key] = self._learner.said  # type: ignore[attr-defined]  # of monitors
+        info[self.key] = np.empty(self.num_envs, dtype=object)
+        info[self.key][:] = self._learner.said  # type: ignore[attr-defined]  # of monitors
         info[f"_{self.key}"] = np.ones(self.num_envs, dtype=bool)
         return observation

@@ -7,13 +7,21 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import NormalizeObservation, RescaleAction, TimeLimit
 
 from estimators.regression.recursive import history
 from estimators.schemes import six
 from estimators.schemes.six import SCHEMES, LowPass
 from estimators.signals.measurements import Smoothing, measure
-from estimators.wrappers import EstimateParameters, EstimateParametersVector, InformationReward, InformationRewardVector
+from estimators.wrappers import (
+    DiagnoseOnline,
+    DiagnoseOnlineVector,
+    EstimateParameters,
+    EstimateParametersVector,
+    InformationReward,
+    InformationRewardVector,
+)
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE
 from pendulum_env.plant import PAPER
@@ -246,3 +254,60 @@ def test_wrong_use_is_explained():
             made()
     with pytest.raises(TypeError, match="unexpected keyword argument 'forgeting'"):
         EstimateParameters(env, forgeting=0.9)
+
+
+def learning(mode, autoreset, steps=120):
+    """Infos of two pendulums under the same torques, with an effect, estimated and diagnosed in either vector."""
+    settings = {"num_envs": 2, "max_episode_steps": 100, "counts": 0, "effects": ["stribeck=0.2"], "rate": 200.0}
+    schemes = ["dynamic", "energy"]
+    if mode == "sync":
+        env = gym.make_vec(
+            PENDULUM,
+            vectorization_mode="sync",
+            wrappers=[lambda env: EstimateParameters(env, schemes), InformationReward, DiagnoseOnline],
+            vector_kwargs={"autoreset_mode": autoreset},
+            **settings,
+        )
+    else:
+        env = gym.make_vec(PENDULUM, autoreset_mode=autoreset, **settings)
+        env = DiagnoseOnlineVector(InformationRewardVector(EstimateParametersVector(env, schemes)))
+    infos = [env.reset(seed=4, options={"position": 0.3})[1]]
+    rewards = []
+    for k in range(steps):
+        torque = 3.0 * np.sin(0.05 * k + np.arange(2)) + 3.0
+        _, reward, _, _, info = env.step(torque[:, None].astype(np.float32))
+        infos.append(info)
+        rewards.append(reward)
+    return infos, np.array(rewards)
+
+
+def assert_same_layout(one, other, of_values=True, where="info"):
+    """Names, shapes and types are equal, and numbers nearly so."""
+    assert one.keys() == other.keys(), where
+    for name in one.keys() - {"final_obs"}:  # which Gymnasium keeps one by one
+        a, b, at = one[name], other[name], f"{where}.{name}"
+        if isinstance(a, dict):
+            assert_same_layout(a, b, of_values, at)
+            continue
+        assert a.shape == b.shape and a.dtype == b.dtype, at
+        if a.dtype != object and of_values:
+            np.testing.assert_allclose(a, b, rtol=0.02, atol=1e-3, err_msg=at)
+        elif name == "parameters":
+            assert [*a] == [*b]
+
+
+@pytest.mark.parametrize("autoreset", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_native_and_sync_vectors_tell_the_same_in_one_layout(autoreset):
+    (native, paid_natively), (sync, paid_in_sync) = (learning(mode, autoreset) for mode in ("native", "sync"))
+    for k, (one, other) in enumerate(zip(native, sync, strict=True)):
+        # after a reset within a step, the native ones begin with the next sample
+        assert_same_layout(one, other, of_values=k <= 100 or autoreset is AutoresetMode.NEXT_STEP)
+    np.testing.assert_allclose(paid_natively[:100], paid_in_sync[:100], rtol=1e-2, atol=1e-2)
+
+
+def test_estimates_go_to_another_process_with_all_that_they_know():
+    info = last_info(EstimateParameters(gym.make(PENDULUM), "dynamic"), 300)
+    here, there = info["estimates"]["dynamic"], pickle.loads(pickle.dumps(info))["estimates"]["dynamic"]
+    assert isinstance(here, dict) and list(here.copy()) == list(here) == list(there)
+    for name in here:
+        np.testing.assert_array_equal(here[name], there[name])
