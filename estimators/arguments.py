@@ -9,16 +9,18 @@ from typing import Any
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import at_joints, body_of, check_places, joint_effects, kinds_at, placed
-from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.arms.recording import ArmRecording, read_arm_recording
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term, nameable
 from pendulum_env.physics.library import term
 from pendulum_env.physics.limits import Bounds, check_names, limited, limited_term, limits_of
 from pendulum_env.reading import shown
-from pendulum_env.recording import Recording
+from pendulum_env.recording import Recording, read_recording
+from pendulum_env.recording.arrays import is_data
+from pendulum_env.recording.storage import Readable, is_readable
 
-Recordings = Recording | Sequence[Recording]
+Recordings = Recording | Readable | Sequence[Recording | Readable]
 Terms = str | Sequence[str | Term]
 
 
@@ -26,22 +28,19 @@ def chosen_recordings(given: Recordings, *, empty: bool = False, body: Body | No
     """One recording, or several; time counts from the start of each: logs often have seconds since 1970.
 
     Args:
-        given: what the caller has.
+        given: a recording, what `read_recording` reads (a path, a data frame, a mapping of arrays), or several.
         empty: whether there may be none.
         body: of the arm that they are of; None of a pendulum.
 
     Raises:
-        TypeError: if it is something else, such as a file's name, or a recording of an arm where its links are not
-            known, or of a pendulum where they are.
-        ValueError: if there is none, or one is of an arm with other joints.
+        TypeError: if it is something else, or a recording of an arm where its links are not known, or of a pendulum
+            where they are.
+        ValueError: if there is none, one cannot be read, or one is of an arm with other joints.
     """
-    several = (given,) if isinstance(given, Recording) else listed(given)
+    one = isinstance(given, Recording) or is_readable(given)
+    sources = (given,) if one else listed(given)
+    several = [_recording(item, "" if one else f" {k + 1}", body) for k, item in enumerate(sources)]
     for item in several:
-        if not isinstance(item, Recording):
-            raise TypeError(
-                f"{shown(item)} is not a recording: read a file with pendulum_env.recording.read_recording, or make "
-                "one of arrays with Recording"
-            )
         if isinstance(item, ArmRecording) != (body is not None):
             raise TypeError(
                 f"{item.name}: {'is of a pendulum' if body else 'is of an arm'}: give the terms of one, such as "
@@ -52,6 +51,22 @@ def chosen_recordings(given: Recordings, *, empty: bool = False, body: Body | No
     if not several and not empty:
         raise ValueError("there is no recording to work on: give one or several")
     return tuple(one if one.time[0] == 0.0 else replace(one, time=one.time - one.time[0]) for one in several)
+
+
+def _recording(given: object, number: str, body: Body | None) -> Recording:
+    """A recording as it is, or read from a file or table; tables in memory are numbered."""
+    if isinstance(given, Recording):
+        return given
+    if not is_readable(given):
+        raise TypeError(
+            f"{shown(given)} is not a recording: give the path of a file, a data frame, a mapping of arrays, or a "
+            "Recording"
+        )
+    name = f"recording{number}" if is_data(given) else None
+    if body is None:
+        return read_recording(given, name=name)  # type: ignore[arg-type]
+    still = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
+    return read_arm_recording(given, body.joints, held=still, name=name)  # type: ignore[arg-type]
 
 
 def chosen_terms(given: Terms | Model | None) -> tuple[Term, ...]:

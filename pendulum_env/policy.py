@@ -120,7 +120,7 @@ def rollout(
     Returns:
         One sample for each step; its torque acts from its time on.
     """
-    return Recording(*measure(islice(transitions(env, policy, seed), steps), watch, until), name=name)
+    return Recording(*measure(islice(transitions(env, policy, seed), steps), watch, until), name=name, is_checked=True)
 
 
 def measure(

@@ -278,7 +278,12 @@ def rehearse(models: Models, model: Model, torque: float) -> list[Run]:
     path = simulate(model.terms, model.theta, 1 / rate, torques, 0.0, 0.0)
     motions = zip(signals, torques.T, path.position[:-1].T, path.velocity.T, strict=True)
     return [
-        Run(signal, Recording(time, position, torque, name="experiment"), half_width, float(np.abs(velocity).max()))
+        Run(
+            signal,
+            Recording(time, position, torque, name="experiment", is_checked=True),
+            half_width,
+            float(np.abs(velocity).max()),
+        )
         for signal, torque, position, velocity in motions
         if np.abs(velocity).max() <= fastest
     ]

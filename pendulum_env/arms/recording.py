@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,6 +18,7 @@ from pendulum_env.recording.columns import NONE, UNUSED, check_named, named_colu
 from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.recording.storage import Readable, label_of
 from pendulum_env.recording.study import Source
 
 QUANTITIES = ("position", "torque")
@@ -64,7 +64,9 @@ class ArmRecording(Recording):
         of_each: list[dict[str, Any]] = [
             {name: np.ascontiguousarray(own[:, k]) for name, own in series.items()} for k in range(len(self.names))
         ]
-        return tuple(Recording(self.time, name=self.name, starts=self.starts, **own) for own in of_each)
+        return tuple(
+            Recording(self.time, name=self.name, starts=self.starts, is_checked=True, **own) for own in of_each
+        )
 
     @property
     def columns(self) -> dict[str, Array]:
@@ -89,35 +91,37 @@ def of_arms(recordings: Sequence[Recording]) -> list[ArmRecording]:
 
 
 def read_arm_recording(
-    path: str | os.PathLike[str],
+    source: Readable,
     joints: Sequence[str],
     *,
     held: Collection[str] = (),
     unwrap: bool = False,
     columns: Mapping[str, str] | None = None,
+    name: str | None = None,
 ) -> ArmRecording:
-    """Read a file with columns time, and for each joint `position_<joint>` and `torque_<joint>`.
+    """Read a file or table with columns time, and for each joint `position_<joint>` and `torque_<joint>`.
 
     Instead of the joints' names, columns may bear numbers, as many as there are joints: `position_1`, ... Columns
     `temperature_<joint>` [deg C] may be there, too; joints without one are taken to be at 25 deg C.
 
     Args:
-        path: in any format that `read_recording` reads.
+        source: a file or a table in memory that `read_recording` reads.
         joints: names, in the robot's order.
         held: names of joints that do not move; columns of their positions tell where they are.
         unwrap: undo jumps of 2 pi in positions.
         columns: columns by `time`, `position_<joint>` or `torque_<joint>` where their names do not tell, with unit and
             gain as for one joint: `{"torque_elbow": "i_2:A*0.4"}`.
+        name: of the recording; by default that of the file, or `recording`.
 
     Raises:
         RecordingError: as `read_recording`, and if columns of joints are missing, are of other joints, or are currents
             without a torque constant.
     """
     check_named(columns)
-    look = preview(path, most=500)  # columns: four of 64 joints, and what else a robot logs
-    named = _named(path, look.headers, joints, held, dict(columns or {}))
-    single = [_read_joint(path, look, joint, named, unwrap) for joint in joints]
-    _refuse_twice(path, joints, single)
+    look = preview(source, most=500)  # columns: four of 64 joints, and what else a robot logs
+    named = _named(label_of(source), look.headers, joints, held, dict(columns or {}))
+    single = [_read_joint(source, look, joint, named, unwrap) for joint in joints]
+    _refuse_twice(label_of(source), joints, single)
     _refuse_other_instants(joints, single)
     first = single[0]
     measured = [own.temperature for own in single]
@@ -128,13 +132,15 @@ def read_arm_recording(
         first.time,
         np.column_stack([own.position for own in single]),
         np.column_stack([own.torque for own in single]),
-        name=first.name,
+        name=name or first.name,
         notes=tuple(dict.fromkeys(notes)),
         temperature=None if all(own is None for own in measured) else warm,
         starts=first.starts,
         start_date=first.start_date,
         names=tuple(joints),
-        still={joint: _still(path, look, column) for joint, column in columns_of.items() if column != UNUSED},
+        still={
+            joint: _still(label_of(source), look, column) for joint, column in columns_of.items() if column != UNUSED
+        },
     )
 
 
@@ -149,7 +155,7 @@ def _refuse_other_instants(joints: Sequence[str], single: Sequence[Recording]) -
             )
 
 
-def _refuse_twice(path: str | os.PathLike[str], joints: Sequence[str], single: Sequence[Recording]) -> None:
+def _refuse_twice(label: str, joints: Sequence[str], single: Sequence[Recording]) -> None:
     """Refuse a column that two quantities of joints were read from."""
     taken: dict[str, str] = {}
     for joint, own in zip(joints, single, strict=True):
@@ -158,50 +164,49 @@ def _refuse_twice(path: str | os.PathLike[str], joints: Sequence[str], single: S
                 name = f"{quantity}_{joint}"
                 if (other := taken.setdefault(column.header, name)) != name:
                     raise ColumnError(
-                        f"{path}: column '{column.header}' is given for {other} and for {name}: which is it?"
+                        f"{label}: column '{column.header}' is given for {other} and for {name}: which is it?"
                     )
 
 
-def _read_joint(
-    path: str | os.PathLike[str], look: Preview, joint: str, named: Mapping[str, str], unwrap: bool
-) -> Recording:
+def _read_joint(source: Readable, look: Preview, joint: str, named: Mapping[str, str], unwrap: bool) -> Recording:
     """Read the columns of one joint, by the columns of quantities of all joints."""
     own = {quantity: named.get(f"{quantity}_{joint}", UNUSED) for quantity in OF_JOINTS}
     own |= {"time": named["time"]} if "time" in named else {}
+    label = label_of(source)
     unused = {"velocity": UNUSED, "reference": UNUSED}
     try:
         if own["torque"] == NONE:
             raise ColumnError("an arm needs the torque of every joint: name its column")
         named_column("torque", own["torque"], look.headers, of_arm=True)
-        read = read_recording(path, unwrap=unwrap, columns=own | unused)
+        read = read_recording(source, unwrap=unwrap, columns=own | unused)
     except RecordingError as error:
-        text = _of_joint(joint, str(error).removeprefix(f"{path}: "))
-        raise RecordingError(f"{path}: joint '{joint}': {text}") from None
+        text = _of_joint(joint, str(error).removeprefix(f"{label}: "))
+        raise RecordingError(f"{label}: joint '{joint}': {text}") from None
     if read.torque_unit != NEWTON_METRE:
         column = own["torque"].replace("*?", "*0.4")
         raise ColumnError(
-            f"{path}: joint '{joint}' has no torque constant: give it, as in --columns torque_{joint}={column}"
+            f"{label}: joint '{joint}' has no torque constant: give it, as in --columns torque_{joint}={column}"
         )
     return replace(read, notes=tuple(_of_joint(joint, note) for note in read.notes))
 
 
-def _still(path: str | os.PathLike[str], look: Preview, text: str) -> Array:
+def _still(label: str, look: Preview, text: str) -> Array:
     """Positions (M,) of a joint that is held, as a column has them."""
     try:
         column = named_column("position", text, look.headers)
     except ColumnError as error:
-        raise ColumnError(f"{path}: {error}") from None
+        raise ColumnError(f"{label}: {error}") from None
     values = look.values[column.index]
     if values is None or not np.isfinite(values).any():
-        raise ColumnError(f"{path}: column {column.header!r} has no numbers: say --columns position_JOINT={UNUSED}")
+        raise ColumnError(f"{label}: column {column.header!r} has no numbers: say --columns position_JOINT={UNUSED}")
     return np.asarray(column.scale * values[np.isfinite(values)] + column.offset)
 
 
 def _of_joint(joint: str, text: str) -> str:
     """A text about columns of one joint, ready to paste."""
-    text = re.sub(",(velocity|reference)=unused", "", text)
+    text = re.sub(",(velocity|reference)=unused|, '(velocity|reference)': 'unused'", "", text)
     text = re.sub(f"^({'|'.join(OF_JOINTS)}) is", lambda found: f"{found[1]}_{joint} is", text)
-    return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})=", lambda found: f"{found[1]}_{joint}=", text)
+    return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})(=|': )", lambda found: f"{found[1]}_{joint}{found[2]}", text)
 
 
 def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str] = ()) -> ArmRecording:
@@ -222,7 +227,7 @@ def _of_arm(source: Source, joints: Sequence[str], held: Collection[str]) -> Arm
 
 
 def _named(
-    path: str | os.PathLike[str],
+    label: str,
     headers: Sequence[str],
     joints: Sequence[str],
     held: Collection[str],
@@ -234,7 +239,7 @@ def _named(
         try:
             find("column of the arm", name, dict.fromkeys(["time", *wanted]))
         except ValueError as error:
-            raise ColumnError(f"{path}: {error}") from None
+            raise ColumnError(f"{label}: {error}") from None
     plain = without_units(headers)
     found = {name: plain[name] for name in wanted if name in plain} | given
     for quantity in OF_JOINTS:
@@ -249,14 +254,14 @@ def _named(
             need = "joints need as many columns" if len(joints) > 1 else "joint needs a column"
             current = CURRENT if quantity == "torque" else ""
             raise ColumnError(
-                f"{path}: {len(joints)} {need} of {quantity}, there is none for {', '.join(missing)} among "
+                f"{label}: {len(joints)} {need} of {quantity}, there is none for {', '.join(missing)} among "
                 f"{', '.join([*plain][:12])}: name them {quantity}_{missing[0]} and so on, say which with "
                 f"--columns{current}, or hold joints by naming those that move, --joints A,B,C"
             )
         for header in plain:
             if header.startswith(f"{quantity}_") and header not in wanted and plain[header] not in found.values():
                 raise ColumnError(
-                    f"{path}: column '{header}' is of no joint of the robot, which has {', '.join((*joints, *held))}"
+                    f"{label}: column '{header}' is of no joint of the robot, which has {', '.join((*joints, *held))}"
                 )
     return found
 

@@ -1,4 +1,4 @@
-"""NPZ, MATLAB, HDF5 and Parquet: arrays by name, the elements of a vector as columns of their own, `x[0]`."""
+"""NPZ, MATLAB, HDF5, Parquet and tables in memory: arrays by name, the elements of a vector as columns, `x[0]`."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -13,9 +13,11 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
+from pendulum_env.reading import shown
 from pendulum_env.recording.clock import count_seconds
 from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.table import WIDEST, Find, Table, first_date, is_text, need, numbers
+from pendulum_env.recording.vocabulary import INDICES
 
 NUMBER_TYPES = (pa.types.is_boolean, pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal)
 DESCRIPTIONS = ("dimensions", "name")  # fields of MATLAB structures that hold no samples
@@ -73,6 +75,51 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
         yield name, value
 
 
+def read_data(data: Any, find: Find) -> Table:
+    """The columns in need of a mapping of arrays, a structured array, or a table that Arrow understands.
+
+    Raises:
+        TypeError: if it is something else.
+        RecordingError: as `read_npz` and `read_parquet`.
+    """
+    if isinstance(data, Mapping):
+        nested = ((str(name), value) for name, value in data.items() if not str(name).startswith("__"))
+        return _table({path: own for name, value in nested for path, own in _arrays(name, value)}, find)
+    if isinstance(data, np.ndarray) and data.dtype.names:
+        return _table({name: data[name] for name in data.dtype.names}, find)
+    if hasattr(data, "__arrow_c_stream__"):
+        table = pa.table(data)
+    elif hasattr(data, "__dataframe__"):
+        from pyarrow.interchange import from_dataframe  # takes a while to import
+
+        table = from_dataframe(data)
+    else:
+        raise TypeError(f"{shown(data)} is no table: give a path, a mapping of arrays or a data frame")
+    index = INDICES[1]  # of pandas, where it has no name
+    if index in table.column_names and (pa.types.is_temporal(kind := table[index].type) or pa.types.is_floating(kind)):
+        table = table.rename_columns(["time" if name == index else name for name in table.column_names])
+    return _arrow(
+        table.schema, lambda names: table.select(names).slice(0, 1) if len(table) else None, table.select, find
+    )
+
+
+def _arrays(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Arrays of one entry of a mapping."""
+    if isinstance(value, Mapping):
+        yield from _flat(name, dict(value))
+        return
+    try:
+        yield name, np.asarray(value)
+    except ValueError:  # lists of different lengths
+        yield name, np.empty((), dtype=object)
+
+
+def is_data(given: object) -> bool:
+    """Return whether something is a table in memory that `read_data` reads."""
+    is_frame = hasattr(given, "__arrow_c_stream__") or hasattr(given, "__dataframe__")
+    return is_frame or isinstance(given, Mapping) or (isinstance(given, np.ndarray) and bool(given.dtype.names))
+
+
 def read_hdf5(path: Path, find: Find) -> Table:
     """Datasets of HDF5, those in groups by their paths: `run/position`; none that lies in another file.
 
@@ -121,8 +168,8 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
     for quantity, column in columns.items():
         name, k = places[column.index]
         shape, dtype = sides[name], stored[name].dtype
-        dates = quantity == "time" and dtype.kind in "mM"
-        if not (dates or dtype.kind in "biufO") or len(shape) not in (1, 2):
+        dates, labels = quantity == "time" and dtype.kind in "mM", quantity == "segment" and dtype.kind in "UO"
+        if not (dates or labels or dtype.kind in "biufO") or len(shape) not in (1, 2):
             raise RecordingError(
                 f"array {name!r} ({quantity}) has type {dtype} and shape {shape}: "
                 "store real numbers, one of each per sample"
@@ -132,7 +179,9 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
             array = array[:, k] if shape[0] >= shape[1] else array[k]
         if dates:
             array, date = count_seconds(array)
-        values[quantity] = np.asarray(array, dtype=np.float64)
+        if labels:
+            array = np.unique(array.astype(str), return_inverse=True)[1]
+        values[quantity] = np.array(array, dtype=np.float64)  # the caller's stays as it is
     samples = {len(array) for quantity, array in values.items() if quantity != "time"}
     notes = []
     if samples == {len(values["time"]) - 1}:
@@ -179,7 +228,7 @@ def _arrow(schema: pa.Schema, first: Callable[..., Any], read: Callable[..., pa.
             import pyarrow.compute as pc  # takes a while to import
 
             series = pc.list_element(series, k)
-        is_date = quantity == "time" and pa.types.is_timestamp(series.type)
+        is_date = quantity == "time" and (pa.types.is_timestamp(series.type) or pa.types.is_duration(series.type))
         is_label = quantity == "segment" and is_text(series.type)
         if not (is_date or is_label or _is_number(series.type)):
             raise RecordingError(

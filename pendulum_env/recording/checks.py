@@ -8,14 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pendulum_env._typing import Array, Index, Mask
-from pendulum_env.filters import savitzky_golay
+from pendulum_env._typing import Array, Index
 from pendulum_env.reading import LARGE
+from pendulum_env.recording.angle_unit import suspect_unit
 from pendulum_env.recording.clock import STEPS, find_plausible_unit
 from pendulum_env.recording.errors import ColumnError, RecordingError
-from pendulum_env.recording.origin import DEGREE, Origin
+from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import Recording
-from pendulum_env.recording.vocabulary import UNITS
 
 
 @dataclass(frozen=True)
@@ -27,11 +26,8 @@ class Bounds:
     slowest: float = 10.0  # [Hz]; an arm swings at about 1 Hz
     fastest: float = 500.0  # [rad/s], of a bare motor; direct-drive arms reach some 40
     window: float = 0.02  # [s] over which speeds are taken: longer than encoder steps, shorter than a swing
-    smoothing: float = 0.05  # [s] window of the second derivative
     absurd: float = 1e20  # of any quantity: above time in nanoseconds since 1970, and most glitches, which are mended
     followed: float = 6 * np.pi  # [rad] by which a position may stay away from its goal
-    clear: float = 0.1  # of the misfit of radians, below which that of another unit tells the unit
-    wound: float = 10 * np.pi  # [rad] that a spring at a joint may be wound up and down, at the most
 
 
 BOUNDS = Bounds()
@@ -121,98 +117,18 @@ def refuse_too_fast(recording: Recording, origin: Origin) -> None:
             )
 
 
-@dataclass(frozen=True)
-class AccelerationFit:
-    """Regression of the acceleration of N samples on torque, friction and columns of gravity.
-
-    Attributes:
-        position: smoothed (N,) [rad].
-        velocity: (N,) [rad/s].
-        acceleration: (N,) [rad/s^2].
-        torque: smoothed, of unit size (N,).
-        is_odd: second of each sample is odd (N,).
-    """
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-    torque: Array
-    is_odd: Mask
-
-    @classmethod
-    def from_recording(cls, recording: Recording) -> "AccelerationFit | None":
-        """Average the longest segment to some 200 Hz, 100,000 samples at most; None if it has fewer than 20."""
-        part = max(recording.segments, key=len)
-        stride = max(1, round(part.rate / 200.0))
-        count = min(len(part) // stride, 100_000)
-        if count < 20:
-            return None
-        torque = part.torque / max(np.abs(part.torque).max(), np.finfo(float).tiny)  # only its shape matters
-        q, tau = (x[: count * stride].reshape(count, stride).mean(axis=1) for x in (part.position, torque))
-        step = stride / part.rate
-        window = (min(max(5, round(BOUNDS.smoothing / step)), count) - 1) | 1  # odd
-        v, a = (savitzky_golay(q, window, 3, order, step) for order in (1, 2))
-        is_odd = (np.arange(count) * step).astype(np.intp) % 2 == 1
-        return cls(savitzky_golay(q, window, 3), v, a, savitzky_golay(tau, window, 3), is_odd)
-
-    def misfit(self, *gravity: Array) -> float:
-        """Compute the norm of the residual of every other second, predicted by the fit of the seconds between."""
-        v, a, odd = self.velocity, self.acceleration, self.is_odd
-        phi = np.column_stack([self.torque, v, np.sign(v), np.ones_like(v), *gravity])
-        phi /= np.abs(phi).max(axis=0) + np.finfo(float).tiny
-        left = [a[~h] - phi[~h] @ np.linalg.lstsq(phi[h], a[h], rcond=None)[0] for h in (odd, ~odd)]
-        return float(np.linalg.norm(np.concatenate(left)))
-
-    def misfit_in_unit(self, factor: float) -> float:
-        """Compute the misfit with gravity, if position times a factor is in radians."""
-        x = factor * self.position
-        return min(self.misfit(np.sin(x)), self.misfit(np.sin(x), np.cos(x)))
-
-
-def suspect_unit(recording: Recording, origin: Origin) -> tuple[str, ...]:
-    """Refuse turns or degrees that were read as radians: gravity acts with the sine of another unit.
-
-    Position is in turns where their misfit is a tenth of that of radians, with a spring as well or with neither.
-    Degrees that cover more than 2 pi are recognised by a smaller difference. Over up to 30 degrees the sine is
-    straight, as is a spring over radians that is wound as far: either may be meant, and a note says which was taken.
-    """
-    fit = AccelerationFit.from_recording(recording) if origin.could_be_degrees() else None
-    if fit is None:
+def doubt_unit(recording: Recording, origin: Origin) -> tuple[str, ...]:
+    """Refuse turns or degrees that were read as radians; a note says where a spring over radians may be meant."""
+    if not origin.could_be_degrees():
         return ()
-    if origin.columns["position"].unit is None:
-        q = fit.position
-        radians = min(fit.misfit(), fit.misfit(q), fit.misfit(q, np.sin(q)), fit.misfit(q, np.sin(q), np.cos(q)))
-        turns = fit.misfit_in_unit(UNITS["position"]["rev"])
-        if radians > 1e-3 * np.sqrt(len(q)) and turns < BOUNDS.clear * radians:
-            raise ColumnError(
-                f"gravity acts on position as on turns, with a residual of {turns / radians:.1%} of that in radians: "
-                f"{_advise_unit(origin, 'rev')}"
-            )
-    return _suspect_degrees(recording, origin, fit)
-
-
-def _suspect_degrees(recording: Recording, origin: Origin, fit: AccelerationFit) -> tuple[str, ...]:
-    """Refuse degrees by the look of it; only position that covers more than 2 pi is judged."""
     part = max(recording.segments, key=len)
-    if np.ptp(part.position) <= 2 * np.pi:
+    is_guess = origin.columns["position"].unit is None
+    found = suspect_unit(part.position, part.torque, part.rate, turns=is_guess)
+    if found is None:
         return ()
-    v, count = fit.velocity, len(fit.velocity)
-    radians, degrees, none = fit.misfit_in_unit(1.0), fit.misfit_in_unit(DEGREE), fit.misfit()
-    # Of 100 real and simulated runs, those in degrees have ratios below 0.945 here, those in radians above 0.975.
-    if degrees >= 0.96 * min(radians, none) or none <= 1e-3 * np.sqrt(count):  # [rad/s^2], mere noise
-        return ()
-    time = np.linspace(-1.0, 1.0, count)
-    other = min(radians, fit.misfit(np.maximum(v, 0.0)), fit.misfit(v * np.abs(v)), fit.misfit(time, time**2))
-    spare = 0.01 * none  # what is left of next to nothing is no matter
-    if degrees + spare >= 0.96 * (min(other, none) + spare):
-        return ()
-    reach = f"position runs from {part.position.min():.4g} to {part.position.max():.4g}"
-    if np.ptp(part.position) <= BOUNDS.wound:
-        return (
-            f"{reach} and is taken as radians, on which a spring acts; if it is degrees, read it with "
-            f"{origin.in_unit('position', 'deg')}",
-        )
-    raise ColumnError(f"{reach} and gravity acts on it as on degrees: {_told(origin)}")
+    if not found.is_certain:
+        return (f"{found.text}; if it is {found.name}, read it with {origin.in_unit('position', found.unit)}",)
+    raise ColumnError(f"{found.text}: {_told(origin, found.unit)}")
 
 
 def _in_degrees(origin: Origin) -> str:
@@ -225,10 +141,11 @@ def _advise_unit(origin: Origin, unit: str) -> str:
     return f"read it with {origin.in_unit('position', unit)} if it is in {name}"
 
 
-def _told(origin: Origin) -> str:
+def _told(origin: Origin, unit: str = "deg") -> str:
     """The same, and how to say that the guess was right."""
     is_guess = not origin.columns["position"].is_unit_told
-    return _in_degrees(origin) + (f", with {origin.in_unit('position', 'rad')} if it is not" if is_guess else "")
+    advice = _advise_unit(origin, unit) if origin.could_be_degrees() else _in_degrees(origin)
+    return advice + (f", with {origin.in_unit('position', 'rad')} if it is not" if is_guess else "")
 
 
 def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.recording.clock import UNKNOWN, Clock, format_distinct
 from pendulum_env.recording.errors import RecordingError
-from pendulum_env.recording.record import QUANTITIES
+from pendulum_env.recording.vocabulary import QUANTITIES
 from pendulum_env.words import listing
 
 OPTIONAL = QUANTITIES[3:]  # that a recording can do without

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from pendulum_env.recording.vocabulary import UNITS
 
 TIME_UNITS = ("s", "ms", "us", "ns")
 EPOCH = (datetime(1990, 1, 1, tzinfo=UTC).timestamp(), datetime(2100, 1, 1, tzinfo=UTC).timestamp())  # [s] since 1970
+EXACT, LOOSE = 1e-6, 1e-5  # of a step that a clock may be off: a file's is left as it is, and so is any slice of it
 STEPS = (1e-5, 0.1)  # [s] between samples of a recording, the least and the most
 
 
@@ -96,3 +98,38 @@ def format_distinct(*times: float) -> tuple[str, ...]:
         if len(set(texts)) == len(set(times)):
             return texts
     return tuple(map(repr, times))
+
+
+def is_uniform(time: Array, starts: tuple[int, ...] = (0,), tolerance: float = EXACT) -> bool:
+    """Whether time (N,) [s] increases, from each start on a uniform grid, all of one period.
+
+    Up to `tolerance` of a step and the rounding of float64. Segments hold two samples or more.
+    """
+    bounds = (*starts, len(time))
+    step = covered(time, starts) / (len(time) - len(starts))
+    allowed = tolerance * step + 4 * np.spacing(np.abs(time[[0, -1]]).max())
+    return bool(
+        step > 0
+        and all(time[start] > time[start - 1] for start in starts[1:])
+        and all(unevenness(time[a:b], step) <= allowed for a, b in pairwise(bounds))
+    )
+
+
+def count_from_zero(time: Array, starts: tuple[int, ...] = (0,)) -> Array:
+    """Count time (N,) [s] from 0, each segment on a grid of one period, so that float64 no longer rounds its steps."""
+    step = covered(time, starts) / (len(time) - len(starts))
+    bounds = pairwise((*starts, len(time)))
+    return np.concatenate([time[a] - time[0] + step * np.arange(b - a, dtype=np.float64) for a, b in bounds])
+
+
+def unevenness(time: Array, step: float | None = None) -> float:
+    """Largest distance [s] of time (N,) from the uniform grid with the same ends, or the same start and that step."""
+    last = time[-1] if step is None else time[0] + (len(time) - 1) * step
+    distance = np.linspace(time[0], last, len(time))
+    distance -= time  # in place: recordings may be large
+    return float(np.abs(distance, out=distance).max())
+
+
+def covered(time: Array, starts: tuple[int, ...] = (0,)) -> float:
+    """Time [s] from the first to the last sample of each segment, summed."""
+    return float(sum(time[b - 1] - time[a] for a, b in pairwise((*starts, len(time)))))

@@ -176,7 +176,7 @@ def find_columns(
         if candidates:
             others = tuple(c.header for c in fitting if c not in candidates)
             columns[quantity] = replace(candidates[0], passed_over=others)
-    if not {"torque", *unused} & columns.keys() and "load_torque" in columns and output is None:
+    if "torque" not in {*columns, *unused} and "load_torque" in columns and output is None:
         if not _raw("torque", headers):  # else a motor drives the joint, too
             columns["torque"] = replace(columns.pop("load_torque"), quantity="torque")
     needed = ("time", "position", "torque" if output is None else "reference")
@@ -371,12 +371,12 @@ def refuse_unknown_quantity(quantity: str, of_arm: bool = False) -> None:
 
 
 def check_named(columns: object) -> None:
-    """Refuse columns that are no mapping of quantities to texts; None is of no columns.
+    """Refuse columns that are no mapping of quantities to texts or None; None is of no columns.
 
     Raises:
         TypeError: if they are not.
     """
-    is_mapping = isinstance(columns, Mapping) and all(isinstance(text, str) for text in columns.values())
+    is_mapping = isinstance(columns, Mapping) and all(isinstance(text, str | None) for text in columns.values())
     if columns is not None and not is_mapping:
         raise TypeError(f"columns={shown(columns)}: give a dictionary of quantities, as in {{'position': 'q:deg'}}")
 

@@ -19,10 +19,12 @@ class Origin:
     Attributes:
         columns: by quantity, as they were recognised or told.
         named: what the user said of columns, by quantity.
+        is_file: whether it was a file; else a table in memory.
     """
 
     columns: Mapping[str, Column]
     named: Mapping[str, str] = field(default_factory=dict)
+    is_file: bool = True
 
     @property
     def slides(self) -> bool:
@@ -30,7 +32,12 @@ class Origin:
         return self.columns["position"].unit in LINEAR["position"]
 
     def paste(self, **changes: str) -> str:
-        """The option that reads the file with changes, by quantity, and else with all that was said before."""
+        """The option that reads the file with changes, by quantity, and else with all that was said before.
+
+        Of a table in memory, the argument of `read_recording`.
+        """
+        if not self.is_file:
+            return f"columns={ {**self.named, **changes} }"
         said = ",".join(f"{quantity}={text}" for quantity, text in {**self.named, **changes}.items())
         return f"--columns {shlex.quote(said)}"
 

@@ -1,17 +1,15 @@
 """What is in a file before anybody says what it means: names of its columns and their values as they stand there."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from pathlib import Path
 
 import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.recording.columns import Column, guess_columns, named_column
 from pendulum_env.recording.errors import RecordingError
-from pendulum_env.recording.storage import read_table
+from pendulum_env.recording.storage import Readable, label_of, read_table
 from pendulum_env.recording.table import WIDEST
 
 
@@ -46,20 +44,19 @@ class Preview:
         return column.scale * (values - finite[0]) if values is not None and len(finite) else None
 
 
-def preview(path: str | os.PathLike[str], most: int = WIDEST) -> Preview:
-    """Look at the first columns of a file, read as `read_recording` reads those in need.
+def preview(source: Readable, most: int = WIDEST) -> Preview:
+    """Look at the first columns of a file or table, read as `read_recording` reads those in need.
 
     Raises:
         RecordingError: if the file cannot be read at all.
     """
-    path = Path(path)
     try:
-        return _look(path, most)
+        return _look(source, most)
     except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error.__cause__
+        raise RecordingError(f"{label_of(source)}: {error}") from error.__cause__
 
 
-def _look(path: Path, most: int) -> Preview:
+def _look(source: Readable, most: int) -> Preview:
     headers: list[str] = []
 
     def some(places: slice, names: Sequence[str], **_: object) -> dict[str, Column]:
@@ -71,13 +68,13 @@ def _look(path: Path, most: int) -> Preview:
 
     def alone(k: int) -> Array | None:
         try:
-            values = read_table(path, partial(some, slice(k, k + 1))).values["time"]
+            values = read_table(source, partial(some, slice(k, k + 1))).values["time"]
         except RecordingError:  # no numbers
             return None
         return values if len(values) > 1 else None
 
     try:
-        values: list[Array | None] = list(read_table(path, partial(some, slice(None))).values.values())
+        values: list[Array | None] = list(read_table(source, partial(some, slice(None))).values.values())
     except RecordingError:
         if not headers:
             raise

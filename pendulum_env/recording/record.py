@@ -12,27 +12,20 @@ from numpy.typing import ArrayLike
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.notebook import shown
-from pendulum_env.recording.clock import count_seconds, find_date
-from pendulum_env.recording.errors import RecordingError
+from pendulum_env.recording.angle_unit import suspect_unit
+from pendulum_env.recording.cleaning import Log, start_from_zero
+from pendulum_env.recording.clock import LOOSE, count_from_zero, count_seconds, covered, find_date, is_uniform
+from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.origin import Origin
+from pendulum_env.recording.sampling import cut, uniform
+from pendulum_env.recording.vocabulary import QUANTITIES
 from pendulum_env.servo.drive import Drive
 from pendulum_env.words import plus_minus
 
 T = TypeVar("T")
-QUANTITIES = (  # the columns of a recording, those first that it needs
-    "time",
-    "position",
-    "torque",
-    "velocity",
-    "reference",
-    "supply",
-    "enabled",
-    "temperature",
-    "load_torque",
-)
 NEWTON_METRE = "N m"
+READ_ARRAYS = "read_recording({{'time': time, 'position': position, 'torque': torque}}{})"
 WARNING = "warning: "  # begins a note of what is likely wrong
-EXACT, LOOSE = 1e-6, 1e-5  # of a step that a clock may be off: a file's is left as it is, and so is any slice of it
 
 
 @dataclass(frozen=True)
@@ -113,8 +106,9 @@ class Recording:
     `load_torque[k]` acts on the joint from outside at the instant `time[k]`, with the sign of `torque`: both add up.
 
     Raises:
-        RecordingError: if the arrays differ in shape, a segment holds fewer than two samples, values are not finite, or
-            time is not uniform and increasing. Files with uneven time are mended by `read_recording`, not here.
+        RecordingError: if the arrays differ in shape, a segment holds fewer than two samples, values are not finite,
+            time has gaps or falls, or position is in degrees or turns by the effect of gravity. A clock that was
+            rounded or jitters is made uniform, with a note; `read_recording` takes arrays with gaps, too.
     """
 
     time: Array  # (N,) [s]
@@ -136,6 +130,7 @@ class Recording:
     origin: Origin | None = None  # the columns of its file, if it was read from one
     start_date: datetime | None = None  # of the first sample of its file, if the log has a date
     name: str = field(default="recording", kw_only=True)
+    is_checked: bool = field(default=False, kw_only=True)  # whether clock and unit of its arrays are known to be right
 
     def __post_init__(self) -> None:
         if (time := np.asarray(self.time)).dtype.kind in "mM":  # dates, or durations
@@ -159,15 +154,52 @@ class Recording:
                 f"recording {self.name!r} has segments that start at {self.starts} of {len(self.time)} samples: "
                 "the first starts at 0, and each needs at least 2"
             )
-        if not is_uniform(self.time, self.starts, LOOSE):
+        is_one_joint = self.position.ndim == 1
+        if not is_uniform(self.time, self.starts, LOOSE) and not (is_one_joint and self._even_clock()):
             raise RecordingError(
-                f"recording {self.name!r} has time that is not uniform and increasing: resample it, "
-                "or write it to a file and use read_recording, which does"
+                f"recording {self.name!r} has time that is not uniform and increasing: read it with "
+                f"{READ_ARRAYS.format('')}, which ends segments at gaps"
             )
         date = find_date(float(self.time[0]))
         if date is not None or not is_uniform(self.time - self.time[0], self.starts, LOOSE):  # float64 rounds its steps
             object.__setattr__(self, "time", self._column("time", count_from_zero(self.time, self.starts)))
             object.__setattr__(self, "start_date", self.start_date or date)
+
+        if self.origin is None and is_one_joint and not self.is_checked:
+            self._check_unit()
+        object.__setattr__(self, "is_checked", True)
+
+    def _even_clock(self) -> bool:
+        """Make time uniform as that of a file, with a note; False if it has gaps or falls."""
+        if len(self.starts) > 1 or np.diff(self.time).min() <= 0:
+            return False
+        log = Log(self.series)
+        start_from_zero(log)
+        cut(log, self.position)
+        if len(log.starts) > 1:
+            return False
+        uniform(log)
+        object.__setattr__(self, "start_date", self.start_date or log.clock.date)
+        object.__setattr__(self, "notes", (*self.notes, *log.notes))
+        object.__setattr__(self, "time", log.values["time"])
+        for quantity, values in log.values.items():
+            object.__setattr__(self, quantity, self._column(quantity, values))
+        return True
+
+    def _check_unit(self) -> None:
+        """Refuse degrees or turns; a note says where a spring over radians may be meant."""
+        part = max(map(slice, self.starts, (*self.starts[1:], len(self))), key=lambda own: own.stop - own.start)
+        found = suspect_unit(self.position[part], self.torque[part], self.rate)
+        if found is None:
+            return
+        as_unit = READ_ARRAYS.format(f", columns={{'position': 'position:{found.unit}'}}")
+        if found.is_certain:
+            raise ColumnError(
+                f"recording {self.name!r}: {found.text}: read it with {as_unit} if it is in {found.name}, with "
+                "'position:rad' if it is not"
+            )
+        note = f"{found.text}; if it is {found.name}, read it with {as_unit}"
+        object.__setattr__(self, "notes", (*self.notes, note))
 
     def _column(self, quantity: str, values: ArrayLike) -> Array:
         try:
@@ -211,7 +243,7 @@ class Recording:
     @property
     def duration(self) -> float:
         """Time from the first to the last sample of each segment, summed [s]."""
-        return _covered(self.time, self.starts)
+        return covered(self.time, self.starts)
 
     @property
     def segments(self) -> tuple[Self, ...]:
@@ -303,37 +335,3 @@ class Recording:
                 "both parts need at least 2, choose a fraction between 0 and 1"
             )
         return self.slice(None, cut), self.slice(cut, None)
-
-
-def is_uniform(time: Array, starts: tuple[int, ...] = (0,), tolerance: float = EXACT) -> bool:
-    """Whether time (N,) [s] increases, from each start on a uniform grid, all of one period.
-
-    Up to `tolerance` of a step and the rounding of float64. Segments hold two samples or more.
-    """
-    bounds = (*starts, len(time))
-    step = _covered(time, starts) / (len(time) - len(starts))
-    allowed = tolerance * step + 4 * np.spacing(np.abs(time[[0, -1]]).max())
-    return bool(
-        step > 0
-        and all(time[start] > time[start - 1] for start in starts[1:])
-        and all(unevenness(time[a:b], step) <= allowed for a, b in pairwise(bounds))
-    )
-
-
-def count_from_zero(time: Array, starts: tuple[int, ...] = (0,)) -> Array:
-    """Count time (N,) [s] from 0, each segment on a grid of one period, so that float64 no longer rounds its steps."""
-    step = _covered(time, starts) / (len(time) - len(starts))
-    bounds = pairwise((*starts, len(time)))
-    return np.concatenate([time[a] - time[0] + step * np.arange(b - a, dtype=np.float64) for a, b in bounds])
-
-
-def unevenness(time: Array, step: float | None = None) -> float:
-    """Largest distance [s] of time (N,) from the uniform grid with the same ends, or the same start and that step."""
-    last = time[-1] if step is None else time[0] + (len(time) - 1) * step
-    distance = np.linspace(time[0], last, len(time))
-    distance -= time  # in place: recordings may be large
-    return float(np.abs(distance, out=distance).max())
-
-
-def _covered(time: Array, starts: tuple[int, ...]) -> float:
-    return float(sum(time[b - 1] - time[a] for a, b in pairwise((*starts, len(time)))))

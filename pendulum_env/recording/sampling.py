@@ -12,8 +12,8 @@ import numpy as np
 
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.recording.cleaning import Log
+from pendulum_env.recording.clock import is_uniform, unevenness
 from pendulum_env.recording.errors import RecordingError
-from pendulum_env.recording.record import is_uniform, unevenness
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,13 @@ from dataclasses import replace
 from datetime import timedelta
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
 from pendulum_env.arguments import check_order
@@ -21,7 +22,7 @@ from pendulum_env.files import replacing
 from pendulum_env.mistake import one_line
 from pendulum_env.reading import Unreadable, check_size
 from pendulum_env.recording import checks, cleaning, sampling
-from pendulum_env.recording.arrays import read_hdf5, read_mat, read_npz, read_parquet
+from pendulum_env.recording.arrays import is_data, read_data, read_hdf5, read_mat, read_npz, read_parquet
 from pendulum_env.recording.bags import is_bag, read_bag
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.clock import find_unix_unit
@@ -67,19 +68,50 @@ RECIPES = {  # what helps where a format is not read
     ".mf4": "export it by asammdf: MDF('run.mf4').to_dataframe().to_parquet('run.parquet')",
     ".mdf": "export it by asammdf: MDF('run.mdf').to_dataframe().to_parquet('run.parquet')",
     ".blf": "export it by cantools or asammdf as CSV",
+    ".toml": "that is a study, of which read_study reads the recordings",
     ".slx": "that is a model, not a run: in MATLAB, save its signals to a .mat file",
     ".fig": "that is a figure: in MATLAB, save its data to a .mat file",
 }
 
 
+class ArrowStream(Protocol):
+    """A table that Arrow understands: of pyarrow, Polars, DuckDB and pandas 2.2 or later."""
+
+    def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
+        """Export the table."""
+        ...
+
+
+class DataFrame(Protocol):
+    """A data frame of the interchange protocol: of pandas before 2.2."""
+
+    def __dataframe__(self, nan_as_null: bool = False, allow_copy: bool = True) -> Any:
+        """Export the data frame."""
+        ...
+
+
+Readable = str | os.PathLike[str] | Mapping[str, Any] | ArrowStream | DataFrame | NDArray[Any]  # arrays: structured
+
+
+def is_readable(given: object) -> bool:
+    """Return whether something is of a kind that `read_recording` reads."""
+    return isinstance(given, str | os.PathLike) or is_data(given)
+
+
+def label_of(source: Readable, name: str | None = None) -> str:
+    """Name a source as messages do: by its path, or by its name if it is a table in memory."""
+    return os.fspath(source) if isinstance(source, str | os.PathLike) else name or "recording"
+
+
 def read_recording(
-    path: str | os.PathLike[str],
+    source: Readable,
     *,
     unwrap: bool = False,
     columns: Mapping[str, str | None] | None = None,
     drive: Drive | None = None,
+    name: str | None = None,
 ) -> Recording:
-    """Read a file with columns time, position, torque and perhaps velocity, reference, segment, supply and enabled.
+    """Read a file or table with columns time, position, torque and perhaps velocity, reference, segment and others.
 
     Without a torque column, and if no column of an unknown name could be one, it is a free swing: torque is zero.
 
@@ -90,6 +122,8 @@ def read_recording(
     uniform as in `sampling.py`. Whatever was changed is said in the recording's `notes`.
 
     Args:
+        source: path of a file; or a table in memory: a data frame of pandas or Polars, a table of pyarrow, or a mapping
+            of arrays, which may be nested.
         unwrap: undo jumps of 2 pi in position, which are refused otherwise.
         columns: which column is which quantity, where the file's own names do not tell, by quantity (time, position,
             torque, velocity, reference, segment), each `NAME:UNIT*GAIN/RATIO+OFFSET`: `{"position": "-Winkel:deg/6",
@@ -98,22 +132,23 @@ def read_recording(
             the counts of a turn (`enc:counts/4096`), and currents a torque constant (`*?` if it is to be found).
         drive: the controller that followed the reference. Then torque is what a column of its output (duty, current)
             or of the user's naming holds, or else what the controller asked for.
+        name: of the recording; by default that of the file, or `recording`.
 
     Raises:
-        TypeError: if `columns` are no mapping of quantities to texts.
+        TypeError: if the source is neither, or `columns` are no mapping of quantities to texts.
         RecordingError: if the file cannot be read or its content cannot be trusted: one sentence with the file, the
             data row (from 1, header and blank lines not counted) where there is one, the reason and the remedy.
     """
     check_named(columns)
-    path = Path(path)
+    label, is_file = label_of(source, name), isinstance(source, str | os.PathLike)
     try:
-        name = path.name if is_bag(path) else path.name[: -len(_format(path))]
+        name = name or (_stem(Path(label)) if is_file else label)
         output = None if drive is None else drive.output
         named = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
-        table = read_table(path, partial(find_columns, named=named, output=output))
-        return _recording(name, table, unwrap, drive, named)
+        table = read_table(source, partial(find_columns, named=named, output=output))
+        return _recording(name, table, unwrap, drive, named, is_file)
     except RecordingError as error:
-        raise type(error)(f"{path}: {error}") from error.__cause__
+        raise type(error)(f"{label}: {error}") from error.__cause__
 
 
 def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -157,12 +192,26 @@ def _format(path: Path, known: Collection[str] = READERS) -> str:
     raise RecordingError(f"the name does not end in {', '.join(known)}: {recipe}")
 
 
-def read_table(path: Path, find: Find) -> Table:
-    """Read the columns in need as they stand in a file, whatever its library raises as a RecordingError.
+def _stem(path: Path) -> str:
+    """Name of a file without the ending that tells its format."""
+    return path.name if is_bag(path) else path.name[: -len(_format(path))]
+
+
+def read_table(source: Readable, find: Find) -> Table:
+    """Read the columns in need as they stand in a file or table, whatever its library raises as a RecordingError.
 
     Raises:
+        TypeError: if it is neither.
         RecordingError: if it cannot be read; without the file's name.
     """
+    if not isinstance(source, str | os.PathLike):
+        try:
+            return read_data(source, find)
+        except (RecordingError, TypeError):
+            raise
+        except Exception as error:
+            raise RecordingError(f"not a readable table ({one_line(error)}): give arrays of numbers") from error
+    path = Path(source)
     ending = _format(path)
     if not os.path.exists(path):
         raise RecordingError("there is no such file: check the path")
@@ -180,13 +229,15 @@ def read_table(path: Path, find: Find) -> Table:
         raise RecordingError(f"not a readable {ending} file ({one_line(error)}): export it again") from error
 
 
-def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named: Mapping[str, str]) -> Recording:
+def _recording(
+    name: str, table: Table, unwrap: bool, drive: Drive | None, named: Mapping[str, str], is_file: bool
+) -> Recording:
     """Convert to SI, leave out what the logger spoilt, cut at gaps, make time uniform; refuse what cannot be true."""
     columns, values = dict(table.columns), table.values
     unix = None if columns["time"].is_unit_told else find_unix_unit(values["time"])
     if unix is not None:
         columns["time"] = replace(columns["time"], unit=unix)
-    origin = Origin(columns, named)
+    origin = Origin(columns, named, is_file)
     for quantity, column in columns.items():
         with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is left out like an empty cell
             values[quantity] *= column.scale
@@ -259,7 +310,7 @@ def _doubts(recording: Recording, origin: Origin) -> tuple[str, ...]:
     """What is doubted of the unit of position; one that was guessed is refused where one that was told is warned of."""
     try:
         checks.refuse_too_fast(recording, origin)
-        return checks.suspect_unit(recording, origin)
+        return checks.doubt_unit(recording, origin)
     except ColumnError as error:
         if not origin.columns["position"].is_unit_told:
             raise

@@ -43,6 +43,10 @@ def numbers(column: pa.ChunkedArray) -> Array:
 
         ticks = float(TICKS[column.type.unit])
         column = pc.divide(pc.subtract(column.cast(pa.int64()), pc.min(column).value).cast(pa.float64()), ticks)
+    if pa.types.is_duration(column.type):
+        column = pa.chunked_array(
+            [np.array(column.cast(pa.int64()).cast(pa.float64(), safe=False)) / TICKS[column.type.unit]]
+        )
     if is_text(column.type):
         whole = column.combine_chunks()
         encoded = whole if pa.types.is_dictionary(whole.type) else whole.dictionary_encode()
@@ -55,7 +59,7 @@ def numbers(column: pa.ChunkedArray) -> Array:
 def is_text(kind: pa.DataType) -> bool:
     """Return whether a column of Arrow holds words, each in its place or by number."""
     own = kind.value_type if pa.types.is_dictionary(kind) else kind
-    return bool(pa.types.is_string(own) or pa.types.is_large_string(own))
+    return bool(pa.types.is_string(own) or pa.types.is_large_string(own) or pa.types.is_string_view(own))
 
 
 def first_date(column: pa.ChunkedArray) -> datetime | None:

@@ -124,6 +124,17 @@ WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")  # of a name, `sampleNumber` 
 UNITS_OF_NO_TORQUE = frozenset(  # letters of units in brackets, beside those of other quantities
     "ms2 ms² rads2 rads² degs2 degs² cm mm m c k hz j mj w mw ut µt μt pa hpa kpa lx db".split()
 ).union(*(UNITS[quantity] for quantity in ("time", "position", "velocity", "temperature")))
+QUANTITIES = (  # the columns of a recording, those first that it needs
+    "time",
+    "position",
+    "torque",
+    "velocity",
+    "reference",
+    "supply",
+    "enabled",
+    "temperature",
+    "load_torque",
+)
 OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature", "load_torque")
 SPARE = OPTIONAL[1:]  # of which the first column will do
 

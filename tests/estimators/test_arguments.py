@@ -14,7 +14,7 @@ from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Gravity, Inertia, Model, ModelError
 from pendulum_env.plant import hide, make_plant
-from pendulum_env.recording import Source, read_recording, write_recording, write_study
+from pendulum_env.recording import RecordingError, Source, read_recording, write_recording, write_study
 from workbench.export import export
 from workbench.report import write_report
 
@@ -25,8 +25,9 @@ MODEL = Model.build(BASE, [0.09, 2.0, 0.35, 0.9])
 @pytest.mark.parametrize(
     ("given", "kind", "says"),
     [
-        ("monday.csv", TypeError, "'monday.csv' is not a recording: read a file with .*read_recording"),
-        (["monday.csv"], TypeError, "'monday.csv' is not a recording"),
+        ("monday.csv", RecordingError, r"monday\.csv: there is no such file"),
+        (["monday.csv"], RecordingError, r"monday\.csv: there is no such file"),
+        (3, TypeError, "3 is not a recording: give the path of a file, a data frame, a mapping of arrays"),
         (None, TypeError, "None is not a recording"),
         (np.zeros(3), TypeError, "is not a recording"),
         ([], ValueError, "there is no recording to work on"),
@@ -92,7 +93,7 @@ def test_columns_that_are_no_dictionary_are_not_blamed_on_the_file(swing, tmp_pa
 
 
 def test_held_out_recordings_are_checked_too(swing):
-    with pytest.raises(TypeError, match=r"'tuesday\.csv' is not a recording"):
+    with pytest.raises(RecordingError, match=r"tuesday\.csv: there is no such file"):
         diagnose(swing, "tuesday.csv")
     with pytest.raises(TypeError, match="is not a recording"):
         add(MODEL, "spring", swing, [swing, 3])

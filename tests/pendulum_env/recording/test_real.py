@@ -11,7 +11,6 @@ from pendulum_env.recording import (
     Source,
     read_recording,
     read_study,
-    write_recording,
     write_study,
 )  # fmt: skip
 
@@ -33,8 +32,10 @@ def test_practice_recordings_are_left_alone_and_refused_in_degrees(tmp_path: Pat
         recording = read_recording(path)
         assert recording.rate == pytest.approx(round(recording.rate), rel=1e-12)
         assert recording.notes == ()
-        disguised = Recording("deg", recording.time, np.degrees(recording.position), recording.torque)
-        write_recording(disguised, tmp_path / "deg.npz")
+        columns = recording.columns | {"position": np.degrees(recording.position)}
+        with pytest.raises(RecordingError, match=r"'position:deg'"):
+            Recording(*(columns[name] for name in ("time", "position", "torque")))
+        np.savez(tmp_path / "deg.npz", **columns)
         with pytest.raises(RecordingError, match=r"--columns position=position:deg"):
             read_recording(tmp_path / "deg.npz")
 

@@ -1,0 +1,182 @@
+"""Tables in memory come in by the door of files: the same names, units, checks and mending."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from estimators import add, compare, diagnose, identify
+from pendulum_env.arms.recording import read_arm_recording
+from pendulum_env.physics import BASE, Model
+from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
+from pendulum_env.recording.errors import ColumnError
+
+MODEL = Model.build(BASE, [0.09, 2.0, 0.35, 0.9])
+START = 1_700_000_000.25  # [s] since 1970
+
+
+class Stream:
+    """Only what the Arrow PyCapsule interface asks for."""
+
+    def __init__(self, table: pa.Table) -> None:
+        self.table = table
+
+    def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
+        return self.table.__arrow_c_stream__(requested_schema)
+
+
+class Frame:
+    """Only what the dataframe interchange protocol asks for."""
+
+    def __init__(self, table: pa.Table) -> None:
+        self.table = table
+
+    def __dataframe__(self, nan_as_null: bool = False, allow_copy: bool = True) -> Any:
+        return self.table.__dataframe__(nan_as_null, allow_copy)
+
+
+def pandas_frame(columns: dict[str, np.ndarray]) -> Any:
+    return pytest.importorskip("pandas").DataFrame(columns)
+
+
+def polars_frame(columns: dict[str, np.ndarray]) -> Any:
+    return pytest.importorskip("polars").DataFrame(columns)
+
+
+KINDS: dict[str, Callable[[dict[str, np.ndarray]], Any]] = {
+    "mapping": dict,
+    "lists": lambda columns: {name: values.tolist() for name, values in columns.items()},
+    "nested": lambda columns: {"log": columns, "rate": 500.0},
+    "structured": lambda columns: np.rec.fromarrays(list(columns.values()), names=list(columns)),
+    "pyarrow": pa.table,
+    "stream": lambda columns: Stream(pa.table(columns)),
+    "frame": lambda columns: Frame(pa.table(columns)),
+    "pandas": pandas_frame,
+    "polars": polars_frame,
+}
+
+
+def columns_of(run: Recording, **changes: np.ndarray) -> dict[str, np.ndarray]:
+    return {"t": run.time, "angle_deg": np.degrees(run.position), "tau": run.torque} | changes
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_table_is_read_as_its_file(tmp_path: Path, swing: Recording, kind: str) -> None:
+    columns = columns_of(swing, t=START + swing.time)
+    np.savez(tmp_path / "run.npz", **columns)
+    file, data = read_recording(tmp_path / "run.npz"), read_recording(KINDS[kind](columns), name="mine")
+    np.testing.assert_allclose(data.time, swing.time, rtol=0, atol=1e-6)
+    for quantity in ("time", "position", "torque"):
+        np.testing.assert_array_equal(getattr(data, quantity), getattr(file, quantity))
+    assert (data.name, data.start_date) == ("mine", file.start_date)
+    assert len(data.notes) == len(file.notes)
+
+
+@pytest.mark.parametrize("kind", ["mapping", "structured", "pyarrow"])
+def test_tables_of_the_caller_stay_as_they_are(swing: Recording, kind: str) -> None:
+    columns = {name: values.copy() for name, values in columns_of(swing).items()}
+    before = columns["angle_deg"].copy()
+    read_recording(KINDS[kind](columns))
+    np.testing.assert_array_equal(columns["angle_deg"], before)
+
+
+@pytest.mark.parametrize("kind", ["mapping", "pyarrow", "frame"])
+def test_tables_are_mended_and_refused_as_files_are(swing: Recording, kind: str) -> None:
+    gap = np.r_[0:1000, 1100 : len(swing)]
+    columns = {name: values[gap].copy() for name, values in columns_of(swing).items()}
+    columns["angle_deg"][500] = 4e3
+    recording = read_recording(KINDS[kind](columns))
+    assert len(recording.starts) == 2 and any("jumps for one sample" in note for note in recording.notes)
+    columns["q"] = columns.pop("angle_deg")
+    with pytest.raises(ColumnError, match=r"position.*q:deg"):
+        read_recording(KINDS[kind](columns))
+    data = KINDS[kind](columns_of(swing))
+    assert read_recording(data, columns={"torque": "-tau*2"}).torque[5] == -2 * swing.torque[5]
+    with pytest.raises(RecordingError, match="mine: no column for torque"):
+        read_recording(KINDS[kind]({"time": swing.time, "q": swing.position, "m1": swing.torque}), name="mine")
+
+
+def test_labels_and_durations_of_tables(swing: Recording) -> None:
+    half = len(swing) // 2
+    words = np.array(["up"] * half + ["down"] * (len(swing) - half))
+    passed = np.round(1e6 * swing.time).astype("timedelta64[us]")
+    for kind in ("mapping", "pyarrow", "stream"):
+        recording = read_recording(KINDS[kind](columns_of(swing, t=passed) | {"episode": words}))
+        assert recording.starts == (0, half)
+        np.testing.assert_allclose(recording.time, swing.time, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [float, np.datetime64])
+def test_an_index_of_time_is_the_time(swing: Recording, kind: type) -> None:
+    time = swing.time if kind is float else np.datetime64("2026-01-01", "us") + np.round(1e6 * swing.time).astype(int)
+    table = pa.table({"q": swing.position, "tau": swing.torque, "__index_level_0__": pa.array(time)})
+    np.testing.assert_allclose(read_recording(table).time, swing.time, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("source", [3, None, np.zeros((10, 3)), [1.0, 2.0]])
+def test_what_is_no_table(source: Any) -> None:
+    with pytest.raises(TypeError, match="is no table: give a path, a mapping of arrays or a data frame"):
+        read_recording(source)
+
+
+def test_an_arm_is_read_from_a_table(swing: Recording) -> None:
+    columns = {"time": swing.time}
+    columns |= {f"{q}_{at}": getattr(swing, q) for q in ("position", "torque") for at in ("hip", "knee")}
+    for data in (columns, pa.table(columns)):
+        recording = read_arm_recording(data, ["hip", "knee"])
+        np.testing.assert_array_equal(recording.torque[:, 1], swing.torque)
+    columns["position_knee"] = np.degrees(swing.position)
+    with pytest.raises(RecordingError, match="'position_knee': 'position_knee:deg'"):
+        read_arm_recording(columns, ["hip", "knee"])
+
+
+def test_functions_take_what_the_door_takes(tmp_path: Path, swing: Recording) -> None:
+    write_recording(swing, tmp_path / "swing.csv")
+    columns = {"time": swing.time, "position": swing.position, "torque": swing.torque, "velocity": swing.velocity}
+    expected = identify(swing, schemes="filtered_dynamic").windows.theta
+    for source in (tmp_path / "swing.csv", str(tmp_path / "swing.csv"), columns, pa.table(columns)):
+        theta = identify(source, schemes="filtered_dynamic").windows.theta
+        np.testing.assert_allclose(theta, expected, rtol=1e-9)
+    both = identify([columns, tmp_path / "swing.csv"], schemes="filtered_dynamic")
+    np.testing.assert_allclose(both.windows.theta, expected, rtol=1e-6)
+    errors = [compare(MODEL, source).errors.torque_rms for source in (swing, columns)]
+    assert errors[0] == pytest.approx(errors[1], rel=1e-9)
+    for call in (identify, diagnose, lambda own: compare(MODEL, own), lambda own: add(MODEL, "spring", own)):
+        with pytest.raises(RecordingError, match=r"monday\.csv: there is no such file"):
+            call("monday.csv")
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("deg", 180 / np.pi), ("rev", 1 / (2 * np.pi))])
+def test_arrays_in_another_unit_are_refused_with_the_line_that_reads_them(swing: Recording, unit, factor) -> None:
+    time, position, torque = swing.time, factor * swing.position, swing.torque
+    with pytest.raises(ColumnError, match=f"position:{unit}") as refusal:
+        Recording(time, position, torque)
+    line = str(refusal.value).split("read it with ")[1].split(" if it is")[0]
+    recording = eval(line, {"read_recording": read_recording, "time": time, "position": position, "torque": torque})
+    np.testing.assert_allclose(recording.position, swing.position, atol=1e-9)
+    forced = read_recording({"t": time, "q": position, "tau": torque}, columns={"position": "q:rad"})
+    np.testing.assert_array_equal(forced.position, position)
+
+
+def test_a_recording_needs_no_name_and_takes_one_first(swing: Recording) -> None:
+    arrays = (swing.time, swing.position, swing.torque, swing.velocity)
+    assert Recording(*arrays).name == "recording"
+    for named in (Recording("mine", *arrays), Recording(*arrays, name="mine")):
+        assert named.name == "mine"
+        np.testing.assert_array_equal(named.velocity, swing.velocity)
+
+
+def test_clocks_of_arrays_are_mended_as_those_of_files(tmp_path: Path, swing: Recording) -> None:
+    jitter = 0.1 / swing.rate * np.random.default_rng(0).standard_normal(len(swing))
+    lost = np.delete(np.arange(len(swing)), 700)
+    for time in (swing.time.astype(np.float32), np.round(START + swing.time, 5), swing.time + jitter, swing.time[lost]):
+        picked = lost if len(time) < len(swing) else slice(None)
+        columns = {"time": time, "position": swing.position[picked], "torque": swing.torque[picked]}
+        np.savez(tmp_path / "run.npz", **columns)
+        array, file = Recording(**columns), read_recording(tmp_path / "run.npz")
+        np.testing.assert_allclose(array.time - array.time[0], file.time, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(array.position, file.position, atol=1e-6)
+        assert (array.notes, array.start_date) == (file.notes, file.start_date)
