@@ -18,7 +18,7 @@ from mkdocs.structure.files import File, Files
 
 from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import BASE, effects, nameable
-from pendulum_env.physics.term import Symptom
+from pendulum_env.physics.description import Symptom
 from pendulum_env.words import listing, name, opening
 from workbench.cli import COMMANDS, main
 from workbench.commands.effects import parameters
@@ -137,7 +137,7 @@ def effects_page() -> str:
             _law(kind.law),
             _prose(kind),
             f"Parameters, of a size that a rig might show: {parameters(kind)}.",
-            f"To show it, a recording needs {kind.reveal}.{looks}",
+            f"To show it, a recording needs {kind.description.informative_experiment}.{looks}",
         ]
     return "\n\n".join(parts)
 
@@ -145,8 +145,9 @@ def effects_page() -> str:
 def which_effect() -> str:
     """How each effect shows, with what it is confused and what tells it; `make pages` draws the pictures."""
     library = effects()
+    texts = {id: kind.description for id, kind in library.items()}
     rows = {
-        symptom: [_link(id) for id, kind in library.items() if kind.symptom == symptom] for symptom in get_args(Symptom)
+        symptom: [_link(id) for id, text in texts.items() if text.symptom == symptom] for symptom in get_args(Symptom)
     }
     parts = [
         "# Which effect is it?",
@@ -166,8 +167,9 @@ def which_effect() -> str:
         parts += [
             f"## {opening(name(id))} {{ #{id} }}",
             f"![Residual over angle, velocity, torque and time where {id} is hidden](gallery/{id}.svg)",
-            kind.signature,
-            f"Confused with {listing([_link(other) for other in kind.resembles])}. What tells: {kind.reveal}. "
+            texts[id].signature,
+            f"Confused with {listing([_link(other) for other in texts[id].resembles])}. "
+            f"What tells: {texts[id].informative_experiment}. "
             f"Law: {_law(kind.law)} ([`{id}`](reference/effects.md#{id})).",
         ]
     return "\n\n".join(parts)

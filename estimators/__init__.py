@@ -11,6 +11,7 @@ from estimators.preprocessing import Preprocessed, gather
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import SCHEMES, scheme
+from estimators.search_hints import SearchHints, set_hints
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.errors import Errors
@@ -29,6 +30,7 @@ __all__ = [
     "Prediction",
     "PreparedData",
     "Preprocessed",
+    "SearchHints",
     "Verdict",
     "add",
     "align",
@@ -39,4 +41,5 @@ __all__ = [
     "gather",
     "identify",
     "scheme",
+    "set_hints",
 ]

@@ -11,8 +11,8 @@ from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Model, Term, effects
-from pendulum_env.physics.terms import with_shapes
-from pendulum_env.plant import check_linear, check_shape
+from pendulum_env.physics.terms import with_nonlinear_values
+from pendulum_env.plant import check_linear, check_nonlinear
 
 Values = Mapping[str, ArrayLike]  # parameters by name; of a batch also one for each plant (B,)
 Schedule = Mapping[float, Values]  # changes by the time since the reset [s]
@@ -23,7 +23,7 @@ T = TypeVar("T")
 class PlantParameters:
     """Parameters of a plant, or of a batch of B plants of one model, by name.
 
-    Linear parameters have the name of their column, shape parameters are `effect.part`, as in `Model.estimates`.
+    Linear parameters have the name of their column, nonlinear parameters are `effect.part`, as in `Model.estimates`.
 
     Attributes:
         model: the plant that an environment was made with.
@@ -40,7 +40,7 @@ class PlantParameters:
         """
         self.model, self._rate, self._batch = model, rate, batch
         self._linear = [column.name for column in model.columns]
-        self._shapes = {term.full(shape.name): (term.id, shape) for term in model.terms for shape in term.free}
+        self._nonlinear = {term.full(known.name): (term.id, known) for term in model.terms for known in term.free}
         self._start: dict[str, Array] = {name: np.full(batch, own.value) for name, own in model.estimates.items()}
         self.now = dict(self._start)
         self._usual = self._events = self._planned(schedule or {})
@@ -84,8 +84,8 @@ class PlantParameters:
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Terms with the shape parameters of now."""
-        return with_shapes(self.model.terms, self.now)
+        """Terms with the nonlinear parameters of now."""
+        return with_nonlinear_values(self.model.terms, self.now)
 
     @property
     def theta(self) -> Array:
@@ -146,12 +146,12 @@ class PlantParameters:
                 wanted = f"a number{', or one for each of the plants' * bool(self._batch)}"
                 raise Mistake(f"{name} of a plant cannot be {value!r}: give {wanted}") from None
             for number in np.unique(array):
-                if name in self._shapes:
-                    check_shape(*self._shapes[name], float(number))
+                if name in self._nonlinear:
+                    check_nonlinear(*self._nonlinear[name], float(number))
                 else:
                     check_linear(name, float(number))
             checked[name] = array
-        self._check_shapes(checked)
+        self._check_nonlinear(checked)
         return checked
 
     def _named(self, theta: Any) -> dict[str, Any]:
@@ -160,17 +160,17 @@ class PlantParameters:
             raise Mistake(f"theta has shape {theta.shape}, it needs {wanted}: {', '.join(self._linear)}")
         return dict(zip(self._linear, theta, strict=True))
 
-    def _check_shapes(self, values: Mapping[str, Array]) -> None:
-        """Refuse shape parameters that make no sense together, or that plants of a batch cannot have apart."""
-        if not values.keys() & self._shapes.keys():
+    def _check_nonlinear(self, values: Mapping[str, Array]) -> None:
+        """Refuse nonlinear parameters that make no sense together, or that plants of a batch cannot have apart."""
+        if not values.keys() & self._nonlinear.keys():
             return
         merged = {**self.now, **values}
-        terms = with_shapes(self.model.terms, merged)
+        terms = with_nonlinear_values(self.model.terms, merged)
         if any(np.ndim(term.delay) for term in terms):
             raise Mistake("plants of a batch have one dead_time: give one number, or make each environment by itself")
         for k in range(max(1, *self._batch) if self._batch else 1):
             one = {name: np.ravel(value)[k] for name, value in merged.items()}
-            for term in with_shapes(self.model.terms, one):
+            for term in with_nonlinear_values(self.model.terms, one):
                 if term.fault:
                     raise Mistake(f"{term.id} of a plant cannot be so: {term.fault}")
 

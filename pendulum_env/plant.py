@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pendulum_env.lookup import find
-from pendulum_env.physics import BASE, Model, Shape, Term, effect
+from pendulum_env.physics import BASE, Model, NonlinearParameter, Term, effect
 from pendulum_env.physics.library import MEASURED
 from pendulum_env.reading import LARGE
 
@@ -52,19 +52,19 @@ def typical(kind: type[Term]) -> dict[str, float]:
 def sizes(term: Term) -> dict[str, float]:
     """The same of a term: one of several orders has more linear parameters."""
     linear = {column.name.removeprefix(f"{term.id}."): TYPICAL.get(column.unit, 0.1) for column in term.columns}
-    return linear | term.shape | (read_parameters(term.typical) if term.typical else {})
+    return linear | term.nonlinear_values | (read_parameters(size) if (size := term.description.typical_size) else {})
 
 
 def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
-    """Parameters of an effect, of about the size that a rig might show: linear ones first, then free shapes."""
+    """Parameters of an effect, of about the size that a rig might show: linear ones first, then free nonlinear ones."""
     values = typical(kind)
-    shapes = {
-        shape.name: float(rng.integers(5, 25)) if shape.integer else values[shape.name] * float(rng.uniform(0.7, 1.4))
-        for shape in kind.shapes
-        if shape.usual is None
+    nonlinear = {
+        known.name: float(rng.integers(5, 25)) if known.integer else values[known.name] * float(rng.uniform(0.7, 1.4))
+        for known in kind.nonlinear_parameters
+        if known.nominal is None
     }
     linear = list(values)[: len(kind().columns)]
-    return {name: values[name] * float(rng.uniform(0.8, 1.5)) for name in linear} | shapes
+    return {name: values[name] * float(rng.uniform(0.8, 1.5)) for name in linear} | nonlinear
 
 
 def hide(plant: Model, text: str) -> Model:
@@ -93,14 +93,14 @@ def hide(plant: Model, text: str) -> Model:
         given = dict(zip(parameters, values, strict=False))
     else:
         given = read_parameters(listed) if separator else {}
-    shapes = {shape.name: given.get(shape.name, parameters[shape.name]) for shape in kind.shapes}
-    for shape in kind.shapes:
-        check_shape(id, shape, shapes[shape.name])
-    term = kind(**shapes)
+    nonlinear = {p.name: given.get(p.name, parameters[p.name]) for p in kind.nonlinear_parameters}
+    for known in kind.nonlinear_parameters:
+        check_nonlinear(id, known, nonlinear[known.name])
+    term = kind(**nonlinear)
     parameters = sizes(term)
     for name in given:
         find(f"parameter of {id}", name, parameters)
-    linear = {name: given.get(name, usual) for name, usual in parameters.items() if name not in shapes}
+    linear = {name: given.get(name, usual) for name, usual in parameters.items() if name not in nonlinear}
     for name, value in linear.items():
         if not abs(value) <= LARGE:
             raise ValueError(f"{name} of {id} cannot be {value:g}: give a number from {-LARGE:g} to {LARGE:g}")
@@ -109,15 +109,15 @@ def hide(plant: Model, text: str) -> Model:
     return plant.add(term, np.array([*linear.values()]))
 
 
-def check_shape(id: str, shape: Shape, value: float) -> None:
-    """Refuse a shape parameter of an effect that is out of its range.
+def check_nonlinear(id: str, known: NonlinearParameter, value: float) -> None:
+    """Refuse a nonlinear parameter of an effect that is out of its range.
 
     Raises:
         ValueError: naming the effect, the parameter and its range.
     """
-    if not shape.low <= value <= shape.high or (shape.integer and value != round(value)):
-        allowed = f"{'an integer' if shape.integer else 'a number'} from {shape.low:g} to {shape.high:g}"
-        raise ValueError(f"{shape.name} of {id} cannot be {value:g}: give {allowed} [{shape.unit}]")
+    if not known.low <= value <= known.high or (known.integer and value != round(value)):
+        allowed = f"{'an integer' if known.integer else 'a number'} from {known.low:g} to {known.high:g}"
+        raise ValueError(f"{known.name} of {id} cannot be {value:g}: give {allowed} [{known.unit}]")
 
 
 def check_linear(name: str, value: float) -> None:

@@ -73,12 +73,19 @@ def test_equations_are_drawn_without_scripts(site):
         assert not re.search(r"\\(frac|dot|theta|operatorname)\b", text(page)), place
 
 
+TEXTS = [
+    text
+    for kind in effects().values()
+    for text in (kind.id, kind.description.signature, kind.description.informative_experiment)
+]
+
+
 @pytest.mark.parametrize(
     ("place", "names"),
     [
         ("reference/command-line.html", COMMANDS),
         ("reference/effects.html", effects()),
-        ("which-effect.html", [text for kind in effects().values() for text in (kind.id, kind.signature, kind.reveal)]),
+        ("which-effect.html", TEXTS),
         ("reference/schemes.html", [scheme.id for scheme in SCHEMES]),
         ("theory.html", [scheme.id for scheme in SCHEMES]),
         ("reference/estimators.html", ["identify", "compare", "diagnose", "add", "Diagnosis"]),

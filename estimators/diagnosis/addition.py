@@ -135,7 +135,9 @@ def _longer(models: Models, terms: tuple[Term, ...], kind: type[Term]) -> tuple[
     trial = best(models, terms, kind)
     if trial is None:
         names = ", ".join(dict.fromkeys(recording.name for recording in models.train.recordings))
-        raise IdentificationError(f"{names}: nothing there shows {kind.id}: it takes {kind.reveal}")
+        raise IdentificationError(
+            f"{names}: nothing there shows {kind.id}: it takes {kind.description.informative_experiment}"
+        )
     return trial.terms
 
 

@@ -112,7 +112,7 @@ def where_it_stands_out(
 def what_is_open(groups: Sequence[tuple[str, ...]], tables: Sequence[str], is_left: bool, body: Body) -> str | None:
     """What would settle what is open at joints, or that nothing would; None if nothing is open."""
     if groups:
-        reveal = kind_at(groups[0][-1], body).reveal
+        reveal = kind_at(groups[0][-1], body).description.informative_experiment
         return f"{listing(groups[0])} look the same in these data; to tell them apart: {reveal}"
     if tables:
         first, *others = tables

@@ -29,7 +29,7 @@ from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array
 from pendulum_env.excitation import Excitation, family
 from pendulum_env.physics import Model, Samples, Term, simulate
-from pendulum_env.physics.terms import ids
+from pendulum_env.physics.terms import ids, untested_range
 from pendulum_env.plant import typical
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing
@@ -142,7 +142,7 @@ def questions(
                 asked.append(Question(Aim(id, instead), trial.terms))
     for candidate in candidates:
         kind = models.library[candidate.effect]
-        out_of_reach = kind().beyond(*models.train.reach())  # a motion that is not risked for a mere suspicion
+        out_of_reach = untested_range(kind(), *models.train.reach())  # a motion that is not risked for a mere suspicion
         asked_already = candidate.effect in {question.aim.effect for question in asked}
         if candidate.verdict is Verdict.NOT_EXCITED and not out_of_reach and not asked_already:
             asked.append(Question(Aim(candidate.effect), tuple(terms), of_typical_size(kind)))
@@ -152,7 +152,7 @@ def questions(
 def of_typical_size(kind: type[Term]) -> tuple[Term, Array]:
     """An effect as a rig might have it, and its linear parameters (P,)."""
     values = typical(kind)
-    shapes = {shape.name: values.pop(shape.name) for shape in kind.shapes}
+    shapes = {shape.name: values.pop(shape.name) for shape in kind.nonlinear_parameters}
     return kind(**shapes), np.array(list(values.values()))
 
 

@@ -19,7 +19,7 @@ from estimators.selection.search import Selection
 from estimators.selection.tables import named
 from estimators.simulation import output_error
 from pendulum_env.physics import Model, Term
-from pendulum_env.physics.terms import complexity, has_transmission, ids, is_hidden
+from pendulum_env.physics.terms import complexity, has_transmission, ids, is_hidden, untested_range
 
 SAME = 1e-6  # of a torque, numerical difference of equal laws
 
@@ -110,11 +110,11 @@ def _judge_left_out(found: Selection, longer: Terms) -> Candidate:
     models, (*others, term) = found.models, longer
     gain, variants = _gained(models, longer, tuple(others))
     ratio = _held_out_rms(models, longer, term.at) / _held_out_rms(models, tuple(others), term.at)
-    left_open, verdict = type(term)().beyond(*models.train.reach(term.at)), Verdict.NOT_EXCITED
+    left_open, verdict = untested_range(type(term)(), *models.train.reach(term.at)), Verdict.NOT_EXCITED
     if left_open and not models.is_significant(longer, tuple(others)):
-        reason = f"{left_open}; it needs {term.reveal}"
+        reason = f"{left_open}; it needs {term.description.informative_experiment}"
     elif not is_excited(models, longer):
-        reason = f"these data hardly depend on it; it needs {term.reveal}"
+        reason = f"these data hardly depend on it; it needs {term.description.informative_experiment}"
     else:
         verdict, side = Verdict.REJECTED, "better" if gain.total > 0 else "worse"
         told = f"predicts {side} by {abs(gain.total):.3g} ± {gain.error:.2g} nats"

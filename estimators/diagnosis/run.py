@@ -48,7 +48,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.table import TABLES
-from pendulum_env.physics.terms import ids
+from pendulum_env.physics.terms import ids, untested_range
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
@@ -259,9 +259,10 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     if left and not asked:
         forbidden = held_out or kept or UNNAMED
     would_show = () if left or len(final) > len(models.base) else detectable(models, tuple(final), models.library)
+    experiments = [models.library[group[-1]].description.informative_experiment for group in groups]
     look_alike = [
-        f"{' and '.join(group)} look the same in these data; to tell them apart: {models.library[group[-1]].reveal}"
-        for group in groups
+        f"{' and '.join(group)} look the same in these data; to tell them apart: {experiment}"
+        for group, experiment in zip(groups, experiments, strict=True)
     ]
     return Diagnosis(
         steps=tuple(steps),
@@ -273,7 +274,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
             *look_alike,
             *_of_little(first.train.data),
             *(doubt.text for doubt in doubts),
-            *filter(None, (term.beyond(*first.train.reach()) for term in steps[-1].model.terms)),
+            *filter(None, (untested_range(term, *first.train.reach()) for term in steps[-1].model.terms)),
             *([suggestion.text] if suggestion else []),
             *([forbidden] if forbidden else []),
             *([kept] if kept and kept != forbidden else []),

@@ -147,7 +147,9 @@ class Rollouts:
         """Simulated minus measured positions under V models whose terms are of equal classes (R, V) [rad]."""
         terms = []
         for variants in zip(*(point.terms for point in points), strict=True):
-            shapes = {name: np.array([v.shape[name] for v in variants]) for name in variants[0].shape}
+            shapes = {
+                name: np.array([v.nonlinear_values[name] for v in variants]) for name in variants[0].nonlinear_values
+            }
             same = {
                 name: values[0] if np.all(values == values[0]) else values[:, None] for name, values in shapes.items()
             }

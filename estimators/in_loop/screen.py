@@ -35,7 +35,7 @@ class LoopScreen:
     def grid(self, terms: Sequence[Term], effect: type[Term]) -> list[Term]:
         """Variants of an effect beside the terms, from which a search starts."""
         variants = self.regression.windows.screen.grid(terms, effect)
-        coarse = any(not shape.integer for shape in effect.shapes) and len(variants) > LOOP.most
+        coarse = any(not shape.integer for shape in effect.nonlinear_parameters) and len(variants) > LOOP.most
         return variants[:: -(-len(variants) // LOOP.most)] if coarse else variants
 
     def looked_at(self, terms: Sequence[Term], effect: type[Term]) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 from estimators.online.binning import BLOCK, Bin
 from estimators.online.evidence import Bets, UsualGain
 from estimators.online.rivals import ONLINE, Bins, Rivals, thinned
+from estimators.search_hints import grid, is_possible
 from estimators.selection.score import BLOCK as STRETCH
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -200,13 +201,13 @@ class Contest:
                 continue
             own = bins.at == effect.at
             x, residual = bins.of_joint(effect.at).middle, (base.residual * bins.scale)[own]
-            possible = [term for term in effect.grid(x, residual) if term.possible(x)]
+            possible = [term for term in grid(effect, x, residual) if is_possible(term, x)]
             fewest = min((len(term.columns) for term in possible), default=0)
             variants = [term for term in possible if len(term.columns) == fewest]  # a batch has as many in all of it
-            follows = {s.name: known[s.follows] for s in effect.shapes if s.follows in known}
+            follows = {s.name: known[s.follows] for s in effect.nonlinear_parameters if s.follows in known}
             yield id, [_set_shape(term, follows) for term in variants]
 
 
 def _set_shape(term: Term, values: Mapping[str, float]) -> Term:
     """Return a term with some shape parameters set, by name."""
-    return type(term)(**{**term.shape, **values}) if values else term
+    return type(term)(**{**term.nonlinear_values, **values}) if values else term

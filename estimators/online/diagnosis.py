@@ -391,6 +391,6 @@ def hindrance(effect: type[Term]) -> str:
         return "is a delay, which is not linear in anything"
     if len(loads(effect.at)) > 1:
         return "loads two joints at once"
-    if any(shape.instant for shape in effect.shapes):
+    if any(shape.instant for shape in effect.nonlinear_parameters):
         return "happens at one moment: it is reported as a change of parameters"
     return ""

@@ -180,7 +180,10 @@ def _stacked(variants: Sequence[Term]) -> Term:
     """All variants of an effect as one term, whose shape parameters are (V, 1, 1)."""
     if len(variants) == 1:
         return variants[0]
-    values = {name: np.array([variant.shape[name] for variant in variants]) for name in variants[0].shape}
+    values = {
+        name: np.array([variant.nonlinear_values[name] for variant in variants])
+        for name in variants[0].nonlinear_values
+    }
     return type(variants[0])(**{name: series[:, None, None] for name, series in values.items()})
 
 
@@ -357,7 +360,7 @@ class Rivals:
         """
         grids = list(self.families[1:])
         for family, ((best,), _) in enumerate(self.leaders()[1:], 1):
-            if not all(shape.integer for shape in best.shapes):
+            if not all(shape.integer for shape in best.nonlinear_parameters):
                 grids[family - 1] = self._around(best, family, fresh[best.id])
         new = Rivals(self.terms, bins, grids)
         new._running.root, new._forgetting = self._running.root, self._forgetting
@@ -375,10 +378,10 @@ class Rivals:
         variants, near = self.families[family], []
         kept = [variants[k] for k in np.argsort(-self.weight[self.models[family]])[:2]]
         for shape in best.free:
-            value = best.shape[shape.name]
+            value = best.nonlinear_values[shape.name]
             if shape.integer or not np.isfinite(value):
                 continue
-            values = np.unique([variant.shape[shape.name] for variant in variants])
+            values = np.unique([variant.nonlinear_values[shape.name] for variant in variants])
             values = values[np.isfinite(values)]
             at = int(np.searchsorted(values, value))
             lower = values[at - 1] if at else value / 2
@@ -413,6 +416,6 @@ def _weak(squares: Array) -> Array:
 
 def thinned(variants: Sequence[Term]) -> list[Term]:
     """All variants whose shapes are integers; of others as many as are run."""
-    if not variants or all(shape.integer for shape in variants[0].shapes) or len(variants) <= ONLINE.few:
+    if not variants or all(shape.integer for shape in variants[0].nonlinear_parameters) or len(variants) <= ONLINE.few:
         return list(variants)
     return [variants[k] for k in np.unique(np.linspace(0, len(variants) - 1, ONLINE.few).round().astype(int))]

@@ -94,7 +94,7 @@ def untold(model: Model, measurements: Sequence[Measurements], doubts: Sequence[
         if term.id not in said and told is not None and not is_told(told, large[term.id]):
             text = (
                 f"{term.id} cannot be told, the best fit has {told}: these data hardly depend on it alone; what tells "
-                f"it: {term.reveal}, at more frequencies than here"
+                f"it: {term.description.informative_experiment}, at more frequencies than here"
             )
             found.append(Doubt(text, (term.id,)))
     return tuple(found)

@@ -13,6 +13,7 @@ import numpy as np
 from estimators.kept import kept
 from estimators.regression.balance import Balance, Columns, Tangent
 from estimators.regression.least_squares import RIDGE
+from estimators.search_hints import grid, hints_of, is_possible, n_tried
 from estimators.selection.columns import bounds, depends_on_torque, is_known
 from estimators.selection.prepared import Trial
 from estimators.selection.regression import Regression
@@ -117,7 +118,7 @@ class Screen:
 
         Those with the fewest come first. Empty where the data offer no variant to try.
         """
-        if effect.multimodal:
+        if hints_of(effect).multimodal:
             return self._searched_one_by_one(terms, effect)
         return best_of_forms(self.ranked(terms, effect), effect, self.refine)
 
@@ -128,8 +129,8 @@ class Screen:
 
     def grid(self, terms: Sequence[Term], effect: type[Term]) -> list[Term]:
         """Variants of an effect beside the terms, from which a search starts."""
-        found = effect.grid(
-            self.data.part(effect.at).samples, self.regression.residual(terms)[self.data.where(effect.at)]
+        found = grid(
+            effect, self.data.part(effect.at).samples, self.regression.residual(terms)[self.data.where(effect.at)]
         )
         return [variant.beside(terms) if isinstance(variant, Table) else variant for variant in found]
 
@@ -137,7 +138,7 @@ class Screen:
     def looked_at(self, terms: Sequence[Term], effect: type[Term]) -> int:
         """Number of variants among which `grid` chose."""
         x, here = self.data.part(effect.at).samples, self.data.where(effect.at)
-        return effect.looked_at(x, self.regression.residual(terms)[here])
+        return n_tried(effect, x, self.regression.residual(terms)[here])
 
     def _searched_one_by_one(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         """The best of the searches from each value of the shape parameter that the error is multimodal over."""
@@ -145,8 +146,9 @@ class Screen:
         if not variants:
             return []
         residuals = self._residuals(terms)
-        places = {variant.shape[effect.multimodal] for variant in variants}
-        niches = [[v for v in variants if v.shape[effect.multimodal] == place] for place in sorted(places)]
+        name = hints_of(effect).multimodal
+        places = {variant.nonlinear_values[name] for variant in variants}
+        niches = [[v for v in variants if v.nonlinear_values[name] == place] for place in sorted(places)]
         found = [self.trial((*terms, cross_entropy(niche, residuals))) for niche in niches]
         best = min(found, key=lambda trial: trial.fitted_rms)
         closer = self.trial((*terms, refined(best.terms[-1], residuals)))
@@ -156,10 +158,10 @@ class Screen:
         """Search the continuous shape parameters of one term of a trial from where they are."""
         place = next(i for i, term in enumerate(trial.terms) if term.id == id)
         term = trial.terms[place]
-        if term.multimodal:
+        if hints_of(type(term)).multimodal:
             return trial
         others = (*trial.terms[:place], *trial.terms[place + 1 :])
-        following = [shape for shape in term.shapes if shape.follows]
+        following = [shape for shape in term.nonlinear_parameters if shape.follows]
         for _ in range(SCREEN.follows if following else 0):
             theta = self.regression.solve((*others, term))
             known = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))
@@ -168,7 +170,7 @@ class Screen:
         found = scan(refined(term, residuals), residuals, SCREEN.reach * float(np.ptp(samples.time)))
         closer = self.trial((*trial.terms[:place], found, *trial.terms[place + 1 :]))
         worse = closer.fitted_rms > trial.fitted_rms and not following
-        return trial if worse or not found.possible(samples) else closer
+        return trial if worse or not is_possible(found, samples) else closer
 
     def _residuals(self, terms: Sequence[Term]) -> Residuals:
         """Function that gives the weighted residual (R,) of the best fit of the terms with each of several variants.
@@ -235,7 +237,8 @@ def best_of_forms(ranked: Sequence[Trial], effect: type[Term], refine: Callable[
     for trial in ranked:
         last = trial.terms[-1]
         forms.setdefault((last.free, len(last.columns)), []).append(trial)
-    whole = bool(effect.shapes) and all(shape.integer for shape in effect.shapes)  # there is nothing to refine
+    sought = effect.nonlinear_parameters
+    whole = bool(sought) and all(known.integer for known in sought)  # there is nothing to refine
     ends = [
         few[0] if whole else min((refine(t, effect.id) for t in few[: SCREEN.starts]), key=lambda one: one.fitted_rms)
         for few in forms.values()

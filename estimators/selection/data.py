@@ -179,7 +179,7 @@ def fit_terms(prepared: Comparable, terms: Sequence[Term]) -> tuple[Model, Fit]:
     for term in terms:
         own = theta[first_column : first_column + len(term.columns)]
         first_column += len(term.columns)
-        for shape in term.shapes:
+        for shape in term.nonlinear_parameters:
             if shape.instant:
                 here = data.where(term.at)
                 weights, noise = data.weights[here], (fit.residual * balance.weights)[here]
@@ -219,7 +219,7 @@ def _placement(regression: Fits, weights: Array, term: Term, name: str, own: Arr
     Few windows depend on the instant, none if the joint is at rest then, so that the fit may have no slope there. At
     one standard error the torque changes by one standard deviation.
     """
-    instant = term.shape[name]
+    instant = term.nonlinear_values[name]
     steps = np.geomspace(*PLACES, 30)
     variants = [replace(term, **{name: instant + sign * step}) for sign in (0, 1, -1) for step in steps]
     torque = np.array([(part.linear @ own + part.fixed) * weights for part in regression.columns(variants)])

@@ -10,6 +10,7 @@ import numpy as np
 
 from estimators.kept import kept
 from estimators.regression.least_squares import information, least_squares, robust_covariance
+from estimators.search_hints import grid
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import fit_terms
 from estimators.selection.prepared import Comparable
@@ -171,4 +172,4 @@ class Left:
 
 def drifting_in(part: Comparable, terms: Sequence[Term]) -> Terms:
     """The terms with functions of time on a grid that covers some data."""
-    return tuple(next(iter(type(t).grid(part.samples, np.empty(0)))) if isinstance(t, ByTime) else t for t in terms)
+    return tuple(grid(type(t), part.samples, np.empty(0))[0] if isinstance(t, ByTime) else t for t in terms)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 
+from estimators.search_hints import hints_of, is_possible
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.prepared import Trial
@@ -34,7 +35,7 @@ def candidates(models: Models, terms: Terms, barred: Iterable[str] = ()) -> list
 
 def promising(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
     """The best variant of an effect; for one with little gain or share, only the best of a coarse grid."""
-    if not effect.multimodal:
+    if not hints_of(effect).multimodal:
         ranked = models.screen.ranked(terms, effect)
         if not ranked:
             return None
@@ -76,7 +77,7 @@ def freer(models: Models, terms: Terms) -> list[Terms]:
         others = tuple(term for term in terms if term is not old)
         for variants in freed(old):
             if len(variants) > 1:  # of whole numbers the best, where there is time to compare them
-                variants = [v for v in variants if v.possible(models.train.motions[old.at])]
+                variants = [v for v in variants if is_possible(v, models.train.motions[old.at])]
                 trials = [] if models.train.in_loop or not variants else models.screen.trials(others, variants)
                 variants = [trial.terms[-1] for trial in sorted(trials, key=lambda trial: trial.fitted_rms)[:1]]
             longer = [tuple(new if term is old else term for term in terms) for new in variants]

@@ -8,7 +8,7 @@ import numpy as np
 from estimators.selection.errors import Step
 from estimators.weak_form.shapes import continuous
 from pendulum_env._typing import Array
-from pendulum_env.physics import Column, Model, Samples, Shape, Term, effects
+from pendulum_env.physics import Column, Model, NonlinearParameter, Samples, Term, effects
 from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import LOAD, loads
 from pendulum_env.physics.terms import forms
@@ -81,17 +81,17 @@ def beyond(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
     return [(column, value) for column, value in zip(columns, theta.tolist(), strict=True) if not column.allows(value)]
 
 
-def at_their_most(terms: Sequence[Term]) -> list[tuple[Term, Shape]]:
-    """Shape parameters that a fit drove to the upper end of their range: what it looks for is another law.
+def at_their_most(terms: Sequence[Term]) -> list[tuple[Term, NonlinearParameter]]:
+    """Nonlinear parameters that a fit drove to the upper end of their range: what it looks for is another law.
 
     A lag of seconds leaves nothing of the torque but its mean, which a controller's answer to all else is no part of.
     At the lower end there is nothing of the effect, and a limit that a user set is no end.
     """
     found = []
     for term in terms:
-        shapes = {shape.name: shape for shape in effects().get(term.id, type(term)).shapes}
+        shapes = {shape.name: shape for shape in effects().get(term.id, type(term)).nonlinear_parameters}
         own = (shapes[shape.name] for shape in continuous(term))
-        found += [(term, shape) for shape in own if term.shape[shape.name] >= shape.high]
+        found += [(term, shape) for shape in own if term.nonlinear_values[shape.name] >= shape.high]
     return found
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
 from estimators.regression.least_squares import robust_covariance
+from estimators.search_hints import hints_of
 from estimators.simulation.free_running import Segments, cut_segments, periods, simulated, spans, start_memory
 from estimators.simulation.output_error import OUTPUT_ERROR, Point, grain_of, named, trust
 from estimators.weak_form.shapes import moved
@@ -114,7 +115,7 @@ def consecutive(windows: Windows) -> Index:
 def slopes_by_state(shooting: Shooting, points: Sequence[Point], states: Array) -> tuple[Array, Array]:
     """Errors (V, B, N) of V points from V sets of states (V, S, B), and derivatives by the states (V, B, N, S)."""
     count, size, segments = states.shape
-    moves = PERTURBATION * (1.0 if link_of(points[0].terms).multimodal else SMOOTH)
+    moves = PERTURBATION * (1.0 if hints_of(type(link_of(points[0].terms))).multimodal else SMOOTH)
     perturbed = states[:, None] + np.vstack([np.zeros(size), np.diag(moves)])[None, :, :, None]
     errors = shooting.errors(each(points, size + 1), perturbed.reshape(-1, size, segments))
     errors = errors.reshape(count, size + 1, segments, -1)
@@ -169,7 +170,7 @@ def initialise(shooting: Shooting, point: Point) -> tuple[Shooting, Array]:
     The starts are the present states, those from the measured motion, and a link on either side of the play.
     """
     traced = cut(shooting.segments.windows, point, shooting.segments.first).states
-    gap = link_of(point.terms).shape.get("gap", 0.0)
+    gap = link_of(point.terms).nonlinear_values.get("gap", 0.0)
     candidates = [shooting.states, traced]
     for side in (-1, 0, 1) if gap else ():
         candidates.append(np.array([traced[0], traced[1], traced[0] + side * gap, traced[1]]))
@@ -331,7 +332,7 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
         every: recording's windows.
         model: initial guess; one of its terms has a link. It is returned unchanged if segments are too few.
     """
-    point, multimodal = Point.of(model), link_of(model.terms).multimodal
+    point, multimodal = Point.of(model), hints_of(type(link_of(model.terms))).multimodal
     if _are_few(every, point):
         return model
     if multimodal:  # a loose contact has local minima at several stiffnesses, and windows favour a soft one
@@ -379,8 +380,12 @@ def changed(point: Point, factors: Mapping[str, float]) -> Point:
     """A point with shape parameters of the link's term, where it has them, changed by factors."""
 
     def other(term: Term) -> Term:
-        shapes = [shape for shape in term.shapes if shape.name in factors]
-        return moved(term, shapes, [factors[s.name] * term.shape[s.name] for s in shapes]) if term.link else term
+        shapes = [shape for shape in term.nonlinear_parameters if shape.name in factors]
+        return (
+            moved(term, shapes, [factors[s.name] * term.nonlinear_values[s.name] for s in shapes])
+            if term.link
+            else term
+        )
 
     return replace(point, terms=tuple(other(term) for term in point.terms))
 
@@ -389,8 +394,8 @@ def hung(point: Point) -> Point:
     """A point with the gravity that the link has."""
     names = [column.name for term in point.terms for column in term.columns]
     term = link_of(point.terms)
-    if "gravity" not in names or "gravity" not in term.shape or term.id not in names:
+    if "gravity" not in names or "gravity" not in term.nonlinear_values or term.id not in names:
         return point
     theta = point.theta.copy()
-    theta[names.index("gravity")] = theta[names.index(term.id)] * term.shape["gravity"]
+    theta[names.index("gravity")] = theta[names.index(term.id)] * term.nonlinear_values["gravity"]
     return replace(point, theta=theta)

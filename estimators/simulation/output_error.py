@@ -50,7 +50,7 @@ class Point:
     @property
     def values(self) -> Array:
         """All free parameters: the linear ones, then the continuous shape parameters."""
-        shapes = [term.shape[shape.name] for term in self.terms for shape in continuous(term)]
+        shapes = [term.nonlinear_values[shape.name] for term in self.terms for shape in continuous(term)]
         return np.concatenate([self.theta, shapes])
 
     @classmethod
@@ -72,7 +72,9 @@ class Point:
             shapes = continuous(term)
             own, rest = np.array(rest[: len(shapes)]), rest[len(shapes) :]
             term = moved(term, shapes, own) if shapes else term
-            following = {shape.name: self._named(values, shape.follows) for shape in term.shapes if shape.follows}
+            following = {
+                shape.name: self._named(values, shape.follows) for shape in term.nonlinear_parameters if shape.follows
+            }
             terms.append(replace(term, **following))
         columns = [column for term in terms for column in term.columns]
         theta = np.clip(values[: len(self.theta)], [c.least for c in columns], [c.most for c in columns])

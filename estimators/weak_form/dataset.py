@@ -15,7 +15,9 @@ from estimators.signals.motion import HALF_WIDTHS
 from estimators.weak_form.windows import WHOLE, Part, Rows, Windows, cut, in_a_row, trace_all
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import BASE, Samples, Term
-from pendulum_env.physics.library import BUILT_IN
+from pendulum_env.physics.actuation import TorqueOffset
+from pendulum_env.physics.friction import PositionDependentFriction, QuadraticDrag, Stribeck, ViscousAsymmetry
+from pendulum_env.physics.potential import Cogging, GravityTilt
 from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Recording
 
@@ -340,7 +342,16 @@ def _widths(recording: Recording) -> tuple[float, ...]:
 def smooth_laws(w: Windows) -> tuple[Term, ...]:
     """Terms that together follow nearly any smooth torque: their residual is noise."""
     fast = max(float(np.percentile(np.abs(w.samples.velocity), 95)), 0.1)
-    return (*BASE, *(law for kind in BUILT_IN for law in kind.smooth(fast)))
+    return (
+        *BASE,
+        TorqueOffset(),
+        GravityTilt(),
+        ViscousAsymmetry(),
+        *(Stribeck(share * fast) for share in (0.05, 0.2)),
+        QuadraticDrag(),
+        PositionDependentFriction(),
+        *(Cogging(order) for order in (2.0, 3.0)),
+    )
 
 
 def calibrate(w: Windows) -> Windows:

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_of
+from estimators.search_hints import hints_of
 from pendulum_env._typing import Array
-from pendulum_env.physics import Shape, Term
+from pendulum_env.physics import NonlinearParameter, Term
 
 Residuals = Callable[[Sequence[Term]], list[Array]]  # weighted residual (R,) of the best fit with each variant
 
@@ -35,36 +36,38 @@ class ShapeSettings:
 SHAPES = ShapeSettings()
 
 
-def moved(term: Term, shapes: Sequence[Shape], values: Sequence[float] | Array) -> Term:
+def moved(term: Term, shapes: Sequence[NonlinearParameter], values: Sequence[float] | Array) -> Term:
     """The term with new values of some shape parameters, kept inside their limits."""
     return replace(term, **{s.name: float(np.clip(v, s.low, s.high)) for s, v in zip(shapes, values, strict=True)})
 
 
-def continuous(term: Term) -> list[Shape]:
+def continuous(term: Term) -> list[NonlinearParameter]:
     """Free shape parameters that are continuous and follow no other parameter."""
     return [shape for shape in term.free if not shape.integer and not shape.follows]
 
 
 def freed(term: Term) -> list[list[Term]]:
-    """Variants of the term that release one shape parameter from its usual value: from where its search begins.
+    """Variants of the term that release one nonlinear parameter from its nominal value: from where its search begins.
 
     Of whole numbers that is each that makes sense, of the first such parameter alone: the others are more of the same.
     """
-    found, is_whole = [], False
-    for shape in term.shapes:
-        if shape.unusual is None or shape in term.free or (is_whole and shape.integer):
+    found, is_whole, starts = [], False, hints_of(type(term)).alternative_starts
+    for shape in term.nonlinear_parameters:
+        start = starts.get(shape.name)
+        if start is None or shape in term.free or (is_whole and shape.integer):
             continue
         is_whole |= shape.integer
-        values = range(int(shape.unusual), int(shape.high) + 1) if shape.integer else [shape.unusual]
+        values = range(int(start), int(shape.high) + 1) if shape.integer else [start]
         variants = [moved(term, [shape], [value]) for value in values]
         found.append([variant for variant in variants if not variant.fault])
     return found
 
 
 def bound(term: Term) -> list[Term]:
-    """Variants of the term, each with one shape parameter reset to its usual value."""
-    unusual = [shape for shape in term.free if shape.unusual is not None]
-    return [moved(term, [shape], [shape.usual]) for shape in unusual if shape.usual is not None]
+    """Variants of the term, each with one shape parameter reset to its nominal value."""
+    starts = hints_of(type(term)).alternative_starts
+    released = [shape for shape in term.free if shape.name in starts]
+    return [moved(term, [shape], [shape.nominal]) for shape in released if shape.nominal is not None]
 
 
 def shape_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]]) -> dict[str, Array]:
@@ -76,7 +79,7 @@ def shape_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]
     """
     slopes = {}
     for shape in continuous(term):
-        value = term.shape[shape.name]
+        value = term.nonlinear_values[shape.name]
         # symmetric difference over a step that is small against the value and safe against rounding
         step = SHAPES.difference * max(abs(value), 1e-6)
         more, less = torques([replace(term, **{shape.name: value + d}) for d in (step, -step)])
@@ -99,7 +102,7 @@ def refined(term: Term, residuals: Residuals) -> Term:
 
     def at(term: Term) -> tuple[Array, Array]:
         """Values of the shape parameters and the units that they move by."""
-        values = np.array([term.shape[shape.name] for shape in shapes])
+        values = np.array([term.nonlinear_values[shape.name] for shape in shapes])
         return values, np.where(factor, np.abs(values), np.maximum(np.abs(values), 0.1))
 
     def near(term: Term) -> Near[Term]:
@@ -126,9 +129,9 @@ def refined(term: Term, residuals: Residuals) -> Term:
 
 def scan(term: Term, residuals: Residuals, reach: float) -> Term:
     """Variant whose instants are the best within `reach` [s]: evenly spaced ones, and again around the best."""
-    for shape in (shape for shape in term.shapes if shape.instant):
+    for shape in (shape for shape in term.nonlinear_parameters if shape.instant):
         for width in reach * np.array([1.0, 0.1, 0.01]):
-            values = term.shape[shape.name] + width * np.linspace(-1.0, 1.0, SHAPES.instants)
+            values = term.nonlinear_values[shape.name] + width * np.linspace(-1.0, 1.0, SHAPES.instants)
             tried = [moved(term, [shape], [value]) for value in values]
             term = tried[int(np.argmin([float(residual @ residual) for residual in residuals(tried)]))]
     return term
@@ -141,14 +144,14 @@ def cross_entropy(variants: Sequence[Term], residuals: Residuals) -> Term:
     Source: Rubinstein and Kroese, The Cross-Entropy Method, 2004.
     """
     rng = np.random.default_rng(0)  # the same data give the same answer
-    shapes = variants[0].shapes
+    shapes = variants[0].nonlinear_parameters
 
     def errors(drawn: Sequence[Term]) -> list[float]:
         return [float(np.linalg.norm(residual)) for residual in residuals(drawn)]
 
     ranked = sorted(zip(errors(variants), variants, strict=True), key=lambda pair: pair[0])[: SHAPES.elite]
     for _ in range(SHAPES.rounds):
-        elite = np.log([[term.shape[shape.name] for shape in shapes] for _, term in ranked])
+        elite = np.log([[term.nonlinear_values[shape.name] for shape in shapes] for _, term in ranked])
         spread = 1.2 * elite.std(axis=0) + 0.02
         draws = np.exp(elite.mean(axis=0) + spread * rng.standard_normal((SHAPES.draws, len(shapes))))
         drawn = [moved(variants[0], shapes, draw) for draw in draws]

@@ -18,6 +18,7 @@ from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Column, Term, nameable
 from pendulum_env.physics.base import Coulomb, Viscous
+from pendulum_env.physics.description import Description
 from pendulum_env.physics.library import MEASURED
 from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.term import derived, loads, one
@@ -63,8 +64,9 @@ def _at_joint(effect: type[Term], joint: str, unit_of: Callable[[str], str]) -> 
         id=f"{effect.id}@{joint}",
         at=joint,
         slides=unit_of is along,
-        shapes=tuple(replace(shape, unit=unit_of(shape.unit)) for shape in effect.shapes if not shape.follows),
-        beyond=lambda term, low, high: unit_of(effect.beyond(term, low, high)),
+        nonlinear_parameters=tuple(
+            replace(known, unit=unit_of(known.unit)) for known in effect.nonlinear_parameters if not known.follows
+        ),
         columns=cached_property(lambda term: named(super(made, term).columns)),
         fixed=cached_property(lambda term: named(super(made, term).fixed)),
     )  # fmt: skip
@@ -82,7 +84,7 @@ class Coupling(Term):
     id = "coupling"
     law = "(I w' + b w + c sgn w) (1, s) with w = q_a' + s q_b'"
     kind = "dissipative"
-    reveal = "motion of either joint without the other, and of both"
+    description = Description(informative_experiment="motion of either joint without the other, and of both")
     is_heavy: ClassVar[bool] = True  # whether its inertia is none of a link, as where both axes are parallel
 
     @property
@@ -127,7 +129,7 @@ def coupling(at: str, body: Body) -> type[Coupling]:
 
 def placed(term: Term, joint: str, slides: bool = False) -> Term:
     """A term as it is at a joint."""
-    return at_joint(type(term), joint, slides)(**term.shape)
+    return at_joint(type(term), joint, slides)(**term.nonlinear_values)
 
 
 def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
@@ -257,7 +259,7 @@ class Links(Term):
         return tuple(Column(parameter.name, parameter.unit) for parameter in self.body.base)
 
     @property
-    def shape(self) -> dict[str, float]:
+    def nonlinear_values(self) -> dict[str, float]:
         """It has none."""
         return {}
 

@@ -27,8 +27,8 @@ HINT = "an arm's model is what `identify --robot` or `diagnose --robot` write wi
 class ArmModel(Model):
     """A model whose first term are the links of an arm, with base parameters; the others are at its joints.
 
-    Estimates are named as in `viscous@elbow`, shape parameters as in `stribeck.stribeck_velocity@elbow`. What takes the
-    motion of one joint, `torque` and `simulate`, is of no use here.
+    Estimates are named as in `viscous@elbow`, nonlinear parameters as in `stribeck.stribeck_velocity@elbow`.
+    What takes the motion of one joint, `torque` and `simulate`, is of no use here.
     """
 
     @property
@@ -49,7 +49,7 @@ class ArmModel(Model):
             "weightless": not self.body.model.gravity.linear.any(),
             "base": {parameter.name: parameter.text for parameter in self.body.base},
             "terms": [
-                {"id": own.id.partition("@")[0], "joint": own.at, "shape": own.shape}
+                {"id": own.id.partition("@")[0], "joint": own.at, "shape": own.nonlinear_values}
                 | ({"extent": own.extent._asdict()} if isinstance(own, Table) else {})
                 for own in self.terms[1:]
             ],
@@ -171,7 +171,7 @@ def _term(k: int, data: _ArmModelFile, body: Body) -> Term:
     if not can_sit(item.id, slides):
         raise ModelError(f"'terms[{k}].id' is {item.id}: no joint of an arm{' that slides' * slides} can have it")
     values = {}
-    for known in kind.shapes:
+    for known in kind.nonlinear_parameters:
         if known.name not in item.shape:
             raise ModelError(f"'terms[{k}].shape' lacks '{known.name}'")
         place = f"terms[{k}].shape.{known.name}"

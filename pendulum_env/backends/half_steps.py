@@ -70,9 +70,9 @@ class Compiled:
 
     def __init__(self, balance: Balance, longest: float) -> None:
         self._until, self._after = (Machine(half, (balance.terms, upper(longest)), 1) for half in (_first, _second))
-        _, _, shapes = in_symbols(balance.terms)
+        _, _, nonlinear = in_symbols(balance.terms)
         for machine in (self._until, self._after):
-            machine.given["constants"][:, 0] = *balance.theta, *shapes.values()
+            machine.given["constants"][:, 0] = *balance.theta, *nonlinear.values()
 
     @property
     def memory(self) -> Any:
@@ -136,9 +136,13 @@ def _second(terms: tuple[Term, ...], longest: float) -> Step:
 
 
 def _given(terms: tuple[Term, ...], longest: float) -> tuple[Balance, Samples, dict[str, Any]]:
-    balance, x, shapes = in_symbols(terms)
+    balance, x, nonlinear = in_symbols(terms)
     state = _array([x.time, x.position, x.velocity, x.torque, name("h", most=longest)])
-    return balance, x, {"state": state, "constants": _array([*balance.theta, *map(name, shapes)]), "memory": _flat(x)}
+    return (
+        balance,
+        x,
+        {"state": state, "constants": _array([*balance.theta, *map(name, nonlinear)]), "memory": _flat(x)},
+    )
 
 
 def _flat(x: Samples) -> Any:

@@ -1,14 +1,13 @@
 """What lies between the torque command and the torque at the joint."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.filters import lag
-from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, one
+from pendulum_env.physics.description import Description
+from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, Term, one
 
 
 @dataclass(frozen=True)
@@ -16,14 +15,15 @@ class TorqueOffset(Term):
     """Constant bias of the torque channel: the joint receives tau - c."""
 
     id = "torque_offset"
-    title = "a torque offset"
     law = "c"
     kind = "actuation"
-    is_smooth = True
-    reveal = "motion in both directions"
-    symptom = "the same torque everywhere"
-    signature = "At every angle and speed the joint needs the same torque more, or less, than the model says."
-    resembles = ("coulomb_asymmetry", "gravity_tilt")
+    description = Description(
+        title="a torque offset",
+        symptom="the same torque everywhere",
+        signature="At every angle and speed the joint needs the same torque more, or less, than the model says.",
+        resembles=("coulomb_asymmetry", "gravity_tilt"),
+        informative_experiment="motion in both directions",
+    )
     by_angle = ("one",)
 
     columns = (Column("torque_offset", "N m", force=one),)
@@ -38,12 +38,14 @@ class TorqueRipple(Term):
     id = "torque_ripple"
     law = "s tau sin Nq + c tau cos Nq"
     kind = "actuation"
-    typical = "sin=0.07,cos=-0.04"
-    reveal = "full turns under high torque"
-    symptom = "waves over the angle"
-    signature = "Over the angle lies a wave as of cogging that grows with the torque and turns its sign with it."
-    resembles = ("cogging", "position_dependent_friction")
-    shapes = (Shape("order", "1", 1, 200, integer=True),)
+    nonlinear_parameters = (NonlinearParameter("order", "1", 1, 200, integer=True),)
+    description = Description(
+        symptom="waves over the angle",
+        signature="Over the angle lies a wave as of cogging that grows with the torque and turns its sign with it.",
+        resembles=("cogging", "position_dependent_friction"),
+        informative_experiment="full turns under high torque",
+        typical_size="sin=0.07,cos=-0.04",
+    )
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -52,10 +54,6 @@ class TorqueRipple(Term):
             Column("torque_ripple.sin", "1", force=lambda x: x.torque * np.sin(n * x.position), of_torque=True),
             Column("torque_ripple.cos", "1", force=lambda x: x.torque * np.cos(n * x.position), of_torque=True),
         )
-
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls(float(order)) for order in range(1, 61)]
 
 
 @dataclass(frozen=True)
@@ -72,17 +70,19 @@ class TorqueSaturation(Term):
     id = "torque_saturation"
     law = "tau - L tanh(|tau / L|^(1/r))^r sgn tau, r = 1"
     kind = "actuation"
-    typical = "limit=8"
-    reveal = "torque peaks well above the usual ones"
-    symptom = "a curve over the torque"
-    signature = (
-        "Over torque the joint gets ever less of what is asked for: right for small torques, and too much in the "
-        "model at the peaks of either sign."
+    nonlinear_parameters = (
+        NonlinearParameter("limit", "N m", 1e-3, 1e4),
+        NonlinearParameter("roundness", "1", 0.01, 2.0, nominal=1.0),
     )
-    resembles = ("quadratic_drag", "load_dependent_friction")
-    shapes = (
-        Shape("limit", "N m", 1e-3, 1e4),
-        Shape("roundness", "1", 0.01, 2.0, usual=1.0, unusual=0.4),
+    description = Description(
+        symptom="a curve over the torque",
+        signature=(
+            "Over torque the joint gets ever less of what is asked for: right for small torques, and too much in the "
+            "model at the peaks of either sign."
+        ),
+        resembles=("quadratic_drag", "load_dependent_friction"),
+        informative_experiment="torque peaks well above the usual ones",
+        typical_size="limit=8",
     )
 
     @property
@@ -92,21 +92,6 @@ class TorqueSaturation(Term):
             return x.torque - self.limit * np.sign(x.torque) * np.tanh(times ** (1 / self.roundness)) ** self.roundness
 
         return (Column("torque_saturation", "1", force=lost),)
-
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        peak = _peak(x)
-        if peak == 0:
-            return []
-        return [cls(float(limit), corner) for corner in (1.0, 0.2) for limit in np.geomspace(0.2 * peak, 12 * peak, 16)]
-
-    def possible(self, x: Samples) -> bool:
-        # where next to nothing of what was asked came through, next to nothing is left to explain
-        return bool(self.limit >= 0.15 * _peak(x))
-
-
-def _peak(x: Samples) -> float:
-    return float(np.percentile(np.abs(x.torque), 99))
 
 
 @dataclass(frozen=True)
@@ -118,14 +103,16 @@ class ActuatorLag(Term):
     id = "actuator_lag"
     law = "tau - tau_a with T tau_a' = tau - tau_a"
     kind = "actuation"
-    reveal = "fast changes of torque"
-    symptom = "torque that comes late"
-    signature = (
-        "What is left follows changes of torque, each time the same way, and fades within some time constant; it "
-        "is none while torque is steady."
+    nonlinear_parameters = (NonlinearParameter("time_constant", "s", 1e-4, 2.0),)
+    description = Description(
+        symptom="torque that comes late",
+        signature=(
+            "What is left follows changes of torque, each time the same way, and fades within some time constant; it "
+            "is none while torque is steady."
+        ),
+        resembles=("dead_time", "joint_flexibility"),
+        informative_experiment="fast changes of torque",
     )
-    resembles = ("dead_time", "joint_flexibility")
-    shapes = (Shape("time_constant", "s", 1e-4, 2.0),)
 
     @property
     def fixed(self) -> tuple[Column, ...]:
@@ -153,10 +140,6 @@ class ActuatorLag(Term):
         before = 0.5 * command + (lagged - command) * rising
         return (after + np.concatenate([[before[0]], before[:-1]]),)
 
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls(float(t)) for t in np.geomspace(1e-3, 0.2, 12)]
-
 
 @dataclass(frozen=True)
 class DeadTime(Term):
@@ -165,17 +148,19 @@ class DeadTime(Term):
     dead_time: float = 0.005
 
     id = "dead_time"
-    title = "dead time of the torque"
     law = "tau(t) - tau(t - d)"
     kind = "actuation"
-    reveal = "steps of torque"
-    symptom = "torque that comes late"
-    signature = (
-        "After a step of torque the joint goes on for a moment as if nothing had happened: what is left is the "
-        "step, for that long."
+    nonlinear_parameters = (NonlinearParameter("dead_time", "s", 1e-4, 1.0),)
+    description = Description(
+        title="dead time of the torque",
+        symptom="torque that comes late",
+        signature=(
+            "After a step of torque the joint goes on for a moment as if nothing had happened: what is left is the "
+            "step, for that long."
+        ),
+        resembles=("actuator_lag", "joint_flexibility"),
+        informative_experiment="steps of torque",
     )
-    resembles = ("actuator_lag", "joint_flexibility")
-    shapes = (Shape("dead_time", "s", 1e-4, 1.0),)
 
     @property
     def fixed(self) -> tuple[Column, ...]:
@@ -194,10 +179,6 @@ class DeadTime(Term):
         index = np.arange(len(command))[:, None] - int(whole) - np.arange(3)
         return (command[np.clip(index, 0, len(command) - 1)] @ np.array(shares),)
 
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls(float(t)) for t in np.geomspace(1e-3, 0.2, 14)]
-
 
 @dataclass(frozen=True)
 class BackEmf(Term):
@@ -209,7 +190,9 @@ class BackEmf(Term):
     id = "back_emf"
     law = "k q' while the motor is on"
     kind = "actuation"
-    reveal = "motion with the motor on and off"
+    description = Description(
+        informative_experiment="motion with the motor on and off",
+    )
 
     @property
     def columns(self) -> tuple[Column, ...]:

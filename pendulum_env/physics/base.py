@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pendulum_env.physics.description import Description
 from pendulum_env.physics.term import Column, Term, one
 
 
@@ -14,7 +15,9 @@ class Inertia(Term):
     id = "inertia"
     law = "I q''"
     kind = "inertial"
-    reveal = "faster reversals"
+    description = Description(
+        informative_experiment="faster reversals",
+    )
 
     columns = (Column("inertia", "kg m^2", mass=one),)
 
@@ -26,7 +29,9 @@ class Gravity(Term):
     id = "gravity"
     law = "mgl sin q"
     kind = "potential"
-    reveal = "swings beyond 30 degrees"
+    description = Description(
+        informative_experiment="swings beyond 30 degrees",
+    )
     by_angle = ("sine",)
 
     columns = (
@@ -39,10 +44,12 @@ class Viscous(Term):
     """Viscous friction b q', b >= 0; dissipates b q'^2."""
 
     id = "viscous"
-    title = "viscous friction"
     law = "b q'"
     kind = "dissipative"
-    reveal = "a range of speeds"
+    description = Description(
+        title="viscous friction",
+        informative_experiment="a range of speeds",
+    )
 
     columns = (Column("viscous", "N m s/rad", force=lambda x: x.velocity),)
 
@@ -52,10 +59,12 @@ class Coulomb(Term):
     """Dry friction fc sgn q', set-valued at rest (|friction| <= fc); dissipates fc |q'|."""
 
     id = "coulomb"
-    title = "Coulomb friction"
     law = "fc sgn q'"
     kind = "dissipative"
-    reveal = "motion in both directions"
+    description = Description(
+        title="Coulomb friction",
+        informative_experiment="motion in both directions",
+    )
 
     columns = (Column("coulomb", "N m", dry=one),)
 

@@ -1,7 +1,7 @@
 """Checks of a user's own effect before it joins the library: its texts, its columns, and a trial of each law."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import fields, replace
 from functools import partial
 from typing import Any, TypeVar, get_args
@@ -11,11 +11,12 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake, told
-from pendulum_env.physics.term import Column, Kind, Samples, Shape, Term
+from pendulum_env.physics.description import Description
+from pendulum_env.physics.term import Column, Kind, NonlinearParameter, Samples, Term
 from pendulum_env.reading import shown
 
 T = TypeVar("T")
-TEXTS = ("id", "law", "kind", "reveal", "title", "typical", "signature")
+TEXTS = ("title", "signature", "informative_experiment", "typical_size", "omission")  # of a description
 LAWS = ("mass", "force", "dry", "potential", "loss")
 
 
@@ -28,29 +29,42 @@ def check_effect(kind: type[Term]) -> None:
     if not (isinstance(kind, type) and issubclass(kind, Term)):
         raise Mistake(f"{shown(kind)} is no effect: register a subclass of Term")
     name = kind.__name__
-    for text in TEXTS:
-        if not isinstance(value := getattr(kind, text, None), str):
+    if not isinstance(described := kind.description, Description):
+        raise Mistake(f"description of {name} is {shown(described)}: give a Description")
+    texts = [(text, getattr(kind, text, None)) for text in ("id", "law", "kind")]
+    for text, value in (*texts, *((text, getattr(described, text)) for text in TEXTS)):
+        if not isinstance(value, str):
             raise Mistake(f"{text} of {name} is {shown(value)}: it has to be a text")
     if not re.fullmatch(r"[\w-]+", kind.id):
         raise Mistake(f"id of {name} is {shown(kind.id)}: use letters, digits and underscores")
     find(f"kind of {name}", kind.kind, dict.fromkeys(get_args(Kind)))
-    _check_all(kind.shapes, Shape, f"shapes of {name}")
-    for shape in kind.shapes:
-        if shape.name not in {field.name for field in fields(kind)}:
+    _check_all(kind.nonlinear_parameters, NonlinearParameter, f"nonlinear_parameters of {name}")
+    for known in kind.nonlinear_parameters:
+        if known.name not in {field.name for field in fields(kind)}:
             raise Mistake(
-                f"shape '{shape.name}' of {name} is no field of the dataclass: declare '{shape.name}: float = ...', "
-                "and put @register above @dataclass(frozen=True)"
+                f"nonlinear parameter '{known.name}' of {name} is no field of the dataclass: declare "
+                f"'{known.name}: float = ...', and put @register above @dataclass(frozen=True)"
             )
-    bare = _tried(f"{name}()", kind)
+    check_variants(f"{name}()", lambda x: (kind(),))
+    if hasattr(kind, "grid"):  # of an effect for an earlier release
+        check_variants(f"grid of {name}", lambda x: kind.grid(x, x.torque))
+
+
+def check_variants(of: str, variants: Callable[[Samples], Iterable[Term]]) -> None:
+    """Evaluate the laws of the variants of an effect that a function makes of a motion, on made-up motions.
+
+    Raises:
+        Mistake: naming `of`, or the law that is wrong.
+    """
+
+    def listed(x: Samples) -> list[Term]:
+        return [*variants(x)]
+
     for samples in (1000, 37):
         time: Array = np.arange(samples) / 100.0
         x = Samples(time, np.sin(time), np.cos(time), np.sin(3 * time))
-        for term in (bare, *_tried(f"grid of {name}", partial(_variants, kind, x))):
+        for term in _tried(of, partial(listed, x)):
             _try_laws(term, x)
-
-
-def _variants(kind: type[Term], x: Samples) -> list[Term]:
-    return [*kind.grid(x, x.torque)]
 
 
 def _try_laws(term: Term, x: Samples) -> None:

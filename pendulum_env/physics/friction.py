@@ -1,14 +1,13 @@
 """Friction beyond viscous and Coulomb."""
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.actuation import powered
-from pendulum_env.physics.term import ROOM, Column, Memory, Samples, Shape, Term, one
+from pendulum_env.physics.description import Description
+from pendulum_env.physics.term import ROOM, Column, Memory, NonlinearParameter, Samples, Term, one
 
 
 @dataclass(frozen=True)
@@ -19,13 +18,19 @@ class CoulombAsymmetry(Term):
     """
 
     id = "coulomb_asymmetry"
-    title = "Coulomb friction that differs by direction"
     law = "d |sgn q'|"
     kind = "dissipative"
-    reveal = "the motor mounted the other way round, as an offset then changes its sign and friction does not"
-    symptom = "the same torque everywhere"
-    signature = "Forwards and backwards dry friction differs by the same amount at any speed: over speed, a constant."
-    resembles = ("torque_offset", "gravity_tilt", "viscous_asymmetry")
+    description = Description(
+        title="Coulomb friction that differs by direction",
+        symptom="the same torque everywhere",
+        signature=(
+            "Forwards and backwards dry friction differs by the same amount at any speed: over speed, a constant."
+        ),
+        resembles=("torque_offset", "gravity_tilt", "viscous_asymmetry"),
+        informative_experiment=(
+            "the motor mounted the other way round, as an offset then changes its sign and friction does not"
+        ),
+    )
 
     columns = (Column("coulomb_asymmetry", "N m", force=one),)
 
@@ -35,15 +40,18 @@ class ViscousAsymmetry(Term):
     """Viscous friction that differs by direction: b + d forwards, b - d backwards."""
 
     id = "viscous_asymmetry"
-    title = "viscous friction that differs by direction"
     law = "d |q'|"
     kind = "dissipative"
-    is_smooth = True
-    is_of_speed = True
-    reveal = "fast motion in both directions"
-    symptom = "a curve over the speed"
-    signature = "Over speed lies a V: what is left has the same sign forwards and backwards, and grows with the speed."
-    resembles = ("coulomb_asymmetry", "encoder_eccentricity")
+    description = Description(
+        title="viscous friction that differs by direction",
+        symptom="a curve over the speed",
+        signature=(
+            "Over speed lies a V: what is left has the same sign forwards and backwards, and grows with the speed."
+        ),
+        resembles=("coulomb_asymmetry", "encoder_eccentricity"),
+        informative_experiment="fast motion in both directions",
+        fits_friction=True,
+    )
 
     columns = (Column("viscous_asymmetry", "N m s/rad", force=lambda x: np.abs(x.velocity)),)
 
@@ -60,19 +68,24 @@ class Stribeck(Term):
     exponent: float = 2.0
 
     id = "stribeck"
-    title = "Stribeck friction"
     law = "fs exp(-|q'/vs|^n) sgn q' (usually n = 2)"
     kind = "dissipative"
-    typical = "stribeck=0.45"
-    is_of_speed = True
-    reveal = "slow motion, around and below the Stribeck velocity"
-    symptom = "a peak around standstill"
-    signature = (
-        "Friction has a peak on either side of standstill, which falls off within a small part of the speeds; slow "
-        "motion stutters."
+    nonlinear_parameters = (
+        NonlinearParameter("stribeck_velocity", "rad/s", 0.01, 1e4),
+        NonlinearParameter("exponent", "1", 0.3, 6.0, nominal=2.0),
     )
-    resembles = ("presliding", "backlash")
-    shapes = (Shape("stribeck_velocity", "rad/s", 0.01, 1e4), Shape("exponent", "1", 0.3, 6.0, usual=2.0, unusual=1.4))
+    description = Description(
+        title="Stribeck friction",
+        symptom="a peak around standstill",
+        signature=(
+            "Friction has a peak on either side of standstill, which falls off within a small part of the speeds; slow "
+            "motion stutters."
+        ),
+        resembles=("presliding", "backlash"),
+        informative_experiment="slow motion, around and below the Stribeck velocity",
+        typical_size="stribeck=0.45",
+        fits_friction=True,
+    )
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -80,19 +93,6 @@ class Stribeck(Term):
             return np.exp(-(np.abs(x.velocity / self.stribeck_velocity) ** self.exponent))
 
         return (Column("stribeck", "N m", dry=share, least=0.0),)
-
-    def possible(self, x: Samples) -> bool:
-        # it fades at speeds that were reached, else any friction would do
-        return bool(self.stribeck_velocity <= np.max(np.abs(x.velocity)))
-
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        fast = float(np.percentile(np.abs(x.velocity), 95))
-        return [cls(float(vs)) for vs in np.geomspace(max(0.03, fast / 60), max(0.1, fast / 2), 10)]
-
-    @classmethod
-    def smooth(cls, fast: float) -> Sequence[Self]:
-        return [cls(share * fast) for share in (0.05, 0.2)]
 
 
 @dataclass(frozen=True)
@@ -106,14 +106,15 @@ class QuadraticDrag(Term):
     id = "quadratic_drag"
     law = "c q' |q'|"
     kind = "dissipative"
-    is_smooth = True
-    is_of_speed = True
-    reveal = "a wide range of speeds"
-    symptom = "a curve over the speed"
-    signature = (
-        "Friction bends upwards over speed: the model has too little at high speeds and too much at middle ones."
+    description = Description(
+        symptom="a curve over the speed",
+        signature=(
+            "Friction bends upwards over speed: the model has too little at high speeds and too much at middle ones."
+        ),
+        resembles=("viscous", "torque_saturation"),
+        informative_experiment="a wide range of speeds",
+        fits_friction=True,
     )
-    resembles = ("viscous", "torque_saturation")
 
     columns = (  # fast enough, it outweighs any other friction
         Column("quadratic_drag", "N m s^2/rad^2", force=lambda x: x.velocity * np.abs(x.velocity), least=0.0),
@@ -137,16 +138,18 @@ class LoadDependentFriction(Term):
     id = "load_dependent_friction"
     law = "(mu |tau| + mu_o |w sin q|) sgn q'"
     kind = "dissipative"
-    reveal = "the same speeds under different torques"
-    symptom = "a curve over the torque"
-    signature = (
-        "Friction is larger where the motor or the weight works hard and smaller where neither does: at one "
-        "speed, two torques give two frictions."
+    nonlinear_parameters = (
+        NonlinearParameter("weight", "N m", -1e9, 1e9, follows="gravity"),
+        NonlinearParameter("back_emf", "N m s/rad", -1e9, 1e9, follows="back_emf", nominal=0.0),
     )
-    resembles = ("position_dependent_friction", "torque_saturation")
-    shapes = (
-        Shape("weight", "N m", -1e9, 1e9, follows="gravity"),
-        Shape("back_emf", "N m s/rad", -1e9, 1e9, follows="back_emf", usual=0.0),
+    description = Description(
+        symptom="a curve over the torque",
+        signature=(
+            "Friction is larger where the motor or the weight works hard and smaller where neither does: at one "
+            "speed, two torques give two frictions."
+        ),
+        resembles=("position_dependent_friction", "torque_saturation"),
+        informative_experiment="the same speeds under different torques",
     )
 
     @property
@@ -169,10 +172,6 @@ class LoadDependentFriction(Term):
             ),
         )
 
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls(share * float(np.std(x.torque))) for share in (0.0, 1.0)]
-
 
 @dataclass(frozen=True)
 class PositionDependentFriction(Term):
@@ -181,14 +180,15 @@ class PositionDependentFriction(Term):
     id = "position_dependent_friction"
     law = "(s sin q + c cos q) sgn q'"
     kind = "dissipative"
-    is_smooth = True
-    reveal = "full turns in both directions"
-    symptom = "waves over the angle"
-    signature = (
-        "Over the angle nothing shows until directions are looked at apart: then a sine, whose sign turns with "
-        "the direction."
+    description = Description(
+        symptom="waves over the angle",
+        signature=(
+            "Over the angle nothing shows until directions are looked at apart: then a sine, whose sign turns with "
+            "the direction."
+        ),
+        resembles=("load_dependent_friction", "torque_ripple"),
+        informative_experiment="full turns in both directions",
     )
-    resembles = ("load_dependent_friction", "torque_ripple")
 
     columns = (
         Column("position_dependent_friction.sin", "N m", dry=lambda x: np.sin(x.position)),
@@ -207,14 +207,15 @@ class TemperatureDependentFriction(Term):
     id = "temperature_dependent_friction"
     law = "(b1 q' + f1 sgn q') (T - 25 deg C)"
     kind = "dissipative"
+    description = Description(
+        signature="Friction is larger or smaller when the joint is warm, in any motion and at any time.",
+        resembles=("friction_drift",),
+        informative_experiment="a recording that warms the joint up, with a column of its temperature",
+        typical_size="viscous=-0.001,coulomb=0.001",
+        omission="friction is that at 25 deg C",
+        percent_of=("viscous", "coulomb"),
+    )
     needs = "temperature"
-    omitted = "friction is that at 25 deg C"
-    reveal = "a recording that warms the joint up, with a column of its temperature"
-    typical = "viscous=-0.001,coulomb=0.001"
-    signature = "Friction is larger or smaller when the joint is warm, in any motion and at any time."
-    resembles = ("friction_drift",)
-    shares = ("viscous", "coulomb")
-    warmer = 1.0  # [K], by which the temperature has to change to tell of it
     span = 1.0  # [s], over which its rate of change is taken
 
     @property
@@ -242,10 +243,6 @@ class TemperatureDependentFriction(Term):
         later = np.minimum(x.time + self.span, x.time[-1])
         return measured, (np.interp(later, x.time, measured) - measured) / np.maximum(later - x.time, period)
 
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls()] if np.ptp(x.temperature) > cls.warmer else []
-
 
 @dataclass(frozen=True)
 class Presliding(Term):
@@ -261,15 +258,17 @@ class Presliding(Term):
     id = "presliding"
     law = "f (z - sgn q') with d z' = q' - |q'| z"
     kind = "dissipative"
-    omitted = "friction slips at once"
-    reveal = "many small reversals"
-    symptom = "a peak around standstill"
-    signature = (
-        "At each reversal friction turns over a small angle instead of at once: a narrow dip beside standstill, "
-        "and a loop of torque over angle."
+    nonlinear_parameters = (NonlinearParameter("displacement", "rad", 1e-5, 1.0),)
+    description = Description(
+        symptom="a peak around standstill",
+        signature=(
+            "At each reversal friction turns over a small angle instead of at once: a narrow dip beside standstill, "
+            "and a loop of torque over angle."
+        ),
+        resembles=("stribeck", "backlash", "joint_flexibility"),
+        informative_experiment="many small reversals",
+        omission="friction slips at once",
     )
-    resembles = ("stribeck", "backlash", "joint_flexibility")
-    shapes = (Shape("displacement", "rad", 1e-5, 1.0),)
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -304,7 +303,3 @@ class Presliding(Term):
             )
             value = state[last]
         return (state,)
-
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls(float(d)) for d in np.geomspace(5e-4, 0.2, 12)]

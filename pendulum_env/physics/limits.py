@@ -9,9 +9,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from pendulum_env._typing import Array
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics.term import Column, Samples, Shape, Term, derived
+from pendulum_env.physics.term import Column, NonlinearParameter, Term, derived
 from pendulum_env.reading import shown
 
 Limits = Mapping[str, tuple[float, float]]  # least and largest value by parameter, `gravity` or `cogging.order`
@@ -68,17 +67,19 @@ def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
         LimitsError: if a name is unknown or belongs to a parameter whose value cannot be fixed, or no value is left.
     """
     terms = [kind() for kind in kinds]
-    shapes = {f"{term.id}.{shape.name}": shape for term in terms for shape in term.shapes}
+    nonlinear = {f"{term.id}.{p.name}": p for term in terms for p in term.nonlinear_parameters}
     columns = {column.name: column for term in terms for column in term.columns}
     for name, (low, high) in limits.items():
-        if name not in {**columns, **shapes}:
-            near = difflib.get_close_matches(name, [*columns, *shapes], n=1)
+        if name not in {**columns, **nonlinear}:
+            near = difflib.get_close_matches(name, [*columns, *nonlinear], n=1)
             hint = f"did you mean {near[0]}?" if near else "`effects` lists those of effects, by ID or ID.NAME"
             raise LimitsError(f"unknown parameter '{name[:60]}': {hint}")
-        if name in shapes and low == high:
+        if name in nonlinear and low == high:
             raise LimitsError(f"{name} is searched for and cannot be fixed: give it bounds")
         least, most = (
-            (shapes[name].low, shapes[name].high) if name in shapes else (columns[name].least, columns[name].most)
+            (nonlinear[name].low, nonlinear[name].high)
+            if name in nonlinear
+            else (columns[name].least, columns[name].most)
         )
         if low < high and max(low, least) > min(high, most):
             raise LimitsError(f"{name} cannot lie from {low:g} to {high:g}: it lies from {least:g} to {most:g}")
@@ -91,7 +92,7 @@ def limited(kind: type[Term], limits: Limits) -> type[Term]:
     limits already, new ones of the same parameters take their place.
     """
     kind, held = getattr(kind, "bare", (kind, ()))
-    own = {column.name for column in kind().columns} | {f"{kind.id}.{shape.name}" for shape in kind.shapes}
+    own = {column.name for column in kind().columns} | {f"{kind.id}.{p.name}" for p in kind.nonlinear_parameters}
     merged = {name: (low, high) for name, low, high in held} | {name: limits[name] for name in limits if name in own}
     chosen = tuple(sorted((name, low, high) for name, (low, high) in merged.items()))
     return _limited(kind, chosen) if chosen else kind  # type: ignore[arg-type]  # classes can be hashed
@@ -118,9 +119,9 @@ def read_limits(content: Mapping[str, tuple[float | None, float | None]]) -> dic
 
 
 def limited_term(term: Term, limits: Limits) -> Term:
-    """A term with its parameters within limits, its shape parameters moved there."""
+    """A term with its parameters within limits, its nonlinear parameters moved there."""
     kind = limited(type(term), limits)
-    return term if kind is type(term) else _clipped(kind(**term.shape))
+    return term if kind is type(term) else clipped(kind(**term.nonlinear_values))
 
 
 @cache
@@ -133,27 +134,26 @@ def _limited(kind: type[Term], limits: tuple[tuple[str, float, float], ...]) -> 
             low, high = max(low, column.least), min(high, column.most)
         return replace(column, least=low, most=high)
 
-    def narrower(shape: Shape) -> Shape:
-        low, high = by_name.get(f"{kind.id}.{shape.name}", (shape.low, shape.high))
-        return replace(shape, low=max(low, shape.low), high=min(high, shape.high))
+    def narrower(p: NonlinearParameter) -> NonlinearParameter:
+        low, high = by_name.get(f"{kind.id}.{p.name}", (p.low, p.high))
+        return replace(p, low=max(low, p.low), high=min(high, p.high))
 
     def columns(self: Term) -> tuple[Column, ...]:
         return tuple(within(column) for column in cast(Any, super(made, self)).columns)
 
-    def grid(cls: type[Term], x: Samples, residual: Array) -> Iterable[Term]:
-        return dict.fromkeys(_clipped(variant) for variant in cast(Any, super(made, cls)).grid(x, residual))
-
-    shapes = tuple(narrower(shape) for shape in kind.shapes)
+    nonlinear = tuple(narrower(p) for p in kind.nonlinear_parameters)
     made = derived(
-        kind, _limited, limits, columns=property(columns), shapes=shapes, grid=classmethod(grid), bare=(kind, limits)
+        kind, _limited, limits, columns=property(columns), nonlinear_parameters=nonlinear, bare=(kind, limits)
     )
     return made
 
 
-def _clipped(term: Term) -> Term:
+def clipped(term: Term) -> Term:
+    """Move the nonlinear parameters of a term into their bounds; nominal values stay."""
+    values = term.nonlinear_values
     inside = {
-        shape.name: float(np.clip(term.shape[shape.name], shape.low, shape.high))
-        for shape in term.shapes
-        if term.shape[shape.name] != shape.usual
+        p.name: float(np.clip(values[p.name], p.low, p.high))
+        for p in term.nonlinear_parameters
+        if values[p.name] != p.nominal
     }
     return replace(term, **inside)

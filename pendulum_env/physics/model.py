@@ -23,7 +23,7 @@ from pendulum_env.physics.limits import collect_limits, limited_term, read_limit
 from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.table import Curve, Table, read_table, refuse_held
 from pendulum_env.physics.term import Column, Samples, Term
-from pendulum_env.physics.terms import with_shapes
+from pendulum_env.physics.terms import with_nonlinear_values
 from pendulum_env.reading import Number, Text, Unreadable, convert, read_json, shown
 from pendulum_env.words import per, plus_minus
 
@@ -92,8 +92,8 @@ class Model:
     """Terms and parameters of the torque balance; `model["gravity"]` is an estimate, printed with a line for each.
 
     Attributes:
-        terms: ordered terms; a term's shape parameters are fields of the term.
-        estimates: every parameter by name: linear ones by the name of their column, shape parameters as `id.shape`.
+        terms: ordered terms; a term's nonlinear parameters are fields of the term.
+        estimates: every parameter by name: linear ones by the name of their column, nonlinear ones as `id.name`.
         torque_unit: `N m`, or that of a current in whose stead every parameter is per unit of it.
         torque_constant: by which a current became the torque that the model was fitted to, if one did; the errors of
             the estimates include its own.
@@ -110,14 +110,14 @@ class Model:
     log_format: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def build(cls, terms: Sequence[Term], theta: ArrayLike, std: ArrayLike = 0.0, **shape_std: float) -> Self:
+    def build(cls, terms: Sequence[Term], theta: ArrayLike, std: ArrayLike = 0.0, **nonlinear_std: float) -> Self:
         """Model from linear parameters theta (P,) and their standard errors, in the order of the terms' columns.
 
         Args:
             terms: ordered terms.
             theta: linear parameters (P,).
             std: their standard errors, scalar or (P,).
-            shape_std: standard errors of shape parameters by `id.shape`, where known.
+            nonlinear_std: standard errors of nonlinear parameters by `id.name`, where known.
         """
         columns = [column for term in terms for column in term.columns]
         values = np.broadcast_to(np.asarray(theta, dtype=float), (len(columns),))
@@ -127,10 +127,11 @@ class Model:
             for c, v, s in zip(columns, values, errors, strict=True)
         }
         for term in terms:
-            for shape in term.free:
-                name = term.full(shape.name)
-                ends = (-np.inf, np.inf) if shape.integer else (shape.low, shape.high)
-                estimates[name] = Estimate.within(term.shape[shape.name], shape_std.get(name, 0.0), shape.unit, *ends)
+            for known in term.free:
+                name = term.full(known.name)
+                ends = (-np.inf, np.inf) if known.integer else (known.low, known.high)
+                value, error = term.nonlinear_values[known.name], nonlinear_std.get(name, 0.0)
+                estimates[name] = Estimate.within(value, error, known.unit, *ends)
         return cls(tuple(terms), estimates)
 
     @property
@@ -239,7 +240,7 @@ class Model:
             if not np.isfinite(value) or (name == "inertia" and value <= 0):
                 raise ModelError(f"{name} of a model cannot be {value:g}: give a positive number")
         new = {name: Estimate(float(value), 0.0, self.estimates[name].unit) for name, value in values.items()}
-        terms = with_shapes(self.terms, values)
+        terms = with_nonlinear_values(self.terms, values)
         return replace(self, terms=terms, estimates={**self.estimates, **new}, correlation=())
 
     def per(self, torque_unit: str) -> Self:
@@ -250,7 +251,7 @@ class Model:
     def of(self, id: str) -> dict[str, Estimate]:
         """Parameters of one of the terms, by name."""
         (term,) = (own for own in self.terms if own.id == id)
-        names = [column.name for column in term.columns] + [term.full(shape.name) for shape in term.free]
+        names = [column.name for column in term.columns] + [term.full(known.name) for known in term.free]
         return {name: self.estimates[name] for name in names}
 
     def biased(self, names: Container[str] | None = None) -> Self:
@@ -454,7 +455,7 @@ def _all_derived(model: Model) -> dict[str, Estimate]:
             found[term.full(name)] = Estimate(
                 float(value), float(std), per(unit, model.torque_unit), is_biased=is_biased
             )
-        for part in term.shares:
+        for part in term.description.percent_of:
             name, of = term.full(part), f"{part}@{term.at}" if term.at else part
             base, entry = model.estimates.get(of), model.estimates[name]
             if base is not None and base.value != 0:
@@ -469,30 +470,30 @@ def _all_derived(model: Model) -> dict[str, Estimate]:
 def _derived(term: Term, values: Array) -> dict[str, tuple[float, str]]:
     """Compute what a term derives from its parameters (P + S,), linear ones first."""
     count = len(term.columns)
-    shapes = {shape.name: float(value) for shape, value in zip(term.free, values[count:], strict=True)}
-    return replace(term, **shapes).derived(values[:count])
+    nonlinear = {known.name: float(value) for known, value in zip(term.free, values[count:], strict=True)}
+    return replace(term, **nonlinear).derived(values[:count])
 
 
 def _term(id: str, data: _ModelFile) -> Term:
-    """Make the term of an id in a model file, with its shape parameters, or its extent."""
+    """Make the term of an id in a model file, with its nonlinear parameters, or its extent."""
     kind = library.term(id)
     if issubclass(kind, Table):
         tables = data.tables or {}
         if id not in tables:
             raise ModelError(f"'tables' lacks '{id}'")
         return read_table(kind, tables[id], f"tables.{id}")
-    shapes = {}
-    for shape in kind.shapes:
-        name = kind.full(shape.name)
-        if shape.usual is not None and data.theta.get(name) is None:
+    values = {}
+    for known in kind.nonlinear_parameters:
+        name = kind.full(known.name)
+        if known.nominal is not None and data.theta.get(name) is None:
             continue
-        shapes[shape.name] = number = read_estimate(data.theta, name, shape.unit).value
-        if not (shape.low <= number <= shape.high and (number.is_integer() or not shape.integer)):
-            what = "a whole number" if shape.integer else "a number"
-            unit = "" if shape.unit == "1" else f" {shape.unit}"
-            expected = f"{what} from {shape.low:g} to {shape.high:g}{unit}"
+        values[known.name] = number = read_estimate(data.theta, name, known.unit).value
+        if not (known.low <= number <= known.high and (number.is_integer() or not known.integer)):
+            what = "a whole number" if known.integer else "a number"
+            unit = "" if known.unit == "1" else f" {known.unit}"
+            expected = f"{what} from {known.low:g} to {known.high:g}{unit}"
             raise ModelError(f"'theta.{name}.value' is {number:g}: expected {expected}")
-    term = kind(**shapes)
+    term = kind(**values)
     if term.fault:
         raise ModelError(f"'{kind.id}' makes no sense: {term.fault}")
     return term

@@ -1,17 +1,16 @@
 """Torques that depend on the angle alone and store energy."""
 
-from collections.abc import Iterable, Sequence
+from __future__ import annotations
+
 from dataclasses import dataclass
-from itertools import product
-from typing import Self
 
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.physics.term import Column, Samples, Shape, Term
+from pendulum_env.physics.description import Description
+from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term
 
-COARSE = 60  # orders of cogging up to which all are tried,
-FINEST, STARTS = 400, 3  # and beyond, up to twice the ratio of usual gears, those of which so many are tried
+FINEST = 400  # order of cogging, twice the ratio of usual gears
 
 
 @dataclass(frozen=True)
@@ -19,14 +18,15 @@ class GravityTilt(Term):
     """Gravity out of phase, g cos q: a tilted base, an offset centre of mass, or a wrong encoder zero."""
 
     id = "gravity_tilt"
-    title = "tilted gravity"
     law = "g cos q"
     kind = "potential"
-    is_smooth = True
-    reveal = "swings beyond 30 degrees, to tell it from a constant"
-    symptom = "a curve over the angle"
-    signature = "Over the angle lies a cosine, largest where the arm hangs and changing sign where it is level."
-    resembles = ("torque_offset", "coulomb_asymmetry", "spring", "encoder_eccentricity")
+    description = Description(
+        title="tilted gravity",
+        symptom="a curve over the angle",
+        signature="Over the angle lies a cosine, largest where the arm hangs and changing sign where it is level.",
+        resembles=("torque_offset", "coulomb_asymmetry", "spring", "encoder_eccentricity"),
+        informative_experiment="swings beyond 30 degrees, to tell it from a constant",
+    )
     by_angle = ("cosine",)
 
     columns = (
@@ -49,23 +49,23 @@ class Cogging(Term):
     order_5: float = 0.0
 
     id = "cogging"
-    title = "cogging torque"
     law = "s sin Nq + c cos Nq"
     kind = "potential"
-    typical = "sin=0.15,cos=0.1"
-    reveal = "slow full turns"
-    symptom = "waves over the angle"
-    signature = (
-        "Over the angle lies a wave that comes again a whole number of times in a turn, the same in both "
-        "directions and under any torque."
+    nonlinear_parameters = (
+        NonlinearParameter("order", "1", 2, FINEST, integer=True),
+        *(NonlinearParameter(f"order_{k}", "1", 0, 120, integer=True, nominal=0.0) for k in range(2, 6)),
     )
-    resembles = ("torque_ripple", "periodic_disturbance")
-    shapes = (
-        Shape("order", "1", 2, FINEST, integer=True),
-        *(Shape(f"order_{k}", "1", 0, 2 * COARSE, integer=True, usual=0.0, unusual=2.0) for k in range(2, 6)),
+    description = Description(
+        title="cogging torque",
+        symptom="waves over the angle",
+        signature=(
+            "Over the angle lies a wave that comes again a whole number of times in a turn, the same in both "
+            "directions and under any torque."
+        ),
+        resembles=("torque_ripple", "periodic_disturbance"),
+        informative_experiment="slow full turns",
+        typical_size="sin=0.15,cos=0.1",
     )
-
-    seen = 3  # periods of the longest of several waves over the angle
 
     @property
     def _orders(self) -> list[tuple[str, float]]:
@@ -81,30 +81,6 @@ class Cogging(Term):
     def fault(self) -> str:
         orders = [n for _, n in self._orders]
         return "" if len(set(orders)) == len(orders) else "its orders have to differ"
-
-    def possible(self, x: Samples) -> bool:
-        first, *others = sorted(n for _, n in self._orders)
-        return not others or bool(np.ptp(x.position) * first >= 2 * np.pi * self.seen)
-
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls(float(order)) for order in (*range(2, COARSE + 1), *_strongest(x.position, residual))]
-
-    @classmethod
-    def looked_at(cls, x: Samples, residual: Array) -> int:
-        return FINEST - 1
-
-    @classmethod
-    def smooth(cls, fast: float) -> Sequence[Self]:
-        return [cls(order) for order in (2.0, 3.0)]
-
-
-def _strongest(position: Array, residual: Array) -> list[int]:
-    """Orders beyond those of slots that a residual has most of, as the gears of strain waves make them."""
-    bins = 8 * FINEST  # of a turn, so fine that each wave lies within several
-    turn = np.floor(np.asarray(position) / (2 * np.pi) * bins).astype(int) % bins
-    power = np.abs(np.fft.rfft(np.bincount(turn, residual, bins)))[COARSE + 1 : FINEST + 1]
-    return (COARSE + 1 + np.argsort(power)[::-1][:STARTS]).tolist()
 
 
 def _wave(end: str, n: float) -> tuple[Column, Column]:
@@ -135,18 +111,20 @@ class Spring(Term):
     degree: float = 1.0
 
     id = "spring"
-    title = "a spring"
     law = "k q - k q0 (hardening: and k2 q^2 + k3 q^3)"
     kind = "potential"
-    typical = "preload=0.1"
-    reveal = "swings beyond 60 degrees or several turns, to tell it from gravity"
-    symptom = "a curve over the angle"
-    signature = (
-        "Over the angle lies a line that goes on rising where gravity turns back, and adds up from turn to turn."
-    )
-    resembles = ("gravity", "gravity_tilt", "hard_stop")
     by_angle = ("one", "line")
-    shapes = (Shape("degree", "1", 1, 3, integer=True, usual=1.0, unusual=3.0),)
+    nonlinear_parameters = (NonlinearParameter("degree", "1", 1, 3, integer=True, nominal=1.0),)
+    description = Description(
+        title="a spring",
+        symptom="a curve over the angle",
+        signature=(
+            "Over the angle lies a line that goes on rising where gravity turns back, and adds up from turn to turn."
+        ),
+        resembles=("gravity", "gravity_tilt", "hard_stop"),
+        informative_experiment="swings beyond 60 degrees or several turns, to tell it from gravity",
+        typical_size="preload=0.1",
+    )
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -160,11 +138,6 @@ class Spring(Term):
     def fault(self) -> str:
         return "its degree has to be 1 or 3" if np.any(np.asarray(self.degree) == 2) else ""
 
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        # in the place of one that hardens, a straight one beside gravity may be none; an arm's gravity is that of links
-        return [cls()] if cls.at else [cls(), cls(3.0)]
-
 
 def _power(name: str, unit: str, n: int, least: float = -np.inf) -> Column:
     """Column of the n-th power of the angle, and its potential."""
@@ -175,6 +148,17 @@ def _power(name: str, unit: str, n: int, least: float = -np.inf) -> Column:
         potential=lambda x: x.position ** (n + 1) / (n + 1),
         least=least,
     )
+
+
+def _untested_stops(stop: HardStop, low: float, high: float) -> str:
+    """Name the ends of the motion at which no stop was met."""
+    if np.isfinite([stop.lower, stop.upper]).all():
+        return ""
+    if np.isfinite(stop.upper):
+        return f"no lower stop was met down to {low:.3g} rad, and none beyond would show"
+    if np.isfinite(stop.lower):
+        return f"no upper stop was met up to {high:.3g} rad, and none beyond would show"
+    return f"no stop was met from {low:.3g} to {high:.3g} rad, and none beyond would show"
 
 
 @dataclass(frozen=True)
@@ -193,21 +177,24 @@ class HardStop(Term):
     damping_time: float = 0.0
 
     id = "hard_stop"
-    title = "a hard stop"
     law = "k (x + c x x' + T x') >= 0, x beyond lower or upper"
     kind = "potential"
-    typical = "stiffness=40,lower=-1.2,upper=1.2,hysteresis=0.05"
-    reveal = "motion up to both ends of the range"
-    symptom = "a curve over the angle"
-    signature = (
-        "Nothing over most of the range, then a steep push back beyond one angle or two; the motion bounces there."
+    nonlinear_parameters = (
+        NonlinearParameter("lower", "rad", -np.inf, 1e6, nominal=-np.inf),
+        NonlinearParameter("upper", "rad", -1e6, np.inf, nominal=np.inf),
+        NonlinearParameter("hysteresis", "s/rad", 0.0, 100.0, nominal=0.0),
+        NonlinearParameter("damping_time", "s", 0.0, 1.0, nominal=0.0),
     )
-    resembles = ("spring",)
-    shapes = (
-        Shape("lower", "rad", -np.inf, 1e6, usual=-np.inf),
-        Shape("upper", "rad", -1e6, np.inf, usual=np.inf),
-        Shape("hysteresis", "s/rad", 0.0, 100.0, usual=0.0, unusual=0.05),
-        Shape("damping_time", "s", 0.0, 1.0, usual=0.0, unusual=0.005),
+    description = Description(
+        title="a hard stop",
+        symptom="a curve over the angle",
+        signature=(
+            "Nothing over most of the range, then a steep push back beyond one angle or two; the motion bounces there."
+        ),
+        resembles=("spring",),
+        informative_experiment="motion up to both ends of the range",
+        typical_size="stiffness=40,lower=-1.2,upper=1.2,hysteresis=0.05",
+        untested_range=_untested_stops,
     )
 
     @property
@@ -239,27 +226,3 @@ class HardStop(Term):
     @property
     def fault(self) -> str:
         return "" if np.all(self.lower < self.upper) else "lower has to be below upper"
-
-    def possible(self, x: Samples) -> bool:
-        # free at least half of the time: what always acts is a spring
-        return bool(self.lower < np.median(x.position) < self.upper)
-
-    def beyond(self, low: float, high: float) -> str:
-        if np.isfinite([self.lower, self.upper]).all():
-            return ""
-        if np.isfinite(self.upper):
-            return f"no lower stop was met down to {low:.3g} rad, and none beyond would show"
-        if np.isfinite(self.lower):
-            return f"no upper stop was met up to {high:.3g} rad, and none beyond would show"
-        return f"no stop was met from {low:.3g} to {high:.3g} rad, and none beyond would show"
-
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        # The arm rests or turns round at a stop, so it lies near an end of the range that was seen.
-        q = np.asarray(x.position)
-        low, high = float(q.min()), float(q.max())
-        depths = (high - low) * np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4])
-        lower, upper = (low + depths).tolist(), (high - depths).tolist()
-        alone = [*(cls(lower=stop) for stop in lower), *(cls(upper=stop) for stop in upper)]
-        variants = [*alone, *(cls(*stops) for stops in product(lower, upper))]
-        return [variant for variant in variants if variant.possible(x)]

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.term import Column, Samples, Shape, Term
+from pendulum_env.physics.description import Description
+from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term
 
 Function = Callable[[Array], Array]
 
@@ -27,17 +28,19 @@ class EncoderEccentricity(Term):
     id = "encoder_eccentricity"
     law = "-(I d^2/dt^2 + mgl cos q + b d/dt)(s sin q + c cos q)"
     kind = "sensor"
-    reveal = "full turns at high speed"
-    symptom = "a curve over the angle"
-    signature = (
-        "Once a turn the angle runs ahead and falls back: errors of one cycle a turn that grow with the square of "
-        "the speed."
+    nonlinear_parameters = (
+        NonlinearParameter("inertia", "kg m^2", 1e-9, 1e9, follows="inertia"),
+        NonlinearParameter("gravity", "N m", -1e9, 1e9, follows="gravity"),
+        NonlinearParameter("viscous", "N m s/rad", -1e9, 1e9, follows="viscous"),
     )
-    resembles = ("gravity_tilt", "viscous_asymmetry")
-    shapes = (
-        Shape("inertia", "kg m^2", 1e-9, 1e9, follows="inertia"),
-        Shape("gravity", "N m", -1e9, 1e9, follows="gravity"),
-        Shape("viscous", "N m s/rad", -1e9, 1e9, follows="viscous"),
+    description = Description(
+        symptom="a curve over the angle",
+        signature=(
+            "Once a turn the angle runs ahead and falls back: errors of one cycle a turn that grow with the square of "
+            "the speed."
+        ),
+        resembles=("gravity_tilt", "viscous_asymmetry"),
+        informative_experiment="full turns at high speed",
     )
 
     @property

@@ -255,7 +255,7 @@ def simulate(
     states = np.array([np.broadcast_to(row, batch) for row in rows(x)])
     made = (program or prepared(terms, balance.loaded, h)) if len(batch) == 1 else Prepared(None, ())
     if made.step is not None:
-        constants = [*balance.theta, *made.shapes, *(load[:2] if balance.loaded else ()), h]
+        constants = [*balance.theta, *made.nonlinear, *(load[:2] if balance.loaded else ()), h]
         own = np.array([np.broadcast_to(value, batch) for value in constants])
         path = made.step(inputs, own[:, None], states[:, None], count)[:, :, 0]
     else:
@@ -300,10 +300,10 @@ def samples(state: Array, like: Samples) -> Samples:
 
 
 class Prepared(NamedTuple):
-    """A step of a model, compiled, or None if a law of it is no formula, and the values of its shape parameters."""
+    """A step of a model, compiled, or None if a law of it is no formula, and the values of its nonlinear parameters."""
 
     step: Recurrence | None
-    shapes: Sequence[ArrayLike]
+    nonlinear: Sequence[ArrayLike]
 
 
 def prepared(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike = LONGEST_STEP) -> Prepared:
@@ -314,20 +314,20 @@ def prepared(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike = L
     from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
 
     try:
-        balance, x, shapes = in_symbols(terms, loaded)
+        balance, x, nonlinear = in_symbols(terms, loaded)
         duration: Any = name("h", most=upper(longest))
         after = step(balance, x, duration)
-        constants = [*balance.theta, *map(name, shapes), *(x.load[:2] if loaded else ()), duration]
+        constants = [*balance.theta, *map(name, nonlinear), *(x.load[:2] if loaded else ()), duration]
         parts: Any = [x.torque, *(x.load[2:] if loaded else ())], constants, rows(x)
         inputs, known, before = ([symbol.label for symbol in each] for each in parts)
         step_of = recurrence(inputs, known, before, rows(after))
     except Exception:  # a user's law may do anything that NumPy does
         return Prepared(None, ())
-    return Prepared(step_of, list(shapes.values()))
+    return Prepared(step_of, list(nonlinear.values()))
 
 
 def in_symbols(terms: Sequence[Term], loaded: bool = False) -> tuple[Balance, Samples, dict[str, ArrayLike]]:
-    """The balance of some terms, what it depends on, and the values of their shape parameters by name.
+    """The balance of some terms, what it depends on, and the values of their nonlinear parameters by name.
 
     Raises:
         Exception: of any kind, if a law is no formula.

@@ -21,11 +21,11 @@ from msgspec.structs import astuple
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics.term import Column, Samples, Shape, Term, derived
+from pendulum_env.physics.description import Description
+from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term, derived
 from pendulum_env.reading import Number, Text, Unreadable, convert
 
 FARTHEST, NARROWEST = 1e6, 1e-6  # of a table in a file [rad, rad/s]
-ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # pieces that are tried
 OF_ANGLE: dict[str, Callable[[Array], Array]] = {
     "one": np.ones_like,
     "line": np.positive,
@@ -123,7 +123,7 @@ class Table(Term):
     @property
     def told(self) -> str:
         """What it is, and at which joint, in words."""
-        return f"{self.title} at {self.at}" if self.at else self.title
+        return f"{self.description.title} at {self.at}" if self.at else self.description.title
 
     @classmethod
     def warped(cls, argument: ArrayLike) -> ArrayLike:
@@ -225,27 +225,17 @@ class ByAngle(Table):
     def argument(cls, x: Samples) -> ArrayLike:
         return x.position
 
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        extents = []
-        for pieces in ANGLES:
-            share = cls.outside / pieces
-            low, high = np.quantile(x.position, [share, 1.0 - share]).tolist()
-            if low < high:
-                extents.append(Extent(low, high, pieces))
-        if np.ptp(x.position) >= 2 * np.pi and not cls.slides:
-            extents += [Extent(-np.pi, np.pi, pieces) for pieces in ANGLES]
-        return [cls.over(extent)() for extent in extents]
-
 
 @dataclass(frozen=True)
 class TorqueByAngle(ByAngle):
     """Torque that is a function of the angle, as of a cable, a dress pack or a cam; over a turn where it turned."""
 
     id = "torque_by_angle"
-    title = "a torque that varies with the angle"
     law = "f(q)"
     kind = "potential"
+    description = Description(
+        title="a torque that varies with the angle",
+    )
 
     def beside(self, terms: Sequence[Term]) -> Table:
         names = (name for term in terms if term.at in ("", self.at) for name in term.of_angle(self.at))
@@ -262,9 +252,11 @@ class FrictionByAngle(ByAngle):
     """Dry friction that varies with the angle, as of a seal that rubs or a worn part of a gear."""
 
     id = "friction_by_angle"
-    title = "dry friction that varies with the angle"
     law = "f(q) sgn q'"
     kind = "dissipative"
+    description = Description(
+        title="dry friction that varies with the angle",
+    )
     is_dry = True
 
     @classmethod
@@ -277,9 +269,11 @@ class FrictionBySpeed(Table):
     """Friction that is any function of the speed, the same either way; knots are closer together at low speed."""
 
     id = "friction_by_speed"
-    title = "friction that varies with the speed"
     law = "f(|q'|) sgn q'"
     kind = "dissipative"
+    description = Description(
+        title="friction that varies with the speed",
+    )
     axis = "velocity"
     extent = Extent(0.0, 1.0, 4)
     is_dry = True
@@ -296,11 +290,6 @@ class FrictionBySpeed(Table):
     def laws(cls) -> Sequence[Callable[[Array], Array]]:
         return (np.ones_like, np.positive)
 
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        fastest = float(np.max(np.abs(x.velocity)))
-        return [cls.over(Extent(0.0, fastest, pieces))() for pieces in SPEEDS]
-
 
 @dataclass(frozen=True)
 class PowerOfSpeed(Table):
@@ -312,7 +301,7 @@ class PowerOfSpeed(Table):
     axis = "velocity"
     law = "c |q'|^p sgn q'"
     kind = "dissipative"
-    shapes = (Shape("power", "1", 0.2, 9.0),)
+    nonlinear_parameters = (NonlinearParameter("power", "1", 0.2, 9.0),)
 
     @property
     def told(self) -> str:
@@ -321,10 +310,6 @@ class PowerOfSpeed(Table):
     @property
     def columns(self) -> tuple[Column, ...]:
         return (Column(self.id, "N m (s/rad)^p", dry=lambda x: np.absolute(x.velocity) ** self.power),)
-
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls(power) for power in (0.5, 1.5, 2.0, 3.0, 5.0)]
 
 
 @dataclass(frozen=True)
@@ -339,21 +324,17 @@ class ByTime(Table):
     def argument(cls, x: Samples) -> ArrayLike:
         return x.time
 
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        first, last = float(np.min(x.time)), float(np.max(x.time))
-        pieces = min(max(2, round((last - first) / cls.length)), cls.most)
-        return [cls.over(Extent(first, last, int(pieces)))()]
-
 
 @dataclass(frozen=True)
 class TorqueByTime(ByTime):
     """Torque that wanders slowly with time."""
 
     id = "torque_by_time"
-    title = "a torque that wanders with time"
     law = "f(t)"
     kind = "time-varying"
+    description = Description(
+        title="a torque that wanders with time",
+    )
 
 
 @dataclass(frozen=True)
@@ -361,9 +342,11 @@ class GainByTime(ByTime):
     """Motor torque that is lost in a share that wanders with time: the joint receives tau (1 - f(t))."""
 
     id = "gain_by_time"
-    title = "a motor gain that wanders with time"
     law = "tau f(t)"
     kind = "actuation"
+    description = Description(
+        title="a motor gain that wanders with time",
+    )
     unit = "1"
     is_gain = True
     most = 5  # a motor warms and a battery empties slowly

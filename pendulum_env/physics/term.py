@@ -1,24 +1,26 @@
 """What a physical term offers: one definition serves regressors, simulation and report.
 
-The torque balance is linear in the parameters theta once the shape parameters (a Stribeck velocity, a cogging order)
-are fixed:
+The torque balance is linear in the parameters theta once the nonlinear parameters (a Stribeck velocity, a cogging
+order) are fixed:
 
     torque = sum_k theta_k (mass_k q'' + force_k + dry_k sgn q')
 
 A `Column` is the bracket behind one theta_k, a `Term` is one physical effect: its columns, its law in words, and the
-shape parameters it is built with.
+nonlinear parameters it is built with. Texts about it stand beside the law in a `Description`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self, TypeVar
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
+from pendulum_env.physics.description import Description
 from pendulum_env.physics.symbols import may, name, repeated
 from pendulum_env.words import NAMES
 
@@ -27,17 +29,17 @@ if TYPE_CHECKING:
 
 Memory = tuple[Array, ...]  # state variables of a term: each a scalar per pendulum, or a series of N of them
 Kind = Literal["inertial", "potential", "dissipative", "actuation", "time-varying", "transmission", "sensor"]
-Symptom = Literal[  # what somebody sees first of what a model leaves
-    "the same torque everywhere",
-    "a curve over the angle",
-    "waves over the angle",
-    "a curve over the speed",
-    "a peak around standstill",
-    "a curve over the torque",
-    "torque that comes late",
-    "knocks and ringing",
-    "a change in time",
-]
+OLD_TEXTS = {  # attributes of classes for an earlier release, read for one more; fields of `Description` replace them
+    "title": "title",
+    "symptom": "symptom",
+    "signature": "signature",
+    "resembles": "resembles",
+    "reveal": "informative_experiment",
+    "typical": "typical_size",
+    "omitted": "omission",
+    "is_of_speed": "fits_friction",
+    "beyond": "untested_range",
+}
 
 
 class KnownLoad(NamedTuple):
@@ -156,7 +158,7 @@ LOAD = Column(
 
 
 @dataclass(frozen=True)
-class Shape:
+class NonlinearParameter:
     """A parameter that enters nonlinearly: it is searched for, not solved for."""
 
     name: str
@@ -166,17 +168,16 @@ class Shape:
     integer: bool = False
     follows: str = ""  # name of a linear parameter of another term that this one is to equal
     instant: bool = False  # whether it is a time at which something happens, which shows only in what is sampled then
-    usual: float | None = None  # value at which it stays, and is no parameter at all, unless data call for another
-    unusual: float | None = None  # where the search for another begins; without it, the grid holds what there is to try
+    nominal: float | None = None  # value at which it stays, and is no parameter at all, unless data call for another
 
 
 @dataclass(frozen=True)
 class Term:
-    """One physical effect; its dataclass fields are its shape parameters.
+    """One physical effect; its dataclass fields are its nonlinear parameters.
 
     This is the one base class of the physics: it holds the defaults that most effects share, so that a user's own
-    effect is an id, a law and its columns. Overridden are `columns`, and where needed `fixed` and `grid`; a term whose
-    torque depends on the past overrides `start` and `advance` too, and finds its state in `Samples.memory`.
+    effect is an id, a law and its columns. Overridden are `columns`, and where needed `fixed`; a term whose torque
+    depends on the past overrides `start` and `advance` too, and finds its state in `Samples.memory`.
     """
 
     id: ClassVar[str]
@@ -185,27 +186,18 @@ class Term:
     slides: ClassVar[bool] = False  # whether that joint does
     law: ClassVar[str]  # added to the torque that the motion needs
     kind: ClassVar[Kind]
-    title: ClassVar[str] = ""  # within a sentence, where the id with its underscores taken out does not read well
-    typical: ClassVar[str] = ""  # sizes that a rig might show, as `sin=0.15,cos=0.1`, where the unit does not tell them
-    reveal: ClassVar[str] = "a richer excitation"  # the experiment that shows the effect
-    symptom: ClassVar[Symptom | None] = None
-    signature: ClassVar[str] = ""  # what of it is seen in a recording, in a sentence or two
-    resembles: ClassVar[tuple[str, ...]] = ()  # ids of terms that it is confused with
-    shapes: ClassVar[tuple[Shape, ...]] = ()
+    nonlinear_parameters: ClassVar[tuple[NonlinearParameter, ...]] = ()
     by_angle: ClassVar[tuple[str, ...]] = ()  # functions of the angle alone that it is, see `of_angle`
-    is_smooth: ClassVar[bool] = False  # whether it helps to follow any smooth torque, beside which the rest is noise
-    is_of_speed: ClassVar[bool] = False  # whether it is friction that viscous and dry friction can stand in for
     needs: ClassVar[str] = ""  # quantity that a recording has to have beside motion and torque
-    omitted: ClassVar[str] = "it is left out"  # what that means where a simulator does not know it
-    multimodal: ClassVar[str] = ""  # shape parameter over which the error has many local minima, searched one by one
     link: ClassVar[bool] = False  # whether its memory is position and velocity of a link behind the motor
-    shares: ClassVar[tuple[str, ...]] = ()  # parts that are also given in per cent of the term of that name
     forgets: ClassVar[float] = np.inf  # time after which a term with memory no longer knows where it started [s]
+    description: ClassVar[Description] = Description()
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        if "title" in vars(cls):
-            NAMES[cls.id] = cls.title
+        _read_old_names(cls)
+        if "description" in vars(cls) and cls.description.title:
+            NAMES[cls.id] = cls.description.title
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -218,26 +210,6 @@ class Term:
         return ()
 
     @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        """Variants over the shape parameters from which a search starts.
-
-        Args:
-            x: N samples of the motion that was recorded.
-            residual: torque that the model so far leaves unexplained there, (N,) [N m].
-        """
-        return [cls()]
-
-    @classmethod
-    def looked_at(cls, x: Samples, residual: Array) -> int:
-        """Number of variants among which `grid` chose: all of its own, unless it went by the residual."""
-        return len(list(cls.grid(x, residual)))
-
-    @classmethod
-    def smooth(cls, fast: float) -> Sequence[Self]:
-        """Variants that follow smooth torques at speeds up to `fast` [rad/s]; none unless it is smooth."""
-        return (cls(),) if cls.is_smooth else ()
-
-    @classmethod
     def has_state(cls) -> bool:
         """Whether it has state variables along a motion, those of a dead time included."""
         return cls.advance is not Term.advance or cls.trace is not Term.trace
@@ -248,20 +220,12 @@ class Term:
 
     @property
     def fault(self) -> str:
-        """What makes no sense about shape parameters that are each within their limits; empty if nothing."""
+        """What makes no sense about nonlinear parameters that are each within their limits; empty if nothing."""
         return ""
 
     def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
         """What people also call the parameters, theta (P,) being the linear ones: values and units by short name."""
         return {}
-
-    def possible(self, x: Samples) -> bool:
-        """Whether the shape parameters are those of a joint that moved as in N samples."""
-        return True
-
-    def beyond(self, low: float, high: float) -> str:
-        """What motion from `low` to `high` [rad] leaves open beside the effect as it is; empty if nothing."""
-        return ""
 
     @property
     def delay(self) -> float:
@@ -286,13 +250,13 @@ class Term:
         return traces([self], [x], [command], [period])[0][0]
 
     @property
-    def shape(self) -> dict[str, float]:
-        """Values of the shape parameters by name."""
+    def nonlinear_values(self) -> dict[str, float]:
+        """Values of the nonlinear parameters by name."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
     @classmethod
     def full(cls, part: str) -> str:
-        """Full name of one of its shape parameters, `stribeck.stribeck_velocity` or that `@elbow`."""
+        """Full name of one of its nonlinear parameters, `stribeck.stribeck_velocity` or that `@elbow`."""
         effect, at, joint = cls.id.partition("@")
         return f"{effect}.{part}{at}{joint}"
 
@@ -312,9 +276,24 @@ class Term:
         return self.remembers and not self.needs
 
     @property
-    def free(self) -> tuple[Shape, ...]:
-        """Shape parameters that are to be found: those that are not at their usual value."""
-        return tuple(shape for shape in self.shapes if np.any(getattr(self, shape.name) != shape.usual))
+    def free(self) -> tuple[NonlinearParameter, ...]:
+        """Nonlinear parameters that are to be found: those that are not at their nominal value."""
+        return tuple(p for p in self.nonlinear_parameters if np.any(getattr(self, p.name) != p.nominal))
+
+
+def _read_old_names(kind: type[Term]) -> None:
+    """Take the attributes of a class for an earlier release, and warn of each."""
+    own = vars(kind)
+    if "shapes" in own:
+        kind.nonlinear_parameters = own["shapes"]
+    if texts := {new: own[old] for old, new in OLD_TEXTS.items() if old in own}:
+        kind.description = replace(kind.description, **texts)
+    known = {"shapes": "nonlinear_parameters = ..."} | {
+        old: f"description = Description({new}=...)" for old, new in OLD_TEXTS.items()
+    }
+    for old in known.keys() & own.keys():
+        text = f"{kind.__name__}.{old} is read for one more release: write {known[old]} instead"
+        warnings.warn(text, FutureWarning, stacklevel=4)
 
 
 def derived(kind: type[T], factory: Callable[..., type[T]], *arguments: Any, **members: Any) -> type[T]:
@@ -325,21 +304,23 @@ def derived(kind: type[T], factory: Callable[..., type[T]], *arguments: Any, **m
     common: dict[str, Any] = {
         "__doc__": kind.__doc__,
         "__module__": kind.__module__,
-        "__reduce__": lambda self: (_again, (kind(), factory, arguments, self.shape)),
+        "__reduce__": lambda self: (_again, (kind(), factory, arguments, self.nonlinear_values)),
     }
     return type(kind.__name__, (kind,), common | members)
 
 
-def _again(bare: Term, factory: Callable[..., type[Term]], arguments: tuple[Any, ...], shape: dict[str, float]) -> Term:
-    return factory(type(bare), *arguments)(**shape)
+def _again(
+    bare: Term, factory: Callable[..., type[Term]], arguments: tuple[Any, ...], values: dict[str, float]
+) -> Term:
+    return factory(type(bare), *arguments)(**values)
 
 
 def written(term: Term, place: int = 0) -> tuple[Term, dict[str, ArrayLike]]:
-    """A term in symbols, and the values of its free shape parameters by symbol."""
-    values: dict[str, ArrayLike] = {f"{place}.{shape.name}": term.shape[shape.name] for shape in term.free}
-    symbols: dict[str, Any] = {shape.name: name(f"{place}.{shape.name}") for shape in term.free}
-    usual: dict[str, Any] = {shape.name: shape.usual for shape in term.shapes}  # of a batch, too, whose rows agree
-    return dataclasses.replace(term, **usual | symbols), values
+    """A term in symbols, and the values of its free nonlinear parameters by symbol."""
+    values: dict[str, ArrayLike] = {f"{place}.{p.name}": term.nonlinear_values[p.name] for p in term.free}
+    symbols: dict[str, Any] = {p.name: name(f"{place}.{p.name}") for p in term.free}
+    nominal: dict[str, Any] = {p.name: p.nominal for p in term.nonlinear_parameters}  # rows of a batch agree
+    return replace(term, **nominal | symbols), values
 
 
 def loads(at: str) -> dict[str, float]:
@@ -377,7 +358,7 @@ def traces(
 ) -> list[list[Memory]]:
     """State variables of V variants of one effect, driven along the recorded motion of several recordings.
 
-    All variants and all recordings advance together: shape parameters are stacked into arrays (V, 1), and blocks of
+    All variants and all recordings advance together: nonlinear parameters are stacked into arrays (V, 1), and blocks of
     the recordings run side by side, each led in from a little before, long enough to forget how it began.
 
     Args:
@@ -389,7 +370,8 @@ def traces(
     Returns:
         For each recording and each variant its state variables, each (N,), at the samples.
     """
-    fields = {name: np.array([variant.shape[name] for variant in variants]) for name in variants[0].shape}
+    names = variants[0].nonlinear_values
+    fields = {name: np.array([variant.nonlinear_values[name] for variant in variants]) for name in names}
     stacked = type(variants[0])(**{name: values[:, None] for name, values in fields.items()})
     counts = [len(command) for command in commands]
     longest = max(counts)

@@ -7,6 +7,7 @@ import numpy as np
 
 from pendulum_env._typing import ArrayLike
 from pendulum_env.physics.term import Term
+from pendulum_env.words import along
 
 
 def ids(terms: Sequence[Term]) -> frozenset[str]:
@@ -15,8 +16,8 @@ def ids(terms: Sequence[Term]) -> frozenset[str]:
 
 
 def forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
-    """Ids of some terms, each with the names of its free shape parameters."""
-    return frozenset((term.id, *(shape.name for shape in term.free if not shape.follows)) for term in terms)
+    """Ids of some terms, each with the names of its free nonlinear parameters."""
+    return frozenset((term.id, *(known.name for known in term.free if not known.follows)) for term in terms)
 
 
 def has_link(terms: Sequence[Term]) -> bool:
@@ -44,20 +45,26 @@ def is_hidden(term: Term) -> bool:
     return term.link or has_bristles(term)
 
 
-def with_shapes(terms: Sequence[Term], values: Mapping[str, ArrayLike]) -> tuple[Term, ...]:
-    """Terms with some shape parameters, by full name, at other values; of a batch that agrees, at one number."""
+def with_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike]) -> tuple[Term, ...]:
+    """Terms with some nonlinear parameters, by full name, at other values; of a batch that agrees, at one number."""
     changed = []
     for term in terms:
-        names = {shape.name: term.full(shape.name) for shape in term.shapes}
+        names = {known.name: term.full(known.name) for known in term.nonlinear_parameters}
         own = {short: np.asarray(values[name]) for short, name in names.items() if name in values}
         one = {short: float(value.flat[0]) if np.ptp(value) == 0 else value for short, value in own.items()}
         changed.append(replace(term, **one) if one else term)
     return tuple(changed)
 
 
+def untested_range(term: Term, low: float, high: float) -> str:
+    """Say which motion beyond `low` and `high` [rad] was not tested for an effect as it is; empty if none."""
+    text = term.description.untested_range(term, low, high)
+    return along(text) if term.slides else text
+
+
 def complexity(term: Term) -> int:
     """Number of parameters of a term."""
-    return len(term.columns) + sum(not shape.follows for shape in term.free)
+    return len(term.columns) + sum(not known.follows for known in term.free)
 
 
 def parameters(terms: Sequence[Term]) -> int:

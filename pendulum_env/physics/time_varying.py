@@ -1,13 +1,12 @@
 """Effects that change with time; time counts from the start of a recording."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.physics.term import Column, Samples, Shape, Term
+from pendulum_env.physics.description import Description
+from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term
 
 
 @dataclass(frozen=True)
@@ -17,19 +16,21 @@ class FrictionDrift(Term):
     warm_up: float = 10.0
 
     id = "friction_drift"
-    title = "friction that drifts with time"
     law = "(b1 q' + f1 sgn q') exp(-t/T)"
     kind = "time-varying"
-    typical = "viscous=0.15,coulomb=0.35"
-    omitted = "friction is that of a warm joint"
-    reveal = "a recording from cold that lasts several warm-up times"
-    symptom = "a change in time"
-    signature = (
-        "Friction falls from the beginning of the recording on, fast at first: errors at its start and of the "
-        "other sign at its end."
+    nonlinear_parameters = (NonlinearParameter("warm_up", "s", 0.01, 1e6),)
+    description = Description(
+        title="friction that drifts with time",
+        symptom="a change in time",
+        signature=(
+            "Friction falls from the beginning of the recording on, fast at first: errors at its start and of the "
+            "other sign at its end."
+        ),
+        resembles=("payload_change",),
+        informative_experiment="a recording from cold that lasts several warm-up times",
+        typical_size="viscous=0.15,coulomb=0.35",
+        omission="friction is that of a warm joint",
     )
-    resembles = ("payload_change",)
-    shapes = (Shape("warm_up", "s", 0.01, 1e6),)
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -39,11 +40,6 @@ class FrictionDrift(Term):
             Column("friction_drift.coulomb", "N m", dry=lambda x: np.exp(-x.time / warm_up) * np.ones_like(x.velocity)),
         )
 
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        span = float(np.max(x.time))
-        return [cls(float(warm_up)) for warm_up in np.geomspace(span / 20, span * 1.5, 8)]
-
 
 @dataclass(frozen=True)
 class PayloadChange(Term):
@@ -52,19 +48,21 @@ class PayloadChange(Term):
     moment: float = 10.0
 
     id = "payload_change"
-    title = "a payload change"
     law = "(dI q'' + dmgl sin q) for t > t0"
     kind = "time-varying"
-    typical = "gravity=0.4"
-    omitted = "the payload is that before the change"
-    reveal = "a recording that spans the change"
-    symptom = "a change in time"
-    signature = (
-        "From one moment on the arm is heavier or lighter: errors like those of a wrong weight and inertia begin, "
-        "or end, within one sample."
+    nonlinear_parameters = (NonlinearParameter("moment", "s", 0.0, 1e6, instant=True),)
+    description = Description(
+        title="a payload change",
+        symptom="a change in time",
+        signature=(
+            "From one moment on the arm is heavier or lighter: errors like those of a wrong weight and inertia begin, "
+            "or end, within one sample."
+        ),
+        resembles=("friction_drift",),
+        informative_experiment="a recording that spans the change",
+        typical_size="gravity=0.4",
+        omission="the payload is that before the change",
     )
-    resembles = ("friction_drift",)
-    shapes = (Shape("moment", "s", 0.0, 1e6, instant=True),)
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -76,11 +74,6 @@ class PayloadChange(Term):
     def _after(self, x: Samples) -> Array:
         return np.where(x.time >= self.moment, 1.0, 0.0)
 
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        start, stop = float(np.min(x.time)), float(np.max(x.time))
-        return [cls(float(moment)) for moment in start + (stop - start) * np.arange(0.04, 0.97, 0.02)]
-
 
 @dataclass(frozen=True)
 class PeriodicDisturbance(Term):
@@ -89,18 +82,19 @@ class PeriodicDisturbance(Term):
     frequency: float = 10.0
 
     id = "periodic_disturbance"
-    title = "a periodic disturbance"
     law = "s sin wt + c cos wt"
     kind = "time-varying"
-    reveal = "a recording of many periods"
-    symptom = "a change in time"
-    signature = (
-        "What is left is a sine of time, whatever the joint does: one sharp peak in its spectrum, also while the "
-        "joint stands."
+    nonlinear_parameters = (NonlinearParameter("frequency", "rad/s", 1e-5, 1e5),)
+    description = Description(
+        title="a periodic disturbance",
+        symptom="a change in time",
+        signature=(
+            "What is left is a sine of time, whatever the joint does: one sharp peak in its spectrum, also while the "
+            "joint stands."
+        ),
+        resembles=("cogging",),
+        informative_experiment="a recording of many periods",
     )
-    resembles = ("cogging",)
-    shapes = (Shape("frequency", "rad/s", 1e-5, 1e5),)
-    peaks = 8  # of a periodogram, the highest ones, from which a search starts
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -109,28 +103,3 @@ class PeriodicDisturbance(Term):
             Column("periodic_disturbance.sin", "N m", force=lambda x: np.sin(w * x.time) * np.ones_like(x.velocity)),
             Column("periodic_disturbance.cos", "N m", force=lambda x: np.cos(w * x.time) * np.ones_like(x.velocity)),
         )
-
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        omega, power = cls._periodogram(x, residual)
-        peaks = np.flatnonzero((power[1:-1] >= power[2:]) & (power[1:-1] >= power[:-2])) + 1
-        highest = peaks[np.argsort(power[peaks])[::-1][: cls.peaks]]
-        return [cls(float(w)) for w in omega[highest]]
-
-    @classmethod
-    def looked_at(cls, x: Samples, residual: Array) -> int:
-        return len(cls._periodogram(x, residual)[0])
-
-    @staticmethod
-    def _periodogram(x: Samples, residual: Array) -> tuple[Array, Array]:
-        """Frequencies [rad/s], so close that no peak falls between two of them, and the residual's power there."""
-        time = np.asarray(x.time)
-        gaps = np.diff(time)
-        step = float(np.median(gaps[gaps > 0])) / 2
-        bins = np.round(time / step).astype(int)
-        signal = np.bincount(bins - bins.min(), weights=residual)
-        length = int(2 ** np.ceil(np.log2(4 * len(signal))))
-        omega = np.asarray(2 * np.pi * np.fft.rfftfreq(length, step), dtype=float)
-        span = float(time.max() - time.min())
-        usable = (omega > 2 * np.pi / span) & (omega < 0.8 * np.pi / (2 * step))
-        return omega[usable], np.abs(np.fft.rfft(signal, length))[usable] ** 2

@@ -15,17 +15,17 @@ where s is the extension of the transmission. Source: Spong, ASME Journal of Dyn
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
+from pendulum_env.physics.description import Description
 from pendulum_env.physics.simulation import bounded, substeps
 from pendulum_env.physics.symbols import name
-from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term
+from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, Term
 
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
@@ -36,7 +36,6 @@ class Transmission(Term):
 
     kind = "transmission"
     link = True
-    symptom = "knocks and ringing"
     resonance: float
     damping: float
     gravity: float
@@ -105,15 +104,18 @@ class JointFlexibility(Transmission):
 
     id = "joint_flexibility"
     law = "J (ql'' - q'') + mgl (sin ql - sin q)"
-    reveal = "excitation around the resonance"
-    signature = (
-        "After fast changes what is left rings at one frequency, and the joint feels lighter above it than below."
+    nonlinear_parameters = (
+        NonlinearParameter("resonance", "rad/s", 1.0, 2e3),
+        NonlinearParameter("damping", "1/s", 1e-2, 1e3),
+        NonlinearParameter("gravity", "1/s^2", 0.1, 1e4),
     )
-    resembles = ("backlash", "actuator_lag", "dead_time", "presliding")
-    shapes = (
-        Shape("resonance", "rad/s", 1.0, 2e3),
-        Shape("damping", "1/s", 1e-2, 1e3),
-        Shape("gravity", "1/s^2", 0.1, 1e4),
+    description = Description(
+        symptom="knocks and ringing",
+        signature=(
+            "After fast changes what is left rings at one frequency, and the joint feels lighter above it than below."
+        ),
+        resembles=("backlash", "actuator_lag", "dead_time", "presliding"),
+        informative_experiment="excitation around the resonance",
     )
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
@@ -128,15 +130,6 @@ class JointFlexibility(Transmission):
         q = np.r_[q0, path][: len(drive)]
         return q, np.gradient(q, period)
 
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [
-            cls(float(w), float(c), g)
-            for w in np.geomspace(6.0, 300.0, 34)
-            for c in (0.3, 3.0)
-            for g in (12.0, 25.0, 50.0)
-        ]
-
 
 @dataclass(frozen=True)
 class Backlash(Transmission):
@@ -149,34 +142,26 @@ class Backlash(Transmission):
 
     id = "backlash"
     law = "J (ql'' - q'') + mgl (sin ql - sin q) with play"
-    reveal = "many reversals under changing load"
-    signature = (
-        "After a reversal of the load the motor is free for a small angle, then meets the link with a knock: "
-        "short errors, always near the same load."
-    )
-    resembles = ("joint_flexibility", "presliding", "stribeck")
     forgets = 2.0
-    multimodal = "resonance"
-    shapes = (
-        Shape("gap", "rad", 1e-4, 0.5),
-        Shape("resonance", "rad/s", 10.0, 5e3),
-        Shape("damping", "1/s", 1e-2, 1e4),
-        Shape("gravity", "1/s^2", 0.1, 1e4),
+    nonlinear_parameters = (
+        NonlinearParameter("gap", "rad", 1e-4, 0.5),
+        NonlinearParameter("resonance", "rad/s", 10.0, 5e3),
+        NonlinearParameter("damping", "1/s", 1e-2, 1e4),
+        NonlinearParameter("gravity", "1/s^2", 0.1, 1e4),
+    )
+    description = Description(
+        symptom="knocks and ringing",
+        signature=(
+            "After a reversal of the load the motor is free for a small angle, then meets the link with a knock: "
+            "short errors, always near the same load."
+        ),
+        resembles=("joint_flexibility", "presliding", "stribeck"),
+        informative_experiment="many reversals under changing load",
     )
 
     @property
     def play(self) -> float:
         return self.gap
-
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [
-            cls(float(gap), float(w), c, g)
-            for gap in np.geomspace(2e-3, 0.08, 6)
-            for w in (50.0, 90.0, 160.0)
-            for c in (8.0, 20.0)
-            for g in (15.0, 30.0)
-        ]
 
 
 @cache

@@ -79,7 +79,7 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     """Simulate B servos from their goals under V models.
 
     Args:
-        terms: of the models, whose shape parameters are numbers, or (V, 1) arrays of those of each.
+        terms: of the models, whose nonlinear parameters are numbers, or (V, 1) arrays of those of each.
         theta: linear parameters (P, V).
         servos: with their goals.
         every: steps between positions that are returned.
@@ -100,7 +100,7 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     inputs = np.stack([servos.goal, scale, servos.on, _due(servos), warm, outside], axis=1)
     program = _prepared(terms, speed, len(weights), loaded, integrates, h)
     theta = theta[:, :, None]
-    constants = [*theta, *program.shapes, *gains[:, None], *(servos.load[:2] if loaded else ()), *weights, h]
+    constants = [*theta, *program.nonlinear, *gains[:, None], *(servos.load[:2] if loaded else ()), *weights, h]
     own = np.array([np.broadcast_to(value, shape) for value in constants])
     q, v, t = (np.broadcast_to(part, shape) for part in (servos.position, servos.velocity, servos.start))
     x = Samples(t, q, v, np.zeros(shape), load=servos.load._replace(torque=outside[0]))
@@ -214,13 +214,13 @@ def _prepared(
     integral: Any = name("integral") if integrates else 0.0
     state = State(name("held"), before, integral, name("speed"), name("velocity_seen"))
     try:
-        balance, x, shapes = in_symbols(terms, loaded)
+        balance, x, nonlinear = in_symbols(terms, loaded)
         after, later = servo_step(balance, x, state, given, gains, weights, speed, h)
         shared = [*gains.values(), *(x.load[:2] if loaded else ()), *weights, h]
-        constants: Any = [*balance.theta, *map(name, shapes), *shared]
+        constants: Any = [*balance.theta, *map(name, nonlinear), *shared]
         inputs, known, states = (
             [one.label for one in each] for each in (given, constants, _flat(x, state, integrates))
         )
-        return Prepared(recurrence(inputs, known, states, _flat(after, later, integrates)), list(shapes.values()))
+        return Prepared(recurrence(inputs, known, states, _flat(after, later, integrates)), list(nonlinear.values()))
     except Exception:  # a user's law may do anything that NumPy does
         return Prepared(None, [])

@@ -79,7 +79,7 @@ class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         Args:
             env: the environment.
             spread: relative half width of the four base parameters, or of some linear parameters by name; "covariance"
-                draws all linear parameters as an identified model knows them (shape parameters stay as they are).
+                draws all linear parameters as an identified model knows them (nonlinear parameters stay as they are).
 
         Raises:
             ValueError: if the environment's plant cannot be drawn, or see `Spread`.

@@ -33,9 +33,11 @@ def test_known_effect_is_recovered_by_all_schemes(id):
     exact = Experiment(seconds=5.0, counts=None, torque_noise=0.0, seed=1)
     (run,), kind = simulate([(Plant(effects={id: HIDDEN[id]}), exact)]), effects()[id]
     known = dict(Truth.of(id, run.truth).parameters)
-    followed = {f"{id}.{shape.name}": known[shape.follows] for shape in kind.shapes if shape.follows in known}
+    followed = {
+        f"{id}.{shape.name}": known[shape.follows] for shape in kind.nonlinear_parameters if shape.follows in known
+    }
     known = followed | known
-    term = kind(**{shape.name: known.get(f"{id}.{shape.name}", shape.usual) for shape in kind.shapes})
+    term = kind(**{shape.name: known.get(f"{id}.{shape.name}", shape.nominal) for shape in kind.nonlinear_parameters})
     theta = [known[column.name] for own in (*BASE, term) for column in own.columns]
     found = identify(told(run), (*BASE, term))
     for scheme in SCHEMES:

@@ -176,7 +176,12 @@ def test_effects_are_listed_with_their_laws_or_told_how_they_show(done):
     out = done("effects")
     assert all(id in out and kind.law in out for id, kind in effects().items())
     out, kind = done("effects", "backlash", *TABLES), effects()["backlash"]
-    assert kind.signature in out and kind.reveal in out and "joint flexibility" in out and "stribeck:" not in out
+    assert (
+        kind.description.signature in out
+        and kind.description.informative_experiment in out
+        and "joint flexibility" in out
+        and "stribeck:" not in out
+    )
     for id, table in TABLES.items():
         assert f"{id}: {table.law}\n" in out and str(table.__doc__).partition("\n")[0] in out
 

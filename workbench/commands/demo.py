@@ -97,7 +97,7 @@ def hidden_pendulum(rng: np.random.Generator) -> Hidden:
     theta = np.array(list(PAPER.values())) * rng.uniform(1 - SPREAD, 1 + SPREAD, len(PAPER))
     kind = BUILT_IN[rng.integers(len(BUILT_IN))]
     parameters = draw_effect(kind, rng)
-    shapes = {shape.name: parameters.pop(shape.name) for shape in kind.shapes if shape.name in parameters}
+    shapes = {shape.name: parameters.pop(shape.name) for shape in kind.nonlinear_parameters if shape.name in parameters}
     plant = Model.build(BASE, theta).add(kind(**shapes), np.array(list(parameters.values())))
     return Hidden(
         "A pendulum whose parameters nobody told, with one effect that the paper's model does not know",

@@ -46,15 +46,17 @@ def described(kind: type[Term]) -> list[str]:
     """How an effect shows, with what it is confused, what tells it, and its parameters; of a table what it is for."""
     if issubclass(kind, Table):
         return [str(kind.__doc__).partition("\n")[0], "Parameters: coefficients of a spline, by `add`."]
-    alike = f"Confused with {listing([name(id) for id in kind.resembles])}." if kind.resembles else ""
+    text = kind.description
+    alike = f"Confused with {listing([name(id) for id in text.resembles])}." if text.resembles else ""
     values = f"Parameters, of typical size: {parameters(kind)}."
-    return [line for line in (kind.signature, alike, f"What tells: {kind.reveal}.", values) if line]
+    return [line for line in (text.signature, alike, f"What tells: {text.informative_experiment}.", values) if line]
 
 
 def parameters(kind: type[Term]) -> str:
     """Parameters of an effect as its text form takes them: `stribeck 0.45 N m, stribeck_velocity 0.5 rad/s`."""
-    units = [column.unit for column in kind().columns] + [shape.unit for shape in kind.shapes]
-    further = {shape.name for shape in kind.shapes if shape.integer and shape.usual is not None}  # more of the same
+    nonlinear = kind.nonlinear_parameters
+    units = [column.unit for column in kind().columns] + [known.unit for known in nonlinear]
+    further = {known.name for known in nonlinear if known.integer and known.nominal is not None}  # more of the same
     pairs = zip(typical(kind).items(), units, strict=True)
     return ", ".join(
         f"{name} {value:g} {unit}".removesuffix(" 1") for (name, value), unit in pairs if name not in further

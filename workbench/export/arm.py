@@ -97,9 +97,9 @@ class Friction:
         """
         unit = model.torque_unit
         others = [term for term in model.terms if term.id not in EVERY and term.id not in held]
-        folded = [term for term in others if term.is_of_speed]
+        folded = [term for term in others if term.description.fits_friction]
         missing = [] if unit == NEWTON_METRE else [f"a torque in {unit}: masses and inertias are those per {unit}"]
-        missing += [f"{term.id} ({term.law}): {term.omitted}" for term in others if term not in folded]
+        missing += [f"{term.id} ({term.law}): {term.description.omission}" for term in others if term not in folded]
         viscous, dry = value(model, "viscous") + value(model, "back_emf"), value(model, "coulomb")
         if not folded and min(viscous, dry) >= 0:
             return cls(viscous, dry, tuple(missing))

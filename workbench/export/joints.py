@@ -24,7 +24,7 @@ def at(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
     """What acts at a joint alone as a model of its own, and the effects there that cannot be part of one."""
     own = [one for one in model.terms[1:] if one.at == joint]
     tables = tuple(f"{one.id} ({one.law}): it is left out" for one in own if isinstance(one, Table))
-    terms = [term(one.id.partition("@")[0])(**one.shape) for one in own if not isinstance(one, Table)]
+    terms = [term(one.id.partition("@")[0])(**one.nonlinear_values) for one in own if not isinstance(one, Table)]
     names = [column.name for one in terms for column in one.columns]
     theta = np.array([value(model, f"{name}@{joint}") for name in names])
     return Model.build(terms, theta), tables

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimators import diagnose
+from estimators.search_hints import is_possible
 from pendulum_env.physics import Samples
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
@@ -47,8 +48,8 @@ def test_every_order_of_a_motors_cogging_is_found_and_no_other(cogging):
     found = diagnose([turned(cogging, 1)], [turned(cogging, 2)])
     assert found.selected == ("cogging",)
     term = next(term for term in found.model.terms if term.id == "cogging")
-    assert sorted(n for n in term.shape.values() if n) == sorted(cogging)
-    ends = {term.shape[name]: name.removeprefix("order") for name in term.shape}
+    assert sorted(n for n in term.nonlinear_values.values() if n) == sorted(cogging)
+    ends = {term.nonlinear_values[name]: name.removeprefix("order") for name in term.nonlinear_values}
     for n, both in cogging.items():
         for part, value in zip(("sin", "cos"), both, strict=True):
             estimate = found.model.estimates[f"cogging.{part}{ends[n]}"]
@@ -59,6 +60,6 @@ def test_further_orders_are_of_waves_that_come_again():
     some = np.linspace(0.0, 1.0, 50)
     for turns, comes_again in ((0.4, False), (0.5, True)):
         x = Samples(some, 2 * np.pi * turns * some, 0 * some, 0 * some)
-        assert Cogging(7.0).possible(x)
-        assert Cogging(7.0, 28.0).possible(x) == comes_again
+        assert is_possible(Cogging(7.0), x)
+        assert is_possible(Cogging(7.0, 28.0), x) == comes_again
     assert Cogging(7.0, 7.0).fault and not Cogging(7.0, 28.0).fault

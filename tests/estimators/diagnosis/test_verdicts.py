@@ -8,6 +8,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import diagnose, identify
 from estimators.preprocessing import gather
+from estimators.search_hints import grid
 from estimators.selection.criterion import Criterion
 from estimators.selection.models import Models
 from estimators.selection.moves import settle
@@ -126,7 +127,7 @@ def test_torque_is_not_explained_by_torque():
     models = Models(*gather([recording("creep")]))
     base = settle(models, BASE)
     alone = np.std(models.regression.residual(base))
-    for friction in effect("load_dependent_friction").grid(models.train.samples, models.regression.residual(base)):
+    for friction in grid(effect("load_dependent_friction"), models.train.samples, models.regression.residual(base)):
         balance = models.regression.balance((*base, friction))
         eaten = balance.y - balance.phi @ np.linalg.lstsq(balance.phi, balance.y, rcond=None)[0]
         assert np.std(eaten) < models.left.floor < 0.9 * alone  # of the equation nothing is left,

@@ -1,4 +1,4 @@
-"""Least squares, cross-validation, standard errors, and searches over shape parameters: against first principles."""
+"""Least squares, cross-validation, standard errors, searches over nonlinear parameters: against first principles."""
 
 from dataclasses import replace
 
@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 from estimators.regression.balance import Balance
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import Fit, jackknife, least_squares, quietest_most, solve, solved
+from estimators.search_hints import grid
 from estimators.weak_form.shapes import cross_entropy, refined
 from pendulum_env.physics import Samples, Term, effect
 
@@ -211,34 +212,34 @@ def test_gauss_newton_finds_the_minimum_over_a_shape_parameter(id, shape, truth,
     y = y + sum(column.torque(x, 0.0) for column in term.fixed)
     residuals = projected(x, y)
     found = refined(kind(**{shape: start}), residuals)
-    assert found.shape[shape] == pytest.approx(truth, rel=1e-3 if noise == 0 else 0.05)
+    assert found.nonlinear_values[shape] == pytest.approx(truth, rel=1e-3 if noise == 0 else 0.05)
     least = np.linalg.norm(residuals([found])[0])
-    nearby = [kind(**{shape: found.shape[shape] * factor}) for factor in (0.99, 1.01)]
+    nearby = [kind(**{shape: found.nonlinear_values[shape] * factor}) for factor in (0.99, 1.01)]
     assert all(np.linalg.norm(residual) > least for residual in residuals(nearby))
 
 
 def test_gauss_newton_stays_within_limits_and_leaves_integers_alone():
     x, start = samples(), effect("stribeck")(stribeck_velocity=0.05)
-    found = refined(start, lambda variants: [np.full(5, v.shape["stribeck_velocity"]) for v in variants])
-    assert found.shape["stribeck_velocity"] == effect("stribeck").shapes[0].low
+    found = refined(start, lambda variants: [np.full(5, v.nonlinear_values["stribeck_velocity"]) for v in variants])
+    assert found.nonlinear_values["stribeck_velocity"] == effect("stribeck").nonlinear_parameters[0].low
     for term in (effect("spring")(), effect("cogging")(order=9.0)):
         assert refined(term, projected(x, x.position + np.sin(12 * x.position))) is term
 
 
 def test_cross_entropy_finds_a_minimum_among_many():
     truth = effect("backlash")(gap=0.013, resonance=75.0, damping=12.0, gravity=21.0)
-    target = np.log(list(truth.shape.values()))
+    target = np.log(list(truth.nonlinear_values.values()))
 
     def errors(variants: list[Term]) -> list[float]:
-        away = [np.log(list(variant.shape.values())) - target for variant in variants]
+        away = [np.log(list(variant.nonlinear_values.values())) - target for variant in variants]
         return [float(np.sum(d**2) + 0.02 * np.sum(1 - np.cos(25 * d))) for d in away]
 
     x = samples()
-    grid = list(effect("backlash").grid(x, x.torque))
-    found = cross_entropy(grid, errors)
-    assert errors([found])[0] < 0.5 * min(errors(grid))
-    np.testing.assert_allclose(np.log(list(found.shape.values())), target, atol=0.35)
-    assert cross_entropy(grid, errors) == found
+    variants = grid(effect("backlash"), x, x.torque)
+    found = cross_entropy(variants, errors)
+    assert errors([found])[0] < 0.5 * min(errors(variants))
+    np.testing.assert_allclose(np.log(list(found.nonlinear_values.values())), target, atol=0.35)
+    assert cross_entropy(variants, errors) == found
 
 
 def test_errors_beside_a_parameter_at_its_bound_are_those_of_a_fit_without_it():

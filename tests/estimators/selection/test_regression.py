@@ -1,8 +1,6 @@
 """What is recorded is predicted from the motion: a law of the torque by itself explains nothing of it."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 import pytest
@@ -10,12 +8,13 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.preprocessing import gather
 from estimators.regression.balance import Balance
+from estimators.search_hints import grid
 from estimators.selection.columns import depends_on_torque
 from estimators.selection.models import Models
 from estimators.selection.regression import Regression
 from estimators.weak_form.dataset import prepare
 from pendulum_env.filters import lag
-from pendulum_env.physics import BASE, Column, Samples, Shape, Term, effects
+from pendulum_env.physics import BASE, Column, NonlinearParameter, Samples, Term, effects
 from pendulum_env.physics.term import Memory
 from pendulum_env.recording import Recording
 from tests.cases import recorded
@@ -30,15 +29,11 @@ class Squashed(Term):
     id = "squashed"
     law = "tau - tau / (1 + |tau| / L)"
     kind = "actuation"
-    shapes = (Shape("limit", "N m", 0.1, 100.0),)
+    nonlinear_parameters = (NonlinearParameter("limit", "N m", 0.3, 100.0),)
 
     @property
     def fixed(self) -> tuple[Column, ...]:
         return (Column("squashed", "1", force=lambda x: x.torque - x.torque / (1 + np.abs(x.torque) / self.limit)),)
-
-    @classmethod
-    def grid(cls, x: Samples, residual: np.ndarray) -> Iterable[Self]:
-        return [cls(0.3), cls(3.0)]
 
 
 @dataclass(frozen=True)
@@ -50,7 +45,7 @@ class TwoLags(Term):
     id = "two_lags"
     law = "tau - tau_b with T tau_b' = tau_a - tau_b and T tau_a' = tau - tau_a"
     kind = "actuation"
-    shapes = (Shape("time_constant", "s", 1e-3, 1.0),)
+    nonlinear_parameters = (NonlinearParameter("time_constant", "s", 1e-3, 1.0),)
 
     @property
     def fixed(self) -> tuple[Column, ...]:
@@ -59,10 +54,6 @@ class TwoLags(Term):
     def trace(self, x: Samples, command: np.ndarray, period: float) -> Memory:
         keep = np.exp(-period / self.time_constant)
         return (lag(lag(command, keep, command[0]), keep, command[0]),)
-
-    @classmethod
-    def grid(cls, x: Samples, residual: np.ndarray) -> Iterable[Self]:
-        return [cls(0.005), cls(0.05)]
 
 
 LAWS = {kind.id: kind for kind in (*effects().values(), Squashed, TwoLags) if depends_on_torque(kind())}
@@ -83,7 +74,7 @@ def unpredicted(balance: Balance, theta: np.ndarray) -> np.ndarray:
 def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(regression: Regression, id: str, share: float):
     """Of a model whose motion takes no torque, all that was recorded is left, whatever becomes of it on the way."""
     recorded = regression.data.torque()
-    for term in LAWS[id].grid(regression.data.samples, recorded):
+    for term in grid(LAWS[id], regression.data.samples, recorded):
         balance = regression.balance((*BASE, term))
         theta = np.where(balance.of_torque, np.minimum(balance.most, share), 0.0)
         left = np.linalg.norm(unpredicted(balance, theta))

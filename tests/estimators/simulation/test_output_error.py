@@ -45,7 +45,7 @@ def test_friction_that_windows_hardly_see_is_found_by_what_it_does_to_motion():
     start = np.array([*TRUTH.values(), TRUTH["coulomb"]]) * [1.0, 1.0, 1.0, 1.0, 0.8]
     point = output_error.fit(prepared.segments, Point(terms, start), turns=12)
     assert point.theta[-1] == pytest.approx(TRUTH["coulomb"], rel=0.05)
-    assert point.terms[-1].shape["displacement"] == pytest.approx(TRUTH["coulomb"] / stiffness, rel=0.05)
+    assert point.terms[-1].nonlinear_values["displacement"] == pytest.approx(TRUTH["coulomb"] / stiffness, rel=0.05)
 
 
 def test_an_error_of_the_initial_state_alone_leaves_no_residual():

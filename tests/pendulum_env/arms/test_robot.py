@@ -118,8 +118,10 @@ def test_what_comes_again_with_each_turn_is_not_offered_where_a_joint_slides(tmp
         kind_at("coupling@-shoulder,elbow", body)
     with pytest.raises(ValueError, match="coupling is nothing that the simulator here has: leave it out"):
         effect_at("coupling@shoulder,elbow", body.joints)
-    assert links.shape == {}
-    (speed,) = [shape for shape in kind_at("stribeck@torso", body).shapes if shape.name == "stribeck_velocity"]
+    assert links.nonlinear_values == {}
+    (speed,) = [
+        shape for shape in kind_at("stribeck@torso", body).nonlinear_parameters if shape.name == "stribeck_velocity"
+    ]
     assert speed.unit == "m/s"
 
 

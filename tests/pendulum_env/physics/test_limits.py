@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 
+from estimators.search_hints import grid
 from pendulum_env.physics import BASE, Model, PluginError, Samples, effects, library, load_plugin, plugin
 from pendulum_env.physics.limits import LimitsError, check_names, collect_limits, limited, limited_term, limits_of
 
@@ -41,11 +42,11 @@ def test_a_limited_kind_is_the_same_law_whose_parameters_and_search_stay_within_
     term = kind(stribeck_velocity=0.35)
     (column,) = term.columns
     assert (column.least, column.most) == (0.1, 0.2) and term.id == "stribeck"
-    assert (term.shapes[0].low, term.shapes[0].high) == (0.3, 0.4)
+    assert (term.nonlinear_parameters[0].low, term.nonlinear_parameters[0].high) == (0.3, 0.4)
     assert limited(effects()["stribeck"], {"gravity": (1, 2)}) is effects()["stribeck"]
     assert limited(effects()["stribeck"], limits) is kind
     x = Samples(np.zeros(9), np.zeros(9), np.linspace(-5, 5, 9), np.zeros(9))
-    velocities = [variant.stribeck_velocity for variant in kind.grid(x, np.zeros(9))]
+    velocities = [variant.stribeck_velocity for variant in grid(kind, x, np.zeros(9))]
     assert velocities and min(velocities) >= 0.3 and max(velocities) <= 0.4
 
 
@@ -61,7 +62,10 @@ def test_limits_go_along_to_another_process():
     for term in (kind(order=12.0), limited_term(BASE[1], {"gravity": (2.0, 2.0)})):
         there = pickle.loads(pickle.dumps(term))
         assert there == limited_term(term, {"gravity": (2.0, 2.0)}) == term
-        assert (there.columns[0].least, there.shapes) == (term.columns[0].least, term.shapes)
+        assert (there.columns[0].least, there.nonlinear_parameters) == (
+            term.columns[0].least,
+            term.nonlinear_parameters,
+        )
 
 
 @pytest.mark.parametrize(

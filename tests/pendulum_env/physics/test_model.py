@@ -92,7 +92,7 @@ def with_theta(**entries: object) -> dict:
 
 
 def shaped(id: str, shape: str, value: float) -> dict:
-    """JSON of a model with an effect, a shape parameter of which is another."""
+    """JSON of a model with an effect, a nonlinear parameter of which is another."""
     data = hide(paper_plant(), id).json()
     data["theta"][f"{id}.{shape}"]["value"] = value
     return data

@@ -5,17 +5,28 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from pendulum_env.physics import BASE, Column, Model, Samples, Shape, Term, effect, effects, library, register
+from pendulum_env.physics import (
+    BASE,
+    Column,
+    Model,
+    NonlinearParameter,
+    Samples,
+    Term,
+    effect,
+    effects,
+    library,
+    register,
+)
 from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.physics.description import Symptom
 from pendulum_env.physics.effect_check import check_effect
 from pendulum_env.physics.library import BUILT_IN
-from pendulum_env.physics.term import Kind, Symptom, traces
+from pendulum_env.physics.term import Kind, traces
 from pendulum_env.plant import read_parameters, typical
 from pendulum_env.words import name
+from tests.motions import recorded
 from tests.terms import CubicDamping
 
 TERMS = {term.id: term for term in BASE} | {id: kind() for id, kind in effects().items()}
@@ -31,7 +42,6 @@ WITH_MEMORY = [id for id, term in TERMS.items() if type(term).advance is not Ter
 LAWS = ("mass", "force", "dry")
 
 every_term = pytest.mark.parametrize("id", TERMS)
-every_effect = pytest.mark.parametrize("id", effects())
 every_column = pytest.mark.parametrize("name", COLUMNS)
 
 
@@ -40,16 +50,6 @@ def motion(shape: tuple[int, ...], seed: int = 0) -> Samples:
     rng = np.random.default_rng(seed)
     time, position = rng.uniform(0, 20, shape), rng.uniform(-8, 8, shape)
     return Samples(time, position, 4 * rng.standard_normal(shape), 3 * rng.standard_normal(shape))
-
-
-def recorded(seed: int, seconds: float = 8.0, rate: float = 200.0, scale: float = 1.0, drift: float = 0.0) -> Samples:
-    """A smooth random motion in time order, around an angle that drifts [rad/s]."""
-    rng = np.random.default_rng(seed)
-    time = np.arange(round(seconds * rate)) / rate
-    w, phase, size = rng.uniform(0.5, 12, 5), rng.uniform(0, 6.3, 5), scale * rng.uniform(0.2, 1, 5)
-    angle = np.outer(time, w) + phase
-    torque = 3 * np.sin(time * w[0]) + np.cos(angle[:, 1])
-    return Samples(time, np.sin(angle) @ size + drift * time, np.cos(angle) @ (size * w) + drift, torque)
 
 
 def at(x: Samples, index: int) -> Samples:
@@ -78,37 +78,43 @@ def test_the_library_holds_what_is_a_contract_and_no_two_terms_share_an_id_nor_t
         encoder_eccentricity hard_stop"""
     assert set(promised.split()) <= effects().keys() and len(TERMS) == len(BASE) + len(effects())
     names = [column.name for term in TERMS.values() for column in term.columns]
-    names += [f"{term.id}.{shape.name}" for term in TERMS.values() for shape in term.shapes]
+    names += [f"{term.id}.{shape.name}" for term in TERMS.values() for shape in term.nonlinear_parameters]
     assert len(set(names)) == len(names)
 
 
 @every_term
-def test_term_says_its_law_and_its_fields_are_shape_parameters_within_their_limits(id):
+def test_term_says_its_law_and_its_fields_are_nonlinear_parameters_within_their_limits(id):
     term = TERMS[id]
-    assert term.id == id and term.law.strip() and term.reveal.strip() and type(term).__doc__.strip()
+    assert (
+        term.id == id
+        and term.law.strip()
+        and term.description.informative_experiment.strip()
+        and type(term).__doc__.strip()
+    )
     assert term.kind in get_args(Kind)
     assert term.columns or term.fixed
     assert all(c.name.split(".")[0] == id and c.unit for c in (*term.columns, *term.fixed))
-    assert (twin := type(term)(**term.shape)) == term and hash(twin) == hash(term)
-    assert [field.name for field in fields(term)] == [shape.name for shape in term.shapes]
-    for shape in term.shapes:
-        assert shape.low <= term.shape[shape.name] <= shape.high and shape.unit
+    assert (twin := type(term)(**term.nonlinear_values)) == term and hash(twin) == hash(term)
+    assert [field.name for field in fields(term)] == [shape.name for shape in term.nonlinear_parameters]
+    for shape in term.nonlinear_parameters:
+        assert shape.low <= term.nonlinear_values[shape.name] <= shape.high and shape.unit
         assert not shape.follows or shape.follows in {c.name for base in (*BASE, BackEmf()) for c in base.columns}
 
 
 @pytest.mark.parametrize("id", [kind.id for kind in BUILT_IN])
 def test_effect_says_how_it_shows_its_title_its_typical_sizes_and_with_what_it_is_confused(id):
     kind = effects()[id]
-    assert kind.symptom in get_args(Symptom)
-    assert kind.signature.endswith(".") and kind.signature.count(". ") <= 1  # a sentence or two
-    assert kind.resembles and id not in kind.resembles and set(kind.resembles) <= set(TERMS)
-    assert all(id in effects()[other].resembles for other in kind.resembles if other in effects())
-    assert name(id) == (kind.title or id.replace("_", " "))
-    assert not kind.typical or set(read_parameters(kind.typical)) <= typical(kind).keys()
+    text = kind.description
+    assert text.symptom in get_args(Symptom)
+    assert text.signature.endswith(".") and text.signature.count(". ") <= 1  # a sentence or two
+    assert text.resembles and id not in text.resembles and set(text.resembles) <= set(TERMS)
+    assert all(id in effects()[other].description.resembles for other in text.resembles if other in effects())
+    assert name(id) == (text.title or id.replace("_", " "))
+    assert not text.typical_size or set(read_parameters(text.typical_size)) <= typical(kind).keys()
 
 
 def test_every_symptom_is_some_effect_s():
-    assert {kind.symptom for kind in BUILT_IN} == set(get_args(Symptom))
+    assert {kind.description.symptom for kind in BUILT_IN} == set(get_args(Symptom))
 
 
 @every_column
@@ -171,14 +177,6 @@ def test_a_stop_at_infinity_is_none(lower, upper):
     np.testing.assert_array_equal(one.potential(x), np.where(there, both.potential(x), 0.0))
 
 
-def test_what_acts_most_of_the_time_is_no_stop():
-    x = recorded(2)
-    low, middle, high = np.quantile(x.position, [0.1, 0.5, 0.9])
-    stop = effect("hard_stop")
-    assert stop(low, high).possible(x) and stop(upper=high).possible(x)
-    assert not stop(lower=high).possible(x) and not stop(upper=middle - 1e-3).possible(x)
-
-
 @pytest.mark.parametrize("speed", [0.5, 2.0])
 def test_a_bumper_gives_back_the_share_of_a_slow_impact_that_hunt_and_crossley_say(speed):
     c = 0.1
@@ -186,50 +184,6 @@ def test_a_bumper_gives_back_the_share_of_a_slow_impact_that_hunt_and_crossley_s
     path = model.simulate(1e-4, np.zeros(2000), -1e-6, speed)
     assert path.position[-1] < 0
     assert -path.velocity[-1, 0] / speed == pytest.approx(1 - 2 / 3 * c * speed, abs=0.5 * (c * speed) ** 2)
-
-
-MOTIONS = {
-    "short and small": {"seconds": 3.0, "scale": 0.1},
-    "usual": {"seconds": 8.0},
-    "many turns": {"seconds": 30.0, "drift": -6.0},
-    "long": {"seconds": 200.0, "scale": 1.5},
-    "fast": {"seconds": 6.0, "drift": 60.0},
-}
-
-
-@every_effect
-@pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
-def test_grid_offers_valid_variants_on_random_motion(id, motion):
-    kind = effects()[id]
-    rng = np.random.default_rng(0)
-    x = recorded(1, rate=50.0, **motion)
-    wandering = 0.02 * np.cumsum(rng.standard_normal(len(x.time)))
-    residual = wandering - wandering.mean() + np.sin(0.04 * x.time)
-    variants = list(kind.grid(x, residual))
-    assert len(set(variants)) == len(variants)
-    for variant in variants:
-        assert type(variant) is kind
-        assert variant.possible(x)
-        assert not variant.fault
-        for shape in kind.shapes:
-            value = variant.shape[shape.name]
-            assert isinstance(value, float)
-            assert shape.low <= value <= shape.high, f"{shape.name} = {value:g}"
-            assert not shape.integer or value == round(value)
-    assert variants or kind.shapes  # only a search over shapes may have nowhere to start
-
-
-def test_what_the_best_tone_takes_out_of_noise_is_what_a_choice_among_so_many_gives():
-    tones, count, seeds = effect("periodic_disturbance"), 1000, 40
-    zero = np.zeros(count)
-    x = Samples(0.01 * np.arange(count), zero, zero, zero)
-    beyond = []
-    for seed in range(seeds):
-        noise = np.random.default_rng(seed).standard_normal(count)
-        best = max(abs(np.mean(noise * np.exp(1j * tone.frequency * x.time))) for tone in tones.grid(x, noise))
-        # a tone takes N |mean(noise exp(jwt))|^2 nats: exponentially distributed, close to it for the best of M
-        beyond.append(count * best**2 / np.var(noise) - np.log(tones.looked_at(x, noise)))
-    assert abs(np.mean(beyond)) < 0.5, np.mean(beyond)
 
 
 @pytest.mark.parametrize("id", WITH_MEMORY)
@@ -333,7 +287,10 @@ def test_a_class_that_is_written_again_takes_its_own_place_under_any_id():
         ({"law": None}, "law of CubicDamping"),
         ({"id": "cubic=damping"}, "id of CubicDamping"),
         ({"kind": "dissipativ"}, "kind of CubicDamping 'dissipativ': did you mean dissipative"),
-        ({"shapes": (Shape("speed", "rad/s", 0.1, 10.0),)}, "'speed' of CubicDamping is no field"),
+        (
+            {"nonlinear_parameters": (NonlinearParameter("speed", "rad/s", 0.1, 10.0),)},
+            "'speed' of CubicDamping is no field",
+        ),
         ({"columns": Column("cubic_damping", "1")}, "columns of CubicDamping"),
         ({"columns": (Column("drag", "1"),)}, "a column of CubicDamping is named 'drag'"),
         ({"columns": (Column("cubic_damping", "1", dry=lambda x: x.speed),)}, "dry of column .* of CubicDamping: Attr"),
@@ -372,14 +329,3 @@ def test_saturation_is_odd_of_slope_one_and_ends_at_its_limit_usually_as_a_tanh_
     np.testing.assert_allclose(np.gradient(given[:2001], 0.06)[1000], 1.0, atol=0.02)
     if law is not None:
         np.testing.assert_allclose(given, law(torque), atol=off)
-
-
-@given(order=st.integers(61, 400), phase=st.floats(0.0, 6.28), reach=st.floats(0.8, 20.0), seed=st.integers(0, 99))
-def test_cogging_of_a_fine_order_is_among_what_is_tried(order, phase, reach, seed):
-    """Gears of strain waves ripple twice in a turn of their motor, some 200 times in one of the joint."""
-    rng = np.random.default_rng(seed)
-    q = rng.uniform(-reach, reach, 4000)
-    residual = np.sin(order * q + phase) + rng.standard_normal(len(q))
-    x = Samples(np.arange(len(q)) * 0.01, q, np.ones_like(q), np.zeros_like(q))
-    near = 2.0 * np.pi / (2.0 * reach)  # orders that so short a way tells apart
-    assert min(abs(term.order - order) for term in effect("cogging").grid(x, residual)) <= near

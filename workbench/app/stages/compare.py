@@ -231,7 +231,9 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
     for id in ranked:
         if (GALLERY / f"{id}.svg").is_file():
             leaves = html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves")
-            rows.append(html.Li([names[id], html.Div([leaves, html.P(effect(id).signature, className="note")])]))
+            rows.append(
+                html.Li([names[id], html.Div([leaves, html.P(effect(id).description.signature, className="note")])])
+            )
     return panel(
         "What it looks like",
         html.P(

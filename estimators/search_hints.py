@@ -1,0 +1,299 @@
+"""Hints for the search over the nonlinear parameters of effects: where it begins, and which variants make sense.
+
+An effect holds its law, from which the hints follow; effects of the library have better ones here. Users add hints for
+an effect of their own by `set_hints`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.physics import NonlinearParameter, Samples, Term
+from pendulum_env.physics.actuation import ActuatorLag, DeadTime, TorqueRipple, TorqueSaturation
+from pendulum_env.physics.effect_check import check_variants
+from pendulum_env.physics.friction import LoadDependentFriction, Presliding, Stribeck, TemperatureDependentFriction
+from pendulum_env.physics.limits import clipped
+from pendulum_env.physics.potential import Cogging, HardStop, Spring
+from pendulum_env.physics.table import ByAngle, ByTime, Extent, FrictionBySpeed, PowerOfSpeed
+from pendulum_env.physics.time_varying import FrictionDrift, PayloadChange, PeriodicDisturbance
+from pendulum_env.physics.transmission import Backlash, JointFlexibility
+
+# Arguments: a class of terms, N samples of the motion, and the torque (N,) that the model leaves unexplained [N m].
+Grid = Callable[[type[Any], Samples, Array], Iterable[Term]]
+
+VARIANTS = 36  # of a grid over the bounds of all nonlinear parameters
+MOST_ORDERS = 400  # whole numbers that are tried of one parameter
+COARSE = 60  # orders of cogging up to which all are tried,
+FINEST, STARTS = 400, 3  # and beyond, up to twice the ratio of usual gears, those of which so many are tried
+WAVES = 3  # periods of the longest of several waves over the angle
+WARMER = 1.0  # [K], by which the temperature has to change
+PEAKS = 8  # highest ones of a periodogram, from which a search starts
+ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # pieces of tables that are tried
+
+
+def grid_over_bounds(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    """Spread variants over the bounds of the nonlinear parameters; an instant lies within the motion."""
+    sought = [known for known in kind.nonlinear_parameters if known.nominal is None and not known.follows]
+    count = max(2, int(VARIANTS ** (1.0 / max(len(sought), 1))))
+    axes = [_spread(known, count if len(sought) > 1 or not known.integer else MOST_ORDERS, x) for known in sought]
+    names = [known.name for known in sought]
+    variants = [kind(), *(kind(**dict(zip(names, values, strict=True))) for values in product(*axes))]
+    return list(dict.fromkeys(variant for variant in variants if not variant.fault))
+
+
+def _spread(known: NonlinearParameter, count: int, x: Samples) -> list[float]:
+    """Values of a parameter over its bounds, by factors where they are positive; none if a bound is infinite."""
+    low, high = known.low, known.high
+    if known.instant:
+        low, high = max(low, float(np.min(x.time))), min(high, float(np.max(x.time)))
+    if not np.isfinite([low, high]).all():
+        return []
+    if known.integer:
+        return np.unique(np.round(np.linspace(low, high, min(count, int(high - low) + 1)))).tolist()
+    values: list[float] = (np.geomspace if low > 0 else np.linspace)(low, high, count).tolist()
+    return values
+
+
+def _always(term: Any, x: Samples) -> bool:
+    return True
+
+
+@dataclass(frozen=True)
+class SearchHints:
+    """Hints for the search over one effect; the defaults follow from its law.
+
+    Attributes:
+        grid: variants from which the search starts.
+        n_tried: number of variants among which the grid chose by the residual; without it, the number of variants.
+        is_possible: whether a term has nonlinear parameters of a joint that moved as in N samples.
+        alternative_starts: values by name from which the search begins where data call for another than the nominal
+            one; without them, the grid holds all values to try.
+        multimodal: nonlinear parameter over which the error has many local minima, searched one by one.
+    """
+
+    grid: Grid = grid_over_bounds
+    n_tried: Callable[[type[Any], Samples, Array], int] | None = None
+    is_possible: Callable[[Any, Samples], bool] = _always
+    alternative_starts: Mapping[str, float] = field(default_factory=dict)
+    multimodal: str = ""
+
+
+def set_hints(kind: type[Term], hints: SearchHints) -> None:
+    """Set the hints for the search over an effect, and over the same effect at a joint or within limits.
+
+    Raises:
+        Mistake: if the grid or a law of its variants fails on a made-up motion.
+    """
+    check_variants(f"grid of {kind.__name__}", lambda x: hints.grid(kind, x, x.torque))
+    _HINTS[kind] = hints
+
+
+def hints_of(kind: type[Term]) -> SearchHints:
+    """Find the hints for an effect: its own, or those of the class that it is derived from."""
+    hints = next((_HINTS[base] for base in kind.__mro__ if base in _HINTS), SearchHints())
+    old: Any = kind  # of an effect for an earlier release, whose hints are methods
+    if hasattr(old, "grid"):
+        hints = replace(hints, grid=lambda kind, x, residual: kind.grid(x, residual))
+    if hasattr(old, "looked_at"):
+        hints = replace(hints, n_tried=lambda kind, x, residual: kind.looked_at(x, residual))
+    return replace(hints, is_possible=old.possible) if hasattr(old, "possible") else hints
+
+
+def grid(kind: type[Term], x: Samples, residual: Array) -> list[Term]:
+    """List the variants of an effect from which a search starts, within the bounds of its parameters.
+
+    Args:
+        kind: class of the effect.
+        x: N samples of the motion.
+        residual: torque that the model leaves unexplained there (N,) [N m].
+    """
+    return list(dict.fromkeys(clipped(variant) for variant in hints_of(kind).grid(kind, x, residual)))
+
+
+def n_tried(kind: type[Term], x: Samples, residual: Array) -> int:
+    """Count the variants among which `grid` chooses."""
+    count = hints_of(kind).n_tried
+    return len(grid(kind, x, residual)) if count is None else count(kind, x, residual)
+
+
+def is_possible(term: Term, x: Samples) -> bool:
+    """Whether a term has nonlinear parameters of a joint that moved as in N samples."""
+    return hints_of(type(term)).is_possible(term, x)
+
+
+def _peak(x: Samples) -> float:
+    return float(np.percentile(np.abs(x.torque), 99))
+
+
+def _limits_of_torque(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    peak = _peak(x)
+    corners = (1.0, 0.2) if peak > 0 else ()
+    return [kind(float(limit), corner) for corner in corners for limit in np.geomspace(0.2 * peak, 12 * peak, 16)]
+
+
+def _is_saturation(term: TorqueSaturation, x: Samples) -> bool:
+    """Refuse a limit far below the torque: if nearly nothing came through, nearly nothing remains to explain."""
+    return bool(term.limit >= 0.15 * _peak(x))
+
+
+def _stribeck_velocities(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    fast = float(np.percentile(np.abs(x.velocity), 95))
+    return [kind(float(vs)) for vs in np.geomspace(max(0.03, fast / 60), max(0.1, fast / 2), 10)]
+
+
+def _is_stribeck(term: Stribeck, x: Samples) -> bool:
+    """Require friction that fades at speeds that were reached: otherwise any friction would do."""
+    return bool(term.stribeck_velocity <= np.max(np.abs(x.velocity)))
+
+
+def _orders_of_cogging(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    """All coarse orders, and the strongest of the fine ones that gears with strain waves make."""
+    bins = 8 * FINEST  # of a turn, so fine that each wave lies within several
+    turn = np.floor(np.asarray(x.position) / (2 * np.pi) * bins).astype(int) % bins
+    power = np.abs(np.fft.rfft(np.bincount(turn, residual, bins)))[COARSE + 1 : FINEST + 1]
+    fine = COARSE + 1 + np.argsort(power)[::-1][:STARTS]
+    return [kind(float(order)) for order in (*range(2, COARSE + 1), *fine.tolist())]
+
+
+def _is_cogging(term: Cogging, x: Samples) -> bool:
+    """Require that each of several waves was seen several times: waves of any orders draw any curve."""
+    first, *others = sorted(order for order in term.nonlinear_values.values() if order)
+    return not others or bool(np.ptp(x.position) * first >= 2 * np.pi * WAVES)
+
+
+def _stops(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    """Stops near either end of the motion: there the arm rests or turns round."""
+    q = np.asarray(x.position)
+    low, high = float(q.min()), float(q.max())
+    depths = (high - low) * np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4])
+    lower, upper = (low + depths).tolist(), (high - depths).tolist()
+    alone = [*(kind(lower=stop) for stop in lower), *(kind(upper=stop) for stop in upper)]
+    variants = [*alone, *(kind(*stops) for stops in product(lower, upper))]
+    return [variant for variant in variants if _is_stop(variant, x)]
+
+
+def _is_stop(term: HardStop, x: Samples) -> bool:
+    """Require that the joint is free at least half of the time: a torque that always acts is that of a spring."""
+    return bool(term.lower < np.median(x.position) < term.upper)
+
+
+def _warm_up_times(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    span = float(np.max(x.time))
+    return [kind(float(warm_up)) for warm_up in np.geomspace(span / 20, span * 1.5, 8)]
+
+
+def _moments(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    start, stop = float(np.min(x.time)), float(np.max(x.time))
+    return [kind(float(moment)) for moment in start + (stop - start) * np.arange(0.04, 0.97, 0.02)]
+
+
+def _frequencies(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    omega, power = _periodogram(x, residual)
+    peaks = np.flatnonzero((power[1:-1] >= power[2:]) & (power[1:-1] >= power[:-2])) + 1
+    highest = peaks[np.argsort(power[peaks])[::-1][:PEAKS]]
+    return [kind(float(w)) for w in omega[highest]]
+
+
+def _periodogram(x: Samples, residual: Array) -> tuple[Array, Array]:
+    """Frequencies [rad/s], so close that no peak falls between two of them, and the residual's power there."""
+    time = np.asarray(x.time)
+    gaps = np.diff(time)
+    step = float(np.median(gaps[gaps > 0])) / 2
+    bins = np.round(time / step).astype(int)
+    signal = np.bincount(bins - bins.min(), weights=residual)
+    length = int(2 ** np.ceil(np.log2(4 * len(signal))))
+    omega = np.asarray(2 * np.pi * np.fft.rfftfreq(length, step), dtype=float)
+    span = float(time.max() - time.min())
+    usable = (omega > 2 * np.pi / span) & (omega < 0.8 * np.pi / (2 * step))
+    return omega[usable], np.abs(np.fft.rfft(signal, length))[usable] ** 2
+
+
+def _flexible_joints(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    return [
+        kind(float(w), float(c), g)
+        for w in np.geomspace(6.0, 300.0, 34)
+        for c in (0.3, 3.0)
+        for g in (12.0, 25.0, 50.0)
+    ]
+
+
+def _gaps(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    return [
+        kind(float(gap), float(w), c, g)
+        for gap in np.geomspace(2e-3, 0.08, 6)
+        for w in (50.0, 90.0, 160.0)
+        for c in (8.0, 20.0)
+        for g in (15.0, 30.0)
+    ]
+
+
+def _angles_of_table(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    extents = []
+    for pieces in ANGLES:
+        share = kind.outside / pieces
+        low, high = np.quantile(x.position, [share, 1.0 - share]).tolist()
+        if low < high:
+            extents.append(Extent(low, high, pieces))
+    if np.ptp(x.position) >= 2 * np.pi and not kind.slides:
+        extents += [Extent(-np.pi, np.pi, pieces) for pieces in ANGLES]
+    return [kind.over(extent)() for extent in extents]
+
+
+def _speeds_of_table(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    fastest = float(np.max(np.abs(x.velocity)))
+    return [kind.over(Extent(0.0, fastest, pieces))() for pieces in SPEEDS]
+
+
+def _times_of_table(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+    first, last = float(np.min(x.time)), float(np.max(x.time))
+    pieces = min(max(2, round((last - first) / kind.length)), kind.most)
+    return [kind.over(Extent(first, last, int(pieces)))()]
+
+
+def _of_values(values: Iterable[float]) -> Grid:
+    """Grid over the first nonlinear parameter that takes the same values for all data."""
+    numbers = [float(value) for value in values]
+    return lambda kind, x, residual: [kind(number) for number in numbers]
+
+
+_HINTS: dict[type[Term], SearchHints] = {
+    TorqueRipple: SearchHints(_of_values(range(1, 61))),
+    TorqueSaturation: SearchHints(_limits_of_torque, is_possible=_is_saturation, alternative_starts={"roundness": 0.4}),
+    ActuatorLag: SearchHints(_of_values(np.geomspace(1e-3, 0.2, 12))),
+    DeadTime: SearchHints(_of_values(np.geomspace(1e-3, 0.2, 14))),
+    Stribeck: SearchHints(_stribeck_velocities, is_possible=_is_stribeck, alternative_starts={"exponent": 1.4}),
+    LoadDependentFriction: SearchHints(
+        lambda kind, x, residual: [kind(share * float(np.std(x.torque))) for share in (0.0, 1.0)]
+    ),
+    TemperatureDependentFriction: SearchHints(
+        lambda kind, x, residual: [kind()] if np.ptp(x.temperature) > WARMER else []
+    ),
+    Presliding: SearchHints(_of_values(np.geomspace(5e-4, 0.2, 12))),
+    Cogging: SearchHints(
+        _orders_of_cogging,
+        n_tried=lambda kind, x, residual: FINEST - 1,
+        is_possible=_is_cogging,
+        alternative_starts={f"order_{k}": 2.0 for k in range(2, 6)},
+    ),
+    Spring: SearchHints(
+        # beside gravity a spring that hardens may be none; an arm's gravity is that of its links
+        lambda kind, x, residual: [kind()] if kind.at else [kind(), kind(3.0)],
+        alternative_starts={"degree": 3.0},
+    ),
+    HardStop: SearchHints(_stops, is_possible=_is_stop, alternative_starts={"hysteresis": 0.05, "damping_time": 0.005}),
+    FrictionDrift: SearchHints(_warm_up_times),
+    PayloadChange: SearchHints(_moments),
+    PeriodicDisturbance: SearchHints(_frequencies, n_tried=lambda kind, x, residual: len(_periodogram(x, residual)[0])),
+    JointFlexibility: SearchHints(_flexible_joints),
+    Backlash: SearchHints(_gaps, multimodal="resonance"),
+    ByAngle: SearchHints(_angles_of_table),
+    FrictionBySpeed: SearchHints(_speeds_of_table),
+    PowerOfSpeed: SearchHints(_of_values((0.5, 1.5, 2.0, 3.0, 5.0))),
+    ByTime: SearchHints(_times_of_table),
+}
