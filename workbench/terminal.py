@@ -74,11 +74,14 @@ class Terminal:
                     self._out.print(Padding(f"{header:{widest}}  {cell}", (0, 0, 0, 2)))
 
     @contextmanager
-    def progress(self, title: str, timed: bool = False) -> Iterator[Callable[[str, float], None]]:
+    def progress(self, title: str, timed: bool = False, lines: bool = False) -> Iterator[Callable[[str, float], None]]:
         """Bar on stderr, gone when the work is done: call what is yielded with what is being done and its share.
 
-        `timed` adds the time that is left.
+        `timed` adds the time that is left. With `lines`, a stderr that is no terminal gets a line for each tenth.
         """
+        if lines and not self._err.is_terminal:
+            yield _TenthPrinter(self._err, title)
+            return
         left = [TimeRemainingColumn(compact=True)] if timed else []
         columns = (
             TextColumn("{task.fields[title]}"),
@@ -89,6 +92,18 @@ class Terminal:
         with Progress(*columns, console=self._err, transient=True, disable=not self._err.is_terminal) as bars:
             task = bars.add_task("", title=title, total=1.0)
             yield lambda what, share: bars.update(task, description=what, completed=share)
+
+
+class _TenthPrinter:
+    """Prints a line whenever another tenth of the work is done."""
+
+    def __init__(self, console: Console, title: str) -> None:
+        self._console, self._title, self._printed = console, title, 0
+
+    def __call__(self, what: str, share: float) -> None:
+        if (tenths := int(10 * share + 1e-9)) > self._printed:
+            self._printed = tenths
+            self._console.print(f"{self._title} {10 * tenths} %: {what}")
 
 
 class _Patient(Console):

@@ -127,9 +127,17 @@ def test_a_setting_that_makes_no_sense_is_one_line(setting, reason, tmp_path, ca
 def test_train_from_the_command_line(tmp_path, capsys):
     config, policy = tmp_path / "config.toml", tmp_path / "policy.npz"
     config.write_text("\n".join(f"{name} = {value}" for name, value in SMALL.items()))
-    assert main(["train", "--config", str(config), "--steps", "1000", "-o", str(policy)]) == 0
-    assert "1,000 decisions" in capsys.readouterr().out
+    assert main(["train", "--config", str(config), "--steps", "960", "-o", str(policy)]) == 0
+    printed = capsys.readouterr()
+    assert "960 decisions" in printed.out and "too few" in printed.out and f"{Config().steps:,}" in printed.out
+    assert [line.split(":")[0] for line in printed.err.splitlines()] == [f"training {k}0 %" for k in range(1, 11)]
     assert load(str(policy)).constraint == "peak"
+
+
+def test_enough_steps_are_not_called_too_few(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("agents.training.train", lambda *_: load("peak"))
+    assert main(["train", "-o", str(tmp_path / "policy.npz")]) == 0
+    assert "too few" not in capsys.readouterr().out
 
 
 def test_what_makes_no_sense_is_one_line(tmp_path, capsys):

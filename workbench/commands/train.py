@@ -1,6 +1,7 @@
 """`train`: a policy that chooses excitations."""
 
 import argparse
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -49,13 +50,15 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     folder = None if arguments.checkpoints is None else Path(arguments.checkpoints)
     if arguments.resume and folder is None:
         raise InputError("--resume needs --checkpoints FOLDER, where the training was kept")
-    from agents.training import CHECKPOINT, train  # imports torch
-
+    if config.steps < (needed := Config.of({"constraint": config.constraint}).steps):
+        steps = f"{config.steps:,} steps are too few to learn the task"
+        terminal.say(f"{steps}: under the constraint {config.constraint} it takes {needed:,} (--steps {needed})")
+    training = import_module("agents.training")  # imports torch
     try:
-        with terminal.progress("training") as tell:
-            network = train(config, tell, folder, arguments.resume)
+        with terminal.progress("training", lines=True) as tell:
+            network = training.train(config, tell, folder, arguments.resume)
     except KeyboardInterrupt:
-        kept = folder is not None and (folder / CHECKPOINT).exists()
+        kept = folder is not None and (folder / training.CHECKPOINT).exists()
         raise Interrupted(f"go on from {folder} with --resume" if kept else "nothing was kept") from None
     network.save(arguments.output)
     terminal.say(f"{config.steps:,} decisions under the constraint {config.constraint}, seed {config.seed}")
