@@ -4,8 +4,11 @@ One definition serves the environment in which policies learn and the rig on whi
 in nominal units: parameters as shares of the nominal ones, so that x = 1 is the nominal plant, and rows as the torque
 that each nominal parameter takes. It is that of Bayes from a prior around the nominal plant:
 
-    M = M0 + sum phi phi'        information, P times P, in units of the noise
-    x = M^-1 (M0 1 + sum phi y)  estimates
+    M = M0 + sum phi phi'                              information, P times P, in units of the noise
+    x = (m0 + sum phi phi')^-1 (m0 1 + sum phi y)      estimates
+
+The prior M0 of the information sets the scale of rewards and observations. That of the estimates, m0, is smaller: it
+only has to hold estimates of which nothing is known yet.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ from pendulum_env.policy import Policy, State
 NOMINAL = np.array(list(PAPER.values()))  # inertia, gravity, viscous, coulomb
 SLOW = 0.2  # [rad/s]; slower than this nothing is learnt: near stick information rises and real errors do not fall
 PRIOR = 0.1  # of the information: (noise / spread)^2 with 0.1 N m of noise on a tick and plants within some 30 %
+ESTIMATE_PRIOR = 1e-3  # prior of the estimates: (noise / spread)^2 with 0.01 N m of noise on a tick, encoder included
 DECADES = 10.0  # by which log information is divided, for it to be about 1 in the end
 COUNT = len(NOMINAL)
 PAIRS: tuple[Index, Index] = np.triu_indices(COUNT, 1)
@@ -129,6 +133,10 @@ class Observer:
         if self.held < 2 or abs(self.held - TICK * rate) > 1e-6:
             raise Mistake(f"torque is chosen every {TICK:g} s, so {rate:g} Hz will not do: give a multiple of 50 Hz")
         self.constraint, self.rate, self.ticks = constraint, rate, round(seconds / TICK)
+        self._ramp = max(1, self.held // 4)
+        window = np.minimum(1.0, np.minimum(np.arange(self.held + 1), np.arange(self.held, -1, -1)) / self._ramp)
+        self._at_samples = window / window.sum()
+        self._over_samples = 0.5 * (self._at_samples[1:] + self._at_samples[:-1])
         self.inputs = INPUTS + (max_turns is not None)
         self._max_speed = np.inf if max_speed is None else max_speed
         self._max_angle = None if max_turns is None else 2 * np.pi * max_turns
@@ -139,8 +147,8 @@ class Observer:
         batch = len(position)
         self.tick = 0
         self.information = np.tile(PRIOR * np.eye(COUNT), (batch, 1, 1))
-        self._moment = np.full((batch, COUNT), PRIOR)  # M0 1 + sum phi y
-        self._position, self._velocity, self._torque = position, velocity, np.zeros(batch)
+        self._moment = np.full((batch, COUNT), ESTIMATE_PRIOR)  # m0 1 + sum phi y
+        self._position, self._velocity = position, velocity
         self._stuck = np.ones(batch, dtype=bool)
         self._left = np.full(batch, self._budget)
 
@@ -157,30 +165,33 @@ class Observer:
     def take(self, positions: Array, torques: Array) -> None:
         """Take in a tick: positions [rad] and torques [N m] as measured after each sample (held, B).
 
-        What it teaches is its balance of impulses. Differences of positions are velocities half a sample earlier, so
-        the tick ends, and began, so much earlier.
+        The tick gives one balance, the mean of the torque balance under a window w that rises and falls linearly:
+
+            int w tau dt = -I int w' q' dt + mgl int w sin q dt + b int w q' dt + fc sgn q' int w dt
+
+        Positions at the samples give the first integral exactly, without a velocity at an instant.
         """
-        way = np.concatenate([self._position[None], positions])
-        velocity = np.concatenate([self._velocity[None], self.rate * np.diff(way, axis=0)])
+        way, ramp = np.concatenate([self._position[None], positions]), self._ramp
+        velocity = self.rate * np.diff(way, axis=0)  # mean over each sample
         fast = (np.abs(velocity) >= SLOW).all(axis=0) & (np.ptp(np.sign(velocity), axis=0) == 0)
         parts = [
-            (velocity[-1] - velocity[0]) / TICK,
-            np.sin(way).mean(axis=0),
-            (way[-1] - way[0]) / TICK,
+            (velocity[-ramp:].mean(axis=0) - velocity[:ramp].mean(axis=0)) * self.rate / (self.held - ramp),
+            self._at_samples @ np.sin(way),
+            self._over_samples @ velocity,
             np.sign(velocity[-1]),
         ]
-        mean = torques.mean(axis=0) + 0.5 * (self._torque - torques[-1]) / self.held
         rows = np.stack(parts, axis=1) * NOMINAL * fast[:, None]
         self.information = self.information + rows[:, :, None] * rows[:, None, :]
-        self._moment = self._moment + rows * mean[:, None]
-        self._position, self._velocity, self._torque = positions[-1], velocity[-1], torques[-1]
+        self._moment = self._moment + rows * (self._over_samples @ torques)[:, None]
+        self._position, self._velocity = positions[-1], velocity[-1]
         self._stuck = (np.abs(velocity) < SLOW).all(axis=0)
         self.tick += 1
 
     @property
     def estimates(self) -> Array:
         """Parameters as shares of the nominal ones (B, P)."""
-        return np.asarray(np.linalg.solve(self.information, self._moment[..., None])[..., 0], dtype=np.float64)
+        learnt = self.information - (PRIOR - ESTIMATE_PRIOR) * np.eye(COUNT)
+        return np.asarray(np.linalg.solve(learnt, self._moment[..., None])[..., 0], dtype=np.float64)
 
     def features(self) -> Array:
         """Log information of each parameter, correlations, deviation of the estimates from nominal (B, FEATURES)."""

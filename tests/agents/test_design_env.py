@@ -7,10 +7,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents import DESIGN
+from agents import DESIGN, load
 from agents.design_env import ExcitationDesignVector
-from agents.observer import NOMINAL, PRIOR, TICK, read
+from agents.observer import CONSTRAINTS, NOMINAL, PRIOR, TICK, Observer, read
 from tests import slow
+from tests.runge_kutta import stick_and_slip
 
 HELD = 20  # samples in a tick
 
@@ -55,21 +56,50 @@ def test_a_picture_is_of_the_newest_sample():
 
 
 def test_information_is_the_sum_of_outer_products_of_rows_that_are_fast_enough():
+    """Rows are means of the laws under a window over the tick that rises and falls over a quarter of it."""
     count, steps = 3, 200
     seen = run(ExcitationDesignVector(count, torque_noise=0.0), steps)
-    q = np.concatenate([np.zeros((count, 2)), np.concatenate(list(seen["positions"]), axis=1)], axis=1)
-    v = 1000.0 * np.diff(q)  # (B, N + 1), the first 0 before the start
+    q = np.concatenate([np.zeros((count, 1)), np.concatenate(list(seen["positions"]), axis=1)], axis=1)
+    window = np.interp(np.arange(HELD + 1), [0, 5, 15, 20], [0.0, 1.0, 1.0, 0.0]) / 15
     M = np.tile(PRIOR * np.eye(4), (count, 1, 1))
     for b in range(count):
         for k in range(steps):
-            tick = slice(HELD * k, HELD * (k + 1) + 1)
-            way, speed = q[b, 1:][tick], v[b, tick]
+            way = q[b, HELD * k : HELD * (k + 1) + 1]
+            speed = 1000.0 * np.diff(way)
             if (speed >= 0.2).all() or (speed <= -0.2).all():
-                row = [(speed[-1] - speed[0]) / TICK, np.sin(way).mean(), (way[-1] - way[0]) / TICK, np.sign(speed[0])]
-                M[b] += np.outer(row * NOMINAL, row * NOMINAL)
+                acceleration = 1000.0 * np.sum(-np.diff(window) * speed)  # by parts
+                velocity = np.sum(0.5 * (window[1:] + window[:-1]) * speed)
+                row = np.array([acceleration, window @ np.sin(way), velocity, np.sign(speed[0])]) * NOMINAL
+                M[b] += np.outer(row, row)
     np.testing.assert_allclose(seen["info"]["information"], M, rtol=1e-9, atol=1e-9)
     gained = np.linalg.slogdet(M)[1] - 4 * np.log(PRIOR)
     np.testing.assert_allclose(seen["reward"].sum(axis=0), gained, rtol=1e-9)
+
+
+@pytest.mark.parametrize("constraint", ["peak", "rms"])
+def test_without_noise_the_estimates_are_the_parameters_of_the_plant(constraint):
+    env, policy = ExcitationDesignVector(16, constraint=constraint, counts=0, torque_noise=0.0), load(constraint)
+    observation, info = env.reset(seed=3)
+    plant = info["plant"]
+    for _ in range(250):
+        observation, *_, info = env.step(policy.predict(observation)[0])
+    np.testing.assert_allclose(info["estimates"] * NOMINAL / plant, 1.0, atol=1e-4)
+
+
+@pytest.mark.parametrize("rate", [500.0, 1000.0])
+def test_an_observer_finds_the_parameters_of_a_motion_of_another_integrator(rate):
+    inertia, gravity, viscous, coulomb = 0.07, 2.4, 0.3, 1.1
+    observer = Observer(CONSTRAINTS["peak"], 1.5, rate)
+    command = np.repeat([6.0 * tones(k, 1)[0, 0] for k in range(75)], observer.held)
+    position, *_ = stick_and_slip(
+        lambda t, q, v, u: u - gravity * np.sin(q) - viscous * v, lambda *_: coulomb, inertia, command, 1 / rate
+    )
+    observer.start(np.zeros(1), np.zeros(1))
+    for k in range(75):
+        tick = slice(observer.held * k, observer.held * (k + 1))
+        observer.take(position[1:][tick, None], command[tick, None])
+    found = observer.estimates[0] * NOMINAL
+    np.testing.assert_allclose(found, [inertia, gravity, viscous, coulomb], rtol=1e-4)
 
 
 def test_estimates_come_near_the_plant_without_knowing_it():
