@@ -27,18 +27,27 @@ def windows_of(schemes: Sequence[Scheme], period: float) -> list[int]:
 
 
 def equations(
-    schemes: Sequence[Scheme], views: Any, clear: Any, oldest: Any, index: Any, period: float, course: Course
+    schemes: Sequence[Scheme],
+    views: Any,
+    clear: Any,
+    moving: Any,
+    oldest: Any,
+    index: Any,
+    period: float,
+    course: Course,
 ) -> tuple[Any, Any]:
     """Equations of S schemes after one more row, from rest, as their `regression` has them for whole recordings.
 
-    Takes the row in each view (3, P + 1), whether it is clear of stick for each guard (G,), sums a window ago of each
-    scheme that sums (K, P + 1), the index of the row in its run and the time between rows [s]. Returns phi and, in the
-    last place, y (S, P + 1), and whether they may be used (S,).
+    Takes the row in each view (3, P + 1), whether it is clear of stick for each guard (G,), whether its sample moves,
+    sums a window ago of each scheme that sums and the number of rows in them (K, P + 2), the index of the row in its
+    run and the time between rows [s]. Returns phi and, in the last place, y (S, P + 1), and whether they may be used
+    (S,).
     """
     guards, windows, width = guards_of(schemes), windows_of(schemes, period), views.shape[1]
     before, after = course.before, course.after
     before["clear"], after["clear"] = names("clear", len(guards)), clear
-    before["total"] = names("total", len(windows), width)
+    before["moving"], after["moving"] = names("moving"), moving
+    before["total"] = names("total", len(windows), width + 1)
     after["total"] = before["total"].copy()
     found, usable, sums = [], [], itertools.count()
     for place, scheme in enumerate(schemes):
@@ -46,6 +55,8 @@ def equations(
         gate = clear[guard]
         if scheme.view != "torque":  # over the step up to the sample
             gate = gate * before["clear"][guard]
+        if scheme.view == "energy":
+            gate = gate * moving * before["moving"]
         row = gated(views[VIEWS.index(scheme.view)], gate)
         if isinstance(scheme.operator, LowPass):
             gain = 1.0 - forgets(scheme.operator.cutoff, period)
@@ -55,8 +66,9 @@ def equations(
                 after[label] = row = before[label] + gain * (row - before[label])
         if isinstance(scheme.operator, Integral):
             k = next(sums)
-            after["total"][k] = total = before["total"][k] + row * period
-            row, gate = total - (oldest[k] if windows[k] else 0.0), index >= max(1, windows[k])
+            after["total"][k] = total = before["total"][k] + np.array([*row * period, gate], dtype=object)
+            *row, used = total - (oldest[k] if windows[k] else 0.0)
+            gate = (2 * used >= windows[k] if windows[k] else gate) & (index >= max(1, windows[k]))
         found.append(row)
         usable.append(gate)
     return np.array(found), np.array(usable, dtype=object)

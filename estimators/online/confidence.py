@@ -71,12 +71,16 @@ class Clusters:
         return self._filled >= self._length
 
     def close(self, squares: Recursion) -> None:
-        """Complete a cluster, given what has solved the regressions."""
+        """Complete a cluster, given what has solved the regressions; one without equations is none."""
+        if not self._used.any():
+            self._filled = 0
+            return
         theta, P = squares.theta, squares.P
         if self._forgetting < 1:
             self._left[: self._done] *= (self._forgetting**self._used)[..., None, None]
         self._left[self._done] = self._now
         self._done, self._filled = self._done + 1, 0
+        learnt = self._used > 0
         self._now[:], self._used[:] = 0.0, 0.0
         if self._done == COVARIANCE.most and 2 * self._length <= self._longest:
             half = COVARIANCE.most // 2
@@ -84,7 +88,7 @@ class Clusters:
             self._left[half:] = 0.0
             self._done, self._length = half, 2 * self._length
         elif self._done == COVARIANCE.most:
-            self._left[:-1] = self._left[1:]
+            self._left[:-1, learnt] = self._left[1:, learnt]  # at rest, nothing is forgotten
             self._done -= 1
         left = self._left[: self._done]
         A, b = left[..., :-1], left[..., -1:]
@@ -145,7 +149,8 @@ class Wandering:
     def close(self, squares: Recursion | None = None) -> None:
         """Complete a cluster: the parameters may have moved since the last."""
         total, used = self._now
-        self._past = (1.0 - 1.0 / COVARIANCE.most) * self._past + np.array([total**2, used])
+        share = np.where(used > 0, 1.0 / COVARIANCE.most, 0.0)  # at rest, nothing is forgotten
+        self._past = (1.0 - share) * self._past + np.array([total**2, used])
         self._now, self._filled = np.zeros_like(self._now), 0
         if squares is not None:
             increase = wandered(self._walk, squares.theta) ** 2 * COVARIANCE.cluster

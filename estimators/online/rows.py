@@ -72,12 +72,12 @@ def rows(
     memory: Mapping[str, Any],
     period: float,
     course: Course,
-) -> tuple[Any, dict[str, Symbol]]:
+) -> tuple[Any, Any, dict[str, Symbol]]:
     """The three views at the instant before one, phi and, in the last place, y (3, P + 1).
 
     Takes the index of the instant in its run, its values (6,), the torque at the instant before and over the sample
-    before that (2,), state variables of the terms by id, and the time between instants [s]. Also returns what is to be
-    given in the place of laws that are no formulas.
+    before that (2,), state variables of the terms by id, and the time between instants [s]. Also returns the velocity
+    at the instant before, and what is to be given in the place of laws that are no formulas.
     """
     _, q, v, a, _, _ = instant
     x: Any = Samples(instant[TIME], q, v, instant[TORQUE])
@@ -112,7 +112,7 @@ def rows(
     count = sum(len(term.columns) for term in terms)
     y = [supplied[0], supplied[1], supplied[1] * ((position - last_position) / period)]
     y = [value - sum(row[k] for row in found[count:]) for k, value in enumerate(y)]
-    return np.array([*found[:count], y], dtype=object).T, own
+    return np.array([*found[:count], y], dtype=object).T, velocity, own
 
 
 def clear_of_stick(guarded: Guarded, index: Any, velocity: Any, halts: Any, course: Course) -> Any:

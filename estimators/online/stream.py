@@ -245,10 +245,11 @@ def _step(terms: Sequence[Term], schemes: Sequence[Scheme], guarded: Guarded, pe
     at_rest = Balance(terms, np.ones(sum(len(term.columns) for term in terms))).start(Samples(*np.zeros((4, 1))))
     memory = {id: names(f"memory.{id}", len(own)) for id, own in at_rest.items()}
     given |= {f"memory.{id}": own for id, own in memory.items()}
-    views, own = rows(terms, index - (guarded.behind - 1), instant, supplied, memory, period, course)
+    views, velocity, own = rows(terms, index - (guarded.behind - 1), instant, supplied, memory, period, course)
     given["halts"] = names("halts", len(guarded.distances))
     clear = clear_of_stick(guarded, index, newest, given["halts"], course)
-    given["oldest"] = names("oldest", len(windows_of(schemes, period)), views.shape[1])
-    found, usable = equations(schemes, views, clear, given["oldest"], index - guarded.behind, period, course)
+    given["oldest"] = names("oldest", len(windows_of(schemes, period)), views.shape[1] + 1)
+    moving, place = np.abs(velocity) > guarded.slowest, index - guarded.behind
+    found, usable = equations(schemes, views, clear, moving, given["oldest"], place, period, course)
     told = {"regressor": gated(views[0, :-1], clear[0]), "equations": found, "usable": usable}
     return Step(given | own, course.before, course.after | told)

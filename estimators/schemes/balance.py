@@ -113,7 +113,9 @@ def through(scheme: Scheme, balances: Sequence[Equations], joints: Joints) -> li
     """What a scheme makes of the balance of each joint, or of that of all."""
     clear = [m.clear(scheme.guard) for m in joints]
     gates = [np.all(clear, axis=0)] if scheme.adds_up else clear
-    return [scheme.through(own, scheme.gate(gate), joints[0].period) for own, gate in zip(balances, gates, strict=True)]
+    moving = np.any([m.moving for m in joints], axis=0)
+    period = joints[0].period
+    return [scheme.through(own, scheme.gate(gate, moving), period) for own, gate in zip(balances, gates, strict=True)]
 
 
 def _along(joints: Joints, factors: Mapping[int, float]) -> Measurements:

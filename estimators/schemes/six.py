@@ -186,7 +186,7 @@ class Integral:
     """Both sides of a balance summed over a sliding `window` [s], or from the start of the recording where it is None.
 
     From the start, as in the paper's (7), the error is a random walk and least squares is far from efficient; over a
-    window, it is nearly white.
+    window, it is nearly white. A sum is used where the gate is open for half of the window, or for the newest sample.
     """
 
     window: float | None = 0.05
@@ -201,7 +201,9 @@ class Integral:
         phi, y = np.cumsum(equations.phi * moments[:, None], axis=0), np.cumsum(equations.y * moments)
         if n:
             phi[n:], y[n:] = phi[n:] - phi[:-n], y[n:] - y[:-n]
-        return Regression(Equations(phi, y), np.arange(len(y)) >= max(1, n))
+        used = np.cumsum(gate)
+        used[n:] = used[n:] - used[:-n] if n else gate
+        return Regression(Equations(phi, y), (np.arange(len(y)) >= max(1, n)) & (2 * used >= max(1, n)))
 
 
 # -------------------------------------------------------------------------------------------------- six schemes
@@ -217,7 +219,7 @@ class Scheme:
         view: of `VIEWS`.
         operator: what both sides are passed through, None if nothing.
         guard: distance to stick and reversals within which samples are left out [s]; None keeps even stick, as the
-            paper does.
+            paper does, but a balance of energy leaves out rest: there is no work, and nothing to learn.
         borrows: id of the scheme whose inertia `identify` gives this one, as in the paper's Hamiltonian pair; momentum
             is linear in the parameters, so None estimates it with the others.
     """
@@ -250,11 +252,14 @@ class Scheme:
         phi = np.column_stack([view(m, column) for term in terms for column in term.columns])
         fixed = [column for term in terms for column in term.fixed] + ([LOAD] if m.load else [])
         y = supplied(m) - sum(view(m, column) for column in fixed)
-        return self.through(Equations(phi, y), self.gate(m.clear(self.guard)), m.period)
+        return self.through(Equations(phi, y), self.gate(m.clear(self.guard), m.moving), m.period)
 
-    def gate(self, clear: Mask) -> Mask:
+    def gate(self, clear: Mask, moving: Mask) -> Mask:
         """Equations on the view (N,) that touch no sample in stick; the first step has no beginning."""
-        return clear if self.view == "torque" else clear & np.append(False, clear[:-1])
+        if self.view == "torque":
+            return clear
+        inside = clear & moving if self.view == "energy" else clear
+        return inside & np.append(False, inside[:-1])
 
     def through(self, equations: Equations, gate: Mask, period: float) -> Regression:
         """What becomes of balances on the view (N,), true within the gate."""

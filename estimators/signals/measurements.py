@@ -122,11 +122,15 @@ class Smoothing:
 
     @classmethod
     def of_encoder(cls, counts: int, rate: float) -> Smoothing:
-        """Shortest window, of two samples or more, through which an encoder's steps are negligible in the acceleration.
+        """Choose the window for the steps of an encoder, see `of_noise`."""
+        return cls.of_noise(of_steps(counts), rate)
+
+    @classmethod
+    def of_noise(cls, noise: float, rate: float) -> Smoothing:
+        """Shortest window, of two samples or more, through which position noise is negligible in the acceleration.
 
         For online use, where the motion to come is not known: it is taken to be as lively as `TYPICAL_ACCELERATION`.
         """
-        noise = of_steps(counts)
         widths = [m for m in range(2, max(3, round(HALF_WIDTHS[-1] * rate))) if m in (2, 3) or m % 2 == 0]
         for m in widths:
             if noise * rate**2 * _length(np.convolve(window(m), CURVATURE)) <= CLEAN * TYPICAL_ACCELERATION:
