@@ -134,8 +134,9 @@ class Observer:
             raise Mistake(f"torque is chosen every {TICK:g} s, so {rate:g} Hz will not do: give a multiple of 50 Hz")
         self.constraint, self.rate, self.ticks = constraint, rate, round(seconds / TICK)
         self._ramp = max(1, self.held // 4)
-        window = np.minimum(1.0, np.minimum(np.arange(self.held + 1), np.arange(self.held, -1, -1)) / self._ramp)
-        self._at_samples = window / window.sum()
+        from_edge = np.minimum(np.arange(self.held + 1), np.arange(self.held, -1, -1))
+        window: Array = np.clip(from_edge / self._ramp, 0.0, 1.0)
+        self._at_samples: Array = window / window.sum()
         self._over_samples = 0.5 * (self._at_samples[1:] + self._at_samples[:-1])
         self.inputs = INPUTS + (max_turns is not None)
         self._max_speed = np.inf if max_speed is None else max_speed

@@ -39,7 +39,7 @@ class EncoderNoise:
         differences = [np.abs(np.diff(series, k, axis=0)) for k in range(1, ORDER + 1)]
         sizes = np.concatenate(differences)
         self._step = np.fmin(self._step, np.where(sizes > STILL, sizes, np.inf).min(axis=0))
-        moved: Mask = (differences[0] > STILL).any(axis=0)
+        moved: Mask = np.any(differences[0] > STILL, axis=0, keepdims=True)[0]
         for k in np.flatnonzero(moved & np.isfinite(differences[-1][0])):
             self._near[k].append(float(differences[-1][0, k]))
         count: Index = np.array([len(own) for own in self._near])

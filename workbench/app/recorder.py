@@ -41,7 +41,7 @@ class Quiet(Terminal):
         """Keep quiet."""
 
     @contextmanager
-    def progress(self, title: str, timed: bool = False) -> Iterator[Callable[[str, float], None]]:
+    def progress(self, title: str, timed: bool = False, lines: bool = False) -> Iterator[Callable[[str, float], None]]:
         """Hand progress on."""
         self._tell(title, 0.0)
         yield lambda what, share: self._tell(title, share)
