@@ -173,7 +173,7 @@ class Observer:
         Positions at the samples give the first integral exactly, without a velocity at an instant.
         """
         way, ramp = np.concatenate([self._position[None], positions]), self._ramp
-        velocity = self.rate * np.diff(way, axis=0)  # mean over each sample
+        velocity: Array = self.rate * np.diff(way, axis=0)  # mean over each sample
         fast = (np.abs(velocity) >= SLOW).all(axis=0) & (np.ptp(np.sign(velocity), axis=0) == 0)
         parts = [
             (velocity[-ramp:].mean(axis=0) - velocity[:ramp].mean(axis=0)) * self.rate / (self.held - ramp),
