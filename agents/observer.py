@@ -173,7 +173,7 @@ class Observer:
         Positions at the samples give the first integral exactly, without a velocity at an instant.
         """
         way, ramp = np.concatenate([self._position[None], positions]), self._ramp
-        velocity: Array = self.rate * np.diff(way, axis=0)  # mean over each sample
+        velocity = self.rate * np.diff(way, axis=0)  # mean over each sample
         fast = (np.abs(velocity) >= SLOW).all(axis=0) & (np.ptp(np.sign(velocity), axis=0) == 0)
         parts = [
             (velocity[-ramp:].mean(axis=0) - velocity[:ramp].mean(axis=0)) * self.rate / (self.held - ramp),
@@ -185,7 +185,7 @@ class Observer:
         self.information = self.information + rows[:, :, None] * rows[:, None, :]
         self._moment = self._moment + rows * (self._over_samples @ torques)[:, None]
         self._position, self._velocity = positions[-1], velocity[-1]
-        self._stuck = (np.abs(velocity) < SLOW).all(axis=0)
+        self._stuck = np.asarray((np.abs(velocity) < SLOW).all(axis=0))
         self.tick += 1
 
     @property
