@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from estimators.free_swings import needs_torque
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import at_joints, body_of, check_places, joint_effects, kinds_at, placed
@@ -128,11 +129,19 @@ def chosen_effects(
 
 
 def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recording]) -> dict[str, type[Term]]:
-    """Effects that recordings might show: none that needs a quantity which none of them has.
+    """Effects that recordings might show: none that needs a quantity, or torque, which none of them has.
 
     Raises:
         IdentificationError: if there are some, and all need such a quantity.
     """
+    if recordings and all(own.is_free for own in recordings):
+        free = {id: kind for id, kind in kinds.items() if not needs_torque(kind)}
+        if kinds and not free:
+            raise IdentificationError(
+                f"{next(iter(kinds))} shows only under torque, and no recording has any: record with torque, or look "
+                "for other effects"
+            )
+        kinds = free
     measured = {"", *(name for own in recordings for name, value in vars(own).items() if value is not None)}
     shown = {id: kind for id, kind in kinds.items() if kind.needs in measured}
     if kinds and not shown:

@@ -11,6 +11,7 @@ import numpy as np
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves, that_may_show
 from estimators.checks.homogeneity import AGREEMENT, Disagreement, disagreements_with, misfits, own_fits
 from estimators.checks.torque_constant import unit_of
+from estimators.free_swings import swing
 from estimators.in_loop.fit import in_loop
 from estimators.in_loop.rollouts import are_driven
 from estimators.prediction import Prediction, predictions
@@ -31,7 +32,7 @@ from pendulum_env.notebook import shown
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
+from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
 from pendulum_env.words import json_per, percent
 
 SCHEMA, ARM_SCHEMA = "pendulum-ident/comparison@1", "pendulum-ident/arm-comparison@1"
@@ -279,6 +280,16 @@ def in_units_of(model: Model, recordings: Sequence[Recording]) -> Preprocessed:
         IdentificationError: if a current is to be turned into torque, and nothing tells the torque constant.
         ModelError: if the model is of a current and the recordings are not.
     """
+    driven, inertia = [recording for recording in recordings if not recording.is_free], dict[str, float]()
+    if driven and model.torque_unit == PER_INERTIA:
+        raise ModelError(
+            f"the model is relative to the inertia, and {driven[0].name} has torque: compare it with free swings, or "
+            "identify it with --fix inertia=VALUE"
+        )
+    if len(driven) < len(recordings):
+        inertia = {"inertia": model.estimates["inertia"].value}
+        unit = unit_of(driven) if driven else model.torque_unit
+        recordings = [swing(own, inertia["inertia"], unit) for own in recordings]
     unit, known, constant = unit_of(recordings), model.torque_constant, None
     if unit == model.torque_unit:
         return Preprocessed(tuple(recordings))
@@ -286,7 +297,7 @@ def in_units_of(model: Model, recordings: Sequence[Recording]) -> Preprocessed:
         raise ModelError(f"the model is per {model.torque_unit}, and the recordings are in {unit}: read them alike")
     if known is not None and known.unit == f"{NEWTON_METRE}/{unit}":
         constant = TorqueConstant(known.value, known.std, unit)
-    given = Preprocessed.of(recordings, constant=constant)
+    given = Preprocessed.of(recordings, constant=constant, known=inertia)
     if given.doubt is not None:
         raise IdentificationError(f"the model is in N m, but {given.doubt}")
     return given

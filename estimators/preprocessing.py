@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,6 +16,7 @@ import numpy as np
 from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align_each
 from estimators.checks.torque_constant import torque_constant, unit_of
+from estimators.free_swings import RELATIVE, fitted_inertia, scale_swings, swing
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData, with_impacts
@@ -23,7 +24,7 @@ from estimators.weak_form.dataset import choose_half_width, prepare
 from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
+from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
 from pendulum_env.words import listing
 
 HELD_OUT = 0.3  # end of each recording that is held out when no recording is
@@ -62,15 +63,59 @@ class Preprocessed:
         recordings: Sequence[Recording],
         holdout: Sequence[Recording] = (),
         constant: TorqueConstant | None = None,
+        known: Mapping[str, float] | None = None,
     ) -> Self:
         """Recordings in N m: by a torque constant that is known, or else that the known loads of the fitted ones tell.
 
         Torque that is logged a little late is no hindrance: to first order, what comes of it is odd in the velocity.
+        Free swings alone are in N m if a parameter is known, or else relative to the inertia.
+
+        Args:
+            recordings: to fit.
+            holdout: to check on.
+            constant: the torque constant, if it is known.
+            known: values of known parameters by name, which scale free swings.
 
         Raises:
             IdentificationError: if units differ, from that of the constant, too, or if the recordings hold too little
-                motion to tell anything.
+                motion to tell anything, or if torque is applied in held-out recordings only and no parameter is known.
         """
+        every, known = (*recordings, *holdout), known or {}
+        driven = [own for own in every if not own.is_free]
+        if len(driven) == len(every):
+            return cls._in_newton_metres(recordings, holdout, constant)
+        if all(own.is_free for own in recordings):
+            return cls._of_swings(recordings, holdout, driven, known)
+        fitted, unseen = (_swings(part, 0.0, unit_of(driven)) for part in (recordings, holdout))
+        given = cls._in_newton_metres(fitted, unseen, constant)
+        inertia = known.get("inertia") or fitted_inertia([own for own in given.recordings if not own.is_free])
+        fitted, unseen = (_swings(part, inertia, given.unit) for part in (given.recordings, given.holdout))
+        return replace(given, recordings=fitted, holdout=unseen)
+
+    @classmethod
+    def _of_swings(
+        cls,
+        recordings: Sequence[Recording],
+        holdout: Sequence[Recording],
+        driven: Sequence[Recording],
+        known: Mapping[str, float],
+    ) -> Self:
+        """Free swings, as `of` scales them; some held-out recordings may be driven."""
+        inertia = scale_swings(recordings, known)
+        unit = NEWTON_METRE if inertia else PER_INERTIA
+        if driven and unit_of(driven) != unit:
+            raise IdentificationError(
+                f"{driven[0].name}: has torque, but no recording that is fitted has any: fit one with torque, or give "
+                "the inertia with --fix inertia=VALUE, and torque in N m"
+            )
+        fitted, unseen = (_swings(part, inertia or 1.0, unit) for part in (recordings, holdout))
+        return cls(fitted, unseen, None if inertia else RELATIVE)
+
+    @classmethod
+    def _in_newton_metres(
+        cls, recordings: Sequence[Recording], holdout: Sequence[Recording], constant: TorqueConstant | None
+    ) -> Self:
+        """Recordings, as `of` makes them, whose unit of torque is one."""
         unit = unit_of((*recordings, *holdout))
         if unit == NEWTON_METRE:
             return cls(tuple(recordings), tuple(holdout))
@@ -175,6 +220,11 @@ class Preprocessed:
         return tuple(f"{listing(names)}: {text}" for text, names in said.items())
 
 
+def _swings(recordings: Sequence[Recording], inertia: float, torque_unit: str) -> tuple[Recording, ...]:
+    """Recordings with the free swings among them scaled by an inertia."""
+    return tuple(swing(recording, inertia, torque_unit) for recording in recordings)
+
+
 def _turned(recording: Recording, constant: TorqueConstant) -> Recording:
     """A recording in N m, whose drive has the constant for a gain."""
     torque, drive = constant.value * recording.torque, recording.drive
@@ -204,10 +254,10 @@ def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), s
     Raises:
         IdentificationError: if a part holds too little motion, or torque is never applied.
     """
-    if not any(recording.is_driven for recording in recordings):
+    if not any(recording.is_driven or recording.known_inertia for recording in recordings):
         names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(
-            f"{names}: torque is never applied, so that only ratios of parameters are known: record with torque"
+            f"{names}: torque is never applied, so that only ratios of parameters are known: take `Preprocessed.of`"
         )
     try:
         return _gather(recordings, holdout, shorter)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,6 +80,8 @@ def per(text: str, torque_unit: str) -> str:
     """
     if torque_unit == "N m":
         return text
+    if torque_unit == "rad/s^2":
+        return _per_inertia(text)
     text = {"J": "N m rad", "W": "N m rad/s"}.get(text, text)
     for space in SPACES:
         for square in ("^2", "²", "\\u00b2"):
@@ -87,6 +90,25 @@ def per(text: str, torque_unit: str) -> str:
             rf"(?<!\()\bN{re.escape(space)}m(?![a-zA-Z])(?!/{re.escape(torque_unit)}\b)"  # a torque constant stays
         )
         text = re.sub(newton_metre, lambda _: torque_unit, text)
+    return text
+
+
+def _per_inertia(text: str) -> str:
+    """Text with the units that quantities have once they are divided by the inertia: `N m s/rad` becomes `1/s`."""
+    if text in ("J", "W"):
+        return {"J": "rad^2/s^2", "W": "rad^2/s^3"}[text]
+    for space, square in product(SPACES, ("^2", "²", "\\u00b2")):
+        for unit, divided in (
+            (f"kg m{square}", "1"),
+            (f"N m s{square}/rad{square}", "1/rad"),
+            ("N m s/rad/K", "1/s/K"),
+            ("N m s/rad", "1/s"),
+            ("N m rad", f"rad{square}/s{square}"),
+            ("N m/rad", f"1/s{square}"),
+            ("N m", f"rad/s{square}"),
+        ):
+            whole = rf"(?<![\w/(]){re.escape(unit.replace(' ', space))}(?![\w^])"
+            text = re.sub(whole, lambda _, divided=divided: divided, text)  # type: ignore[misc]
     return text
 
 

@@ -237,10 +237,13 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
 
     Not compared is what changes with time, of which each recording has a course of its own, nor what hangs behind a
     transmission, whose state nobody measured; nor are factors of the torque itself, which one recording alone hardly
-    tells from the size of all the others.
+    tells from the size of all the others. Of free swings, the inertia is known; beside others they are not compared.
     """
-    moved = [(term, column) for term in terms for column in term.columns if not column.of_torque]
-    fitted = np.array([not column.of_torque for term in terms for column in term.columns], dtype=bool)
+    swings = [w.recording.known_inertia for data in datasets for w in data.windows]
+    known = [all(swings) and column.name == "inertia" for term in terms for column in term.columns]
+    moved = [(term, column) for term in terms for column in term.columns]
+    fitted = np.array([not column.of_torque for _, column in moved]) & ~np.array(known, dtype=bool)
+    moved = [own for own, is_fitted in zip(moved, fitted, strict=True) if is_fitted]
     compared = np.array([term.kind not in ("time-varying", "transmission") for term, _ in moved], dtype=bool)
     columns = tuple(column for (_, column), alike in zip(moved, compared, strict=True) if alike)
     names, fits, number = [column.name for _, column in moved], [], 0
@@ -249,12 +252,15 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
         near = Regression(data).balance(terms).tangent()
         phi = near.slopes[:, fitted]
         y = near.error + phi @ near.theta[fitted]
+        if any(known):
+            y = y + near.slopes[:, known] @ (near.theta[known] - max(swings))
         for place, w in enumerate(data.windows):
             number += 1
             rows = data.recording_of_window == place
             clusters = np.unique(data.clusters[rows], return_inverse=True)[1]
             freedom = int(clusters.max(initial=-1)) + 1 - len(names)
-            if len(clusters) < AGREEMENT.fewest_windows or freedom < AGREEMENT.freedom:
+            is_alone = bool(w.recording.known_inertia) and not all(swings)
+            if is_alone or len(clusters) < AGREEMENT.fewest_windows or freedom < AGREEMENT.freedom:
                 continue
             fit = solve(Equations(phi[rows], y[rows]), np.ones(len(clusters)), clusters)
             if fit.condition > AGREEMENT.condition:
@@ -262,7 +268,7 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
             # what torque a unit of a parameter makes that the others cannot make up for [N m]
             own = 1 / np.sqrt(np.diag(np.linalg.inv(phi[rows].T @ phi[rows] / len(clusters))))
             estimates = dict(zip(names, zip(fit.theta.tolist(), fit.std.tolist(), strict=True), strict=True))
-            inertia, error = estimates.get("inertia", (0.0, np.inf))
+            inertia, error = estimates.get("inertia", (w.recording.known_inertia, np.inf))
             sure = float(stdtrit(freedom, level))
             fits.append(
                 Own(

@@ -18,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.checks.channel import NONE, ChannelFits
+from estimators.free_swings import as_read
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.weak_form.dataset import Dataset
@@ -59,7 +60,7 @@ def told(model: Model, data: Dataset, fit: Callable[[Dataset], Model] | None = N
     recording = data.windows[0].recording
     constant = recording.torque_constant
     if constant is None:
-        return model.per(recording.torque_unit)
+        return as_read(model.per(recording.torque_unit))
     fit = fit or (lambda own: fit_terms(PreparedData(own, ()), model.terms)[0])
     return widened(model, constant, fit(data), fit(data.with_scaled_torque(1 + constant.std / constant.value)))
 

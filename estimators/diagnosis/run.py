@@ -26,6 +26,7 @@ from estimators.diagnosis.result import KEPT, MENDED, UNNAMED, Diagnosis
 from estimators.diagnosis.sensitivity import detectable
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.unexplained import of_held_out, unexplained
+from estimators.free_swings import known_values, relative_terms
 from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, forward, no_progress
@@ -138,7 +139,9 @@ def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], se
         terms: tuple[Term | type[Term], ...] = (*setting.base, *setting.library.values())
         calibrated = Preprocessed(tuple(recordings), tuple(holdout), terms=terms)
     else:
-        known, examine, calibrated = ids(BASE), _of_one_plant, Preprocessed.of(recordings, holdout)
+        calibrated = Preprocessed.of(recordings, holdout, known=known_values(setting.base))
+        known, examine = ids(BASE), _of_one_plant
+        setting = replace(setting, base=relative_terms(setting.base, calibrated.unit))
     setting.progress("timing the torque", 0.0)
     given = calibrated.timed()
     found = examine(given, setting)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimators.diagnosis.experiment import Limits
+from estimators.free_swings import needs_torque
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.models import Models
@@ -40,5 +41,7 @@ class Setting:
     def models(self, prepared: tuple[Comparable, Comparable]) -> Models:
         """What some data say of models; at the joints of an arm any table may compete, in the loop of a servo none."""
         body, in_loop = body_of(self.base), prepared[0].in_loop
-        tables = at_joints(TABLES.values(), body) if body is not None else () if in_loop else COMPETING
+        is_free = all(recording.known_inertia for recording in prepared[0].recordings)
+        alone = [kind for kind in COMPETING if not (is_free and needs_torque(kind))]
+        tables = at_joints(TABLES.values(), body) if body is not None else () if in_loop else alone
         return Models(*prepared, self.progress, self.library, self.criterion, self.rng, tuple(self.base), tables)

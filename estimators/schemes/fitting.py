@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.checks.torque_constant import widened
+from estimators.free_swings import as_read
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import Fit, least_squares, quietest_most, solve
 from estimators.regression.recursive import evenly, history
@@ -116,7 +117,7 @@ class Identified:
 
     def per(self, torque_unit: str) -> Identified:
         """The same numbers, said of a torque that is in another unit."""
-        return replace(self, model=self.model.per(torque_unit), unit=per(self.unit, torque_unit))
+        return replace(self, model=as_read(self.model.per(torque_unit)), unit=per(self.unit, torque_unit))
 
     def calibrated(self, constant: TorqueConstant, there: Model) -> Identified:
         """The same with the error of the torque constant, one of which more moves the parameters `there`."""
@@ -157,8 +158,8 @@ def regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Reg
     return of
 
 
-def stack(segments: Segments, of: Callable[[Joints], list[Regression]]) -> Stack:
-    """Equations of every segment of each recording; those of quiet recordings, or joints, count more."""
+def stack(segments: Segments, of: Callable[[Joints], list[Regression]], terms: Sequence[Term] = ()) -> Stack:
+    """Equations of every segment of each recording in the columns of terms; quiet recordings, or joints, count more."""
     measured = [joints[0] for own in segments for joints in own]
     parts = [of(joints) for own in segments for joints in own]
     length, count = min(CLUSTER, sum(len(m) * m.period for m in measured) / CLUSTERS), len(parts[0])
@@ -181,8 +182,10 @@ def stack(segments: Segments, of: Callable[[Joints], list[Regression]]) -> Stack
     if is_arm:
         weights[usable] = by_joint(Equations(equations.phi[usable], equations.y[usable]), joint[usable])
     elif len(segments) > 1:
-        theta = np.linalg.lstsq(equations.phi[usable], equations.y[usable], rcond=None)[0]
-        residual = (equations.y - equations.phi @ theta) * usable
+        given = {j: column.least for j, column in enumerate(c for t in terms for c in t.columns) if column.is_known}
+        open_to = give(equations, list(given), np.array(list(given.values())))
+        theta = np.linalg.lstsq(open_to.phi[usable], open_to.y[usable], rcond=None)[0]
+        residual = (open_to.y - open_to.phi @ theta) * usable
         squares = np.asarray(np.bincount(recording, residual**2), dtype=float)
         weights = quietest_most(squares, np.bincount(recording, usable), 0.0)[recording]
     clusters_of, time = (np.repeat(np.concatenate(own), count) for own in (clusters, times))

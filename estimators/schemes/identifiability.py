@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
@@ -24,6 +25,7 @@ class IdentifiabilitySettings:
 
 
 TELLING = IdentifiabilitySettings()
+NOISE_ALONE = "the torque is noise alone: read the file without it (--columns torque=none)"
 PLACES = 50  # instants at which the joints' inertia is looked at
 
 
@@ -57,10 +59,9 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
         )
 
     doubts = []
-    if not any(is_driven(m) for m in measurements):
-        doubts.append(
-            Doubt("torque is never applied: only ratios of parameters are known, record with torque", tuple(names))
-        )
+    is_free = not any(m.held.any() for m in measurements)
+    if not is_free and not any(is_driven(m) for m in measurements):
+        doubts.append(Doubt(f"{NOISE_ALONE}: only ratios of parameters are known", tuple(names)))
     forwards = float(np.mean(velocity > 0))
     if not TELLING.one_sided < forwards < 1 - TELLING.one_sided:
         constants = ("coulomb", "torque_offset", "coulomb_asymmetry")
@@ -76,6 +77,9 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
     everywhere = [scheme("dynamic").regression(m, terms).equations.phi for m in measurements]
     phi = np.concatenate([phi[use] for phi, use in zip(everywhere, clear, strict=True)])
     acts = np.any([np.any(phi, axis=0) for phi in everywhere], axis=0)
+    if is_free:  # a free swing needs a known parameter
+        unknown = [not column.is_known for term in terms for column in term.columns]
+        phi, acts, names = phi[:, unknown], acts[unknown], list(compress(names, unknown))
     said = {name for doubt in doubts for name in doubt.withheld}
     return (*doubts, *(doubt for doubt in inseparable(phi, names, acts) if not said.issuperset(doubt.withheld)))
 
@@ -86,7 +90,12 @@ def untold(model: Model, measurements: Sequence[Measurements], doubts: Sequence[
     An error is large if it is more torque, at the speeds that were seen and at any angle, than was recorded; that of
     inertia, which cannot be nothing, always is.
     """
-    torque, speed = (max(float(np.abs(getattr(m, name)).max()) for m in measurements) for name in ("held", "velocity"))
+    torque, speed, acceleration = (
+        max(float(np.abs(getattr(m, name)).max()) for m in measurements)
+        for name in ("held", "velocity", "acceleration")
+    )
+    if torque == 0 and "inertia" in model.estimates:  # a free swing: what accelerates the inertia
+        torque = abs(model.estimates["inertia"].value) * acceleration
     large = {"inertia": 0.0, "gravity": torque, "viscous": torque / max(speed, 1e-300), "coulomb": torque}
     said, found = {name for doubt in doubts for name in doubt.withheld}, []
     for term in BASE:

@@ -15,11 +15,20 @@ from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
 from estimators.checks.remedies import wrong_columns
 from estimators.checks.torque_constant import told
+from estimators.free_swings import known_values, relative_terms
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import Joints, for_arms, measure_arm, series
 from estimators.schemes.fitting import Identified, Segments, fitted, regressions, stack
-from estimators.schemes.identifiability import Doubt, identifiability, inseparable, is_driven, untold, untold_of_arm
+from estimators.schemes.identifiability import (
+    NOISE_ALONE,
+    Doubt,
+    identifiability,
+    inseparable,
+    is_driven,
+    untold,
+    untold_of_arm,
+)
 from estimators.schemes.six import SCHEMES, LowPass, Regression, Regressor, Scheme, chosen_schemes
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.physical import driving_friction
@@ -87,7 +96,8 @@ class Identification(Mapping[str, Identified]):
         """The least-squares fit over windows, on which `compare` and `diagnose` stand, too; raises as `fitted`."""
         first, *_ = models = [one.model for one in self.schemes.values()]
         disputed = {name for model in models for name, estimate in model.estimates.items() if estimate.is_biased}
-        return self.fitted(lambda data: fit_terms(PreparedData(data), first.terms)[0]).biased(disputed)
+        terms = relative_terms(first.terms, self.torque_unit)
+        return self.fitted(lambda data: fit_terms(PreparedData(data), terms)[0]).biased(disputed)
 
     def fitted(self, fit: Callable[[Dataset], Model]) -> Model:
         """The model that a fit finds in the windows, in their unit of torque, and with their torque constant.
@@ -167,14 +177,12 @@ def _of_pendulum(
     recordings: Sequence[Recording], terms: Sequence[Term], schemes: Sequence[Regressor]
 ) -> Identification:
     """The same of one joint, whose torque constant may be unknown."""
-    given = Preprocessed.of(recordings)
-    recordings = given.recordings
+    given = Preprocessed.of(recordings, known=known_values(terms))
+    recordings, terms = given.recordings, relative_terms(terms, given.unit)
     segments = _measure_joints(recordings, terms)
     measurements = [m for own in segments for (m,) in own]
-    if not any(is_driven(m) for m in measurements):
-        raise IdentificationError(
-            f"{_names(recordings)}: torque is never applied: only ratios of parameters are known, record with torque"
-        )
+    if not (all(own.is_free for own in recordings) or any(is_driven(m) for m in measurements)):
+        raise IdentificationError(f"{_names(recordings)}: {NOISE_ALONE}")
     chosen, slowed = _at_rate(schemes, segments)
     doubts = (*identifiability(measurements, terms), *slowed)
     results = _by_schemes(chosen, segments, terms, recordings, regressions(terms))
@@ -285,7 +293,7 @@ def _by_schemes(
     body, names = body_of(terms), _names(recordings)
     results: dict[str, Identified] = {}
     for scheme in schemes:
-        data = stack(segments, partial(of, scheme))
+        data = stack(segments, partial(of, scheme), terms)
         if len(np.unique(data.clusters[data.usable])) < FEWEST:
             raise IdentificationError(
                 f"{names}: too little of the motion is clear of stick and reversals: record longer, faster or wider "

@@ -156,7 +156,7 @@ class PreparedData:
         if self.segments:
             position = position_rms(self.segments, model.terms, model.theta)
             fit = _fit(position, deviation(self.segments))
-        torque_fit = _fit(torque, float(np.std(self.data.torque())))
+        torque_fit = _fit(torque, float(np.std(self.data.applied_torque())))
         return Errors(torque, position, torque_fit, fit, joints, shares)
 
 
@@ -192,6 +192,8 @@ def fit_terms(prepared: Comparable, terms: Sequence[Term]) -> tuple[Model, Fit]:
 def base_inertia(regression: Regression) -> float:
     """Inertia of the joint by the base model, clear of impacts [kg m^2], which scales the noise."""
     data = regression.data
+    if all(known := [w.recording.known_inertia for w in data.windows]):
+        return max(known)
     theta = (Regression(data.clear) if data.impacts else regression).solve(BASE)
     return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 

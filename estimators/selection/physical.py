@@ -52,7 +52,9 @@ def _impossible(model: Model, x: Samples, is_coupled: bool) -> list[str]:
     pushed = sum((value * column.force(x) for column, value in [(LOAD, 1.0), *pushing]), np.zeros_like(x.time))
     limit = float(np.abs(x.torque - pushed).max())
     dry = _dry_over_a_turn([(column, value) for term, column, value in rubbing if not column.of_torque], x)
-    if dry.max() > limit and not any(term.at for term in model.terms):  # links move the joints of an arm as well
+    if (
+        x.torque.any() and dry.max() > limit and not any(term.at for term in model.terms)
+    ):  # links move the joints of an arm as well
         found.append(f"dry friction of {dry.max():.2g} N m, more than the {limit:.2g} N m that moved the joint")
     return found
 

@@ -28,6 +28,7 @@ from pendulum_env.recording import Recording
 SPARE = 30  # samples that a recording is longer than the filter
 TYPICAL_ACCELERATION = 20.0  # [rad/s^2], RMS, of a run under the paper's excitation
 CLEAN = 0.01  # of the RMS acceleration: more noise than this biases inertia by more than 1e-4
+CLEAN_SWING = 0.03  # the same of a free swing, whose acceleration is no unknown's column: there noise biases nothing
 SIDES = 3  # samples on either side that the kernels below reach to
 # Convolution kernels over samples k + 3 to k - 3, of fourth order: values at instant k, each times period^-derivative.
 VALUE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
@@ -252,14 +253,14 @@ def choose_smoothing(recording: Recording) -> Smoothing:
     Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
     is all noise, which falls with the window's length to the power -2.5.
     """
-    noise = encoder_noise(recording.position)
+    noise, clean = encoder_noise(recording.position), CLEAN_SWING if recording.known_inertia else CLEAN
     longest = (len(recording) - SPARE) // 2
     widths = sorted({min(longest, max(2, round(width * recording.rate))) for width in HALF_WIDTHS})
     for m in widths:
         curvature = np.convolve(window(m), CURVATURE)
         total = float(np.mean(np.convolve(recording.position, curvature, "valid") ** 2))
         encoder = (noise * _length(curvature)) ** 2
-        if encoder <= CLEAN**2 * max(0.0, total - encoder):
+        if encoder <= clean**2 * max(0.0, total - encoder):
             break
     return Smoothing(m, max(SLOWEST, 5 * noise * recording.rate * _length(np.convolve(window(m), SLOPE))))
 

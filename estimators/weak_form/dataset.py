@@ -206,7 +206,7 @@ class Dataset:
 
     def precision(self) -> float:
         """Torque error of smoothing and integration [N m]."""
-        return WEAK_FORM.precision * float(np.std(self.torque()))
+        return WEAK_FORM.precision * float(np.std(self.applied_torque()))
 
     def least(self) -> float:
         """Largest such error of all joints [N m]: a joint without a motor has no torque, but is no more exact."""
@@ -264,6 +264,10 @@ class Dataset:
     def torque(self) -> Array:
         """Windowed measured torque, (R,) [N m]."""
         return np.concatenate([w.torque() for w in self.windows])
+
+    def applied_torque(self) -> Array:
+        """The same, in free swings the torque that accelerates the inertia (R,) [N m]."""
+        return np.concatenate([w.applied_torque() for w in self.windows])
 
     def net_torque(self) -> Array:
         """The same less the torque of known loads, (R,) [N m]: the model's left-hand side."""
@@ -361,17 +365,23 @@ def calibrate(w: Windows) -> Windows:
     acceleration follows a real torque, so that it leaves no residual.
     """
     phi = np.column_stack([w.columns([law])[0][0] for law in smooth_laws(w)])
+    if known := w.recording.known_inertia:
+        return quieter(w, phi[:, 1:], lambda theta: known, known * phi[:, 0])
     return quieter(w, phi, lambda theta: float(theta[0]))
 
 
-def quieter(w: Windows, phi: Array, inertia: Callable[[Array], float]) -> Windows:
-    """Windows whose noise estimate is at most the residual of columns (R, P); `inertia` maps parameters (P,) to it."""
+def quieter(w: Windows, phi: Array, inertia: Callable[[Array], float], known: Array | float = 0.0) -> Windows:
+    """Windows whose noise estimate is at most the residual of columns (R, P) beside a known torque (R,) [N m].
+
+    `inertia` maps parameters (P,) to it.
+    """
     freedom = len(phi) - phi.shape[1]
     if freedom < phi.shape[1]:
         return w
     scale = np.maximum(np.linalg.norm(phi, axis=0), 1e-300)
-    theta = np.linalg.lstsq(phi / scale, w.net_torque(), rcond=1e-10)[0] / scale
-    left = float(np.linalg.norm(w.net_torque() - phi @ theta)) / np.sqrt(freedom)
+    y = w.net_torque() - known
+    theta = np.linalg.lstsq(phi / scale, y, rcond=1e-10)[0] / scale
+    left = float(np.linalg.norm(y - phi @ theta)) / np.sqrt(freedom)
     factor = min(1.0, left / max(w.noise(abs(inertia(theta))), 1e-300))
     return replace(w, torque_noise=factor * w.torque_noise, acceleration_noise=factor * w.acceleration_noise)
 
@@ -389,10 +399,11 @@ def choose_half_width(recording: Recording) -> float:
     for w in reversed(cuts):  # the longest with enough windows has the least noise
         equations = dataset((w,)).equations(BASE)
         if len(equations.y) >= 40:
-            inertia = carried + abs(float(np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]))
+            fitted = recording.known_inertia or np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]
+            inertia = carried + abs(float(fitted))
             real = calibrate(w).torque_noise / max(w.torque_noise, 1e-300)
             break
-    enough = NEGLIGIBLE * float(np.std(recording.torque + cuts[0].samples.load.torque))
+    enough = NEGLIGIBLE * cuts[-1].torque_scale
     covered = [len(w.centers) * width for w, width in zip(cuts, widths, strict=True)]  # [s], clear of stick
     enough_windows = [
         len(w.centers) >= WEAK_FORM.enough or time >= WEAK_FORM.clear * recording.duration
@@ -411,7 +422,7 @@ def dataset(windows: Sequence[Windows], given: Mapping[str, Given] | None = None
     total = sum(w.recording.duration for w in windows) / len(joints)
     half = max(len(w.kernel) // 2 / w.recording.rate for w in windows)
     shortest = WEAK_FORM.shortest * half if count else 0.0
-    sizes = [float(np.std(w.recording.torque)) for w in windows]
+    sizes = [w.torque_scale for w in windows]
     usual = {
         at: float(np.median([size for size, w in zip(sizes, windows, strict=True) if w.at == at])) for at in joints
     }

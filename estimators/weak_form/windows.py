@@ -164,6 +164,15 @@ class Windows:
     at: str = ""
     run: int | None = None
 
+    @cached_property
+    def torque_scale(self) -> float:
+        """Standard deviation of the recorded torque; in a free swing, of that which accelerates the inertia [N m]."""
+        if not self.recording.known_inertia:
+            return float(np.std(self.recording.torque + self.samples.load.torque))
+        bounds = pairwise((*self.recording.starts, len(self.moving)))
+        rates = [np.diff(self.samples.velocity[begin:end]) for begin, end in bounds]
+        return self.recording.known_inertia * self.recording.rate * float(np.std(np.concatenate(rates)))
+
     @property
     def raw_torque_noise(self) -> float:
         """Standard deviation of the white noise of the torque channel [N m]."""
@@ -235,6 +244,11 @@ class Windows:
     def torque(self) -> Array:
         """Averages (R,) of the measured torque [N m]."""
         return self.average(self.samples.torque)
+
+    def applied_torque(self) -> Array:
+        """The same; in a free swing the torque that accelerates the inertia, which is what a model has to explain."""
+        known = self.recording.known_inertia
+        return known * self.average(self.acceleration) if known else self.torque()
 
     def net_torque(self) -> Array:
         """Averages (R,) of the measured torque less that of the known load: the model's left-hand side [N m]."""

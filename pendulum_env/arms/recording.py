@@ -69,6 +69,11 @@ class ArmRecording(Recording):
         )
 
     @property
+    def is_free(self) -> bool:
+        """Never: the mass of links is not scaled by one inertia."""
+        return False
+
+    @property
     def columns(self) -> dict[str, Array]:
         """Time, and `position_<joint>` and so on of what there is, (N,) each."""
         own = {

@@ -25,6 +25,8 @@ from pendulum_env.words import plus_minus
 T = TypeVar("T")
 NEWTON_METRE = "N m"
 READ_ARRAYS = "read_recording({{'time': time, 'position': position, 'torque': torque}}{})"
+PER_INERTIA = "rad/s^2"  # unit of a torque that is divided by the inertia
+NO_TORQUE = 1e-9  # [N m], at most: rounding
 WARNING = "warning: "  # begins a note of what is likely wrong
 
 
@@ -125,6 +127,7 @@ class Recording:
     load: Load | None = None  # known load on the joint, None if nothing is known of one
     torque_unit: str = NEWTON_METRE  # or that of a current, `A`, whose gain is to be found
     torque_constant: TorqueConstant | None = None  # by which a current became the torque, if one did
+    known_inertia: float = 0.0  # [kg m^2], scale of a free swing; 1 if torque is relative to it, 0 if it is unknown
     drive: Drive | None = None  # the controller that followed the reference, if it is known
     is_moved: bool = False  # whether its torque was moved in time, so that when it changed is known to a sample only
     origin: Origin | None = None  # the columns of its file, if it was read from one
@@ -278,7 +281,7 @@ class Recording:
     @property
     def is_driven(self) -> bool:
         """Whether the motor or a measured load drives the joint."""
-        return bool(self.torque.any()) or self.has_varying_load
+        return bool((np.abs(self.torque) > NO_TORQUE).any()) or self.has_varying_load
 
     @property
     def has_varying_load(self) -> bool:
@@ -289,6 +292,11 @@ class Recording:
     def has_logged_torque(self) -> bool:
         """Whether torque was logged, or is none, and is not what a controller asked for."""
         return self.drive is None or self.origin is None or "torque" in self.origin.columns
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the joint swings freely: nothing drives it, and no controller is known."""
+        return self.drive is None and not self.is_driven
 
     @property
     def asked_torque(self) -> Array:

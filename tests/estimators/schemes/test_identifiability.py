@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -39,11 +41,13 @@ def test_one_direction_hides_friction_behind_an_offset():
     assert not identify([driven(-5.0 - np.sin(3 * TIME)), run]).doubts
 
 
-def test_a_free_swing_tells_ratios_only():
-    run = driven(np.zeros(3000), 2.5, coulomb=0.02, viscous=0.01)
-    assert "torque is never applied: only ratios" in doubts(run)[0]
-    with pytest.raises(IdentificationError, match="torque is never applied: only ratios of parameters are known"):
+def test_noise_alone_is_no_torque():
+    run = driven(np.zeros(3000), 2.5, coulomb=0.02, viscous=0.01)  # whose torque is logged with noise
+    assert "the torque is noise alone" in doubts(run)[0]
+    with pytest.raises(IdentificationError, match="the torque is noise alone: read the file without it"):
         identify([run])
+    found = identify([replace(run, torque=np.zeros(len(run)))])
+    assert found.torque_unit == "rad/s^2" and not found["dynamic"].withheld
 
 
 def test_small_swings_cannot_tell_gravity_from_a_spring():

@@ -1,0 +1,92 @@
+"""Free swings: recordings in which no torque is applied: the motion tells parameters relative to the inertia.
+
+The inertia I is known, or it is 1. Then its torque stands for that of a motor,
+
+    -I q'' = mgl sin q + b q' + fc sgn q' + ...
+
+With I = 1 all torques are divided by the inertia: gravity and Coulomb friction are in rad/s^2, viscous friction in 1/s.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.regression.equations import IdentificationError
+from estimators.selection.columns import depends_on_torque
+from estimators.selection.regression import Regression
+from estimators.weak_form.dataset import prepare
+from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics.limits import limited_term
+from pendulum_env.recording import Recording
+from pendulum_env.recording.record import PER_INERTIA
+
+RELATIVE = (
+    "no torque is applied: every parameter is relative to the inertia, which is 1; --fix inertia=VALUE "
+    '(`fixed={"inertia": VALUE}` in Python) makes them absolute'
+)
+
+
+def swing(recording: Recording, inertia: float, torque_unit: str) -> Recording:
+    """Scale a free swing by an inertia in a unit of torque; return any other recording as it is."""
+    if not recording.is_free:
+        return recording
+    still = np.zeros(len(recording))
+    return replace(recording, torque=still, torque_unit=torque_unit, torque_constant=None, known_inertia=inertia)
+
+
+def known_values(terms: Sequence[Term]) -> dict[str, float]:
+    """Return the linear parameters of some terms that are known, by name."""
+    return {column.name: column.least for term in terms for column in term.columns if column.is_known}
+
+
+def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) -> float:
+    """Return the inertia [kg m^2] of free swings: known, or by another known parameter of the base; 0 if none is.
+
+    An inertia of 1 is that of parameters relative to it.
+
+    Raises:
+        IdentificationError: if the recordings hold too little motion.
+    """
+    if (inertia := known.get("inertia", 1.0)) != 1.0:
+        return inertia
+    others = [k for k, term in enumerate(BASE) if k and known.get(term.id)]
+    if not others:
+        return 0.0
+    terms = relative_terms(BASE, PER_INERTIA)
+    ratios = Regression(prepare([swing(own, 1.0, PER_INERTIA) for own in recordings])).solve(terms)
+    return float(abs(known[BASE[others[0]].id] / ratios[others[0]]))
+
+
+def fitted_inertia(recordings: Sequence[Recording]) -> float:
+    """Return the inertia [kg m^2] by a fit of the base model to recordings with torque; 0 if they are too short."""
+    try:
+        return abs(float(Regression(prepare(recordings)).solve(BASE)[0]))
+    except IdentificationError:
+        return 0.0
+
+
+def relative_terms(terms: Sequence[Term], torque_unit: str) -> tuple[Term, ...]:
+    """Return terms whose inertia is 1 where torque is relative to it; other terms as they are.
+
+    Raises:
+        IdentificationError: if there is no inertia among the terms.
+    """
+    if torque_unit != PER_INERTIA:
+        return tuple(terms)
+    if "inertia" not in {term.id for term in terms}:
+        raise IdentificationError("no torque is applied: a model of free swings needs the term inertia")
+    return tuple(limited_term(term, {"inertia": (1.0, 1.0)}) for term in terms)
+
+
+def as_read(model: Model) -> Model:
+    """Return a model without the limit of an inertia of 1, which its unit of torque tells."""
+    if model.torque_unit != PER_INERTIA:
+        return model
+    bare = {term: getattr(type(term), "bare", (type(term),))[0]() for term in model.terms if term.id == "inertia"}
+    return replace(model, terms=tuple(bare.get(term, term) for term in model.terms))
+
+
+def needs_torque(kind: type[Term]) -> bool:
+    """Return whether an effect shows only under torque: it changes the torque of a motor, or lies behind the motor."""
+    return kind.link or depends_on_torque(kind())
