@@ -50,9 +50,11 @@ class Prediction:
         predicted_torque: torque that the model needs for the measured motion, averaged alike (N,) [N m].
         simulated_position: position of free-running simulations of one second, each from the measured state (N,) [rad].
             A servo with a drive is simulated over the whole recording from its goal. An arm is not simulated.
+            `position_rms` leaves out seconds in which a small error grows tenfold.
         is_counted: samples at which `torque_rms` takes the residual, half a window apart (N,).
         is_held_out: samples that the model was not fitted to (N,).
         units: unit of the torque by joint; the joint of a pendulum has an empty name.
+        is_in_loop: whether the controller of a servo is simulated along, so that the motion is predicted first of all.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Prediction:
     is_counted: Mask
     is_held_out: Mask
     units: Mapping[str, str]
+    is_in_loop: bool = False
 
     @property
     def residual(self) -> Array:
@@ -91,17 +94,18 @@ class Prediction:
             raise ModuleNotFoundError("to_frame needs pandas: pip install pandas, or use `columns`") from None
         return pandas.DataFrame(self.columns)
 
-    def figure(self, quantity: str = "torque", joint: str | None = None) -> PlotlyFigure:
+    def figure(self, quantity: str | None = None, joint: str | None = None) -> PlotlyFigure:
         """Plot the measured and the predicted quantity over time, above their difference, as the report does.
 
         Args:
-            quantity: `torque` or `position`.
+            quantity: `torque` or `position`; by default the torque, of a servo in the loop the position.
             joint: of an arm; by default the first one.
 
         Raises:
             ValueError: if there is no such quantity or joint, or no sample has a value.
         """
         names = {"torque": ("torque", "predicted_torque"), "position": ("position", "simulated_position")}
+        quantity = quantity or ("position" if self.is_in_loop else "torque")
         own = names[find("quantity", quantity, {name: name for name in names})]
         at = next(iter(self.units)) if joint is None else find("joint", joint, {name: name for name in self.units})
         k = list(self.units).index(at)
@@ -128,8 +132,8 @@ def predictions(model: Model, data: Preprocessed) -> tuple[Prediction, ...]:
     """Predict the recordings that a result is of: those that were fitted, then those that were held out."""
     is_same = data.holdout is data.recordings  # compared, all alike
     seen = data.recordings if is_same else (*data.recordings, *data.holdout)
-    found = [_without_values(model, recording) for recording in seen]
     is_driven = body_of(model.terms) is None and are_driven(seen)
+    found = [replace(_without_values(model, recording), is_in_loop=is_driven) for recording in seen]
     with suppress(*[IdentificationError] * is_driven):  # a servo may move too little for a regression of its torque
         fitted, unseen = data.parts
         _predict(model, fitted, found[: len(data.recordings)], False)

@@ -92,6 +92,7 @@ def test_a_servo_in_the_loop_is_predicted_by_its_position():
     (own,) = found.recordings
     assert np.mean(np.isfinite(own.simulated_position)) > 0.98
     assert np.mean(np.abs(missed(own))) == pytest.approx(found.errors.in_loop, rel=0.02)
+    assert "position" in own.figure().layout.yaxis.title.text
 
 
 def test_an_arm_has_a_column_a_joint():
