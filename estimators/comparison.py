@@ -30,6 +30,7 @@ from pendulum_env.arms.recording import of_arms
 from pendulum_env.mistake import Mistake
 from pendulum_env.notebook import shown
 from pendulum_env.physics import Model, ModelError
+from pendulum_env.physics.model import INERTIA_REMEDY
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
@@ -117,6 +118,8 @@ class Comparison:
     @property
     def caveat(self) -> str | None:
         """What is not counted in the error of free runs, in a sentence; None if all is."""
+        if not self.model.is_inertia_known:
+            return f"free-running position is unknown, as the inertia of the model is: {INERTIA_REMEDY}"
         share = self.joint.unstable
         if share == 0:
             return None
@@ -130,7 +133,7 @@ class Comparison:
         times, at = max((errors.joints[at] / max(floor, 1e-300), at) for at, floor in self.joint.floors.items())
         unit, where = (self.torque_unit, "") if body is None else (body.worded(at, NEWTON_METRE), f" at {at}")
         told = f"the model is off by {errors.joints[at]:.3g} {unit}{where}, {times:.2g} times what noise leaves"
-        return told if body is not None else f"{told}, and by {errors.position_rms:.3g} rad in free run"
+        return told if np.isnan(errors.position_rms) else f"{told}, and by {errors.position_rms:.3g} rad in free run"
 
     @property
     def is_torque_logged(self) -> bool:
@@ -180,8 +183,9 @@ class Comparison:
 
 def distance(name: str, prepared: PreparedData, model: Model) -> Distance:
     """Errors of a model with inertia on prepared data, as they are, and in the loop if the recordings have drives."""
-    steady = [growth(segments, model.terms, model.theta) < GROWS for segments in prepared.segments]
-    kept = tuple(select(*pair) for pair in zip(prepared.segments, steady, strict=True) if pair[1].any())
+    simulated = prepared.segments if model.is_inertia_known else ()
+    steady = [growth(segments, model.terms, model.theta) < GROWS for segments in simulated]
+    kept = tuple(select(*pair) for pair in zip(simulated, steady, strict=True) if pair[1].any())
     errors = (replace(prepared, segments=kept) if kept else prepared).errors(model)
     unstable = 1.0 - float(np.mean(np.concatenate(steady))) if steady else 0.0
     return Distance(name, in_loop(model, prepared.recordings, errors), prepared.floors, unstable)

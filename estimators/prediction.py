@@ -176,7 +176,8 @@ def _predict(model: Model, prepared: PreparedData, found: Sequence[Prediction], 
         begin, joint = _place(own, w)
         _by_joint(own.is_counted)[begin + w.centers, joint] = True
         own.is_held_out[begin + w.first : begin + w.stop] |= is_held_out
-    for own, segments in zip(found, prepared.segments, strict=body is None):
+    simulated = prepared.segments if model.is_inertia_known else ()
+    for own, segments in zip(found, simulated, strict=False):
         _simulate(model, segments, own.simulated_position)
 
 

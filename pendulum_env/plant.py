@@ -169,13 +169,13 @@ def make_plant(
     Raises:
         ValueError: if a parameter or an effect is unknown or impossible, or if both theta and a model are given.
         TypeError: if theta or an effect is of another kind.
-        ModelError: if the model cannot be read, or lacks inertia.
+        ModelError: if the model cannot be read, or lacks inertia, or its inertia is unknown.
     """
     if model is not None:
         if theta is not None:
             raise ValueError("a plant is given by its theta or by a model, not by both")
         plant = model if isinstance(model, Model) else Model.load(model)
-        plant.refuse_without_inertia()
+        plant.refuse_unknown_inertia()
     else:
         plant = paper_plant(theta if theta is None or isinstance(theta, Mapping) else _named(theta))
     for text in [effects] if isinstance(effects, str) else effects or ():

@@ -151,3 +151,8 @@ BIASED = "biased: the best there is, but what the model lacks moves it by more t
 def percent(share: float) -> str:
     """Share in per cent."""
     return f"{100 * share:.3g} %" if share >= 0.001 or share == 0 else "< 0.1 %"
+
+
+def number_text(value: float, digits: int, unit: str = "") -> str:
+    """Write a number with its unit, or `unknown` for NaN."""
+    return "unknown" if math.isnan(value) else f"{value:.{digits}g}{f' {unit}' if unit else ''}"

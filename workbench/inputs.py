@@ -24,6 +24,7 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.files import check_output, write_whole
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.limits import collect_limits
+from pendulum_env.physics.model import INERTIA_REMEDY
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.reading import Text, Unreadable, convert, read_json
 from pendulum_env.recording import Recording, Source
@@ -293,11 +294,11 @@ def write_model(model: Model, path: str | None, fitted: Sequence[Source], termin
     No body is without inertia, but where a motion hardly tells it, a fit may come out so.
     """
     inertia = model.estimates.get("inertia")
-    if path is not None and inertia is not None and inertia.value <= 0:
+    if path is not None and inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
         old = ", what is there is that of before" if Path(path).is_file() else ""
         terminal.say(
             f"warning: {path} is not written{old}: inertia came out as {plus_minus(inertia.value, inertia.std)} "
-            f"{inertia.unit}, and no body has that: record a livelier motion, or say --fix inertia=VALUE",
+            f"{inertia.unit}, and no body has that: {INERTIA_REMEDY}",
             style="yellow",
         )
         return None

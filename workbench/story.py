@@ -1,5 +1,6 @@
 """A diagnosis as printed on the terminal: what counts in a few lines, the rest where it is asked for."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 from estimators.diagnosis.result import Diagnosis
@@ -59,6 +60,8 @@ def errors_line(found: Diagnosis) -> str:
     (first, last), floor, body = ends(found.steps), found.noise_floor, found.body
 
     def fall(before: float, after: float, unit: str) -> str:
+        if math.isnan(after):
+            return "unknown"
         return f"{f'{before:.4g} -> ' if len(found.steps) > 1 else ''}{after:.4g} {unit}"
 
     if body is not None:

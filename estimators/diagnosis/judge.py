@@ -210,8 +210,8 @@ def _falls(before: Step, after: Step) -> str:
     if new.is_in_loop:
         return f"lowers the held-out error in the loop: {old.in_loop:.3g} -> {new.in_loop:.3g} rad"
     torque = f"torque {old.torque_rms:.3g} -> {new.torque_rms:.3g} N m"
-    position = f"free-running position {old.position_rms:.3g} -> {new.position_rms:.3g} rad"
-    return f"lowers the held-out errors: {torque}, {position}"
+    position = f", free-running position {old.position_rms:.3g} -> {new.position_rms:.3g} rad"
+    return f"lowers the held-out errors: {torque}{'' if np.isnan(new.position_rms) else position}"
 
 
 def _why_rejected(found: Selection, longer: Terms) -> str:

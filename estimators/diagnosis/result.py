@@ -365,7 +365,7 @@ class Addition:
             share = new.joints[joint] / old.joints[joint]
             return f"{self.after.added} lowers the held-out torque error of {joint} to {share:.1%} of before"
         torque, position = new.torque_rms / old.torque_rms, new.position_rms / old.position_rms
-        falls = f"torque to {torque:.1%}, position to {position:.1%} of before"
+        falls = f"torque to {torque:.1%}{'' if np.isnan(position) else f', position to {position:.1%}'} of before"
         return f"{self.after.added} lowers the held-out errors: {falls}"
 
     @property

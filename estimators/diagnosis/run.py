@@ -48,6 +48,7 @@ from pendulum_env.arms.joints import body_of
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds
+from pendulum_env.physics.model import INERTIA_REMEDY
 from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.terms import ids, untested_range
 from pendulum_env.recording import Recording
@@ -247,7 +248,10 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     final = (rough.steps if ids(rough.terms) == ids(steps[-1].model.terms) else steps)[-1].model.terms
     measured = [m for recording in given.recordings for m in measure_segments(recording)]
     doubts = identifiability(measured, steps[-1].model.terms)
-    doubts = (*doubts, *untold(steps[-1].model, measured, doubts))
+    unknown = untold(steps[-1].model, measured, doubts)
+    doubts = (*doubts, *unknown)
+    last = steps[-1].model.withholding({name for doubt in unknown for name in doubt.withheld})
+    steps = [*steps[:-1], replace(steps[-1], model=last)]
     candidates, groups = judge(replace(found, steps=steps), final, doubts)
     setting.progress("looking for the next experiment", 0.95)
     left, held_out = unexplained(replace(found, steps=steps)), of_held_out(models, final)
@@ -256,10 +260,12 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
         table = explaining(models, steps[-1].model.terms, TABLES.values())
     kept = None if table is None else KEPT.format(table=table)
     asked = questions(models, steps[-1].model.terms, groups, candidates, doubts)
-    if impossible(steps[-1].model, models.train.motions):
-        asked = []  # nobody knows what motion to expect
+    if impossible(last, models.train.motions) or not last.is_inertia_known:
+        asked = []  # the motion under another torque is unknown
     suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, left)
-    if left and not asked:
+    if not last.is_inertia_known:
+        forbidden = f"the motion of an experiment cannot be predicted without the inertia: {INERTIA_REMEDY}"
+    elif left and not asked:
         forbidden = held_out or kept or UNNAMED
     would_show = () if left or len(final) > len(models.base) else detectable(models, tuple(final), models.library)
     experiments = [models.library[group[-1]].description.informative_experiment for group in groups]

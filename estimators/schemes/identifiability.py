@@ -1,7 +1,7 @@
 """What a recording cannot tell, said by name instead of returned as a number."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
@@ -101,8 +101,9 @@ def untold(model: Model, measurements: Sequence[Measurements], doubts: Sequence[
     for term in BASE:
         told = model.estimates.get(term.id)
         if term.id not in said and told is not None and not is_told(told, large[term.id]):
+            best = replace(told, is_unknown=False)
             text = (
-                f"{term.id} cannot be told, the best fit has {told}: these data hardly depend on it alone; what tells "
+                f"{term.id} cannot be told, the best fit has {best}: these data hardly depend on it alone; what tells "
                 f"it: {term.description.informative_experiment}, at more frequencies than here"
             )
             found.append(Doubt(text, (term.id,)))

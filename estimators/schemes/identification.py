@@ -97,7 +97,9 @@ class Identification(Mapping[str, Identified]):
         first, *_ = models = [one.model for one in self.schemes.values()]
         disputed = {name for model in models for name, estimate in model.estimates.items() if estimate.is_biased}
         terms = relative_terms(first.terms, self.torque_unit)
-        return self.fitted(lambda data: fit_terms(PreparedData(data), terms)[0]).biased(disputed)
+        unknown = {name for doubt in self.doubts for name in doubt.withheld}
+        model = self.fitted(lambda data: fit_terms(PreparedData(data), terms)[0])
+        return model.biased(disputed).withholding(unknown | (set() if model.is_inertia_known else {"inertia"}))
 
     def fitted(self, fit: Callable[[Dataset], Model]) -> Model:
         """The model that a fit finds in the windows, in their unit of torque, and with their torque constant.

@@ -28,7 +28,7 @@ class Errors:
         in_loop: mean absolute error of whole recordings that are simulated with their controller in the loop [rad].
         in_loop_rms: root mean square of the same [rad].
 
-    What cannot be simulated has NaN for a position error.
+    What cannot be simulated, as an arm or a model whose inertia is unknown, has NaN for a position error.
     """
 
     torque_rms: float

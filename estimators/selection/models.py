@@ -64,6 +64,7 @@ class Models:
         self.left = Left(self.train, self.holdout, self.criterion, self.base)
         self._where = [_blocks(part, BLOCK) for part in self.parts]
         self._finer = [_blocks(part, self.criterion.moment) for part in self.parts]
+        self._unknown = self._find_unknown()
         self._in_motion: dict[Terms, Step] = {}
         first, second = (where.of_block for where in self._where)
         same = self.train.recordings == self.holdout.recordings  # parts of the same recordings
@@ -160,7 +161,15 @@ class Models:
 
     def model(self, terms: Terms) -> Model:
         """The terms fitted to the training data, without standard errors, which take time."""
-        return Model.build(self.regression.as_fitted(terms), self.regression.solve(terms))
+        model = Model.build(self.regression.as_fitted(terms), self.regression.solve(terms))
+        return model.withholding(self._unknown)
+
+    def _find_unknown(self) -> frozenset[str]:
+        """Name the inertia if the base model does not determine it, so that nothing is simulated by it."""
+        if self.train.in_loop or "inertia" not in ids(self.base):
+            return frozenset()
+        known = fit_terms(self.train, self.base)[0].is_inertia_known
+        return frozenset() if known else frozenset({"inertia"})
 
     def step(self, added: str | None, terms: Terms) -> Step:
         """Fit the terms to the training data and take the errors."""
@@ -175,7 +184,7 @@ class Models:
         parts = {"train": self.train, "holdout": self.holdout}
         if self.linked is None and has_link(model.terms):
             parts = {name: part.watching(model) for name, part in parts.items()}
-        model = model_of(model).per(self.train.recordings[0].torque_unit)
+        model = model_of(model).per(self.train.recordings[0].torque_unit).withholding(self._unknown)
         return Step(added, model, {name: part.errors(model) for name, part in parts.items()})
 
     def in_motion(self, step: Step) -> Step:
@@ -183,7 +192,7 @@ class Models:
 
         With a large unexplained residual, the parameters of the smallest torque error may follow the motion badly.
         """
-        if has_transmission(step.model.terms) or not self.train.segments:
+        if has_transmission(step.model.terms) or not self.train.segments or not step.model.is_inertia_known:
             return step  # a simulation from an unknown state of the link soon diverges
         if step.model.terms not in self._in_motion:
             point = output_error.fit(self.train.segments, Point.of(step.model))

@@ -44,7 +44,7 @@ def is_misfit(models: Models, step: Step) -> bool:
     """
     if has_transmission(step.model.terms):
         return False  # its impacts are too sharp to simulate as closely, and other effects would only imitate them
-    if not models.train.segments:
+    if not (models.train.segments and step.model.is_inertia_known):
         return False
     segments, point = models.train.segments, Point.of(step.model)
     motion = np.concatenate([segment.position.ravel() for segment in segments])
@@ -65,6 +65,8 @@ def refit(selection: Selection, start: Model | None = None) -> Selection:
         start: initial guess of a model with a link, by default the fit to windows.
     """
     models, (*others, last) = selection.models, selection.steps
+    if not last.model.is_inertia_known:
+        return selection
     if has_link(last.model.terms):
         known = models.linked
         if known is not None and known.model.terms == last.model.terms:

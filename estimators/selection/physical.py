@@ -42,7 +42,8 @@ def impossible(model: Model, motions: Mapping[str, Samples]) -> list[str]:
 def _impossible(model: Model, x: Samples, is_coupled: bool) -> list[str]:
     """The same of what is at one joint; where it is coupled, only the power of both joints is known."""
     found = []
-    if "inertia" in model.estimates and model.estimates["inertia"].value <= 0:
+    inertia = model.estimates.get("inertia")
+    if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
         found.append("negative inertia")
     rubbing = [(term, column, value) for term, column, value in _parts(model) if term.kind == "dissipative"]
     power = sum((value * column.power(x) for term, column, value in rubbing if not term.hides), np.zeros_like(x.time))

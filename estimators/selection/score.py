@@ -21,6 +21,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from estimators.regression.balance import Balance
+from estimators.regression.least_squares import SOLVER
 from pendulum_env._typing import JSON, Array, Index, Mask
 
 NU = 4.0  # degrees of freedom of Student's t,
@@ -97,6 +98,8 @@ def _density(balance: Balance, theta: Array, where: Blocks, hidden: Hidden) -> A
     for k in np.unique(fold):
         test, own = fold == k, min(k, len(left) - 1)
         square = _scales(left[own], where.recording, test)[where.recording[test]]
+        least = SOLVER.tiny * np.where(np.isfinite(reach[test]), reach[test], 0.0)  # no torque is known better
+        square = np.maximum(square, least**2)
         density = np.log(PEAK / np.sqrt(square)) - (NU + 1) / 2 * np.log1p(left[own, test] ** 2 / (NU * square))
         known = np.minimum(np.sqrt(square) / (PEAK * reach[test]), 1.0)  # at least the density without any fit
         density += np.log(np.maximum(slopes[own, test], known))

@@ -19,7 +19,7 @@ from pendulum_env.arms.joints import body_of
 from pendulum_env.physics import Model
 from pendulum_env.physics.model_card import parameters_table
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.words import BIASED, Table, bar, listing
+from pendulum_env.words import BIASED, Table, bar, listing, number_text
 
 RUNNERS_UP = 5  # rejected candidates that are shown
 SCORE = (
@@ -167,7 +167,8 @@ def errors_table(steps: Sequence[Step]) -> Table:
         headers += [f"{what}, fitted [{unit}]", f"{what}, held out [{unit}]", "ratio"]
         for row, step in zip(rows, steps, strict=True):
             train, holdout = (getattr(step.errors[part], kind) for part in ("train", "holdout"))
-            row += [f"{train:.4g}", f"{holdout:.4g}", f"{holdout / max(getattr(base, kind), 1e-300):.3g}"]
+            ratio = number_text(holdout / max(getattr(base, kind), 1e-300), 3)
+            row += [number_text(train, 4), number_text(holdout, 4), ratio]
     return Table([*headers, ""], [[*row, bar(float(row[3]))] for row in rows], left=("",))
 
 
@@ -178,7 +179,7 @@ def fit_text(steps: Sequence[Step]) -> str:
     first, last = (step.errors["holdout"] for step in (steps[0], steps[-1]))
     course = " -> " if len(steps) > 1 else ""
     torque, position = (
-        f"{old:.4g} %{course}{f'{new:.4g} %' if course else ''}"
+        f"{number_text(old, 4, '%')}{course}{number_text(new, 4, '%') if course else ''}"
         for old, new in ((first.torque_fit, last.torque_fit), (first.position_fit, last.position_fit))
     )
     return f"fit of what was held out: torque {torque}, position {position}"
@@ -262,8 +263,8 @@ def distances_table(found: Comparison) -> Table:
                 f"{item.errors.torque_rms:.4g}",
                 f"{item.errors.torque_fit:.4g}",
                 f"{item.noise_floor:.4g}",
-                f"{item.errors.position_rms:.4g}",
-                f"{item.errors.position_fit:.4g}",
+                number_text(item.errors.position_rms, 4),
+                number_text(item.errors.position_fit, 4),
                 *(f"{error:.4g}" for error in (item.errors.in_loop, item.errors.in_loop_rms) if np.isfinite(error)),
             )
             for item in distances

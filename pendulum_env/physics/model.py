@@ -35,6 +35,10 @@ class ModelError(Mistake):
     """A model or model file that makes no sense; the message says where and what to do."""
 
 
+SURE = 3.0  # standard errors by which a known inertia differs from zero
+INERTIA_REMEDY = "record faster reversals, or give its value (--fix inertia=VALUE)"
+
+
 @dataclass(frozen=True, repr=False)
 class Estimate:
     """Value of a parameter with its standard error, both in `unit`; the error is 0 where nothing was estimated.
@@ -66,7 +70,7 @@ class Estimate:
         return plus_minus(self.value, self.std) + (" (at its bound)" if self.at_bound else "")
 
     def __str__(self) -> str:
-        return self.text if self.unit == "1" else f"{self.text} {self.unit}"
+        return self.text if self.is_unknown or self.unit == "1" else f"{self.text} {self.unit}"
 
     def __repr__(self) -> str:
         return f"<{self}>"
@@ -272,6 +276,23 @@ class Model:
         linear = sum(c * column.torque(x, acceleration) for c, column in zip(self.theta, self.columns, strict=True))
         return linear + sum(column.torque(x, acceleration) for term in self.terms for column in term.fixed)
 
+    @property
+    def is_inertia_known(self) -> bool:
+        """Whether the inertia was given, or is positive by 3 standard errors; without one, nothing can be simulated."""
+        own = self.estimates.get("inertia")
+        return own is None or (not own.is_unknown and own.value > SURE * own.std)
+
+    def refuse_unknown_inertia(self) -> None:
+        """Refuse to simulate a model whose inertia is missing or unknown.
+
+        Raises:
+            ModelError: if it is.
+        """
+        self.refuse_without_inertia()
+        if not self.is_inertia_known:
+            told = replace(self.estimates["inertia"], is_unknown=False)
+            raise ModelError(f"the inertia is unknown, the best fit has {told}: {INERTIA_REMEDY}")
+
     def refuse_without_inertia(self) -> None:
         """Refuse a model that lacks inertia, without which nothing moves.
 
@@ -287,9 +308,9 @@ class Model:
         """Simulate free motion under a held torque command; see `pendulum_env.physics.simulation.simulate`.
 
         Raises:
-            ModelError: if the model lacks inertia.
+            ModelError: if the model lacks inertia, or its inertia is unknown.
         """
-        self.refuse_without_inertia()
+        self.refuse_unknown_inertia()
         return simulate(self.terms, self.theta, period, torque, position, velocity, start)
 
     def _repr_html_(self) -> str:
@@ -426,8 +447,9 @@ def _model(data: _ModelFile) -> Model:
     estimates = {}
     for name, default in Model.build(terms, 0.0).estimates.items():
         estimates[name] = read_estimate(data.theta, name, default.unit)
-    if "inertia" in estimates and estimates["inertia"].value <= 0:
-        raise ModelError(f"'theta.inertia.value' is {estimates['inertia'].value:g}: expected a number above zero")
+    inertia = estimates.get("inertia")
+    if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
+        raise ModelError(f"'theta.inertia.value' is {inertia.value:g}: expected a number above zero")
     constant = data.torque_constant
     model = replace(
         Model(terms, estimates).per(_unit(data.torque_unit or "N m", "torque_unit")),

@@ -70,6 +70,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         model: Model = read_arm_model(arguments)
     else:
         model = read_model(arguments.model)
+        model.refuse_unknown_inertia()
     exported = export(model, arguments.to, request)
     if sources:
         sources = tuple(read_as(source, model.log_format, arguments.model) for source in sources)

@@ -31,6 +31,7 @@ COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
 def errors(case: Case) -> Section:
     """Errors after every step: table, and plot where there is more than one."""
     steps = case.diagnosis.steps
+    is_simulated = np.isfinite([own.position_rms for step in steps for own in step.errors.values()]).all()
     content = {
         "steps": steps,
         "noise_floor": case.diagnosis.noise_floor,
@@ -41,7 +42,7 @@ def errors(case: Case) -> Section:
         ],
         "figures": [
             ladder(case, "torque_rms", "torque error [N m]", case.diagnosis.noise_floor),
-            ladder(case, "position_rms", "free-running position error [rad]", None),
+            *([ladder(case, "position_rms", "free-running position error [rad]", None)] if is_simulated else []),
         ]
         if len(steps) > 1
         else [],

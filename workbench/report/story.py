@@ -1,5 +1,6 @@
 """The diagnosis in words: what is missing, what that changes, what stays open, what was considered, and how."""
 
+import math
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -56,7 +57,8 @@ def changes(diagnosis: Diagnosis) -> list[Change]:
     first, last = (diagnosis.steps[k].errors["holdout"] for k in (0, -1))
 
     def change(label: str, unit: str, before: float, after: float, note: str) -> Change:
-        return Change(label, unit, before, after, after / before if diagnosis.selected else None, note)
+        is_compared = diagnosis.selected and not math.isnan(after)
+        return Change(label, unit, before, after, after / before if is_compared else None, note)
 
     over = f"on held-out data, over {SECONDS:g} s"
     return [

@@ -1,0 +1,102 @@
+"""Inertia that a slow sweep does not determine is not used: nothing is simulated, advised or exported by it."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.comparison import compare
+from estimators.diagnosis.addition import add
+from estimators.schemes.identification import identify
+from pendulum_env.physics import BASE, Model, ModelError
+from pendulum_env.plant import make_plant
+from pendulum_env.recording import Recording, write_recording
+from tests.cases import diagnosed
+from workbench.cli import main
+
+JOINT = {"gravity": 0.02, "viscous": 0.05, "coulomb": 0.3}
+
+
+def sweep(seed=0, offset=0.0, inertia=2e-4, speed=0.5, ramp=0.3, **law) -> Recording:
+    """Compute the torque of a prescribed slow motion both ways, with slow reversals: friction is nearly all of it."""
+    joint, rate = JOINT | law, 200.0
+    rng, time = np.random.default_rng(seed), np.arange(0, 60.0, 1 / rate)
+    weights = np.hanning(int(ramp * rate) + 2)
+    velocity = np.convolve(np.where(time % 20.0 < 10.0, speed, -speed), weights / weights.sum(), mode="same")
+    position = np.cumsum(velocity) / rate - 1.0
+    torque = inertia * np.gradient(velocity, time) + joint["viscous"] * velocity + joint["gravity"] * np.sin(position)
+    torque += joint["coulomb"] * np.sign(velocity) + offset + 0.01 * rng.standard_normal(len(time))
+    step = 2 * np.pi / 4096
+    return Recording("sweep", time, step * np.round(position / step), torque)
+
+
+@pytest.fixture(scope="module", params=range(2))
+def run(request) -> Recording:
+    return sweep(request.param)
+
+
+def test_nothing_is_missing_and_nothing_is_simulated(run):
+    found = diagnosed([run])
+    assert not found.selected and not found.unexplained
+    assert found.suggestion is None and found.forbidden
+    assert found.model.estimates["inertia"].is_unknown
+    assert all(np.isnan(own.position_rms) for own in found.steps[-1].errors.values())
+    friction = found.model.estimates["coulomb"].value + 0.5 * found.model.estimates["viscous"].value
+    assert friction == pytest.approx(0.325, abs=0.002)
+    assert not any("sign" in text for text in found.advice)
+
+
+def test_an_offset_beside_it_is_found():
+    found = diagnosed([sweep(6, offset=0.02)])
+    assert any("torque_offset" in group for group in found.effects)
+    assert found.model.estimates[found.selected[0]].value == pytest.approx(0.02, rel=0.2)
+
+
+def test_the_model_is_saved_as_unknown_and_compared_in_torque_alone(run, tmp_path):
+    found = identify([run])
+    assert all(own.model.estimates["inertia"].is_unknown for own in found.schemes.values())
+    found.windows.save(tmp_path / "m.json")
+    model = Model.load(tmp_path / "m.json")
+    assert model.estimates["inertia"].is_unknown
+    compared = compare(model, [run])
+    assert np.isnan(compared.joint.errors.position_rms) and compared.caveat
+    assert compared.joint.errors.torque_rms < 1.2 * compared.joint.noise_floor
+    assert not any(np.isfinite(own.simulated_position).any() for own in compared.recordings)
+
+
+def test_the_model_simulates_nothing():
+    model = Model.build(BASE, [3e-5, 0.02, 0.05, 0.3], [4e-5, 0.001, 0.01, 0.01])
+    with pytest.raises(ModelError, match="inertia"):
+        model.simulate(0.01, np.zeros(10), 0.0, 0.0)
+    with pytest.raises(ModelError, match="inertia"):
+        make_plant(model=model)
+    known = replace(model, estimates=model.estimates | {"inertia": replace(model.estimates["inertia"], std=1e-6)})
+    assert np.isfinite(known.simulate(0.01, np.zeros(10), 0.0, 0.0).position).all()
+
+
+def test_an_effect_is_judged_by_torque_alone(run):
+    found = add(Model.build(BASE, [1e-4, 0.02, 0.05, 0.3]), "torque_offset", [run])
+    assert found.objection is not None
+    assert np.isnan(found.after.errors["holdout"].position_rms)
+    shifted = replace(run, torque=run.torque + 0.02)
+    added = add(Model.build(BASE, [1e-4, 0.02, 0.05, 0.3]), "torque_offset", [shifted])
+    assert added.objection is None and "nan" not in added.text
+
+
+def test_a_value_of_the_inertia_lets_it_be_simulated():
+    found = diagnosed([sweep()], fixed={"inertia": 2e-4})
+    assert not found.selected
+    assert np.isfinite(found.steps[-1].errors["holdout"].position_rms)
+
+
+@pytest.mark.slow
+def test_commands_write_and_read_the_model_and_refuse_to_export_it(tmp_path, capsys):
+    write_recording(sweep(), log := tmp_path / "sweep.csv")
+    model = str(tmp_path / "m.json")
+    assert main(["diagnose", str(log), "-o", model, "--report", str(tmp_path / "r.html")]) == 0
+    assert json.loads((tmp_path / "m.json").read_text())["theta"]["inertia"]["unknown"]
+    assert main(["compare", model, str(log), "--report", str(tmp_path / "c.html")]) == 0
+    assert "nan" not in capsys.readouterr().out
+    assert main(["export", model, "--to", "python"]) == 2
+    assert "inertia" in capsys.readouterr().err
