@@ -8,7 +8,7 @@ from estimators.show.story import Part, ends, of_diagnosis
 from pendulum_env.physics import Estimate
 from pendulum_env.physics.model import short_name
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.words import Table
+from pendulum_env.words import Table, number_text
 from workbench.terminal import Terminal
 
 MORE = "more: -v lists candidates and all that was found, --report FILE.html draws it"
@@ -60,9 +60,8 @@ def errors_line(found: Diagnosis) -> str:
     (first, last), floor, body = ends(found.steps), found.noise_floor, found.body
 
     def fall(before: float, after: float, unit: str) -> str:
-        if math.isnan(after):
-            return "unknown"
-        return f"{f'{before:.4g} -> ' if len(found.steps) > 1 else ''}{after:.4g} {unit}"
+        is_new = len(found.steps) > 1 and not (math.isnan(before) and math.isnan(after))
+        return f"{f'{number_text(before, 4)} -> ' if is_new else ''}{number_text(after, 4, unit)}"
 
     if body is not None:
         units = {at: body.worded(at, NEWTON_METRE) for at in body.joints}

@@ -20,6 +20,7 @@ from estimators.selection.tables import named
 from estimators.simulation import output_error
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.terms import complexity, has_transmission, ids, is_hidden, untested_range
+from pendulum_env.words import number_text
 
 SAME = 1e-6  # of a torque, numerical difference of equal laws
 
@@ -210,7 +211,7 @@ def _falls(before: Step, after: Step) -> str:
     if new.is_in_loop:
         return f"lowers the held-out error in the loop: {old.in_loop:.3g} -> {new.in_loop:.3g} rad"
     torque = f"torque {old.torque_rms:.3g} -> {new.torque_rms:.3g} N m"
-    position = f", free-running position {old.position_rms:.3g} -> {new.position_rms:.3g} rad"
+    position = f", free-running position {number_text(old.position_rms, 3)} -> {new.position_rms:.3g} rad"
     return f"lowers the held-out errors: {torque}{'' if np.isnan(new.position_rms) else position}"
 
 

@@ -24,6 +24,7 @@ from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
 from pendulum_env.arms.model import model_of
 from pendulum_env.physics import BASE, Model, Term, effects
+from pendulum_env.physics.model import SURE
 from pendulum_env.physics.table import COMPETING, ByTime
 from pendulum_env.physics.term import loads
 from pendulum_env.physics.terms import has_link, has_transmission, ids
@@ -165,11 +166,13 @@ class Models:
         return model.withholding(self._unknown)
 
     def _find_unknown(self) -> frozenset[str]:
-        """Name the inertia if the base model does not determine it, so that nothing is simulated by it."""
+        """Name the inertia if it is within 3 standard errors of zero by noise alone: nothing is simulated by it."""
         if self.train.in_loop or "inertia" not in ids(self.base):
             return frozenset()
-        known = fit_terms(self.train, self.base)[0].is_inertia_known
-        return frozenset() if known else frozenset({"inertia"})
+        model, fit = fit_terms(self.train, self.base)
+        inertia, rms = model.estimates["inertia"], float(np.sqrt(np.mean(fit.residual**2)))
+        noise = inertia.std * min(1.0, self.left.floor / max(rms, 1e-300))
+        return frozenset({"inertia"}) if abs(inertia.value) <= SURE * noise else frozenset()
 
     def step(self, added: str | None, terms: Terms) -> Step:
         """Fit the terms to the training data and take the errors."""
