@@ -43,6 +43,7 @@ from pendulum_env.lookup import find
 from pendulum_env.notebook import shown
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds
+from pendulum_env.physics.model import SURE
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import json_per, listing
@@ -99,7 +100,10 @@ class Identification(Mapping[str, Identified]):
         terms = relative_terms(first.terms, self.torque_unit)
         unknown = {name for doubt in self.doubts for name in doubt.withheld}
         model = self.fitted(lambda data: fit_terms(PreparedData(data), terms)[0])
-        return model.biased(disputed).withholding(unknown | (set() if model.is_inertia_known else {"inertia"}))
+        inertia = model.estimates.get("inertia")
+        if inertia is not None and abs(inertia.value) <= SURE * inertia.std:
+            unknown.add("inertia")
+        return model.biased(disputed).withholding(unknown)
 
     def fitted(self, fit: Callable[[Dataset], Model]) -> Model:
         """The model that a fit finds in the windows, in their unit of torque, and with their torque constant.
