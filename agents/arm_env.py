@@ -95,6 +95,7 @@ class ArmExcitationDesignVector(TaskVector):
             raise Mistake(f"an episode cannot last {seconds:g} s: give {HOLD:g} s or more")
         self.body = body_in(PlanarArm()) if robot is None else read_body(robot)
         torque = TORQUE if max_torque is None else max_torque
+        self.body.refuse_impossible_links()
         self.limits = limits_of(self.body, max_angle, max_speed, torque, max_acceleration)
         self._seconds, self._draw = seconds, draw
         self._moving = Moving(self.body, self.limits, num_envs)

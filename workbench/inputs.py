@@ -206,10 +206,13 @@ def _opened_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: 
     """What a command was given of an arm, read."""
     made = Asked.of_model(path) if path else Asked()
     sources = [read_as(source, made.log_format, path) for source in sources]
-    robot = robot_of(arguments, sources, made)
+    asked = robot_of(arguments, sources, made)
+    robot = asked.with_logged_joints(sources)
     robot.body()  # what is wrong with it comes first
     recordings = read_all(sources, terminal, robot.read)
     body = robot.body(made.held) if made.held else robot.holding(recordings)
+    if robot is not asked:
+        terminal.say("joints that the log has no columns of are held; --joints names those that move")
     tell_held(body, recordings, terminal)
     model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
     fitted = tuple(source for source in sources if source.role == "fit")
@@ -238,6 +241,8 @@ def tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal
     """Say which joints are held, and where recordings have them elsewhere."""
     if text := held_text(body):
         terminal.say(text)
+    if body.impossible_text:
+        terminal.say(f"warning: {body.impossible_text}: only the kinematics of the file are used", style="yellow")
     for text in straying(body, recordings):
         terminal.say(f"warning: {text}", style="yellow")
 

@@ -1,7 +1,7 @@
 """A robot as a user names it: its file, which joints move, and where recordings have the others."""
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.recording import ArmRecording, read_arm_source
-from pendulum_env.arms.robot import pinocchio
+from pendulum_env.arms.recording import STILL, ArmRecording, find_logged_joints, read_arm_source
+from pendulum_env.arms.robot import find_movable_joints, pinocchio
 from pendulum_env.recording import Source
 from pendulum_env.recording.study import read_sources
 
@@ -33,6 +33,15 @@ class RobotFile:
         status = self.file.stat() if self.file.exists() else None
         changed = (status.st_mtime_ns, status.st_size) if status else None
         return _body(self, tuple((held or {}).items()), changed)
+
+    def with_logged_joints(self, sources: Sequence[Source]) -> "RobotFile":
+        """The same with all joints held that the sources have no columns of, unless those that move are named."""
+        if self.joints is not None or not sources:
+            return self
+        every = find_movable_joints(self.file, self.bolted)
+        logged = [find_logged_joints(source.file, every, source.columns) for source in sources]
+        moving = tuple(joint for joint in every if all(joint in own for own in logged))
+        return replace(self, joints=moving) if moving and moving != every else self
 
     def read(self, source: Source) -> ArmRecording:
         """A recording of it; raises RecordingError as `read_arm_source`."""
@@ -72,8 +81,7 @@ def straying(body: Body, recordings: Sequence[ArmRecording]) -> list[str]:
     """Joints that are held and that recordings have elsewhere, a sentence each."""
     found = []
     for recording, (joint, q) in product(recordings, body.held.items()):
-        # [rad] or [m], beyond which there is a warning
-        if (off := np.max(np.abs(recording.still.get(joint, q) - q))) > 0.01:
+        if (off := np.max(np.abs(recording.still.get(joint, q) - q))) > STILL:
             away = f"{joint} gets {off:.2g} {body.worded(joint, 'rad')} away from there in {recording.name}"
             found.append(f"{away}: name it in --joints if it moves")
     return found

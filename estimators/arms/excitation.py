@@ -137,7 +137,9 @@ def design_excitation(
 
     Raises:
         IdentificationError: if limits leave a joint no room, a bound makes no sense, or every motion needs more torque.
+        BodyError: if a link has an inertia that no body has.
     """
+    body.refuse_impossible_links()
     if not HOLD <= seconds < np.inf:
         raise IdentificationError(f"a motion cannot last {seconds:g} s: give {HOLD:g} s or more")
     rng, limits = rng or np.random.default_rng(0), limits_of(body, max_angle, max_speed, max_torque, max_acceleration)

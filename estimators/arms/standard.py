@@ -116,8 +116,12 @@ def _factors(body: Body) -> tuple[Array, Array]:
     """Logarithms of the diagonals and rows below of each link's L, and of rotors; and how far each may usually move."""
     links = len(body.links)
     values, scales = [], []
-    for own in body.standard_values[: 10 * links].reshape(links, 10):
-        matrix = pseudo_inertia(own)
+    matrices = [pseudo_inertia(own) for own in body.standard_values[: 10 * links].reshape(links, 10)]
+    largest = max([1e-3, *(float(np.trace(matrix)) for matrix in matrices)])
+    for joint, matrix in zip(body.links, matrices, strict=True):
+        if joint in body.impossible_links:  # the nearest that a body has, of a thousandth of the largest link at least
+            own, axes = np.linalg.eigh(matrix)
+            matrix = (axes * np.maximum(own, 1e-3 * largest)) @ axes.T
         factor = np.linalg.cholesky(matrix + NEAREST.smallest * np.trace(matrix) * np.eye(4))
         size = np.sqrt(np.diag(matrix))[BELOW[0]]
         values += [np.log(np.diag(factor)), factor[BELOW]]

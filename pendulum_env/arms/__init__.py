@@ -5,7 +5,8 @@ from pendulum_env.arms.joints import Links, arm_base, at_joint, friction, joint_
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import TWO_LINK, Link
 from pendulum_env.arms.plane import planar_links
-from pendulum_env.arms.recording import ArmRecording, read_arm_recording, read_arm_source
+from pendulum_env.arms.recording import ArmRecording, find_logged_joints, read_arm_recording, read_arm_source
+from pendulum_env.arms.robot import find_movable_joints
 
 __all__ = [
     "TWO_LINK",
@@ -18,6 +19,8 @@ __all__ = [
     "Links",
     "arm_base",
     "at_joint",
+    "find_logged_joints",
+    "find_movable_joints",
     "friction",
     "joint_effects",
     "placed",

@@ -24,13 +24,15 @@ import numpy as np
 
 from pendulum_env._typing import Array, Index
 from pendulum_env.arms.robot import BodyError, pinocchio, read_robot
-from pendulum_env.words import along
+from pendulum_env.words import along, listing
 
 STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of a link, in its joint's frame
 UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # all others kg m^2
 LATE = ("rotor", "m")  # to lead a base parameter: a mass shows through the links that carry it
 DIFFERENCE = 2e-6  # [s], along the motion: truncation and rounding are both below 1e-9 where joints turn at some rad/s
 UNLIMITED = 1e6  # of speed or torque, from which a file means none
+LIGHTEST = 1e-9  # [kg], mass of a link
+ROUNDING = 1e-9  # relative, of the inertia in a file
 INDEPENDENT = 1e-8  # relative length of what a column adds to those before it
 DRAWS = 60  # of random motion, for the rank: each tells of every joint
 
@@ -96,6 +98,34 @@ class Body:
     def weightless(self) -> Body:
         """The same links where nothing has weight, or where something else holds it."""
         return replace(self, model=self._weightless)
+
+    @cached_property
+    def impossible_links(self) -> dict[str, str]:
+        """Links with an inertia that no body has, by the joint before each: what is wrong with it."""
+        found = {}
+        for joint, link in zip(self.links, list(self.model.inertias)[1:], strict=True):
+            if not link.mass > LIGHTEST:
+                found[joint] = "no mass"
+            elif np.linalg.eigvalsh(link.inertia).min() < -ROUNDING * np.abs(link.inertia).max():
+                found[joint] = "an inertia that is not positive definite"
+            elif np.linalg.eigvalsh(link.toPseudoInertia().toMatrix()).min() < -ROUNDING * link.mass:
+                found[joint] = "an inertia that breaks the triangle inequality"
+        return found
+
+    @property
+    def impossible_text(self) -> str:
+        """Sentence on all `impossible_links`; empty if there are none."""
+        links = listing([f"'{joint}' ({fault})" for joint, fault in self.impossible_links.items()])
+        return f"no body has the inertia that the file gives behind joint {links}" if links else ""
+
+    def refuse_impossible_links(self) -> None:
+        """Refuse to simulate links with an inertia that no body has.
+
+        Raises:
+            BodyError: with all of them.
+        """
+        if self.impossible_links:
+            raise BodyError(f"{self.name}: {self.impossible_text}: mend mass, centre or inertia to simulate the arm")
 
     def worded(self, joint: str, text: str) -> str:
         """A text about a joint that turns, such as the unit `N m`, as it is for this one."""
@@ -292,7 +322,8 @@ def read_body(
 
     Raises:
         BodyError: if the file cannot be read, or the robot is none of links in a tree on a fixed base, joined by
-            joints that turn or slide and each with an inertia, if it has no such joint; or without the extra `arms`.
+            joints that turn or slide, if it has no such joint; or without the extra `arms`. Inertias of links are
+            needed for simulation alone, see `Body.impossible_links`.
     """
     robot = read_robot(path, joints, held or {}, bolted)
     has_rotors = bool(np.any(np.asarray(robot["model"].armature) > 0)) if rotors is None else rotors

@@ -221,9 +221,10 @@ class SpatialArm(SimulatedArm):
         """Make the arm of a body; the other arguments are those of `PlanarArm`, velocities are ideal.
 
         Raises:
-            BodyError: without MuJoCo.
+            BodyError: without MuJoCo, or if a link has an inertia that no body has.
             ValueError: if an argument is unknown or out of its range.
         """
+        body.refuse_impossible_links()
         (mass,) = body.mass_matrix(np.zeros((1, len(body.joints))), body.values)
         light = np.minimum(1.0, np.diag(mass) / PAPER["inertia"])
         models = joint_models(friction_of(body, light), body.joints, effects, body.sliding)

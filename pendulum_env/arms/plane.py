@@ -27,8 +27,9 @@ def planar_links(body: Body) -> tuple[Link, ...]:
     Friction is the file's (`<dynamics damping="..." friction="..."/>` of URDF); a joint without any has the paper's.
 
     Raises:
-        BodyError: if the arm is none such: pymunk simulates in a plane.
+        BodyError: if the arm is none such, as pymunk simulates in a plane, or a link has an inertia that no body has.
     """
+    body.refuse_impossible_links()
     model, pin, count = body.model, pinocchio(), len(body.joints)
     if list(model.parents)[1:] != list(range(count)):  # nor do any follow others
         raise BodyError(f"{body.name}: branches, the simulator knows chains only: {ELSEWHERE}")

@@ -23,6 +23,7 @@ from pendulum_env.recording.study import Source
 
 QUANTITIES = ("position", "torque")
 OF_JOINTS = (*QUANTITIES, "temperature")  # the last where there are any
+STILL = 0.01  # [rad] or [m], within which a joint is held
 CURRENT = ", as torque_JOINT=NAME:A*0.4 if it is a current"  # for --columns
 
 
@@ -147,6 +148,29 @@ def read_arm_recording(
             joint: _still(label_of(source), look, column) for joint, column in columns_of.items() if column != UNUSED
         },
     )
+
+
+def find_logged_joints(
+    source: Readable, joints: Sequence[str], columns: Mapping[str, str] | None = None
+) -> tuple[str, ...]:
+    """Names of the joints that a file or table has columns of; all joints if columns bear numbers.
+
+    A joint without a column of torque whose position stays within `STILL` is no such joint either.
+
+    Raises:
+        RecordingError: if the file cannot be read.
+    """
+    look = preview(source, most=500)
+    named = {name: text for name, text in (columns or {}).items() if text.strip() != UNUSED}
+    named = without_units(look.headers) | named
+
+    def is_logged(joint: str) -> bool:
+        position = named.get(f"position_{joint}")
+        if f"torque_{joint}" in named or position is None:
+            return f"torque_{joint}" in named
+        return bool(np.ptp(_still(joint, look, position)) > STILL)
+
+    return tuple(filter(is_logged, joints)) or tuple(joints)
 
 
 def _refuse_other_instants(joints: Sequence[str], single: Sequence[Recording]) -> None:

@@ -4,9 +4,11 @@ Joints that are held are gone, their links part of those before. Those that mimi
 stay links of their own: with joints at q, all links' joints are at R q + r.
 """
 
+from __future__ import annotations
+
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,7 +41,37 @@ def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str
         raise BodyError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
 
-def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> JSON:
+def find_movable_joints(path: str | Path, bolted: bool = False) -> tuple[str, ...]:
+    """Names of the joints of a file that move by themselves, in its order; arguments and errors as of `read_body`."""
+    try:
+        check_size(path)
+        return tuple(_parse(Path(path)).find_free(bolted, {}))
+    except Mistake as error:
+        raise BodyError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+
+
+@dataclass(frozen=True)
+class _File:
+    """Content of a file: its XML, Pinocchio's model of it, its name, and for each joint the joint that leads it."""
+
+    tree: ElementTree.Element
+    model: Any
+    name: str
+    leads: Mapping[str, _Tie]
+
+    def find_free(self, bolted: bool, held: Container[str]) -> list[str]:
+        """Joints that mimic none and are no base; a base that floats is refused unless it is held or bolted down."""
+        free = [joint for joint, tie in self.leads.items() if tie.joint == joint]
+        bases = [joint for joint in free if _kind(self.model, joint) == "FreeFlyer"]
+        for joint in bases:
+            if not (bolted or joint in held):
+                raise BodyError(
+                    f"joint '{joint}' lets the base float: say --base fixed if it is bolted down (bolted=True)"
+                )
+        return [joint for joint in free if joint not in bases]
+
+
+def _parse(path: Path) -> _File:
     pin = pinocchio()
     try:
         tree = ElementTree.parse(path).getroot()
@@ -65,23 +97,25 @@ def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float],
         told = str(error).rpartition("message:")[2]  # after file, function and line of its own
         raise BodyError(f"Pinocchio cannot read it: {one_line(told or error)}") from None
     name, robot = tree.get("name") or tree.get("model") or path.stem, list(model.names)[1:]
-    leads = {joint: _leads(joint, ties, robot) for joint in robot}
-    free = [joint for joint, tie in leads.items() if tie.joint == joint]
-    bases = [joint for joint in free if _kind(model, joint) == "FreeFlyer"]
-    for joint in bases:
-        if not (bolted or joint in held):
-            raise BodyError(f"joint '{joint}' lets the base float: say --base fixed if it is bolted down (bolted=True)")
+    return _File(tree, model, name, {joint: _leads(joint, ties, robot) for joint in robot})
+
+
+def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> JSON:
+    file = _parse(path)
+    model, leads, robot, movable = file.model, file.leads, list(file.leads), file.find_free(bolted, held)
     for joint in joints or ():
         if (leader := leads[joint].joint if joint in leads else joint) != joint:
             raise BodyError(f"joint '{joint}' mimics '{leader}': name that one, which it follows")
-        find("joint", joint, dict.fromkeys(free))
-    moves = [joint for joint in free if (joint not in bases if joints is None else joint in joints)]
+        find("joint", joint, {joint: tie for joint, tie in leads.items() if tie.joint == joint})
+    moves = [
+        joint for joint, tie in leads.items() if tie.joint == joint and joint in (movable if joints is None else joints)
+    ]
     still = {joint: tie.at(float(held.get(tie.joint, 0.0))) for joint, tie in leads.items() if tie.joint not in moves}
     links = [joint for joint in robot if joint not in still]
     sliding = [joint for joint in robot if _kind(model, joint) == SLIDES]
     model = _holding(model, still)
     _refuse_others(model)
-    if (option := tree.find("option[@gravity]")) is not None:  # which Pinocchio passes over
+    if (option := file.tree.find("option[@gravity]")) is not None:  # which Pinocchio passes over
         model.gravity.linear = np.array(_numbers(option.get("gravity", ""), "gravity of <option>", 3))
     for limit in ("lowerPositionLimit", "upperPositionLimit", "upperEffortLimit", "upperVelocityLimit"):
         values = np.array(getattr(model, limit))
@@ -96,7 +130,7 @@ def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float],
     if not np.allclose(axes, 1.0):
         raise BodyError("has a joint without an axis: give it one, of length 1")
     return {
-        "name": name,
+        "name": file.name,
         "joints": tuple(moves),
         "held": still,
         "links": tuple(links),
@@ -222,7 +256,7 @@ def _numbers(text: str, what: str, count: int | None = None) -> list[float]:
 
 
 def _refuse_others(model: Any) -> None:
-    """Refuse what is no arm of joints that turn or slide, or whose links have no inertia."""
+    """Refuse what is no arm of joints that turn or slide."""
     if model.njoints < 2:
         raise BodyError("has no joint that moves")
     if model.njoints - 1 > MOST:
@@ -239,14 +273,8 @@ def _refuse_others(model: Any) -> None:
                 f"joint '{name}' is {kind}: only revolute and prismatic joints, one a link, can be identified: have it "
                 "held by naming those that move, --joints A,B,C (joints=)"
             )
-        link = f"the link behind joint '{name}'"
         numbers = np.concatenate([[inertia.mass], inertia.lever, np.ravel(inertia.inertia)])
         if not (np.abs(numbers) <= LARGE).all():  # nor NaN
-            raise BodyError(f"{link} holds a number beyond {LARGE:g}: give lengths in m and masses in kg")
-        if not inertia.mass > 1e-9:  # [kg]
-            raise BodyError(f"{link} has no inertia: give it mass and <inertial>")
-        if np.linalg.eigvalsh(inertia.toPseudoInertia().toMatrix()).min() < -1e-9 * inertia.mass:
             raise BodyError(
-                f"{link} has an inertia that no body has (its pseudo-inertia is not positive): mend its mass, centre "
-                "or inertia"
+                f"the link behind joint '{name}' holds a number beyond {LARGE:g}: give lengths in m and masses in kg"
             )

@@ -29,7 +29,7 @@ from pendulum_env.arms.joints import Links, arm_base, body_of, links_of
 from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
-from pendulum_env.recording import Recording, Source
+from pendulum_env.recording import Recording, RecordingError, Source
 from pendulum_env.recording.study import named_twice
 from workbench.app.uploads import safe_name
 from workbench.mistakes import InputError
@@ -244,6 +244,10 @@ class State:
 
     def of_robot(self, robot: RobotFile) -> State:
         """What is loaded as recordings of a robot, and nothing else; raises BodyError or InputError if they are not."""
+        try:
+            robot = robot.with_logged_joints([one.source for one in self.loaded])
+        except RecordingError as error:
+            raise InputError(f"what is loaded is not of this robot: {error}") from None
         robot.body()
         state = State(robot=robot)
         try:

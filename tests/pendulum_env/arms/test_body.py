@@ -57,8 +57,6 @@ def test_mjcf_gives_the_same_body(tmp_path, body, motion):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda text: text.replace('<mass value="0.8"/>', '<mass value="0"/>'), "link behind joint 'elbow' has no in"),
-        (lambda text: text.replace('ixx="0.008"', 'ixx="0.8"'), "'elbow' has an inertia that no body has"),
         (lambda text: text.replace('child link="upper"', 'child link="fore"'), "'fore' hangs on two joints: closed"),
         (lambda text: text.replace('name="elbow"', 'name="el,bow"'), "joint 'el,bow': rename it"),
         (lambda text: text.replace("robot", "car"), "holds <car>, neither"),

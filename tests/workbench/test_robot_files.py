@@ -1,0 +1,137 @@
+"""Robot files as they come: links with inertias that no body has, and joints that a recording leaves alone."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from agents.arm_env import ArmExcitationDesignVector
+from estimators.arms.excitation import design_excitation
+from estimators.arms.standard import nearest_body
+from estimators.schemes.identification import identify
+from pendulum_env.arms import arm_base, find_logged_joints, planar_links, read_arm_recording, read_body
+from pendulum_env.arms.body import BodyError
+from pendulum_env.arms.env import SpatialArm
+from pendulum_env.arms.robot import find_movable_joints
+from tests import robots
+from tests.pendulum_env.arms.test_body import written
+from tests.robots import ANGULAR, ELBOW, PARALLEL, SHOULDER, urdf
+from workbench.cli import main
+
+TWO = (SHOULDER, ELBOW)
+
+
+def spoil(text: str) -> str:
+    """Give the shoulder's link an inertia that breaks the triangle inequality, and take the elbow's inertia away."""
+    text = text.replace('iyy="0.031"', 'iyy="0.31"')
+    return re.sub(r'(<link name="elbow_link">)<inertial>.*?</inertial>', r"\1", text)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    """Two joints and a gripper that is held at zero, of which the log has no columns."""
+    columns = robots.simulate(PARALLEL, {}, seconds=8.0)
+    kept = {name: values for name, values in columns.items() if not name.endswith(("left", "right"))}
+    robots.write(kept, path := tmp_path_factory.mktemp("log") / "run.csv")
+    return path
+
+
+def test_impossible_links_are_listed_at_once_and_leave_the_kinematics(tmp_path):
+    good = read_body(written(tmp_path, urdf(TWO)))
+    bad = read_body(written(tmp_path, spoil(urdf(TWO)), "bad.urdf"))
+    assert good.impossible_links == {} and good.impossible_text == ""
+    assert list(bad.impossible_links) == ["shoulder", "elbow"]
+    assert "triangle" in bad.impossible_links["shoulder"] and "mass" in bad.impossible_links["elbow"]
+    assert bad.names == good.names
+    q, v, a = np.random.default_rng(0).uniform(-2, 2, (3, 20, 2))
+    np.testing.assert_allclose(bad.torque(q, v, a), good.torque(q, v, a), atol=1e-12)
+
+
+def test_an_inertia_that_is_not_positive_definite_is_named(tmp_path):
+    body = read_body(written(tmp_path, urdf(TWO).replace('ixx="0.03"', 'ixx="-0.03"')))
+    assert "positive definite" in body.impossible_links["shoulder"] and len(body.impossible_links) == 1
+
+
+@pytest.mark.parametrize(
+    "simulate",
+    [SpatialArm, planar_links, design_excitation, lambda body: ArmExcitationDesignVector(1, robot=body)],
+    ids=["mujoco", "pymunk", "excitation", "policy"],
+)
+def test_simulation_refuses_impossible_links_and_names_all(tmp_path, simulate):
+    path = written(tmp_path, spoil(urdf(TWO)))
+    with pytest.raises(BodyError, match=r"shoulder.*elbow"):
+        simulate(str(path) if simulate.__name__ == "<lambda>" else read_body(path))
+
+
+def test_a_frame_without_inertia_and_continuous_joints_are_no_fault(tmp_path):
+    tool = (
+        '<link name="tool0"/><joint name="flange" type="fixed"><parent link="elbow_link"/><child link="tool0"/>'
+        '<origin xyz="0 0 -0.3"/></joint></robot>'
+    )
+    text = urdf(TWO).replace("</robot>", tool).replace('type="revolute"', 'type="continuous"')
+    body = read_body(written(tmp_path, text))
+    assert body.joints == ("shoulder", "elbow") and not body.impossible_links
+    assert np.isinf(body.position_limits[1]).all()
+
+
+@pytest.mark.slow
+def test_identification_needs_the_kinematics_alone(tmp_path, log, capsys):
+    said = []
+    for name, text in (("good", urdf(PARALLEL)), ("bad", spoil(urdf(PARALLEL)))):
+        path, found = written(tmp_path, text, f"{name}.urdf"), tmp_path / f"{name}.json"
+        model = str(tmp_path / f"{name}.model.json")
+        command = ["identify", str(log), "--robot", str(path), "--scheme", "dynamic", "--json", str(found), "-o", model]
+        assert main(command) == 0
+        said.append((capsys.readouterr().out, json.loads(found.read_text())))
+    (good, wanted), (bad, got) = said
+    assert "no body has" not in good and re.search(r"no\s+body\s+has.*shoulder.*elbow", bad, re.S)
+    assert all("left at zero" in text and "right at zero" in text for text in (good, bad))
+    assert list(got["schemes"]["dynamic"]["theta"]) == list(wanted["schemes"]["dynamic"]["theta"])
+    for name, own in wanted["schemes"]["dynamic"]["theta"].items():
+        assert got["schemes"]["dynamic"]["theta"][name]["value"] == pytest.approx(own["value"], rel=1e-9)
+    assert main(["compare", model, str(log), "--robot", str(path)]) == 0  # the model knows what is held
+    assert "no body has" in capsys.readouterr().out
+
+
+def test_joints_without_columns_are_found_and_so_is_their_order(tmp_path, log):
+    path = written(tmp_path, urdf(PARALLEL))
+    assert find_movable_joints(path) == ("shoulder", "elbow", "left")
+    assert find_logged_joints(log, ("shoulder", "elbow", "left")) == ("shoulder", "elbow")
+    body = read_body(path, joints=("elbow", "shoulder"))
+    assert body.joints == ("shoulder", "elbow")  # the robot's order
+    columns = robots.simulate(TWO, {}, seconds=2.0)
+    order = ["torque_elbow", "time", "position_elbow", "torque_shoulder", "position_shoulder"]
+    robots.write({name: columns[name] for name in order}, tmp_path / "other.csv")
+    assert find_logged_joints(tmp_path / "other.csv", body.joints) == body.joints
+    read = read_arm_recording(tmp_path / "other.csv", body.joints)
+    np.testing.assert_allclose(read.torque[:, 1], columns["torque_elbow"], atol=1e-9)
+
+
+def test_a_position_alone_is_of_a_joint_that_is_held_unless_it_moves(tmp_path):
+    time = np.arange(200) / 100
+    columns = {"time": time, "position_a": np.sin(time), "torque_a": np.cos(time), "position_b": 0.3 + 0 * time}
+    robots.write(columns, tmp_path / "still.csv")
+    assert find_logged_joints(tmp_path / "still.csv", ["a", "b"]) == ("a",)
+    robots.write(columns | {"position_b": np.sin(time)}, tmp_path / "moves.csv")
+    assert find_logged_joints(tmp_path / "moves.csv", ["a", "b"]) == ("a", "b")  # reading asks for its torque
+    numbered = {"time": time, "position_1": time, "torque_1": time, "position_2": time, "torque_2": time}
+    robots.write(numbered, tmp_path / "numbers.csv")
+    assert find_logged_joints(tmp_path / "numbers.csv", ["a", "b"]) == ("a", "b")
+    named = {"torque_b": "torque_2", "position_b": "position_2"}
+    assert find_logged_joints(tmp_path / "numbers.csv", ["a", "b"], named) == ("b",)
+
+
+def test_fingers_that_turn_and_mimic_are_held_with_the_one_that_leads(tmp_path):
+    path = written(tmp_path, urdf(ANGULAR))
+    assert find_movable_joints(path) == ("shoulder", "elbow", "wrist", "left")
+    body = read_body(path, joints=("shoulder", "elbow", "wrist"))
+    assert set(body.held) == {"left", "right", "thumb"}
+
+
+@pytest.mark.slow
+def test_the_nearest_body_of_a_model_needs_no_inertia_in_the_file(tmp_path, log):
+    body = read_body(written(tmp_path, spoil(urdf(PARALLEL))), joints=("shoulder", "elbow"))
+    found = identify([read_arm_recording(log, body.joints)], arm_base(body), schemes=["dynamic"])
+    nearest = nearest_body(found["dynamic"].model)
+    assert np.isfinite(nearest.distance) and nearest.parameters["m@elbow"].value > 0
