@@ -262,7 +262,7 @@ MISTAKES = {
     ],
     "lift": [
         (
-            "identify run.csv",
+            "identify run.csv --joints torso,shoulder,elbow,left",
             "there is none for left among .*: name them torque_left and so on.* naming those that move",
         ),
         ("identify run.csv --joints torso,sholder", "unknown joint 'sholder': did you mean shoulder"),
