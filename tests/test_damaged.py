@@ -250,7 +250,7 @@ def test_a_document_with_a_wrong_or_missing_value_is_refused_in_one_sentence(nam
 
 
 COLUMNS = {
-    "a quantity is missing": {"torque": None},
+    "a quantity is missing": {"position": None},
     "no number is finite": {"torque": np.full(300, np.nan)},
     "texts stand for numbers": {"position": np.array(["a"] * 300)},
     "nothing moves": {"position": np.zeros(300), "torque": np.zeros(300)},

@@ -20,6 +20,8 @@ from pendulum_env.recording.table import WIDEST, Find, Table, first_date, is_tex
 from pendulum_env.recording.vocabulary import INDICES
 
 NUMBER_TYPES = (pa.types.is_boolean, pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal)
+SIGNAL = (("label", "Name"), ("values", "Data"))  # fields of a signal of Simulink and of dSPACE
+QUOTES = "\"' "
 DESCRIPTIONS = ("dimensions", "name")  # fields of MATLAB structures that hold no samples
 
 
@@ -60,18 +62,21 @@ def read_mat(path: Path, find: Find) -> Table:
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Arrays in nested structures; of Simulink's signals the label is the name."""
+    """Arrays in nested structures; signals of Simulink and dSPACE are named by their labels."""
     if isinstance(value, dict):
-        label = value.get("label")
-        if isinstance(label, str) and label and "values" in value:
-            yield from _flat(f"{name.rpartition('.')[0]}.{label}".lstrip("."), value["values"])
+        label, values = (next((value[key] for key in keys if key in value), None) for keys in SIGNAL)
+        if isinstance(label, str) and label and isinstance(values, np.ndarray):
+            yield from _flat(f"{name.rpartition('.')[0]}.{label.strip(QUOTES)}".lstrip("."), values)
             return
         for key, inner in value.items():
             yield from _flat(f"{name}.{key}" if name else key, inner)
+    elif isinstance(value, list) and len(value) > WIDEST and all(isinstance(row, dict) for row in value):
+        for key in value[0]:
+            yield from _flat(f"{name}.{key}", np.array([row.get(key, np.nan) for row in value], dtype=object))
     elif isinstance(value, list):
         for k, inner in enumerate(value[:WIDEST]):
             yield from _flat(f"{name}[{k}]", inner)
-    elif isinstance(value, np.ndarray):
+    elif isinstance(value, np.ndarray) and value.size:
         yield name, value
 
 

@@ -74,6 +74,19 @@ def find_unix_unit(time: Array) -> str | None:
     return None
 
 
+def count_on(time: Array) -> Array:
+    """Let a clock of 16 or 32 bits (N,), in its own counts, go on where it began again from zero."""
+    steps = np.diff(time)
+    back = steps < 0
+    if not 0 < np.count_nonzero(back) < 0.1 * len(steps):
+        return time
+    for bits in (16, 32):
+        forward = steps[back] + 2.0**bits
+        if ((forward > 0) & (forward < 10 * np.median(steps[~back]))).all():
+            return time + np.append(0.0, np.cumsum(np.where(back, 2.0**bits, 0.0)))
+    return time
+
+
 def find_plausible_unit(step: float) -> str | None:
     """Find the unit in which a step of time, as the file has it, is that of a recording; None if there is none."""
     return next((unit for unit in TIME_UNITS if STEPS[0] <= step * UNITS["time"][unit] <= STEPS[1]), None)

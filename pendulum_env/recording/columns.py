@@ -49,6 +49,9 @@ from pendulum_env.recording.vocabulary import (
 )
 from pendulum_env.words import along
 
+ADDED = re.compile(r"^(?:latest|run\s*#?\d+)\s*:\s*|^[%#]\s*|\s*\brun\s*#?\d+$", re.IGNORECASE)  # to names, by programs
+VALUES = ("data", "value", "values")  # fields of a structure that hold its samples
+COUNTERS = ("sample", "samples", "samplenumber", "sampleindex", "frame", "framenumber", "index")
 QUOTED = 40  # characters of a header, of which a sentence may name a dozen
 NONE = "none"  # what the user says of a torque where nothing drives the joint
 UNUSED = "unused"  # what the user says of one of them to do without, whatever the names of columns tell
@@ -153,6 +156,7 @@ def find_columns(
     }
     taken = {column.index for column in given.values()}
     found = {quantity: _fitting(quantity, headers, taken) for quantity in ALIASES if quantity not in unused}
+    positions = [given["position"]] if "position" in given else _most_direct(found["position"])
     columns = {}
     for quantity, fitting in found.items():
         if quantity in given:
@@ -161,8 +165,8 @@ def find_columns(
         candidates = _most_direct(fitting)
         if quantity in SPARE:
             candidates = candidates[:1]
-        if quantity == "time" and len(candidates) > 1 and "position" in given:
-            candidates = _match_path(given["position"], candidates) or candidates
+        if quantity == "time" and len(candidates) > 1 and len(positions) == 1:
+            candidates = _match_path(positions[0], candidates) or candidates
         if quantity == "velocity" and len(candidates) > 1:  # it may be missing
             candidates = _match_element(columns.get("position"), candidates)
         if quantity == "torque" and output is not None:
@@ -195,7 +199,14 @@ def find_columns(
                 "reference=NAME (columns=...)"
             )
         hints = [hint for quantity in missing for hint in _raw(quantity, headers)]
-        plain = f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or {CHOOSE}"
+        line = ",".join([*(f"{q}={text}" for q, text in told.items()), *(f"{q}=NAME" for q in missing)])
+        plain = (
+            f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or say which with "
+            f"--columns {shlex.quote(line)} (columns=...)"
+        )
+        counter = next((header.strip() for header in headers if letters(header) in COUNTERS), None)
+        if "time" in missing and counter is not None:
+            hints = [f"if {shown(counter, QUOTED)} counts samples, --columns time={counter}/RATE with their rate [Hz]"]
         if len(joints := _joints(headers)) > 1:
             hints = [f"there are some for {_listed(joints)}: {LINKS}for one joint {CHOOSE}"]
         if missing == ["torque"]:
@@ -311,7 +322,7 @@ def is_told(quantity: str, headers: Sequence[str]) -> bool:
 def _fitting(quantity: str, headers: Sequence[str], taken: set[int]) -> list[Column]:
     """Columns that could be a quantity: by their whole names, else by the last or last but one part of a path."""
     spelt = [_spelt(header) for header in headers]
-    for part in range(4):
+    for part in range(len(spelt[0]) if spelt else 0):
         matches = [(k, NAMES.get(letters(own[part]))) for k, own in enumerate(spelt) if k not in taken]
         fitting = [Column(quantity, headers[k].strip(), k, *m[1:]) for k, m in matches if m and m[0] == quantity]
         if fitting:
@@ -319,15 +330,19 @@ def _fitting(quantity: str, headers: Sequence[str], taken: set[int]) -> list[Col
     return []
 
 
-def _spelt(header: str) -> tuple[str, str, str, str]:
+def _spelt(header: str) -> tuple[str, ...]:
     """A name as it is, without its index, and the last and last but one part of its path, empty if there is none.
 
-    `/joint_states/position[0]` ends in `position`, `/joint_states/position/elbow` has it before its end.
+    `/joint_states/position[0]` ends in `position`, `/joint_states/position/elbow` has it before its end. The last
+    two are without what programs add: `Latest: Angle (rad)`, `Angle (rad) Run #1`, `Angle in rad`, `%time` and
+    `field.position0`.
     """
     bare = re.sub(r"[\[(]\d+[\])]\s*$", "", header.strip())
     parts = [part for part in re.split(r"[/.]", bare) if part.strip()]
     leaf = parts[-1] if len(parts) > 1 or (parts and ("[" in header or "(" in header)) else ""
-    return header, bare, leaf, parts[-2] if len(parts) > 2 else ""
+    above = parts[-2] if len(parts) > 2 or (len(parts) == 2 and letters(leaf) in VALUES) else ""
+    plain = re.sub(r"\s+in\s+(\S+)$", r" (\1)", ADDED.sub("", header.strip()))
+    return header, bare, leaf, above, re.sub(r"(?<=[a-z]{4})\d+$", "", leaf), plain
 
 
 def _joints(headers: Sequence[str]) -> list[str]:

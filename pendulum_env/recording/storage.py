@@ -25,7 +25,7 @@ from pendulum_env.recording import checks, cleaning, sampling
 from pendulum_env.recording.arrays import is_data, read_data, read_hdf5, read_mat, read_npz, read_parquet
 from pendulum_env.recording.bags import is_bag, read_bag
 from pendulum_env.recording.cleaning import Log
-from pendulum_env.recording.clock import find_unix_unit
+from pendulum_env.recording.clock import count_on, find_unix_unit
 from pendulum_env.recording.columns import NONE, check_named, describe_ambiguous_velocity, find_columns
 from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.origin import Origin
@@ -51,6 +51,8 @@ READERS: dict[str, Callable[[Path, Find], Table]] = {
     ".mcap": read_bag,
     ".bag": read_bag,
     ".db3": read_bag,
+    ".dat": read_csv,
+    ".lvm": read_csv,
 }
 RECIPES = {  # what helps where a format is not read
     ".npy": "name its columns: numpy.savez('run.npz', time=..., position=..., torque=...)",
@@ -234,6 +236,9 @@ def _recording(
 ) -> Recording:
     """Convert to SI, leave out what the logger spoilt, cut at gaps, make time uniform; refuse what cannot be true."""
     columns, values = dict(table.columns), table.values
+    counted = count_on(values["time"])
+    notes = [*table.notes] + ["time goes on where its counter began again"] * (counted is not values["time"])
+    values["time"] = counted
     unix = None if columns["time"].is_unit_told else find_unix_unit(values["time"])
     if unix is not None:
         columns["time"] = replace(columns["time"], unit=unix)
@@ -246,7 +251,6 @@ def _recording(
         raise RecordingError(
             "a duty is a share of the supply: name its column (supply=...), or give the drive a supply [V]"
         )
-    notes = [*table.notes]
     unit = columns["torque"].result_unit if "torque" in columns else NEWTON_METRE if drive is None else drive.unit
     if "torque" not in values:
         values["torque"] = np.zeros_like(values["position"])  # of a drive until the motion is known

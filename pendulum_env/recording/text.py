@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 
@@ -28,8 +29,15 @@ NUMBER = re.compile(
 )
 WIDTH = re.compile(r"Row #(?P<row>\d+): Expected (?P<wanted>\d+) columns, got (?P<found>\d+)")  # as pyarrow says it
 CELL = re.compile(r"In CSV column #(?P<column>\d+): Row #(?P<row>\d+): .*?invalid value '(?P<cell>.*)'", re.DOTALL)
-TRUE, FALSE = ["true", "True", "TRUE"], ["false", "False", "FALSE"]  # cells that are 1 and 0
-STAMP = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*")
+TRUE, FALSE = (  # cells that are 1 and 0
+    [style(word) for word in words for style in (str.lower, str.title, str.upper)]
+    for words in (("true", "on", "yes"), ("false", "off", "no"))
+)
+EMPTY = ["", "NA", "N/A", "NULL", "null", "None", "-", "#N/A", "#DIV/0!"]  # cells without a value
+ARRIVAL = re.compile(rb"^\d\d:\d\d:\d\d\.\d{3} -> ", re.MULTILINE)  # that a serial monitor prints before a line
+CLOCK = re.compile(r"\s*(?:\d+:)?\d{1,2}:\d{1,2}(?:[.,]\d+)?\s*")  # hours, minutes and seconds
+DAY = 86400.0  # [s]
+STAMP = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:[.,]\d{1,9})?)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*")
 
 
 @dataclass(frozen=True)
@@ -82,6 +90,7 @@ def read_excel(path: Path, find: Find) -> Table:
 
 def read_text(opened: Opened, find: Find) -> Table:
     """The columns in need of a text, see `read_csv`."""
+    opened = _tidied(opened)
     with opened() as stream:
         layout = _layout(stream.read(HEAD))
     wordy = [k for k, cell in enumerate(layout.first) if not _may_be_number(cell, layout.headers[k])]
@@ -104,6 +113,36 @@ def read_text(opened: Opened, find: Find) -> Table:
     return Table(layout.headers, columns, values, tuple(notes), None if dated is None else _date(dated[0]))
 
 
+def _tidied(opened: Opened) -> Opened:
+    """Text without the times that a serial monitor prints, and with tabs between columns that spaces align."""
+    with opened() as stream:
+        head = stream.read(HEAD)
+    rows = [line for line in ARRIVAL.sub(b"", head).split(b"\n")[:-1] if _is_aligned(line)]
+    is_aligned = any(b"  " in row.strip() or row.startswith(b" ") for row in rows)
+    if not (is_aligned or ARRIVAL.search(head)):
+        return opened
+    with opened() as stream:
+        content = ARRIVAL.sub(b"", stream.read())
+    if is_aligned:
+        start, width = content.index(rows[0]), len(rows[0].split())
+        top = [_with_tabs(line, width) for line in content[:start].split(b"\n")]
+        data = re.sub(rb"[ \t]+", b"\t", re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", content[start:]))
+        content = b"\n".join(top) + data
+    return lambda: pa.BufferReader(pa.py_buffer(content))
+
+
+def _is_aligned(line: bytes) -> bool:
+    """Return whether a line is of numbers with spaces between them."""
+    cells = line.decode("latin-1").split()
+    return len(cells) > 1 and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in cells)
+
+
+def _with_tabs(line: bytes, width: int) -> bytes:
+    """Names with tabs between them, in a line of so many; names may hold single spaces."""
+    ways = (re.split(rb"[ \t]{2,}|\t", line.strip()), line.split())
+    return next((b"\t".join(cells) for cells in ways if len(cells) == width), line)
+
+
 def _without_last_line(opened: Opened) -> pa.NativeFile:
     with opened() as stream:
         content = stream.read()
@@ -116,17 +155,22 @@ def _values(opened: Opened, layout: Layout, columns: dict[str, Column]) -> dict[
     types = {names[column.index]: _cell_type(quantity, layout, column) for quantity, column in columns.items()}
     if stamp := _stamp(layout, columns["time"]):
         types[names[columns["time"].index]] = pa.timestamp("ns", tz="UTC" if stamp["zone"] else None)
+    if is_text := bool(CLOCK.fullmatch(first := layout.first[columns["time"].index]) or (stamp and "," in first)):
+        types[names[columns["time"].index]] = pa.string()
     try:
         with opened() as stream:
             stream.read(layout.offset)
             table = pacsv.read_csv(
                 stream,
                 read_options=pacsv.ReadOptions(column_names=names, block_size=BLOCK, use_threads=False),  # counts rows
-                parse_options=pacsv.ParseOptions(delimiter=layout.delimiter),
+                parse_options=pacsv.ParseOptions(
+                    delimiter=layout.delimiter,
+                    invalid_row_handler=lambda row: "skip" if row.text.lstrip().startswith("#") else "error",
+                ),
                 convert_options=pacsv.ConvertOptions(
                     include_columns=kept,
                     column_types=types,
-                    null_values=[""],
+                    null_values=EMPTY,
                     strings_can_be_null=True,
                     true_values=TRUE,
                     false_values=FALSE,
@@ -135,7 +179,25 @@ def _values(opened: Opened, layout: Layout, columns: dict[str, Column]) -> dict[
             )
     except pa.ArrowInvalid as error:
         raise _refusal(str(error), layout, columns) from None
-    return dict(zip(columns, map(numbers, table.columns), strict=True))
+    values = dict(zip(columns, table.columns, strict=True))
+    if is_text:
+        values["time"] = _seconds(values["time"])
+    return {quantity: numbers(column) for quantity, column in values.items()}
+
+
+def _seconds(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Times of day, counted on after midnight, in seconds; dates with a decimal comma as dates."""
+    import pyarrow.compute as pc  # takes a while to import
+
+    column = pc.replace_substring(column, ",", ".")
+    if not CLOCK.fullmatch(column[0].as_py() or ""):
+        return column.cast(pa.timestamp("ns"))
+    parts = pc.split_pattern(column, ":")
+    count = len(parts[0])
+    seconds = sum(60.0 ** (count - 1 - k) * numbers(pc.list_element(parts, k).cast(pa.float64())) for k in range(count))
+    if count == 3:
+        seconds = seconds + np.append(0.0, np.cumsum(np.where(np.diff(seconds) < -DAY / 2, DAY, 0.0)))
+    return pa.chunked_array([seconds])
 
 
 def _cell_type(quantity: str, layout: Layout, column: Column) -> pa.DataType:
@@ -158,7 +220,7 @@ def _stamp(layout: Layout, time: Column) -> re.Match[str] | None:
 
 def _date(stamp: str) -> datetime:
     """Date of a stamp, of UTC where it names no zone; its digits below a microsecond are dropped."""
-    date = datetime.fromisoformat(re.sub(r"(\.\d{6})\d+", r"\1", stamp.strip()))
+    date = datetime.fromisoformat(re.sub(r"(\.\d{6})\d+", r"\1", stamp.strip().replace(",", ".")))
     return date if date.tzinfo else date.replace(tzinfo=UTC)
 
 
@@ -190,10 +252,24 @@ def _layout(head: bytes) -> Layout:
         ]
         start, data = lines[data[0]][0], data[1:]
     samples = [lines[number][1] for number in data]
-    comma = delimiter != "," and any("," in text for text in samples) and not any("." in text for text in samples)
+    rows = [_cells(text, delimiter) for text in samples[:-1]]  # the last may be cut off
+    if rows and {len(row) for row in rows} == {width := len(rows[0])}:
+        if width == len(headers) + 1 and not any(row[-1].strip() for row in rows):
+            headers = [*headers, ""]  # a delimiter ends every row
+        elif len(_trimmed(headers)) <= width < len(headers):
+            headers = headers[:width]
+    numbers = [cell for row in rows for cell in row if NUMBER.fullmatch(cell.replace(",", ".", 1))]
+    comma = any("," in cell for cell in numbers) and not any("." in cell for cell in numbers)
     return Layout(
         tuple(headers), delimiter, "," if comma else ".", start, _first_cells(samples, delimiter, len(headers))
     )
+
+
+def _trimmed(cells: list[str]) -> list[str]:
+    """Cells of a header without those at its end that rows may lack: empty ones, and LabVIEW's comment."""
+    while cells and cells[-1].strip().lower() in ("", "comment"):
+        cells = cells[:-1]
+    return cells
 
 
 def _first_cells(lines: Sequence[str], delimiter: str, width: int) -> tuple[str, ...]:
@@ -213,12 +289,17 @@ def _preamble(content: list[str]) -> int:
         return 0
     probe = content[-2]  # the last may be cut off
     delimiter, width = _delimiter(probe), len(_cells(probe))
-    numbers = [number for number, line in enumerate(content) if len(_cells(line, delimiter)) == width]
-    for number in numbers:
-        cells = _cells(content[number], delimiter)
-        if width > 1 and all(cell.strip() and not NUMBER.fullmatch(cell) for cell in cells):
-            return number
-    return 0
+    rows = [_cells(line, delimiter) for line in content]
+    whole = [number for number, cells in enumerate(rows) if len(cells) == width > 1 and _are_names(cells)]
+    if whole:
+        return whole[0]
+    trimmed, width = [_trimmed(cells) for cells in rows], len(_trimmed(rows[-2]))
+    ends = [number for number, cells in enumerate(trimmed) if len(cells) == width > 1 and _are_names(cells)]
+    return ends[-1] if ends else 0
+
+
+def _are_names(cells: list[str]) -> bool:
+    return all(cell.strip() and not NUMBER.fullmatch(cell) for cell in cells)
 
 
 def _are_units(cells: list[str], headers: list[str]) -> bool:
@@ -265,6 +346,8 @@ def _refusal(told: str, layout: Layout, columns: dict[str, Column]) -> Recording
     if found := CELL.search(told):
         (quantity,) = (column.quantity for column in columns.values() if column.index == int(found["column"]))
         cell = f"data row {found['row']} (header not counted) has {shown(found['cell'])} as {quantity}, not a number"
+        if quantity == "time" and re.search(r"\d[:/]\d", found["cell"]):
+            return CellError(f"{cell}: write seconds, or dates as 2026-03-01 12:00:00.250", quantity)
         return CellError(f"{cell}: repair or remove that row", quantity)
     return RecordingError(_complaint(told, layout))
 

@@ -8,7 +8,7 @@ from enum import IntEnum
 HEADER = "time,position,torque"  # the plain header, in s, rad and N m; velocity [rad/s] is optional
 
 ALIASES = {
-    "time": "time t timestamp timestamps stamp elapsed elapsedtime seconds secs sec",
+    "time": "time t timestamp timestamps stamp elapsed elapsedtime seconds secs sec tout xvalue",
     "position": "position pos q theta θ angle ang phi φ angularposition jointposition jointangle jointpos "
     "motorposition motorangle motorpos observationstate",
     "velocity": "velocity vel speed omega ω dq qd qdot dqdt dtheta thetadot thetad v angularvelocity angvel "
@@ -25,6 +25,8 @@ ALIASES = {
     "externaltorque torqueext tauext",
     "segment": "segment segments episode episodeindex trial",
 }
+TICKS = {"millis": "ms", "milliseconds": "ms", "micros": "us", "microseconds": "us", "nanoseconds": "ns"}  # of a clock
+CARRIERS = ("shaft", "pendulum", "arm")  # before an alias: what moves
 LABELS = ("state", "phase", "test")  # of a column that counts segments, where its cells are words
 MEASURED = ("meas", "measured", "actual", "act")  # before or after an alias
 ESTIMATED = ("est", "estimated")  # likewise, if no measured one is found
@@ -38,6 +40,7 @@ UNITS = {  # factor to SI by the unit's letters
     "position": {"rad": 1.0, "radian": 1.0, "radians": 1.0}
     | dict.fromkeys(("deg", "degs", "degree", "degrees"), math.pi / 180)
     | dict.fromkeys(("mrad", "millirad"), 1e-3)
+    | {"mdeg": math.pi / 180e3}
     | dict.fromkeys(
         ("rev", "revs", "revolution", "revolutions", "turn", "turns", "rotation", "rotations", "rot"), math.tau
     ),
@@ -160,6 +163,8 @@ def _names() -> Iterator[tuple[str, tuple[str, str | None, Rank]]]:
             stems[alias] = Rank.MEASURED
             for rank, own in words.items():
                 stems |= {stem: rank for word in own for stem in (alias + word, word + alias)}
+            if quantity in ("position", "velocity", "torque") and len(alias) > 2:
+                stems |= dict.fromkeys((carrier + alias for carrier in CARRIERS), Rank.ESTIMATED)
             if quantity != "time":
                 stems |= {alias + "estimate": Rank.ESTIMATED}  # before an alias, `estimate dq` would be `estimated q`
         if quantity == "torque":
@@ -170,4 +175,5 @@ def _names() -> Iterator[tuple[str, tuple[str, str | None, Rank]]]:
                 yield stem + unit, (quantity, unit, rank)
 
 
-NAMES = dict(_names()) | {name: (quantity, unit, Rank.MEASURED) for name, (quantity, unit) in ODRIVE.items()}
+NAMES = dict(_names()) | {name: ("time", unit, Rank.MEASURED) for name, unit in TICKS.items()}
+NAMES |= {name: (quantity, unit, Rank.MEASURED) for name, (quantity, unit) in ODRIVE.items()}

@@ -1,0 +1,206 @@
+"""Logs as programs of laboratories, workshops and classrooms export them: the right values, or the line to type."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.io
+
+from pendulum_env.recording import Recording, RecordingError, read_recording
+
+RATE = 200.0
+TIME = np.arange(800) / RATE
+ANGLE = 0.9 * np.sin(3 * TIME) + 0.3 * np.sin(7 * TIME)
+SPEED = 2.7 * np.cos(3 * TIME) + 2.1 * np.cos(7 * TIME)
+TORQUE = np.round(np.sin(3 * TIME + 0.4) + 0.5 * np.sin(11 * TIME), 2)
+DEGREES = np.degrees(ANGLE)
+TIMES_OF_DAY = [f"12:{int(t // 60):02d}:{t % 60:06.3f}" for t in TIME]
+MILLIS = np.round(1000 * TIME).astype(int)
+
+Cells = Iterable[Any]
+
+
+def text(header: str, *columns: Cells, sep: str = ",", comma: bool = False, quote: str = "") -> str:
+    """Rows of cells, numbers with six decimals."""
+
+    def cell(value: Any) -> str:
+        written = f"{value:.6f}" if isinstance(value, float) else str(value)
+        return quote + (written.replace(".", ",") if comma else written) + quote
+
+    return "\n".join([header, *(sep.join(map(cell, row)) for row in zip(*columns, strict=True))]) + "\n"
+
+
+def with_cells(value: str, *rows: int) -> list[Any]:
+    return [value if k in rows else own for k, own in enumerate(ANGLE.tolist())]
+
+
+LVM = (
+    "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDate\t2026/03/01\n***End_of_Header***\t\n\t\n"
+    "Channels\t2\t\t\nSamples\t800\t800\t\nDate\t2026/03/01\t2026/03/01\t\nX0\t0.0\t0.0\t\n***End_of_Header***\t\t\t\n"
+)
+ROSTOPIC = "%time,field.header.seq,field.name0,field.position0,field.velocity0,field.effort0"
+NANOSECONDS = 1_700_000_000_000_000_000 + np.round(1e9 * TIME).astype(np.int64)
+ALIGNED = [f"{t:9.3f}{q:10.5f}{u:9.3f}" for t, q, u in zip(TIME, ANGLE, TORQUE, strict=True)]
+ARRIVED = [f"{at} -> {t},{q:.6f},{u}" for at, t, q, u in zip(TIMES_OF_DAY, MILLIS, ANGLE, TORQUE, strict=True)]
+HALVES = [
+    text("time,angle,torque", *(x[part] for x in (TIME, ANGLE, TORQUE))) for part in (slice(400), slice(400, 800))
+]
+
+DRIVEN: dict[str, str] = {
+    # clocks
+    "times of day": text("Time,theta,tau", TIMES_OF_DAY, ANGLE, TORQUE),
+    "date and time of day": text("Date,Time,theta,tau", ["2026-03-01"] * 800, TIMES_OF_DAY, ANGLE, TORQUE),
+    "minutes and seconds": text(
+        "time;theta;tau", [f"{int(t // 60):02d}:{t % 60:06.3f}" for t in TIME], ANGLE, TORQUE, sep=";", comma=True
+    ),
+    "dates with a comma": text(
+        "timestamp;theta;tau", [f"2026-03-01 {t}" for t in TIMES_OF_DAY], ANGLE, TORQUE, sep=";", comma=True
+    ),
+    "milliseconds of an Arduino": text("millis,angle,torque", MILLIS, ANGLE, TORQUE),
+    "a counter of 32 bits": text("micros,angle,torque", (4_293_000_000 + 1000 * MILLIS) % 2**32, ANGLE, TORQUE),
+    "rostopic echo -p": text(ROSTOPIC, NANOSECONDS, MILLIS, ["hip"] * 800, ANGLE, SPEED, TORQUE),
+    "a serial monitor": "12:00:00.000 -> millis,angle,torque\n" + "\n".join(ARRIVED) + "\n",
+    "LabVIEW": LVM + text("X_Value\tangle\ttorque\tComment", TIME, ANGLE, TORQUE, sep="\t"),
+    # turns and degrees
+    "quantity / unit": text("t / s;phi / °;tau / Nm", TIME, DEGREES, TORQUE, sep=";", comma=True),
+    "quantity in unit": text("Time in s,Angle in degrees,Torque in Nm", TIME, DEGREES, TORQUE),
+    "turns of a shaft": text("Time (sec),Shaft position (revs),Shaft torque (N-m)", TIME, ANGLE / (2 * np.pi), TORQUE),
+    "a row of units": text("time,angle,torque\ns,deg,mNm", TIME, DEGREES, 1000 * TORQUE),
+    "thousandths of a degree": text("time_ms,angle_mdeg,torque", MILLIS, 1000 * DEGREES, TORQUE),
+    # cells
+    "N/A": text("time,angle,torque", TIME, with_cells("N/A", 90, 91), TORQUE),
+    "division by zero": text("time,angle,torque", TIME, with_cells("#DIV/0!", 90), TORQUE),
+    "quoted decimal commas": text('"Time (s)","Angle (rad)","Torque (Nm)"', TIME, ANGLE, TORQUE, comma=True, quote='"'),
+    "a delimiter at the end": text("time,angle,torque", TIME, ANGLE, TORQUE, [""] * 800),
+    "a comment between rows": HALVES[0] + "# pushed by hand\n" + HALVES[1].partition("\n")[2],
+    "aligned columns": "  Time (s)  Angle (rad)  Torque (Nm)\n" + "\n".join(ALIGNED) + "\n",
+}
+FREE: dict[str, str] = {
+    "phyphox": text('"Time (s)","Angle (deg)","Angular velocity (rad/s)"', TIME, DEGREES, SPEED),
+    "Tracker": "mass_A\n" + text("t\tx\ty\tθ", TIME, np.sin(ANGLE), -np.cos(ANGLE), ANGLE, sep="\t"),
+    "Vernier": text(
+        "Latest: Time (s)\tLatest: Angle (rad)\tLatest: Acceleration (rad/s²)", TIME, ANGLE, -ANGLE, sep="\t"
+    ),
+    "PASCO": text("Time (s) Run #1,Angle (rad) Run #1,Angular Velocity (rad/s) Run #1", TIME, ANGLE, SPEED),
+    "Arduino": text("millis,angle", MILLIS, ANGLE),
+    "a spreadsheet": text("t;phi", TIME, ANGLE, sep=";", comma=True),
+    "comments above": "# Group 3\n# L = 0.32 m\n" + text("# t [s], theta [rad]", TIME, ANGLE),
+    "frames of a video": text("frame,time,angle", range(800), TIME, ANGLE),
+    "pandas": text(",time,angle", range(800), TIME, ANGLE),
+    "aligned columns": "     time     angle\n" + "\n".join(row[:19] for row in ALIGNED) + "\n",
+}
+ASKED: dict[str, tuple[str, str, dict[str, str]]] = {  # text, what is said, and the line that reads it
+    "samples": (text("sample,angle,torque", range(800), ANGLE, TORQUE), "time=sample/RATE", {"time": "sample/200"}),
+    "another language": (
+        text("Zeit [s];Winkel [Grad];Moment [Nm]", TIME, DEGREES, TORQUE, sep=";"),
+        "--columns time=NAME,position=NAME",
+        {"time": "Zeit [s]", "position": "Winkel [Grad]:deg"},
+    ),
+    "degrees without a unit": (
+        text("Time (s),Angle,Torque", TIME, 20 * DEGREES, TORQUE), "position=Angle:deg", {"position": "Angle:deg/20"},
+    ),
+    "a symbol with a unit": (
+        text("t / s;phi / °;M / Nm", TIME, DEGREES, TORQUE, sep=";"), "torque=NAME", {"torque": "M / Nm"},
+    ),
+    "a date of a spreadsheet": (
+        text("time,angle,torque", [f"03/01/2026 {t}" for t in TIMES_OF_DAY], ANGLE, TORQUE), "dates as 2026-03-01", {},
+    ),
+}  # fmt: skip
+
+
+def check(recording: Recording, torque: np.ndarray) -> None:
+    assert len(recording) == len(TIME) and recording.starts == (0,)
+    np.testing.assert_allclose(recording.time - recording.time[0], TIME, rtol=0, atol=2e-6)
+    np.testing.assert_allclose(recording.position, ANGLE, atol=2e-5)
+    np.testing.assert_allclose(recording.torque, torque, atol=6e-3)  # also where one was interpolated
+
+
+def written(folder: Path, content: str, name: str) -> Path:
+    path = folder / ("run.lvm" if name == "LabVIEW" else "run.csv")
+    path.write_text(content, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", DRIVEN)
+def test_an_export_with_torque_is_read(tmp_path: Path, name: str) -> None:
+    check(read_recording(written(tmp_path, DRIVEN[name], name)), TORQUE)
+
+
+@pytest.mark.parametrize("name", FREE)
+def test_an_export_without_torque_is_read(tmp_path: Path, name: str) -> None:
+    check(read_recording(written(tmp_path, FREE[name], name)), np.zeros(len(TIME)))
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_an_export_that_is_not_clear_is_asked_for_in_a_line(tmp_path: Path, name: str) -> None:
+    content, said, columns = ASKED[name]
+    path = written(tmp_path, content, name)
+    with pytest.raises(RecordingError) as refusal:
+        read_recording(path)
+    assert said in str(refusal.value)
+    if columns:
+        check(read_recording(path, columns=columns), TORQUE)
+
+
+@pytest.mark.parametrize("words", [("ON", "OFF"), ("yes", "no"), ("Yes", "No"), ("True", "False")])
+def test_words_of_a_switch(tmp_path: Path, words: tuple[str, str]) -> None:
+    on = np.sin(2 * TIME) > -0.5
+    path = written(tmp_path, text("time,angle,torque,enabled", TIME, ANGLE, TORQUE, np.where(on, *words)), "")
+    np.testing.assert_array_equal(read_recording(path).enabled, on.astype(float))
+
+
+def test_times_of_day_go_on_after_midnight(tmp_path: Path) -> None:
+    late = [(23 * 3600 + 3598 + t) % 86400 for t in TIME]
+    times = [f"{int(t // 3600):02d}:{int(t % 3600 // 60):02d}:{t % 60:06.3f}" for t in late]
+    check(read_recording(written(tmp_path, text("time,theta,tau", times, ANGLE, TORQUE), "")), TORQUE)
+
+
+def signals(key: str, values: str, *columns: tuple[str, np.ndarray]) -> np.ndarray:
+    return np.array([{key: label, values: column[:, None]} for label, column in columns], dtype=object)
+
+
+LABELLED = (("theta", ANGLE), ("tau", TORQUE))
+ROWS = np.array(list(zip(TIME, ANGLE, TORQUE, strict=True)), dtype=[("t", "f8"), ("theta", "f8"), ("tau", "f8")])
+MATLAB: dict[str, tuple[dict[str, Any], dict[str, str]]] = {
+    "vectors and constants": ({"t": TIME[None], "theta": ANGLE[None], "tau": TORQUE[None], "J": 0.05, "who": "me"}, {}),
+    "structure with time": ({"out": {"time": TIME[:, None], "signals": signals("label", "values", *LABELLED)}}, {}),
+    "one matrix of signals": (
+        {"yout": {"time": TIME, "signals": {"values": np.column_stack([ANGLE, TORQUE]), "label": ""}}},
+        {"position": "yout.signals.values[0]", "torque": "yout.signals.values[1]"},
+    ),
+    "tout and yout": (
+        {"tout": TIME[:, None], "yout": np.column_stack([ANGLE, TORQUE])},
+        {"position": "yout[0]", "torque": "yout[1]"},
+    ),
+    "dSPACE": ({"run": {"X": {"Name": "Time", "Data": TIME}, "Y": signals("Name", "Data", *LABELLED)}}, {}),
+    "a structure for each quantity": (
+        {name: {"Time": TIME, "Data": column} for name, column in LABELLED},
+        {},
+    ),
+    "a structure for each row": ({"log": ROWS}, {}),
+    "two runs": (
+        {name: {"t": TIME, "theta": ANGLE * gain, "tau": TORQUE} for name, gain in (("run1", 1), ("run2", 2))},
+        {"position": "run1.theta", "torque": "run1.tau"},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MATLAB)
+def test_structures_of_matlab(tmp_path: Path, name: str) -> None:
+    content, columns = MATLAB[name]
+    scipy.io.savemat(tmp_path / "run.mat", content)
+    if columns:
+        with pytest.raises(RecordingError, match="say which with --columns"):
+            read_recording(tmp_path / "run.mat")
+    check(read_recording(tmp_path / "run.mat", columns=columns), TORQUE)
+
+
+def test_nested_structures_are_read_from_memory() -> None:
+    runs: dict[str, Callable[[], Any]] = {
+        "lists": lambda: {"t": TIME.tolist(), "theta": ANGLE.tolist(), "tau": TORQUE.tolist()},
+        "groups": lambda: {"bench": {"t": TIME, "theta": ANGLE, "tau": TORQUE}, "__version__": "1.0"},
+    }
+    for run in runs.values():
+        check(read_recording(run()), TORQUE)
