@@ -3,6 +3,7 @@
 import argparse
 import difflib
 import errno
+import shlex
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -69,6 +70,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
             )
             sub.set_defaults(command=name, run=command.run)
     arguments, unknown = program.parse_known_args(argv)
+    arguments.line = shlex.join([PROGRAM, *argv])  # as it was given
     if unknown:
         used = commands.choices.get(named or "", program)
         wrong = next((word for word in unknown if word.startswith("-")), "").partition("=")[0]

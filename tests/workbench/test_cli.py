@@ -118,7 +118,8 @@ def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, few_effect
         "workbench.commands.diagnose.diagnose",
         lambda *some, **options: made.append(diagnose(*some, **options)) or made[0],
     )
-    out = done("diagnose train.csv --holdout holdout.csv --json d.json --report d.html -o m.json")
+    line = "diagnose train.csv --holdout holdout.csv --json d.json --report d.html -o m.json"
+    out = done(line)
     brief = out.partition("\n\n")[2].splitlines()
     assert brief[:2] == ["Stribeck friction is missing", f"stribeck: {effects()['stribeck'].law}"]
     assert re.match(r"error held out: torque 0\.0\d+ -> 0\.00\d+ N m .*, free-running position ", brief[2])
@@ -129,7 +130,8 @@ def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, few_effect
     assert "+ stribeck" in out and "█" in out and re.search("^score: probability", out, re.M)
     assert all(re.search(f"^{id} +(selected|rejected) ", out, re.M) for id in FEW) and "better by -" not in out
     assert held("d.json")["selected"] == ["stribeck"] and Model.load("m.json").effects == ("stribeck",)
-    assert Path("d.html").read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")
+    page = Path("d.html").read_text(encoding="utf-8")
+    assert page.lstrip().lower().startswith("<!doctype html>") and f"<code>pendulum-ident {line}</code>" in page
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """The page of a diagnosis."""
 
-import html
 import re
 from dataclasses import replace
 
@@ -140,8 +139,10 @@ def test_ends_of_several_recordings_are_held_out_and_drawn():
     assert "--holdout" not in found.text
 
 
-def test_command_line_quotes_names(page):
-    assert "diagnose 'run one.csv' --holdout 'run two.csv' --report report.html" in html.unescape(page)
+def test_the_page_shows_how_to_do_it_again_if_that_is_known(page, diagnosis):
+    command = "pendulum-ident diagnose 'run one.csv' --only stribeck --fix gravity=2"
+    assert command in Page(render(diagnosis, command)).text
+    assert "Do it again" not in Page(page).text
 
 
 @pytest.mark.parametrize(

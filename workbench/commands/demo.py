@@ -1,6 +1,7 @@
 """`demo`: a hidden effect found end to end, in a pendulum or in an arm of which a file tells the lengths."""
 
 import argparse
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -85,7 +86,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     with terminal.progress("diagnosing") as progress:
         found = diagnose(train, holdout, hidden.terms, progress)
     tell_diagnosis(found, terminal, arguments.verbose, more="")
-    write_page(str(report), terminal, "workbench.report:render", found)
+    of_arm = ["--robot", str(robots[0])] if robots else []
+    line = shlex.join(["pendulum-ident", "diagnose", str(files[0]), "--holdout", str(files[1]), *of_arm])
+    write_page(str(report), terminal, "workbench.report:render", found, line)
     reveal(hidden, found, terminal)
     wrote([report, *robots, *files], terminal)
     kind, how = ("pendulum", "") if arguments.robot is None else ("arm", f" --robot {arguments.robot}")

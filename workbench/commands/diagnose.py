@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if arguments.experiment is not None and found.suggestion is not None:
         write_whole(arguments.experiment, found.suggestion.csv())
     write_json(arguments.json, found.json())
-    write_page(arguments.report, terminal, "workbench.report:render", found)
+    write_page(arguments.report, terminal, "workbench.report:render", found, arguments.line)
     hint = MORE if arguments.report is None else ""
     tell_diagnosis(found, terminal, arguments.verbose or arguments.all, arguments.all, hint)
     if arguments.experiment is not None and found.suggestion is None:

@@ -28,6 +28,7 @@ class Case:
 
     diagnosis: Diagnosis  # what was found
     first: str = "base model"  # what the model is called that the diagnosis started from
+    command: str = ""  # lines that do the same, if it came from the command line or the app
 
     @property
     def data(self) -> Preprocessed:

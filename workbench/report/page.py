@@ -58,9 +58,9 @@ def plotly() -> str:
     return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode()
 
 
-def render(diagnosis: Diagnosis) -> str:
-    """HTML of the report; see `write_report`."""
-    case = Case(diagnosis)
+def render(diagnosis: Diagnosis, command: str = "") -> str:
+    """HTML of the report, see `write_report`, with the command lines that do the same, if known."""
+    case = Case(diagnosis, command=command)
     if diagnosis.body is not None:
         sections = arm.sections(case)
     elif diagnosis.is_in_loop:

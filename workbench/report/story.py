@@ -1,7 +1,6 @@
 """The diagnosis in words: what is missing, what that changes, what stays open, what was considered, and how."""
 
 import math
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -152,7 +151,7 @@ def method(case: Case) -> Section:
         ],
         "split": not case.data.holdout,
         "seconds": SECONDS,
-        "command": command(case),
+        "command": case.command,
         "terms": [term.id for term in case.diagnosis.steps[0].model.terms],
     }
     return Section("method", "Method", "How this was done", content)
@@ -177,10 +176,3 @@ def _use(w: Windows, part: str) -> dict[str, Any]:
         "position_noise": encoder_noise(w.recording.position),
         "notes": w.recording.notes,
     }
-
-
-def command(case: Case) -> str:
-    """Command line that does the same."""
-    options = [word for recording in case.data.holdout for word in ("--holdout", f"{recording.name}.csv")]
-    fitted = [f"{recording.name}.csv" for recording in case.data.recordings]
-    return shlex.join(["pendulum-ident", "diagnose", *fitted, *options, "--report", "report.html"])

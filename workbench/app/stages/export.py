@@ -197,7 +197,7 @@ def _experiment(state: State) -> str:
 
 
 FILES: dict[str, tuple[str, Callable[[State], str]]] = {  # name and content of what any stage saves
-    "report": (REPORT, lambda state: render(state.told)),
+    "report": (REPORT, lambda state: render(state.told, commands(state))),
     "model": (MODEL, _model),
     "diagnosis": (DIAGNOSIS, lambda state: _text(state.told)),
     "experiment": (EXPERIMENT, _experiment),
