@@ -1,6 +1,8 @@
 """Imports between the modules of the packages, those for type hints and those inside functions included."""
 
 import ast
+import subprocess
+import sys
 from collections.abc import Set
 from functools import cache
 from graphlib import TopologicalSorter
@@ -47,3 +49,14 @@ def test_packages_depend_one_way():
         if order[other.partition(".")[0]] > order[module.partition(".")[0]]
     ]
     assert not upward
+
+
+def test_help_waits_for_no_library_but_gymnasium_s_own():
+    code = (
+        "import sys; from workbench.cli import main; main(['--help']); "
+        "print({name.partition('.')[0] for name in sys.modules}, 'pendulum_env.physics' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded, is_physics_loaded = done.stdout.splitlines()[-1].rsplit(" ", 1)
+    assert is_physics_loaded == "False"
+    assert not {"scipy", "pyarrow", "h5py", "msgspec", "estimators", "agents", "torch"} & ast.literal_eval(loaded)

@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import NoReturn
 
 from pendulum_env.lookup import find
-from pendulum_env.physics import load_plugin
-from pendulum_env.physics.plugin import fault
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.terminal import Terminal, abandon
 
 SUCCESS, BAD_INPUT, INTERRUPTED = 0, 2, 130
 PROGRAM = "pendulum-ident"
+PLUGINS = "pendulum_env.physics.plugin"  # imported where a command needs it: help waits for no library
 DESCRIPTION = "Compare a pendulum's model with measurements, see where it fails, and find the effect that is missing."
 COMMANDS: dict[str, str] = {  # in the order of a first visit, and what help says of each
     "demo": "hide an effect, record, diagnose and report: the whole workflow in one go",
@@ -110,7 +109,7 @@ def plugins(argv: Sequence[str]) -> None:
     early = Parser(add_help=False, allow_abbrev=False)
     early.add_argument("--plugin", action="append", default=[])
     for path in early.parse_known_args(argv)[0].plugin:
-        load_plugin(path)
+        import_module(PLUGINS).load_plugin(path)
 
 
 def refuse_other_packages() -> None:
@@ -156,7 +155,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BaseException as error:
         if isinstance(error, SystemExit) and isinstance(error.code, int) and error.code > 128:
             return error.code  # a signal, wherever it came: see `entry.py`
-        of_plugin: Exception | None = fault(error)
+        of_plugin = _fault_of_effect(error)
         if of_plugin is None and isinstance(error, SystemExit):
             of_plugin = InputError("a plugin ended it by sys.exit: take that out")
         if of_plugin is None:
@@ -168,10 +167,16 @@ def _run(argv: Sequence[str]) -> None:
     try:
         arguments = parse(argv)
     except SystemExit as done:
-        if not done.code and fault(done) is None:  # argparse leaves so after --help
+        if not done.code and _fault_of_effect(done) is None:  # argparse leaves so after --help
             return
         raise
     arguments.run(arguments, Terminal())
+
+
+def _fault_of_effect(error: BaseException) -> Exception | None:
+    """What an effect of a file or package did wrong; None if no effects are loaded, or the error is from elsewhere."""
+    module = sys.modules.get(PLUGINS)
+    return None if module is None else module.fault(error)
 
 
 def _complain(message: str, code: int) -> int:
