@@ -6,7 +6,7 @@ them. It never sees the plant.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,11 +37,12 @@ class ExcitationDesignVector(TaskVector):
     a tick in which |q'| falls below 0.2 rad/s. All episodes last equally long and end together.
 
     `info`: `torque` that acted [N m] (B,), `positions` [rad] and `torques` [N m] as measured at 1 kHz since the last
-    observation (B, 20), `information` (B, 4, 4) and `estimates` (B, 4) in nominal units; after a reset also `plant`,
-    the true parameters (B, P).
+    observation (B, 20), `information` (B, 4, 4) and `estimates` (B, 4) in nominal units; `plant`, the true parameters
+    (B,) by name, as of `DirectDrivePendulumVector`. The option `theta` of a reset gives some of these, by name, or all
+    linear ones (P, B).
     """
 
-    options = ("plant",)
+    options = ("theta",)
 
     @with_known_arguments
     def __init__(
@@ -90,16 +91,16 @@ class ExcitationDesignVector(TaskVector):
         self._spread = Spread(self.pendulums.model, spread)
 
     def _begin(self, options: dict[str, Any]) -> Seen:
-        plant = options.get("plant")
-        if plant is None:
-            plant = self._spread.draw(self.np_random, self.num_envs)
-        plant = np.asarray(plant, dtype=float)
-        plant = plant[:, None] if plant.ndim == 1 and self.num_envs == 1 else plant  # of a single pendulum
-        _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options={"theta": plant})
-        self._left = self.observer.ticks
+        given = options.get("theta", {})
+        if isinstance(given, Mapping):
+            given = {**self._spread.draw_by_name(self.np_random, self.num_envs), **given}
+        elif np.ndim(given) == 1 and self.num_envs == 1:
+            given = np.asarray(given)[:, None]  # of a single pendulum
+        _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options={"theta": given})
+        self._left, self._plant = self.observer.ticks, info["plant"]
         self.observer.start(info["position"], info["velocity"])
         none = np.zeros((self.observer.held, self.num_envs))
-        return self._seen(np.zeros(self.num_envs), none + info["position"], none, plant=plant.T)
+        return self._seen(np.zeros(self.num_envs), none + info["position"], none)
 
     def _go(self, shares: Array) -> Seen:
         torque = self.observer.allow(shares[:, 0])
@@ -116,10 +117,10 @@ class ExcitationDesignVector(TaskVector):
             positions[k], torques[k] = info["position"], info["torque"]
         return positions, torques
 
-    def _seen(self, torque: Array, positions: Array, torques: Array, **more: Array) -> Seen:
+    def _seen(self, torque: Array, positions: Array, torques: Array) -> Seen:
         observer = self.observer
-        info = {"torque": torque, "positions": positions.T, "torques": torques.T}
-        info |= {"information": observer.information, "estimates": observer.estimates, **more}
+        info = {"torque": torque, "positions": positions.T, "torques": torques.T, "plant": dict(self._plant)}
+        info |= {"information": observer.information, "estimates": observer.estimates}
         return observer.observe(), log_det(observer.information), info
 
 

@@ -23,6 +23,7 @@ from pendulum_env._typing import Array
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.physics import BASE
 from pendulum_env.physics.simulation import simulate
+from pendulum_env.plant import PAPER
 from pendulum_env.policy import State
 
 MOMENTS = (2.0, 5.0, 10.0)  # [s] at which errors are compared
@@ -92,7 +93,7 @@ def observe(
     env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, **(task or {}))  # type: ignore[arg-type]
     estimator = OnlineEstimator(RATE, BASE, [scheme(scheme_id)], batch=plants)
     observation, info = env.reset(seed=FRESH + seed)
-    truth = info["plant"][:, :COUNT]
+    truth = np.stack([info["plant"][name] for name in PAPER], axis=1)
     estimator.take(np.zeros(plants), info["positions"][:, 0], np.zeros(plants))
     steps, held = env.observer.ticks, env.observer.held
     errors = np.empty((steps, plants, COUNT))

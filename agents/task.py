@@ -114,7 +114,13 @@ class Task(gym.Env[Batch, Batch]):
 
     def _show(self, info: dict[str, Any]) -> dict[str, Any]:
         """Info of the only one of a batch."""
-        self._last = {name: value[0] for name, value in info.items() if not name.startswith("_")}
+        self._last = _first(info)
         if self.render_mode == "human":
             self.render()
         return self._last
+
+
+def _first(info: dict[str, Any]) -> dict[str, Any]:
+    """Info of the first of a batch, without masks."""
+    own = {name: value for name, value in info.items() if not name.startswith("_")}
+    return {name: _first(value) if isinstance(value, dict) else value[0] for name, value in own.items()}

@@ -26,7 +26,7 @@ from workbench.commands.effects import parameters
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "workbench" / "app" / "assets" / "gallery"  # the app shows the same
 WIDTH = "84"  # characters of a line of help
-NOTEBOOK = re.compile(r"\]\((?:\.\./)?examples/(\w+)\.ipynb")
+NOTEBOOK = re.compile(r"\]\((?:\.\./)?((?:\.\./)*)examples/(\w+)\.ipynb")
 ARITHMATEX = re.compile(r'<(?P<tag>span|div) class="arithmatex">(?P<latex>.*?)</(?P=tag)>', re.S)
 
 
@@ -39,6 +39,7 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
         "changelog.md": from_root("CHANGELOG.md"),
         "tutorial.md": notebook("tutorial"),
         "paper.md": notebook("paper"),
+        "reinforcement_learning.md": notebook("reinforcement_learning"),
         "reference/command-line.md": command_line(),
         "which-effect.md": which_effect(),
         "reference/effects.md": effects_page(),
@@ -52,7 +53,7 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Lead links to notebooks, which stand beside docs/, to the pages made of them."""
-    return NOTEBOOK.sub(r"](\1.md", markdown)
+    return NOTEBOOK.sub(r"](\1\2.md", markdown)
 
 
 def on_page_content(content: str, **_: Any) -> str:

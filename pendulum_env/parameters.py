@@ -133,7 +133,8 @@ class PlantParameters:
 
     def _checked(self, given: Values | Sequence[float] | Array) -> dict[str, Array]:
         """Arrays () or (B,) of parameters that the plant has and could have."""
-        values = given if isinstance(given, Mapping) else self._named(given)
+        values = dict(given) if isinstance(given, Mapping) else self._named(given)
+        values = {name: value for name, value in values.items() if not name.startswith("_")}  # masks of an info
         checked = {}
         for name, value in values.items():
             id = name.partition(".")[0]

@@ -12,6 +12,8 @@ pytest.importorskip("ipykernel", reason="running the notebooks needs ipykernel")
 
 from tools.execute import EXAMPLES, execute
 
+VARIES = "# Results differ between processors."  # first line of a cell whose output is not compared
+
 
 def words(cell) -> str:
     """What a reader sees of a cell's outputs, but for the curves."""
@@ -28,6 +30,7 @@ def words(cell) -> str:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
+        ("reinforcement_learning", ["missing: stribeck", "nat in an episode", "two-tone", "PPO"]),
         ("tutorial", ["Stribeck friction is missing", "Stribeck friction and cubic damping are missing"]),
         ("paper", ["filtered_hamiltonian differs from filtered_dynamic by 0.000 % at most"]),
     ],
@@ -35,12 +38,15 @@ def words(cell) -> str:
 def test_a_notebook_runs_and_its_stored_output_is_what_comes_out(name, said):
     import nbformat
 
+    if name == "reinforcement_learning":
+        pytest.importorskip("stable_baselines3", reason="training needs the extra rl")
     path = EXAMPLES / f"{name}.ipynb"
     stored = [cell for cell in nbformat.read(path, 4).cells if cell.cell_type == "code"]
     fresh = [cell for cell in execute(path).cells if cell.cell_type == "code"]
     assert len(fresh) > 5
     for old, new in zip(stored, fresh, strict=True):
-        line = first_untold(words(old), words(new))
+        line = None if new.source.startswith(VARIES) else first_untold(words(old), words(new))
         assert line is None, f"{path.name} shows what no longer comes out, run tools/execute.py: {line}"
-    told = "".join(map(words, fresh))
-    assert not [text for text in said if text not in told]
+    for cells in (stored, fresh):
+        told = "".join(map(words, cells))
+        assert not [text for text in said if text not in told]

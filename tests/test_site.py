@@ -90,6 +90,7 @@ TEXTS = [
         ("theory.html", [scheme.id for scheme in SCHEMES]),
         ("reference/estimators.html", ["identify", "compare", "diagnose", "add", "Diagnosis"]),
         ("paper.html", ["Table 2", "Figures 2 to 7", "Figure 8", "Figure 9", "Slips in the paper"]),
+        ("reinforcement_learning.html", ["missing: stribeck", "two-tone", "PPO", "shipped"]),
         ("tutorial.html", ["Stribeck friction is missing", "Stribeck friction and cubic damping are missing"]),
     ],
 )

@@ -45,6 +45,10 @@ class Spread:
         unit = rng.uniform(-1.0, 1.0, shape) if self._uniform else rng.standard_normal(shape)
         return np.clip(self._nominal + self._root @ unit, self._least, self._most)
 
+    def draw_by_name(self, rng: np.random.Generator, count: int) -> dict[str, Array]:
+        """The same by name, (count,) each."""
+        return dict(zip(self.names, self.draw(rng, count), strict=True))
+
 
 def _root(nominal: Model, names: list[str], spread: str) -> Array:
     """A root (P, P) of the covariance of the linear parameters."""
@@ -95,7 +99,7 @@ class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         """Reset the environment with a new plant; the same seed draws the same plants."""
         if seed is not None:
             self.np_random = np.random.default_rng([seed, 1])  # not the numbers that the measurement's noise draws
-        drawn = dict(zip(self._spread.names, self._spread.draw(self.np_random, 1)[:, 0].tolist(), strict=True))
+        drawn = {name: value.item() for name, value in self._spread.draw_by_name(self.np_random, 1).items()}
         return self.env.reset(seed=seed, options=_beside(options, drawn))
 
 
@@ -121,14 +125,10 @@ class RandomizePlantVector(VectorWrapper):
         first = seed[0] if isinstance(seed, list) else seed
         if first is not None:
             self._rng = np.random.default_rng(first)
-        options = _beside(options, self._drawn())
+        options = _beside(options, self._spread.draw_by_name(self._rng, self.num_envs))
         observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]  # lists are passed on
         self._time = np.asarray(info["time"])
         return observation, info
-
-    def _drawn(self) -> dict[str, Array]:
-        """Linear parameters (B,) by name."""
-        return dict(zip(self._spread.names, self._spread.draw(self._rng, self.num_envs), strict=True))
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step; a pendulum that has just been reset gets a new plant."""
@@ -137,6 +137,6 @@ class RandomizePlantVector(VectorWrapper):
         anew = time <= self._time
         self._time = time
         if anew.any():
-            self._plants.set_parameters(self._drawn(), anew)
+            self._plants.set_parameters(self._spread.draw_by_name(self._rng, self.num_envs), anew)
             info["plant"] = self._plants.plant.info
         return observation, reward, terminated, truncated, info

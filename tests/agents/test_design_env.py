@@ -10,6 +10,7 @@ import pytest
 from agents import DESIGN, load
 from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS, NOMINAL, PRIOR, TICK, Observer, read
+from pendulum_env.plant import PAPER
 from tests import slow
 from tests.runge_kutta import stick_and_slip
 
@@ -80,7 +81,7 @@ def test_information_is_the_sum_of_outer_products_of_rows_that_are_fast_enough()
 def test_without_noise_the_estimates_are_the_parameters_of_the_plant(constraint):
     env, policy = ExcitationDesignVector(16, constraint=constraint, counts=0, torque_noise=0.0), load(constraint)
     observation, info = env.reset(seed=3)
-    plant = info["plant"]
+    plant = np.stack([info["plant"][name] for name in PAPER], axis=1)
     for _ in range(250):
         observation, *_, info = env.step(policy.predict(observation)[0])
     np.testing.assert_allclose(info["estimates"] * NOMINAL / plant, 1.0, atol=1e-4)
@@ -104,7 +105,8 @@ def test_an_observer_finds_the_parameters_of_a_motion_of_another_integrator(rate
 
 def test_estimates_come_near_the_plant_without_knowing_it():
     env = ExcitationDesignVector(8)
-    plant = env.reset(seed=3)[1]["plant"]
+    _, info = env.reset(seed=3)
+    plant = np.stack([info["plant"][name] for name in PAPER], axis=1)
     for k in range(250):
         info = env.step(tones(k, 8))[-1]
     found = info["estimates"] * NOMINAL

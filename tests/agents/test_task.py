@@ -9,6 +9,7 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 from agents import ARM_DESIGN, DESIGN
+from pendulum_env.plant import PAPER
 
 
 def made(id, count, **arguments):
@@ -50,7 +51,7 @@ def test_one_is_a_batch_of_one_whose_episode_ends_and_another_begins(id, count, 
         assert not rewards.any() and not truncated.any()
     if id == DESIGN:
         assert (last[0, 17], observations[0, 17]) == (0.0, 1.0)  # share of the time that is left
-        assert (info["plant"] != before["plant"]).all()
+        assert all((info["plant"][name] != before["plant"][name]).all() for name in PAPER)
     else:
         np.testing.assert_allclose(observations, first)
 
@@ -81,4 +82,11 @@ def test_what_is_no_action_or_no_option_is_refused(id):
 def test_a_plant_of_another_shape_is_refused():
     env = made(DESIGN, 3)
     with pytest.raises(ValueError, match=r"shape \(3, 4\)"):
-        env.reset(seed=0, options={"plant": np.ones((3, 4))})
+        env.reset(seed=0, options={"theta": np.ones((3, 4))})
+
+
+def test_a_plant_may_be_given_in_part():
+    plant = made(DESIGN, 3).reset(seed=0, options={"theta": {"gravity": [1.0, 2.0, 3.0]}})[1]["plant"]
+    assert plant["gravity"].tolist() == [1.0, 2.0, 3.0] and len(set(plant["viscous"])) == 3
+    alone = gym.make(DESIGN).reset(seed=0, options={"theta": {"gravity": 1.5}})[1]["plant"]
+    assert alone.keys() == set(PAPER) and alone["gravity"] == 1.5

@@ -86,6 +86,15 @@ def test_pendulums_of_a_batch_may_differ_in_every_parameter():
         np.testing.assert_array_equal([info["plant"]["stribeck"][k] for info in infos], alone["stribeck"])
 
 
+def test_the_plant_of_an_info_is_the_plant_of_a_reset(make):
+    settings = {"effects": ["stribeck", "cogging"]}
+    changed = {"theta": {"stribeck.stribeck_velocity": 0.8, "cogging.order": 9, "gravity": 1.0}}
+    plant = make(**settings).reset(seed=0, options=changed)[1]["plant"]
+    again = make(**settings).reset(seed=0, options={"theta": plant})[1]["plant"]
+    assert again.keys() == plant.keys() and all(np.array_equal(again[name], plant[name]) for name in plant)
+    assert np.all(plant["cogging.order"] == 9)
+
+
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_each_pendulum_of_a_batch_follows_the_schedule_by_its_own_time(mode):
     env = gym.make_vec(
