@@ -45,6 +45,7 @@ from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
 NONE = Load(0.0, 0.0)
+DRIVEN = 0.9  # share of the motion that a motor drives or a load brakes, from which nothing tells what gears lose
 # friction that is pressed by what acts on the output, the joint's own weight and the known loads [per N m of each]
 OWN = Column("own", "1", dry=lambda x: np.abs(np.sin(x.position)))
 HUNG = Column("hung", "1", dry=lambda x: np.abs(x.load.gravity * np.sin(x.position) - x.load.torque))
@@ -96,7 +97,8 @@ class ChannelFits:
         known = [(data.where(term.at), data.columns([term])[0][0]) for term in beside if term not in of_torque]
         load, *friction = (data.rows.column(column, data.rows.samples) for column in (LOAD, OWN, HUNG))
         carried, gain = (load, []) if recordings[0].torque_unit == NEWTON_METRE else (0.0 * load, [load])
-        has_several = len({r.load for r in recordings}) > 1 or any(r.has_varying_load for r in recordings)
+        has_several = len({r.load for r in recordings}) > 1
+        has_several |= any(r.has_varying_load for r in recordings) and not is_brake(data)
         pressed = [] if is_arm else friction if has_several else friction[:1]
         phi = np.column_stack([*gain, *pressed, placed(len(load), [*laws, *known])])
         if len(rows) < SEARCH.fewest_equations * phi.shape[1]:
@@ -292,6 +294,12 @@ class ChannelFits:
         time, recording = self.data.clusters, of_block[block]
         several = [time, recording] if len(np.unique(recording[self.rows])) >= SEARCH.between else [time]
         return [np.unique(clusters[self.rows], return_inverse=True)[1] for clusters in several]
+
+
+def is_brake(data: Dataset) -> bool:
+    """Return whether the load torque opposes the motion nearly always, as friction that is pressed by it does."""
+    x = data.samples
+    return bool(np.mean(np.asarray(x.load.torque) * x.velocity < 0) > DRIVEN)
 
 
 def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = ()) -> Alignment:

@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.checks.channel import NONE, ChannelFits
+from estimators.checks.channel import DRIVEN, NONE, ChannelFits, is_brake
 from estimators.free_swings import as_read
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData, fit_terms
@@ -27,7 +27,6 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import plus_minus
 
-DRIVEN = 0.9  # share of the motion that the motor drives, from which nothing tells what it loses in the gears
 LEAST = 5.0  # standard errors that the constant has to be from none
 LOGGED = {"A": "a current", "V": "a voltage", "duty": "a duty cycle"}
 
@@ -110,7 +109,8 @@ def torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | str:
             f"{unknown}: of {len(set(loads))} known loads only one was moved; move the joint under each of them, clear "
             "of stick"
         )
-    share, std = (fits if driven(fits.data) > DRIVEN else fits.rubbing()).delayed.gain  # 1/K
+    is_plain = driven(fits.data) > DRIVEN or is_brake(fits.data)
+    share, std = (fits if is_plain else fits.rubbing()).delayed.gain  # 1/K
     if abs(share) <= LEAST * std:
         return (
             f"{unknown}: its inverse is {plus_minus(share, std)} {unit}/(N m) by the known loads; take loads that "
@@ -135,9 +135,14 @@ def of_the_drive(model: Model, constant: TorqueConstant, data: Dataset) -> list[
     said = []
     share = driven(data)
     name = "torque constant" if constant.of == "A" else "torque gain"
-    if share > DRIVEN:
+    if share > DRIVEN or is_brake(data):
+        cause = (
+            "the load torque opposes the motion nearly always"
+            if is_brake(data)
+            else (f"the motor pushes along the motion {share:.0%} of the time")
+        )
         said.append(
-            f"the motor pushes along the motion {share:.0%} of the time: what its gears lose of its torque and the "
+            f"{cause}: what its gears lose of its torque and the "
             f"{name} are one number, of which {constant.value:.4g} {constant.unit} is the product; a weight that is "
             "let down slowly, so that it turns the motor, would tell them apart"
         )

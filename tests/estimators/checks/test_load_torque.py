@@ -51,6 +51,20 @@ def test_a_load_torque_determines_the_torque_constant_of_one_recording(seed):
     assert max(map(abs, z_scores(found["dynamic"].model))) < 4
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_brake_determines_the_torque_constant_too(seed):
+    """A brake opposes the motion, as friction that grows with load does."""
+    falling = {"friction_drift": {"drift_a": 6.0, "drift_T": 8.0, "drift_b": 0.0}}
+    about = Experiment(
+        excitation="two_tone", scale=0.6, rate=500.0, counts=65_536, torque_noise=0.005, seconds=20.0, seed=seed
+    )
+    ((run),) = simulate([(Plant(**JOINT, effects=falling), about)])
+    load = -6.0 * JOINT["coulomb"] * np.exp(-run.time / 8.0) * np.sign(np.gradient(run.position))
+    recording = Recording("brake", run.time, run.position, run.torque, load_torque=load)
+    constant = identify([in_amperes(recording)], schemes=["dynamic"]).torque_constant
+    assert abs(constant.value - K) < 3 * constant.std < 0.05 * K
+
+
 def test_without_or_with_a_constant_load_torque_the_constant_is_unknown():
     run = in_amperes(brake(seconds=10.0))
     for load in (None, np.full(len(run), 0.3)):

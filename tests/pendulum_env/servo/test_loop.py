@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pendulum_env.physics import BASE, KnownLoad, effect
+from pendulum_env.physics import BASE, KnownLoad, effect, simulate
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.servo.drive import Drive, DriveError
 from pendulum_env.servo.loop import Servos, follow
@@ -209,3 +209,12 @@ def test_a_preset_s_gain_is_that_of_the_servo_s_register(preset, kp, torque):
     one = np.ones(1)
     supply = one * (drive.supply or 1.0)
     assert drive.torque(0.1 * one, 0 * one, 0 * one, supply, one) == pytest.approx(torque)
+
+
+def test_a_load_torque_drives_a_servo_that_hardly_follows():
+    """Without a gain that counts, the motion is that of the joint under the load torque alone."""
+    load = 0.5 * wave()
+    drive = Drive(output="torque", kp=1e-12)
+    found = path(drive, 0 * load, load=KnownLoad(torque=load[:, None]))
+    alone = simulate(BASE, SMOOTH, STEP, load, 0.0, 0.0).position[:, 0]
+    np.testing.assert_allclose(found, alone, atol=1e-9)
