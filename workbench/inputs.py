@@ -212,7 +212,7 @@ def _opened_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: 
     recordings = read_all(sources, terminal, robot.read)
     body = robot.body(made.held) if made.held else robot.holding(recordings)
     if robot is not asked:
-        terminal.say("joints that the log has no columns of are held; --joints names those that move")
+        terminal.say("joints without columns of torque in the log are held; --joints names those that move")
     tell_held(body, recordings, terminal)
     model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
     fitted = tuple(source for source in sources if source.role == "fit")
