@@ -192,10 +192,12 @@ def distance(name: str, prepared: PreparedData, model: Model) -> Distance:
 
 
 def joined(parts: Sequence[PreparedData]) -> PreparedData:
-    """Prepared data of several recordings, with what is watched in each."""
+    """Prepared data of several recordings, with what link states of each."""
     data = dataset([window for part in parts for window in part.data.windows])
-    watched = {id: [x for part in parts for x in part.data.watched[id]] for id in parts[0].data.watched}
-    return PreparedData(replace(data, watched=watched), tuple(segment for part in parts for segment in part.segments))
+    link_states = {id: [x for part in parts for x in part.data.link_states[id]] for id in parts[0].data.link_states}
+    return PreparedData(
+        replace(data, link_states=link_states), tuple(segment for part in parts for segment in part.segments)
+    )
 
 
 def compare(model: Model, recordings: Recordings) -> Comparison:
@@ -271,7 +273,7 @@ def _prepared(recording: Recording, model: Model) -> PreparedData:
     """Prepared data of a recording, with what turns the joint round there and is no friction of the model's."""
     prepared = PreparedData.of([recording])
     if has_link(model.terms):
-        return prepared.watching(model)
+        return prepared.with_link_states(model)
     count, inertia = len(model.theta), abs(model.estimates["inertia"].value)
     covariance = model.assumed_covariance[:count, :count]
     return replace(prepared, data=prepared.data.with_impacts(model.terms, model.theta, covariance, inertia))

@@ -159,14 +159,14 @@ def _without_values(model: Model, recording: Recording) -> Prediction:
 
 def _predict(model: Model, prepared: PreparedData, found: Sequence[Prediction], is_held_out: bool) -> None:
     """Fill in predictions of recordings, or of a part of each."""
-    prepared, body = prepared.watching(model), body_of(model.terms)
+    prepared, body = prepared.with_link_states(model), body_of(model.terms)
     data = prepared.data
     runs = [number if body is None else w.run or 0 for number, w in enumerate(data.windows)]
     for run, own in enumerate(found):
         windows = [w for k, w in zip(runs, data.windows, strict=True) if k == run]
         if all(w.is_clear.any() for w in windows):
-            watched = {id: [each[run]] for id, each in data.watched.items()}
-            dense = _at_every_sample(model, windows, watched)
+            link_states = {id: [each[run]] for id, each in data.link_states.items()}
+            dense = _at_every_sample(model, windows, link_states)
             _write(own, dense.windows, dense.torque(), Regression(dense).equations(model.terms).error(model.theta))
     ends = np.cumsum([len(w.centers) for w in data.windows])[:-1]
     coarse = (np.split(each, ends) for each in (data.torque(), prepared.residual(model.terms, model.theta)))
@@ -181,12 +181,12 @@ def _predict(model: Model, prepared: PreparedData, found: Sequence[Prediction], 
         _simulate(model, segments, own.simulated_position)
 
 
-def _at_every_sample(model: Model, windows: Sequence[Windows], watched: Mapping[str, Sequence[Samples]]) -> Dataset:
+def _at_every_sample(model: Model, windows: Sequence[Windows], link_states: Mapping[str, Sequence[Samples]]) -> Dataset:
     """Equations of one recording about every sample that is clear of stick."""
     first = model.terms[0]
     if isinstance(first, Links):
         return links.at_every_sample(windows, first, [type(term) for term in model.terms if isinstance(term, Coupling)])
-    return replace(dataset([w.at_every_sample() for w in windows]), watched=watched)
+    return replace(dataset([w.at_every_sample() for w in windows]), link_states=link_states)
 
 
 def _by_joint(values: Array) -> Array:

@@ -150,7 +150,7 @@ class Preprocessed:
         alignments = [self.alignments[k] for k in (*kept, *range(count, len(self.alignments))) if self.alignments]
         return replace(self, recordings=tuple(self.recordings[k] for k in kept), alignments=tuple(alignments))
 
-    def closer(self, share: float = Criterion.closer) -> Self:
+    def closer(self, share: float = Criterion.shorter_window) -> Self:
         """The same in shorter windows."""
         return replace(self, window_share=share)
 
@@ -264,7 +264,7 @@ def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), s
     except IdentificationError:
         if shorter <= SHORTEST:
             raise
-        return gather(recordings, holdout, Criterion.closer * shorter)  # through more noise, but there are more of them
+        return gather(recordings, holdout, Criterion.shorter_window * shorter)  # more windows, each with more noise
 
 
 def _gather(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> Parts:

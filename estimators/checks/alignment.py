@@ -36,7 +36,7 @@ class ChannelSettings:
     reach: float = 0.05  # [s], delays and lags up to it are looked for
     starts: int = 51  # delays among which a search starts from the best
     sure: float = 4.0  # standard errors from which an estimate is told from none
-    clearer: float = float(ndtri(1 - Criterion().chance))  # standard errors of a gain that counts, as of an effect's
+    clearer: float = float(ndtri(1 - Criterion().p_value))  # standard errors of a gain that counts, as of an effect's
     by_chance: float = float(np.log(2 * reach / 1e-3))  # [nat], gained by chance by the best of so many delays
     fewest_equations: int = 3  # equations for each column
     friction: tuple[float, ...] = (0.02, 0.1, 0.5)  # of the highest velocity: where friction, too, may bend

@@ -15,13 +15,13 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
+from estimators.selection.candidates import best_variant, refit_nonlinear, release_parameters
 from estimators.selection.data import PreparedData
 from estimators.selection.errors import Step
-from estimators.selection.models import Models
+from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit
-from estimators.selection.moves import best, freer, settle
 from estimators.selection.physical import objection
-from estimators.selection.search import Selection
+from estimators.selection.search import SearchResult
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.joints import body_of, kind_at
 from pendulum_env.physics import BASE, Model, Term
@@ -35,8 +35,10 @@ from pendulum_env.recording.record import NEWTON_METRE
 
 def fit(train: PreparedData, holdout: PreparedData, terms: Sequence[Term] = BASE) -> Step:
     """Fit a model's terms to what `gather` returns, as `diagnose` and `add` do: the model and its errors on both."""
-    models = Models(train, holdout)
-    return refit(Selection(models, [models.report(None, settle(models, tuple(terms)))])).steps[-1]
+    evaluator = ModelEvaluator(train, holdout)
+    return refit(
+        SearchResult(evaluator, [evaluator.fit_with_std(None, refit_nonlinear(evaluator, tuple(terms)))])
+    ).steps[-1]
 
 
 def add(
@@ -90,29 +92,31 @@ def add(
     given = Preprocessed.of(recordings, holdout, known=known_values(model.terms))
     model = replace(model, terms=relative_terms(model.terms, given.unit))
     setting, given = replace(setting, base=model.terms), given.with_impacts(model.terms)
-    models = setting.models(given.parts)
-    before, longer, against = _searched(models, kind)
+    evaluator = setting.evaluator(given.parts)
+    before, longer, against = _searched(evaluator, kind)
     progress("refitting", 0.9)
-    (shown,) = refit(Selection(models, [before]), model).steps
+    (shown,) = refit(SearchResult(evaluator, [before]), model).steps
     more = longer.model.terms[-1]
     start = Model.build((*shown.model.terms, more), np.append(shown.model.theta, np.zeros(len(more.columns))))
-    *_, after = refit(Selection(models, [before, longer]), start).steps
-    against = objection(after, shown, models.train.motions) or (None if is_hidden(more) else against)  # motion tells it
+    *_, after = refit(SearchResult(evaluator, [before, longer]), start).steps
+    against = objection(after, shown, evaluator.train.motions) or (
+        None if is_hidden(more) else against
+    )  # motion tells it
     shown, after = (replace(step, model=told(step.model, given.parts[0].data)) for step in (shown, after))
-    return Addition(shown, after, models.left.floors, against, given.doubt)
+    return Addition(shown, after, evaluator.residuals.floors, against, given.doubt)
 
 
 def _added_at_joint(
     recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, kind: type[Term]
 ) -> Addition:
     """An effect added at a joint of an arm."""
-    models = setting.models(Preprocessed(tuple(recordings), tuple(holdout), terms=(*setting.base, kind)).parts)
-    longer = _longer(models, models.base, kind)
-    without, with_it = models.report(None, models.base), models.report(kind.id, longer)
-    against = objection(with_it, without, models.train.motions)
-    if against is None and not models.is_significant(longer, models.base):
+    evaluator = setting.evaluator(Preprocessed(tuple(recordings), tuple(holdout), terms=(*setting.base, kind)).parts)
+    longer = _longer(evaluator, evaluator.base, kind)
+    without, with_it = evaluator.fit_with_std(None, evaluator.base), evaluator.fit_with_std(kind.id, longer)
+    against = objection(with_it, without, evaluator.train.motions)
+    if against is None and not evaluator.is_significant(longer, evaluator.base):
         against = CHANCE
-    return Addition(without, with_it, models.left.floors, against)
+    return Addition(without, with_it, evaluator.residuals.floors, against)
 
 
 def _added_in_loop(
@@ -121,38 +125,42 @@ def _added_in_loop(
     """An effect added to a servo, by its motion in the loop."""
     rubs = LoadDependentFriction.id in ids((*setting.base, kind()))
     servos = Looped.of(recordings, holdout, with_back_emf(setting, recordings) if rubs else setting)
-    before, longer, against = _searched(servos.models, kind)
+    before, longer, against = _searched(servos.evaluator, kind)
     shown, after = servos.sharpened(before), servos.sharpened(longer)
-    against = objection(after, shown, servos.models.train.motions) or against
+    against = objection(after, shown, servos.evaluator.train.motions) or against
     shown, after = servos.readable(shown), servos.readable(after)
-    return Addition(shown, after, servos.models.left.floors, against, servos.given.doubt)
+    return Addition(shown, after, servos.evaluator.residuals.floors, against, servos.given.doubt)
 
 
-def loosened(models: Models, terms: tuple[Term, ...]) -> tuple[Term, ...]:
+def loosened(evaluator: ModelEvaluator, terms: tuple[Term, ...]) -> tuple[Term, ...]:
     """The terms with shape parameters released from their usual values, while that is significant."""
-    for looser in sorted(freer(models, terms), key=models.promise):
-        if models.is_significant(looser, terms) and models.is_possible(looser):
-            return loosened(models, looser)
+    for looser in sorted(release_parameters(evaluator, terms), key=evaluator.screening_score):
+        if evaluator.is_significant(looser, terms) and not evaluator.violations(looser):
+            return loosened(evaluator, looser)
     return terms
 
 
-def _longer(models: Models, terms: tuple[Term, ...], kind: type[Term]) -> tuple[Term, ...]:
+def _longer(evaluator: ModelEvaluator, terms: tuple[Term, ...], kind: type[Term]) -> tuple[Term, ...]:
     """The terms with the best variant of an effect; raises IdentificationError where the motion does not show it."""
-    trial = best(models, terms, kind)
+    trial = best_variant(evaluator, terms, kind)
     if trial is None:
-        names = ", ".join(dict.fromkeys(recording.name for recording in models.train.recordings))
+        names = ", ".join(dict.fromkeys(recording.name for recording in evaluator.train.recordings))
         raise IdentificationError(
             f"{names}: nothing there shows {kind.id}: it takes {kind.description.informative_experiment}"
         )
     return trial.terms
 
 
-def _searched(models: Models, kind: type[Term]) -> tuple[Step, Step, str | None]:
+def _searched(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, Step, str | None]:
     """The base model, the same with the best variant of an effect, and what its gain says against it."""
-    models.progress("fitting without it", 0.1)
-    before = models.report(None, settle(models, models.base))
-    models.progress(f"searching {kind.id}", 0.3)
-    longer = _longer(models, before.model.terms, kind)
-    models.progress(f"fitting with {kind.id}", 0.8)
-    terms = settle(models, loosened(models, longer))
-    return before, models.report(kind.id, terms), None if models.is_significant(terms, before.model.terms) else CHANCE
+    evaluator.progress("fitting without it", 0.1)
+    before = evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))
+    evaluator.progress(f"searching {kind.id}", 0.3)
+    longer = _longer(evaluator, before.model.terms, kind)
+    evaluator.progress(f"fitting with {kind.id}", 0.8)
+    terms = refit_nonlinear(evaluator, loosened(evaluator, longer))
+    return (
+        before,
+        evaluator.fit_with_std(kind.id, terms),
+        None if evaluator.is_significant(terms, before.model.terms) else CHANCE,
+    )

@@ -7,19 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.diagnosis.judge import judge
+from estimators.diagnosis.ranking import rank_effects
 from estimators.diagnosis.result import KEPT, MENDED, UNNAMED, Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.unexplained import fit_that, held_out
 from estimators.preprocessing import Preprocessed
 from estimators.schemes.identifiability import untold_of_arm
 from estimators.selection.data import PreparedData
-from estimators.selection.left import Terms
-from estimators.selection.models import Models
+from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.physical import driving_friction
 from estimators.selection.prepared import Comparable
-from estimators.selection.search import select
-from estimators.selection.tables import explaining
+from estimators.selection.residuals import Terms
+from estimators.selection.search import search
+from estimators.selection.tables import find_explaining_law
 from estimators.signals.residual import Region, everywhere
 from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.windows import in_a_row
@@ -36,15 +36,15 @@ def examine_arm(given: Preprocessed, setting: Setting) -> Diagnosis:
     Raises:
         IdentificationError: if a joint hardly moves clear of stick.
     """
-    body, models = links_of(setting.base), setting.models(given.parts)
-    found = select(models)
-    left, unseen = left_at_joints(models, found.terms)
-    candidates, groups = judge(found, found.terms)
-    by_law = ([table for table in models.tables if table.at == at] for at in left)
-    tables = tuple(id for laws in by_law if (id := explaining(models, found.terms, laws)) is not None)
+    body, evaluator = links_of(setting.base), setting.evaluator(given.parts)
+    found = search(evaluator)
+    left, unseen = left_at_joints(evaluator, found.terms)
+    candidates, groups = rank_effects(found, found.terms)
+    by_law = ([table for table in evaluator.tables if table.at == at] for at in left)
+    tables = tuple(id for laws in by_law if (id := find_explaining_law(evaluator, found.terms, laws)) is not None)
     *others, last = found.steps
     model = last.model.biased() if left or unseen else last.model
-    seen = (in_a_row([w.samples for w in models.train.data.part(at).windows]) for at in body.joints)
+    seen = (in_a_row([w.samples for w in evaluator.train.data.part(at).windows]) for at in body.joints)
     motion = zip(*((x.position, x.velocity, x.torque) for x in seen), strict=True)
     model = model.withholding(untold_of_arm([model], *map(np.column_stack, motion))[0])
     steps = (*others, replace(last, model=model))
@@ -52,34 +52,37 @@ def examine_arm(given: Preprocessed, setting: Setting) -> Diagnosis:
         steps=steps,
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
-        unexplained=where_it_stands_out(models, found.terms, left, unseen),
-        floors=models.left.floors,
+        unexplained=where_it_stands_out(evaluator, found.terms, left, unseen),
+        floors=evaluator.residuals.floors,
         advice=(
             *driving_friction(model),
             *(f"{text}: {MENDED}" for text in given.timing_texts(True)),
         ),
-        forbidden=fit_that(models) + PERHAPS_CARRIED * bool(given.holdout)
+        forbidden=fit_that(evaluator) + PERHAPS_CARRIED * bool(given.holdout)
         if unseen and not left
         else what_is_open(groups, tables, bool(left or unseen), body),
         tables=tables,
         data=given.fresh(model.terms),
         left=left | unseen,
         alignments=given.alignments,
+        evaluator=evaluator,
     )
 
 
-def left_at_joints(models: Models, terms: Terms) -> tuple[dict[str, float], dict[str, float]]:
+def left_at_joints(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, float], dict[str, float]]:
     """Torque that terms leave of joints and that is no noise [N m]: what neighbouring windows share, or all.
 
     The second are of the held-out data, at joints where nothing is left of what was fitted.
     """
     fitted, unseen = (
         {
-            at: own.shared if own.sure > models.criterion.sure else own.all
+            at: own.correlated_rms if own.z_score > evaluator.criterion.z_score else own.rms
             for at, own in found.items()
-            if not models.criterion.is_noise(own, max(models.left.noise_of(part, at), _as_windows(part).negligible(at)))
+            if not evaluator.criterion.is_noise(
+                own, max(evaluator.residuals.noise_floor(part, at), _as_windows(part).negligible(at))
+            )
         }
-        for part, found in zip(models.parts, models.left.structures(terms), strict=True)
+        for part, found in zip(evaluator.parts, evaluator.residuals.structures(terms), strict=True)
     )
     return fitted, {at: size for at, size in unseen.items() if at not in fitted}
 
@@ -90,7 +93,7 @@ def _as_windows(part: Comparable) -> Dataset:
 
 
 def where_it_stands_out(
-    models: Models, terms: Terms, joints: Collection[str], unseen: Collection[str]
+    evaluator: ModelEvaluator, terms: Terms, joints: Collection[str], unseen: Collection[str]
 ) -> tuple[Region, ...]:
     """Where what terms leave stands out most of the noise, one region of each joint, everywhere if it does nowhere.
 
@@ -98,8 +101,13 @@ def where_it_stands_out(
     """
     regions = []
     for part, residual, places, prefix in (
-        (models.train, models.regression.residual(terms), joints, ""),
-        (models.holdout, models.left.unseen(terms), unseen, f"in what was held out ({held_out(models)})"),
+        (evaluator.train, evaluator.regression.residual(terms), joints, ""),
+        (
+            evaluator.holdout,
+            evaluator.residuals.holdout_residual(terms),
+            unseen,
+            f"in what was held out ({held_out(evaluator)})",
+        ),
     ):
         assert isinstance(part, PreparedData)
         for at in places:

@@ -21,8 +21,8 @@ from estimators.diagnosis.suggestion import RATE, Aim, Suggestion
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import least_squares
 from estimators.schemes.identifiability import Doubt
-from estimators.selection.models import Models
-from estimators.selection.moves import best
+from estimators.selection.candidates import best_variant
+from estimators.selection.evaluator import ModelEvaluator
 from estimators.signals.residual import Region, turns
 from estimators.weak_form.dataset import Dataset, dataset
 from estimators.weak_form.windows import cut
@@ -123,7 +123,7 @@ class Question:
 
 
 def questions(
-    models: Models,
+    evaluator: ModelEvaluator,
     terms: Sequence[Term],
     groups: Sequence[tuple[str, ...]],
     candidates: Sequence[Candidate],
@@ -136,13 +136,13 @@ def questions(
     asked = []
     for id, instead in pairs:
         others = [term for term in terms if term.id != instead]
-        if id in models.library.keys() - present and len(others) < len(terms):
-            trial = best(models, tuple(others), models.library[id])
+        if id in evaluator.library.keys() - present and len(others) < len(terms):
+            trial = best_variant(evaluator, tuple(others), evaluator.library[id])
             if trial is not None:
                 asked.append(Question(Aim(id, instead), trial.terms))
     for candidate in candidates:
-        kind = models.library[candidate.effect]
-        out_of_reach = untested_range(kind(), *models.train.reach())  # a motion that is not risked for a mere suspicion
+        kind = evaluator.library[candidate.effect]
+        out_of_reach = untested_range(kind(), *evaluator.train.reach())  # no motion is risked for a mere suspicion
         asked_already = candidate.effect in {question.aim.effect for question in asked}
         if candidate.verdict is Verdict.NOT_EXCITED and not out_of_reach and not asked_already:
             asked.append(Question(Aim(candidate.effect), tuple(terms), of_typical_size(kind)))
@@ -157,7 +157,7 @@ def of_typical_size(kind: type[Term]) -> tuple[Term, Array]:
 
 
 def suggest(
-    models: Models,
+    evaluator: ModelEvaluator,
     model: Model,
     asked: Sequence[Question],
     limits: Limits,
@@ -166,7 +166,7 @@ def suggest(
     """The experiment that settles most of what is open, and goes to the angle where most is left unexplained.
 
     Args:
-        models: what the diagnosis worked with.
+        evaluator: what the diagnosis worked with.
         model: that foretells the motion.
         asked: what is open.
         limits: of the rig.
@@ -178,21 +178,21 @@ def suggest(
     """
     if not asked:
         return None, [], None
-    recorded, torque = models.train.samples, limits.torque or limits.usual
-    (low, high), fastest = limits.reach(models.train.recordings), limits.fastest(recorded)
-    runs = rehearse(models, model, torque)
+    recorded, torque = evaluator.train.samples, limits.torque or limits.usual
+    (low, high), fastest = limits.reach(evaluator.train.recordings), limits.fastest(recorded)
+    runs = rehearse(evaluator, model, torque)
     allowed = [run for run in runs if low <= run.reach[0] and run.reach[1] <= high and run.peak_speed <= fastest]
     place = next((0.5 * (own.low + own.high) for own in left[:1] if own.axis == "position"), None)
     if place is not None and not turns(recorded.position):
         allowed = [run for run in allowed if run.reach[0] <= place <= run.reach[1]]
-    suggestion, unsettled = _choose(models, allowed, asked)
+    suggestion, unsettled = _choose(evaluator, allowed, asked)
     if not unsettled:
         return suggestion, [], None
     if limits.usual > torque:
-        runs = [*runs, *rehearse(models, model, limits.usual)]
+        runs = [*runs, *rehearse(evaluator, model, limits.usual)]
     if not runs:  # the model runs away under every torque: nobody knows
         return None, [], None
-    _, hopeless = _choose(models, runs, unsettled)
+    _, hopeless = _choose(evaluator, runs, unsettled)
     aims = [question.aim for question in hopeless]
     forbidden = [question.aim.text for question in unsettled if question.aim not in aims]
     if not forbidden:
@@ -205,7 +205,9 @@ def suggest(
     return suggestion, aims, text
 
 
-def _choose(models: Models, runs: Sequence[Run], asked: Sequence[Question]) -> tuple[Suggestion | None, list[Question]]:
+def _choose(
+    evaluator: ModelEvaluator, runs: Sequence[Run], asked: Sequence[Question]
+) -> tuple[Suggestion | None, list[Question]]:
     """The experiment of some that settles most, and what none of them settles."""
     if not runs:
         return None, list(asked)
@@ -214,7 +216,7 @@ def _choose(models: Models, runs: Sequence[Run], asked: Sequence[Question]) -> t
         if len(run.data.weights) >= DESIGN.fewest:
             rivals = {terms: run.data.equations(terms) for terms in {question.terms for question in asked}}
             told = [question.unexplained(run.data, rivals[question.terms]) for question in asked]
-            shown[j] = np.array(told) / models.left.floor
+            shown[j] = np.array(told) / evaluator.residuals.noise_floor()
     answerable = shown.max(axis=0) > DESIGN.shown
     # one question well settled and one open is worse than both settled
     worth = np.log1p(np.minimum(shown[:, answerable], DESIGN.plenty)).sum(axis=1)
@@ -261,17 +263,17 @@ class Run:
         return Suggestion(self.signal, DESIGN.seconds, settled, peak, self.reach, self.peak_speed)
 
 
-def rehearse(models: Models, model: Model, torque: float) -> list[Run]:
+def rehearse(evaluator: ModelEvaluator, model: Model, torque: float) -> list[Run]:
     """Simulate candidate signals up to a torque [N m], sampled and windowed much as the recordings are.
 
     Motions that are far faster than any recorded are left out: a light joint with hardly any friction runs away.
     """
-    windows = models.train.data.windows[0]
+    windows = evaluator.train.data.windows[0]
     recorded = windows.recording.rate
     rate, half_width = min(RATE, recorded), (len(windows.kernel) // 2) / recorded
     seconds = DESIGN.seconds
     time = np.arange(round(seconds * rate)) / rate
-    fastest = DESIGN.fastest * float(np.abs(models.train.samples.velocity).max())
+    fastest = DESIGN.fastest * float(np.abs(evaluator.train.samples.velocity).max())
     shares = DESIGN.shares
     signals = [signal for share in shares for signal in family(np.random.default_rng(0), seconds, share * torque)]
     torques = np.column_stack([signal.signal(time) for signal in signals])

@@ -15,7 +15,7 @@ import numpy as np
 
 from estimators.checks.remedies import remedies
 from estimators.checks.torque_constant import widened
-from estimators.diagnosis.judge import judge
+from estimators.diagnosis.ranking import rank_effects
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.in_loop.fit import LOOP
@@ -26,9 +26,9 @@ from estimators.progress import no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.errors import Step, of_one
-from estimators.selection.models import Models
+from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.physical import sure_sign
-from estimators.selection.search import Selection, select
+from estimators.selection.search import SearchResult, search
 from estimators.signals.residual import Region, everywhere
 from estimators.simulation.output_error import Point
 from estimators.weak_form.windows import WHOLE
@@ -49,12 +49,12 @@ class Looped:
     """Servos ready to be compared with models in the loop.
 
     Attributes:
-        models: what the recordings say of models.
+        evaluator: what the recordings say of models.
         train, check: fitted and held-out recordings.
         given: the same in the unit of their torque.
     """
 
-    models: Models
+    evaluator: ModelEvaluator
     train: InLoop
     check: InLoop
     given: Preprocessed
@@ -77,9 +77,9 @@ class Looped:
         train = likeliest_way(ways, base, list(library.values()))
         rest = Rollouts(unseen, is_held=train.data.is_held, shares=last)
         check = InLoop(rest, PreparedData.of(unseen, part=last), train)
-        criterion = replace(setting.criterion, share=LOOP.needed, needed=LOOP.needed)
-        models = replace(setting, base=base, library=library, criterion=criterion).models((train, check))
-        return cls(models, train, check, given)
+        criterion = replace(setting.criterion, explained_share=LOOP.needed, needed_share=LOOP.needed)
+        evaluator = replace(setting, base=base, library=library, criterion=criterion).evaluator((train, check))
+        return cls(evaluator, train, check, given)
 
     @cached_property
     def fine(self) -> tuple[InLoop, InLoop]:
@@ -87,14 +87,14 @@ class Looped:
         train = replace(self.train, data=replace(self.train.data, steps=FINE))
         return train, replace(self.check, data=replace(self.check.data, steps=FINE), guide=train)
 
-    def searched(self) -> tuple[Selection, Selection]:
+    def searched(self) -> tuple[SearchResult, SearchResult]:
         """What is found, and what of it stands with shorter steps of the integrator."""
-        found = select(self.models)
+        found = search(self.evaluator)
         return found, replace(found, steps=self.confirmed(found.steps))
 
     def confirmed(self, steps: Sequence[Step]) -> list[Step]:
         """Steps sharpened, without effects that predict no better with shorter steps: they made up for long ones."""
-        models = replace(self.models, train=self.fine[0], holdout=self.fine[1])
+        evaluator = replace(self.evaluator, train=self.fine[0], holdout=self.fine[1])
         found = [self.sharpened(step) for step in steps]
         rungs = {ids(step.model.terms): step.model.terms for step in found}
         terms, named = found[-1].model.terms, [step.added for step in steps[1:]]
@@ -102,7 +102,7 @@ class Looped:
         def without(*left_out: str | None) -> tuple[Term, ...]:
             return tuple(term for term in terms if term.id not in left_out)
 
-        while idle := [id for id in named if not models.is_significant(terms, without(id))]:
+        while idle := [id for id in named if not evaluator.is_significant(terms, without(id))]:
             named.remove(idle[-1])
             rest = without(idle[-1])
             terms = rungs.get(ids(rest)) or self.fine[0].regression.with_shapes(rest)
@@ -169,7 +169,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
             servos, (searched, found) = again, both
     given = servos.given
     setting.progress("judging", 0.93)
-    candidates, groups = judge(found, found.terms)
+    candidates, groups = rank_effects(found, found.terms)
     dropped = ids(searched.terms) - ids(found.terms)
     candidates = [replace(own, reason=MADE_UP) if own.effect in dropped else own for own in candidates]
     left = unexplained(found, servos.fine[0])
@@ -187,6 +187,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         torque_unit=given.unit,
         torque_constant=given.constant,
         data=given,
+        evaluator=found.evaluator,
     )
     return _beside_torque(diagnosis, setting)
 
@@ -203,7 +204,7 @@ def _beside_torque(found: Diagnosis, setting: Setting) -> Diagnosis:
         library = {id: kind for id, kind in setting.library.items() if kind.kind != "transmission"}
         alone = replace(setting, base=found.steps[0].model.terms, library=library, progress=no_progress)
         with suppress(IdentificationError):  # too little motion for a regression
-            by_torque = select(replace(alone.models(given.timed().parts), tables=()))
+            by_torque = search(replace(alone.evaluator(given.timed().parts), tables=()))
             found = replace(found, by_torque=tuple(sorted(ids(by_torque.terms) - ids(alone.base))))
     setting.progress("done", 1.0)
     return found
@@ -277,7 +278,7 @@ def likeliest_way(ways: Sequence[InLoop], base: Sequence[Term], effects: Sequenc
     """
 
     def of(one: InLoop) -> float:
-        terms = one.regression.settle(base)
+        terms = one.regression.converge(base)
         beside = [effect for effect in effects if effect.id not in ids(terms)]
         foreseen = [trial for effect in beside for trial in one.screen.ranked(terms, effect)[:1]]
         promising = sorted(foreseen, key=lambda trial: trial.fitted_rms)[: LOOP.promising]
@@ -320,11 +321,11 @@ def under_voltage(recordings: Sequence[Recording]) -> list[Recording]:
     return [own for own in recordings if own.drive is not None and own.drive.output in ("duty", "voltage")]
 
 
-def unexplained(found: Selection, train: InLoop) -> list[Region]:
+def unexplained(found: SearchResult, train: InLoop) -> list[Region]:
     """What the final model leaves of the motion, and where most of it is."""
-    models, last, data = found.models, found.steps[-1], train.data
+    evaluator, last, data = found.evaluator, found.steps[-1], train.data
     left = train.residual(last.model.terms, np.asarray(last.model.theta))
-    if models.left.is_noise(models.train, left):
+    if evaluator.residuals.is_noise_in(evaluator.train, left):
         return []
     sizes = np.array([np.mean(np.abs(left[data.recording_of == k])) for k in range(len(data.recordings))])
     worst = int(np.argmax(sizes))
@@ -332,4 +333,4 @@ def unexplained(found: Selection, train: InLoop) -> list[Region]:
     most = f", most of it in {data.recordings[worst].name} ({sizes[worst]:.2g} rad)" if len(sizes) > 1 else ""
     times = f"{error / floor:.2g} times the encoder's noise"
     text = f"simulated from its goal, the servo is off by {error:.2g} rad, {times}{most}"
-    return [everywhere(text, models.train.samples, error, floor)]
+    return [everywhere(text, evaluator.train.samples, error, floor)]

@@ -16,6 +16,9 @@ from estimators.prediction import Prediction, predictions
 from estimators.preprocessing import Preprocessed
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step, of_one
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.gates import Gate
+from estimators.selection.residuals import Terms
 from estimators.selection.score import Gain
 from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
@@ -59,6 +62,8 @@ class Candidate:
         reason: why, in words.
         gain: what it predicts better than its absence beside the other effects of the final model, where that is known.
         variants: number of forms of the effect, of the best of which that is: one of many gains something by chance.
+        gates: tests that the effect met, in order; a rejected effect failed the last.
+        terms: of the model that was evaluated; empty if the effect was not tried.
     """
 
     effect: str
@@ -68,6 +73,8 @@ class Candidate:
     reason: str
     gain: Gain | None = None
     variants: int = 1
+    gates: tuple[Gate, ...] = ()
+    terms: Terms = field(default=(), compare=False, repr=False)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -78,6 +85,7 @@ class Candidate:
             "error_ratio": self.error_ratio,
             "reason": self.reason,
             "gain": self.gain.json() | {"variants": self.variants} if self.gain is not None else None,
+            "gates": [gate.json() for gate in self.gates],
         }
 
 
@@ -128,6 +136,7 @@ class Diagnosis:
         data: that it was made of, without recordings that disagree; None of a diagnosis that was read from a file.
         left: of an arm, torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
         by_torque: of a servo in the loop, effects that its torque calls for by itself; None if none was logged.
+        evaluator: fits and scores of the search; `evaluator.model(candidate.terms)` is a candidate. Not pickled.
     """
 
     steps: tuple[Step, ...]
@@ -148,6 +157,10 @@ class Diagnosis:
     data: Preprocessed | None = field(default=None, compare=False, repr=False)
     left: Mapping[str, float] = field(default_factory=dict)
     by_torque: tuple[str, ...] | None = None
+    evaluator: ModelEvaluator | None = field(default=None, compare=False, repr=False)
+
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in self.__dict__.items() if name != "evaluator"}
 
     @property
     def model(self) -> Model:

@@ -21,7 +21,7 @@ from estimators.checks.torque_constant import of_the_drive, told
 from estimators.diagnosis.arm import examine_arm
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.in_loop import diagnose_in_loop
-from estimators.diagnosis.judge import judge
+from estimators.diagnosis.ranking import rank_effects
 from estimators.diagnosis.result import KEPT, MENDED, UNNAMED, Diagnosis
 from estimators.diagnosis.sensitivity import detectable
 from estimators.diagnosis.setting import Setting
@@ -31,15 +31,15 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, forward, no_progress
 from estimators.schemes.identifiability import identifiability, untold
+from estimators.selection.candidates import refit_nonlinear
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import fit_terms
-from estimators.selection.models import Models, held_out_cost
+from estimators.selection.evaluator import ModelEvaluator, held_out_cost
 from estimators.selection.motion import is_misfit, refine, refit
-from estimators.selection.moves import settle
 from estimators.selection.physical import impossible
 from estimators.selection.prepared import Data
-from estimators.selection.search import Selection, select
-from estimators.selection.tables import explaining
+from estimators.selection.search import SearchResult, search
+from estimators.selection.tables import find_explaining_law
 from estimators.signals.measurements import measure_segments
 from estimators.signals.residual import Region
 from estimators.weak_form.instruments import fit_by_reference
@@ -235,16 +235,16 @@ def _of_timing(given: Preprocessed, found: Diagnosis) -> list[str]:
 
 def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
-    first = models = setting.models(given.parts)
+    first = evaluator = setting.evaluator(given.parts)
     followed = fit_by_reference(given.parts[0].data, setting.base) if setting.by_reference else None
-    if (mislogged := _mislogged(given, models)) is not None:
+    if (mislogged := _mislogged(given, evaluator)) is not None:
         return mislogged
-    rough, given = _looked_closer(given, models, setting)
+    rough, given = _looked_closer(given, evaluator, setting)
     setting.progress("refitting", 0.93)
     found = refit(rough)
-    models, steps = found.models, found.steps
+    evaluator, steps = found.evaluator, found.steps
     if followed is not None:
-        steps = [models.with_errors(None, followed), *steps[1:]]
+        steps = [evaluator.make_step(None, followed), *steps[1:]]
     final = (rough.steps if ids(rough.terms) == ids(steps[-1].model.terms) else steps)[-1].model.terms
     measured = [m for recording in given.recordings for m in measure_segments(recording)]
     doubts = identifiability(measured, steps[-1].model.terms)
@@ -252,23 +252,25 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     doubts = (*doubts, *unknown)
     last = steps[-1].model.withholding({name for doubt in unknown for name in doubt.withheld})
     steps = [*steps[:-1], replace(steps[-1], model=last)]
-    candidates, groups = judge(replace(found, steps=steps), final, doubts)
+    candidates, groups = rank_effects(replace(found, steps=steps), final, doubts)
     setting.progress("looking for the next experiment", 0.95)
-    left, held_out = unexplained(replace(found, steps=steps)), of_held_out(models, final)
+    left, held_out = unexplained(replace(found, steps=steps)), of_held_out(evaluator, final)
     table = found.table.id if found.table is not None and found.table.id in TABLES else None
     if left and table is None:
-        table = explaining(models, steps[-1].model.terms, TABLES.values())
+        table = find_explaining_law(evaluator, steps[-1].model.terms, TABLES.values())
     kept = None if table is None else KEPT.format(table=table)
-    asked = questions(models, steps[-1].model.terms, groups, candidates, doubts)
-    if impossible(last, models.train.motions) or not last.is_inertia_known:
+    asked = questions(evaluator, steps[-1].model.terms, groups, candidates, doubts)
+    if impossible(last, evaluator.train.motions) or not last.is_inertia_known:
         asked = []  # the motion under another torque is unknown
-    suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, left)
+    suggestion, hopeless, forbidden = suggest(evaluator, steps[-1].model, asked, setting.limits, left)
     if not last.is_inertia_known:
         forbidden = f"the motion of an experiment cannot be predicted without the inertia: {INERTIA_REMEDY}"
     elif left and not asked:
         forbidden = held_out or kept or UNNAMED
-    would_show = () if left or len(final) > len(models.base) else detectable(models, tuple(final), models.library)
-    experiments = [models.library[group[-1]].description.informative_experiment for group in groups]
+    would_show = (
+        () if left or len(final) > len(evaluator.base) else detectable(evaluator, tuple(final), evaluator.library)
+    )
+    experiments = [evaluator.library[group[-1]].description.informative_experiment for group in groups]
     look_alike = [
         f"{' and '.join(group)} look the same in these data; to tell them apart: {experiment}"
         for group, experiment in zip(groups, experiments, strict=True)
@@ -278,7 +280,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=tuple(left),
-        floors=models.left.floors,
+        floors=evaluator.residuals.floors,
         advice=(
             *look_alike,
             *_of_little(first.train.data),
@@ -294,36 +296,39 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
         tables=() if table is None else (table,),
         inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
         data=given.fresh(),
+        evaluator=evaluator,
     )
 
 
-def _mislogged(given: Preprocessed, models: Models) -> Diagnosis | None:
+def _mislogged(given: Preprocessed, evaluator: ModelEvaluator) -> Diagnosis | None:
     """What is said of torque that is logged turned round, if it is: no effect is named before that is mended."""
-    text = turned_round(fit_terms(models.train, models.base)[0], given.recordings)
+    text = turned_round(fit_terms(evaluator.train, evaluator.base)[0], given.recordings)
     if text is None:
         return None
-    step = models.report(None, settle(models, models.base))
-    region = Region("time", 0.0, float(models.train.samples.time.max()), 0.0, 0.0, text)
-    return Diagnosis((step,), (), (), (region,), models.left.floors, (text,), forbidden=text, data=given)
+    step = evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))
+    region = Region("time", 0.0, float(evaluator.train.samples.time.max()), 0.0, 0.0, text)
+    return Diagnosis((step,), (), (), (region,), evaluator.residuals.floors, (text,), forbidden=text, data=given)
 
 
-def _looked_closer(given: Preprocessed, models: Models, setting: Setting) -> tuple[Selection, Preprocessed]:
+def _looked_closer(
+    given: Preprocessed, evaluator: ModelEvaluator, setting: Setting
+) -> tuple[SearchResult, Preprocessed]:
     """What was found, and the data in which it was.
 
     What happens near turns shows in windows that come closer to them, if through more noise, and in those near turns
     that miss more torque than dry friction can be.
     """
-    rough = refine(select(models))
-    if rough.models.left.are_noise(rough.terms)[0] and is_misfit(rough.models, rough.steps[-1]):
-        closer = given.closer(models.criterion.closer)
-        found = refine(select(setting.models(closer.parts)))
+    rough = refine(search(evaluator))
+    if rough.evaluator.residuals.is_noise_by_part(rough.terms)[0] and is_misfit(rough.evaluator, rough.steps[-1]):
+        closer = given.closer(evaluator.criterion.shorter_window)
+        found = refine(search(setting.evaluator(closer.parts)))
         if len(found.steps) > 1 and held_out_cost(found.steps[-1]) < held_out_cost(rough.steps[-1]):
             rough, given = found, closer
     struck = given.with_impacts(rough.terms)
     if struck is not given:
-        found = refine(select(setting.models(struck.parts)))
-        before = found.models.with_errors(None, rough.steps[-1].model)
-        if len(found.steps) > 1 and found.models.is_confirmed(found.steps[-1], before):
+        found = refine(search(setting.evaluator(struck.parts)))
+        before = found.evaluator.make_step(None, rough.steps[-1].model)
+        if len(found.steps) > 1 and found.evaluator.is_confirmed(found.steps[-1], before):
             rough, given = found, struck
     return rough, given
 

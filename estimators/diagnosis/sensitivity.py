@@ -6,8 +6,8 @@ import numpy as np
 
 from estimators.diagnosis.experiment import of_typical_size
 from estimators.diagnosis.result import Detectable
-from estimators.selection.left import Terms
-from estimators.selection.models import Models
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.residuals import Terms
 from estimators.signals.residual import turns
 from pendulum_env.physics import Term
 
@@ -16,7 +16,7 @@ CLEAR = 2.0  # times what counts as structure: windows next to each other share 
 DOUBT = 3.0  # times the gain that chance may give, which is then found nearly always
 
 
-def smallest(models: Models, terms: Terms, kind: type[Term]) -> float | None:
+def smallest(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -> float | None:
     """Smallest size of an effect that would have shown beside the terms, in the unit of its first parameter.
 
     An effect whose torque has a root mean square r after a fit of the terms gains about N/2 log(1 + r^2 / s^2) nats
@@ -26,32 +26,34 @@ def smallest(models: Models, terms: Terms, kind: type[Term]) -> float | None:
     term, theta = of_typical_size(kind)
     if not len(theta):
         return None
-    (columns,) = models.regression.columns([term])
-    torque, phi = columns.linear @ theta, models.regression.balance(terms).phi
+    (columns,) = evaluator.regression.columns([term])
+    torque, phi = columns.linear @ theta, evaluator.regression.balance(terms).phi
     left = torque - phi @ np.linalg.lstsq(phi, torque, rcond=1e-10)[0]
     shown = float(np.sqrt(np.mean(left**2)))
     if shown < 1e-9 * float(np.sqrt(np.mean(torque**2))) or shown == 0.0:
         return None
-    noise = max(models.left.floor, float(np.sqrt(np.mean(models.regression.residual(terms) ** 2))))
-    correlated = CLEAR * models.criterion.sure / float(np.sqrt(len(left)))  # r^2 / (r^2 + s^2) that is surely shared
+    noise = max(evaluator.residuals.noise_floor(), float(np.sqrt(np.mean(evaluator.regression.residual(terms) ** 2))))
+    correlated = (
+        CLEAR * evaluator.criterion.z_score / float(np.sqrt(len(left)))
+    )  # r^2 / (r^2 + s^2) that is surely shared
     if correlated >= 1.0:
         return None
-    nats = DOUBT * models.penalty((*terms, term), terms)
+    nats = DOUBT * evaluator.penalty((*terms, term), terms)
     least = max(
         noise * float(np.sqrt(np.expm1(2 * nats / len(left)))),
         noise * float(np.sqrt(correlated / (1.0 - correlated))),
-        CLEAR * models.criterion.noise * models.left.floor,
+        CLEAR * evaluator.criterion.noise_ratio * evaluator.residuals.noise_floor(),
     )
     return float(np.linalg.norm(theta)) * least / shown
 
 
-def detectable(models: Models, terms: Terms, library: Mapping[str, type[Term]]) -> tuple[Detectable, ...]:
+def detectable(evaluator: ModelEvaluator, terms: Terms, library: Mapping[str, type[Term]]) -> tuple[Detectable, ...]:
     """What would have shown beside the terms, and from which size on."""
-    sizes = {id: smallest(models, terms, library[id]) for id in TOLD if id in library}
+    sizes = {id: smallest(evaluator, terms, library[id]) for id in TOLD if id in library}
     found = [
         Detectable(id, size, of_typical_size(library[id])[0].columns[0].unit)
         for id, size in sizes.items()
         if size is not None
     ]
-    stop = [] if turns(models.train.samples.position) else [Detectable("hard_stop", between=models.train.reach())]
+    stop = [] if turns(evaluator.train.samples.position) else [Detectable("hard_stop", between=evaluator.train.reach())]
     return (*found, *stop)

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.selection.models import Models
+from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import is_misfit
 from estimators.selection.physical import impossible
 from estimators.selection.prepared import Comparable
-from estimators.selection.search import Selection
+from estimators.selection.search import SearchResult
 from estimators.signals.motion import SLOWEST
 from estimators.signals.residual import Region, everywhere, stand_out
 from pendulum_env._typing import Array
@@ -17,34 +17,34 @@ from pendulum_env.physics import Term
 from pendulum_env.words import listing
 
 
-def unexplained(found: Selection) -> list[Region]:
+def unexplained(found: SearchResult) -> list[Region]:
     """Regions that the final model leaves unexplained, in torque or else in free-running motion, fitted or held out."""
-    models, last = found.models, found.steps[-1]
-    wrong = impossible(last.model, models.train.motions)
+    evaluator, last = found.evaluator, found.steps[-1]
+    wrong = impossible(last.model, evaluator.train.motions)
     if wrong:
         text = (
             f"the best fit has {listing(wrong)}, which no body has: check the signs of torque and position, "
             "or record a motion of more than one frequency"
         )
         return [everywhere(text)]
-    left = models.train.watching(last.model).residual(last.model.terms, last.model.theta)
-    is_noise = found.table is None and models.left.is_noise(models.train, left)
-    regions = [] if is_noise else stand_out(models.train.samples, left, models.left.floor)
+    left = evaluator.train.with_link_states(last.model).residual(last.model.terms, last.model.theta)
+    is_noise = found.table is None and evaluator.residuals.is_noise_in(evaluator.train, left)
+    regions = [] if is_noise else stand_out(evaluator.train.samples, left, evaluator.residuals.noise_floor())
     if found.table is not None:
         place = next((own for own in regions if own.axis == found.table.axis), None)
         text = f"{found.table.told} would explain most of it, and no effect of the library is such a law"
         if place is None:
-            return [everywhere(text, models.train.samples), *regions]
+            return [everywhere(text, evaluator.train.samples), *regions]
         return [replace(place, text=f"{text}; {place.text}"), *(own for own in regions if own is not place)]
     if not is_noise:
-        return regions or _nowhere(models, models.train, left)
-    unseen = models.left.unseen(last.model.terms)
-    if not models.left.is_noise(models.holdout, unseen):
-        beyond = stand_out(models.holdout.samples, unseen, models.left.noise_of(models.holdout))
-        unlike = f"in what was held out ({held_out(models)})"
-        beyond = beyond or _nowhere(models, models.holdout, unseen)
+        return regions or _nowhere(evaluator, evaluator.train, left)
+    unseen = evaluator.residuals.holdout_residual(last.model.terms)
+    if not evaluator.residuals.is_noise_in(evaluator.holdout, unseen):
+        beyond = stand_out(evaluator.holdout.samples, unseen, evaluator.residuals.noise_floor(evaluator.holdout))
+        unlike = f"in what was held out ({held_out(evaluator)})"
+        beyond = beyond or _nowhere(evaluator, evaluator.holdout, unseen)
         return [replace(region, text=f"{unlike} {region.text}") for region in beyond]
-    if not is_misfit(models, last):
+    if not is_misfit(evaluator, last):
         return []
     error = last.errors["train"].position_rms
     text = (
@@ -54,25 +54,25 @@ def unexplained(found: Selection) -> list[Region]:
     return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, text)]
 
 
-def of_held_out(models: Models, final: Sequence[Term]) -> str | None:
+def of_held_out(evaluator: ModelEvaluator, final: Sequence[Term]) -> str | None:
     """What is said where held-out data alone show more."""
-    return fit_that(models) if models.left.are_noise(tuple(final)) == (True, False) else None
+    return fit_that(evaluator) if evaluator.residuals.is_noise_by_part(tuple(final)) == (True, False) else None
 
 
-def fit_that(models: Models) -> str:
+def fit_that(evaluator: ModelEvaluator) -> str:
     """What is said where what was fitted is explained, and what was held out is not."""
-    return f"what was fitted is explained, and what was held out ({held_out(models)}) is not: fit that, too"
+    return f"what was fitted is explained, and what was held out ({held_out(evaluator)}) is not: fit that, too"
 
 
-def held_out(models: Models) -> str:
+def held_out(evaluator: ModelEvaluator) -> str:
     """Names of the held-out recordings."""
-    return listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
+    return listing(list(dict.fromkeys(recording.name for recording in evaluator.holdout.recordings)))
 
 
-def _nowhere(models: Models, part: Comparable, left: Array) -> list[Region]:
+def _nowhere(evaluator: ModelEvaluator, part: Comparable, left: Array) -> list[Region]:
     """What is said of a residual (R,) that stands out nowhere: nothing, unless it is too much for noise."""
-    size, floor = float(np.sqrt(np.mean(left**2))), models.left.noise_of(part)
-    if size <= models.criterion.misfit * floor:
+    size, floor = float(np.sqrt(np.mean(left**2))), evaluator.residuals.noise_floor(part)
+    if size <= evaluator.criterion.misfit * floor:
         return []
     text = (
         f"{size:.2g} N m of torque are left, {size / floor:.2g} times what the sensors' noise gives, at no one speed, "

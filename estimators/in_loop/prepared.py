@@ -76,7 +76,7 @@ class InLoop:
         """Inertia by which noise is scaled, by the joint's name: that of positions needs none."""
         return dict.fromkeys(self.data.joints, 0.0)
 
-    def watching(self, model: Model) -> InLoop:
+    def with_link_states(self, model: Model) -> InLoop:
         """The same: a link moves along in a simulation."""
         return self
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from estimators.in_loop.fit import LOOP, Linear, fit, likeliest, linear, scale_of
 from estimators.in_loop.rollouts import Rollouts
-from estimators.kept import kept
+from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
 from estimators.selection.columns import bounds
 from estimators.selection.data import PreparedData
@@ -76,7 +76,7 @@ class LoopRegression:
         """The terms with shape parameters that follow others as these were fitted."""
         return self.near(terms).point.terms
 
-    def settle(self, terms: Sequence[Term]) -> Terms:
+    def converge(self, terms: Sequence[Term]) -> Terms:
         """The terms fitted as closely as can be, with shape parameters that follow others."""
         key = tuple(terms)
         if self.guide is None and key not in self._settled:
@@ -97,7 +97,7 @@ class LoopRegression:
         """Size of each linear parameter that matters (P,)."""
         return np.concatenate([np.empty(0), *(self._typical_of(term) for term in terms)])
 
-    @kept
+    @memoized
     def _typical_of(self, term: Term) -> Array:
         rms = np.sqrt(np.mean(self.windows.data.torque() ** 2))
         own = np.sqrt(np.mean(self.windows.data.columns([term])[0][0] ** 2, axis=0))

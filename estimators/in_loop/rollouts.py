@@ -12,7 +12,7 @@ import numpy as np
 from estimators.signals.differentiation import encoder_noise
 from estimators.signals.motion import known_load, warmth
 from estimators.simulation.output_error import Point
-from estimators.weak_form.dataset import Structure
+from estimators.weak_form.dataset import ResidualStructure
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad, Samples
@@ -164,7 +164,7 @@ class Rollouts:
 
     # what the one engine asks of data of any kind
     windows: ClassVar[tuple[Windows, ...]] = ()
-    watched: ClassVar[Mapping[str, Sequence[Samples]]] = {}
+    link_states: ClassVar[Mapping[str, Sequence[Samples]]] = {}
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -203,10 +203,10 @@ class Rollouts:
         known, block = np.unique(pairs, axis=0, return_inverse=True)
         return block.ravel(), self.recording_of, known[:, 0]
 
-    def structure(self, residual: Array, inertia: float) -> Structure:
+    def structure(self, residual: Array, inertia: float) -> ResidualStructure:
         """What is left of a motion [rad]: errors of a rollout last, so that neighbours that share them tell nothing."""
         size = float(np.sqrt(self.power(residual)))
-        return Structure(size, 0.0, size)
+        return ResidualStructure(size, 0.0, size)
 
     def power(self, residual: Array) -> float:
         """Mean square of a residual (R,), that of each recording counting by its ratio to others [rad^2].

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from estimators.in_loop.fit import LOOP, scale_of
 from estimators.in_loop.regression import LoopRegression
-from estimators.kept import kept
-from estimators.selection.candidates import best_of_forms, ranked
+from estimators.memoize import memoized
 from estimators.selection.prepared import Trial
+from estimators.selection.screening import best_of_forms, ranked
 from pendulum_env.physics import Term
 
 
@@ -42,12 +42,12 @@ class LoopScreen:
         """Number of variants among which `grid` chose."""
         return self.regression.windows.screen.looked_at(tuple(terms), effect)
 
-    @kept
+    @memoized
     def ranked(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         """The terms with each variant of the grid of an effect, the smallest error as foreseen first."""
         return ranked(self.trials, terms, self.grid(terms, effect))
 
-    @kept
+    @memoized
     def variants(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         """Best variants of an effect beside the terms, one for each set of shape parameters that are told."""
         return best_of_forms(self.ranked(terms, effect), effect, self.refine)

@@ -331,12 +331,12 @@ class EffectMonitor:
         each = zip(leaders, blocks.T[1:], odds, bets.each[:-1].tolist(), strict=True)
         for ((term,), theta), densities, probability, sure in each:
             gain = bootstrap.gain(densities, blocks[:, 0], penalty)
-            numbers = probability, gain.total, gain.error, gain.chance, sure
+            numbers = probability, gain.total, gain.error, gain.p_value, sure
             ranking.append(Standing(term.id, *numbers, term, self._theta((term,), theta)))
         ranking.sort(key=lambda one: (-round(one.probability, 3), -one.gain))
         is_missing = bool(ranking) and ranking[0].gain > 0 and self._has_missing_effect
         group = [ranking[0].effect] if is_missing else []
-        group += [one.effect for one in ranking if is_missing and one.probability > Criterion.rival]
+        group += [one.effect for one in ranking if is_missing and one.probability > Criterion.tie_probability]
         self._compare()
         change = self._change
         changed: Mapping[str, tuple[float, float]] = {} if is_missing or change is None else change.changed

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.kept import kept
+from estimators.memoize import memoized
 from estimators.regression.balance import Columns
 from estimators.weak_form.dataset import Dataset
 from pendulum_env._typing import Array
@@ -25,7 +25,7 @@ class ColumnCutter:
     data: Dataset
     _known: dict[Term, Columns] = field(default_factory=dict)
 
-    @kept
+    @memoized
     def _of_joint(self, joint: str) -> ColumnCutter:
         return ColumnCutter(self.data.part(joint))
 
@@ -72,7 +72,7 @@ class ColumnCutter:
     def _perturbed(self) -> Dataset:
         return self.data.with_more_torque(PERTURBATION * _largest(self.data.torque()))
 
-    @kept
+    @memoized
     def rates(self, term: Term) -> Array:
         """Time derivatives of the linear columns of a term (R, P), on the rows of its joint."""
         return self.data.rates(term)

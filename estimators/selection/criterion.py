@@ -1,58 +1,59 @@
-"""All numbers that decide which effect is named."""
+"""All numbers that decide which effect is selected."""
 
 from dataclasses import dataclass
 
-from estimators.weak_form.dataset import Structure
+from estimators.weak_form.dataset import ResidualStructure
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """Thresholds for adding an effect, and for a residual to count as noise, and how far the search goes.
+    """Thresholds for an effect and for noise, and limits of the search.
 
     Attributes:
-        chance: largest p-value of a gain in prediction at which an effect is added.
-        share: least share of the residual structure that an added effect explains: less is of no practical use.
-        glimpse: least share explained on a coarse grid of shapes; below it, the shape is not searched further.
-        needed: least share beside all other effects: one that explains less than is left may be part of the rest.
-        noise: times the noise floor: a part shared by neighbouring windows that is larger is structure, if significant.
-        sure: standard errors from which the correlation of neighbouring windows is significant.
-        rival: probability from which an effect counts as a competitor of another.
-        misfit: times the error due to noise, above which a simulation diverges and a torque error is more than noise.
-        certain: upper limit of any score: hit rate of the surest verdicts, whose errors have other causes than a rival.
-        most: largest number of effects in one model.
-        beam: first effects from which the search is repeated if the most promising one leaves structure.
-        unlikely: p-value of an effect on a coarse grid of shapes, above which these are not searched further.
-        tried: effects that are tried, the most promising first, until one is confirmed.
-        ordered: effects up to which every order of their steps is tried: six orders at most.
-        seen: share of an effect's torque that the others cannot imitate, below which the data do not show it.
-        moment: pieces in which a drifting torque, which hardly changes within one, is predicted from the others [s].
-        closer: share of the windows' length at a second look, where motion shows more than torque.
-        finest: share of the motion, the accuracy of initial states and integration of a simulation.
+        p_value: largest p-value of a gain in prediction at which an effect is added.
+        explained_share: least share of the residual structure that an added effect explains.
+        coarse_share: least share explained on a coarse grid of nonlinear parameters; below it, they are not refined.
+        needed_share: least share explained beside all other effects, while structure is left.
+        noise_ratio: ratio of correlated residual to noise floor from which a significant correlation is structure.
+        z_score: standard errors from which the correlation of neighbouring windows is significant.
+        tie_probability: probability from which an effect counts as a competitor of another.
+        misfit: ratio of an error to its noise floor above which it is more than noise.
+        max_score: upper limit of any score: the hit rate of the best verdicts.
+        max_effects: largest number of effects in one model.
+        beam: number of first effects from which the search is repeated if the first search leaves structure.
+        coarse_p_value: largest p-value on a coarse grid of nonlinear parameters; above it, they are not refined.
+        max_tried: number of effects that are tried, best score first, until one is confirmed.
+        max_ordered: number of effects up to which every order of their steps is tried.
+        least_excitation: least share of an effect's torque that the other terms cannot imitate.
+        drift_piece: length of the pieces in which a drifting torque is predicted from the others [s].
+        shorter_window: share of the windows' length in a second search, where motion shows more than torque.
+        accuracy: share of the motion that initial states and integration of a simulation are accurate to.
     """
 
-    chance: float = 0.05
-    share: float = 0.2
-    glimpse: float = 0.05
-    needed: float = 0.5
-    noise: float = 0.5
-    sure: float = 5.0
-    rival: float = 0.05
+    p_value: float = 0.05
+    explained_share: float = 0.2
+    coarse_share: float = 0.05
+    needed_share: float = 0.5
+    noise_ratio: float = 0.5
+    z_score: float = 5.0
+    tie_probability: float = 0.05
     misfit: float = 2.5
-    certain: float = 0.98
-    most: int = 6
+    max_score: float = 0.98
+    max_effects: int = 6
     beam: int = 3
-    unlikely: float = 0.5
-    tried: int = 8
-    ordered: int = 3
-    seen: float = 0.001
-    moment: float = 0.2
-    closer: float = 0.5
-    finest: float = 0.001
+    coarse_p_value: float = 0.5
+    max_tried: int = 8
+    max_ordered: int = 3
+    least_excitation: float = 0.001
+    drift_piece: float = 0.2
+    shorter_window: float = 0.5
+    accuracy: float = 0.001
 
-    def shows(self, left: Structure, floor: float) -> bool:
-        """Whether a residual is more than white noise: significantly correlated between windows, or too large."""
-        return left.sure >= self.sure or left.all > self.misfit * floor
+    def has_structure(self, residual: ResidualStructure, floor: float) -> bool:
+        """Return whether a residual is more than white noise: correlated between windows, or too large."""
+        return residual.z_score >= self.z_score or residual.rms > self.misfit * floor
 
-    def is_noise(self, left: Structure, floor: float) -> bool:
-        """Whether a residual counts as noise: white, or too small to matter."""
-        return not self.shows(left, floor) or max(left.shared / self.noise, left.all / self.misfit) < floor
+    def is_noise(self, residual: ResidualStructure, floor: float) -> bool:
+        """Return whether a residual counts as noise: white, or too small to matter."""
+        small = max(residual.correlated_rms / self.noise_ratio, residual.rms / self.misfit) < floor
+        return small or not self.has_structure(residual, floor)

@@ -10,10 +10,10 @@ from typing import ClassVar
 import numpy as np
 
 from estimators.regression.least_squares import Fit
-from estimators.selection.candidates import Screen
 from estimators.selection.errors import Errors
 from estimators.selection.prepared import Comparable, Fits
 from estimators.selection.regression import Regression
+from estimators.selection.screening import Screen
 from estimators.signals.residual import SYMBOLS, Region, stand_out
 from estimators.simulation.free_running import Segments, choose_segments, deviation, position_rms
 from estimators.simulation.multiple_shooting import hidden_state, watch
@@ -128,17 +128,17 @@ class PreparedData:
             if abs(region.residual) > least
         ]
 
-    def watching(self, model: Model) -> PreparedData:
+    def with_link_states(self, model: Model) -> PreparedData:
         """The same with the link of a model, if it has one, as the motion around each instant tells; takes a second."""
         if not has_link(model.terms):
             return self
         term = link_of(model.terms)
-        watched = [watch(windows, model) for windows in self.data.windows]
+        link_states = [watch(windows, model) for windows in self.data.windows]
         segments = [
             replace(segment, hidden={term.id: hidden_state(segment, x, term)})
-            for segment, x in zip(self.segments, watched, strict=True)
+            for segment, x in zip(self.segments, link_states, strict=True)
         ]
-        return replace(self, data=replace(self.data, watched={term.id: watched}), segments=tuple(segments))
+        return replace(self, data=replace(self.data, link_states={term.id: link_states}), segments=tuple(segments))
 
     def residual(self, terms: Sequence[Term], theta: Array) -> Array:
         """Measured minus predicted torque in every window (R,) [N m]."""
@@ -168,7 +168,7 @@ def _fit(error: float, deviation: float) -> float:
 def fit_terms(prepared: Comparable, terms: Sequence[Term]) -> tuple[Model, Fit]:
     """Fit the linear parameters of the terms; standard errors include the shape parameters."""
     data, regression = prepared.data, prepared.regression
-    terms = regression.settle(terms)
+    terms = regression.converge(terms)
     balance = regression.balance(terms)
     theta = regression.solve(terms)  # in the loop where the fit ended
     jacobian, names = regression.shape_jacobian(terms, theta)

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.selection.errors import Step
-from estimators.selection.models import Models, held_out_cost
-from estimators.selection.search import Selection
+from estimators.selection.evaluator import ModelEvaluator, held_out_cost
+from estimators.selection.search import SearchResult
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import choose_segments
 from estimators.simulation.output_error import Point
@@ -20,14 +20,14 @@ SEGMENT = 0.5  # [s], segment length, short enough for errors to grow as lineari
 FEWEST = 2  # segments per parameter
 
 
-def refine(found: Selection) -> Selection:
+def refine(found: SearchResult) -> SearchResult:
     """The steps with the last model refined by the motion, where windows do not see enough of it."""
-    models, (*others, last) = found.models, found.steps
-    if not (is_misfit(models, last) or any(has_bristles(term) for term in last.model.terms)):
+    evaluator, (*others, last) = found.evaluator, found.steps
+    if not (is_misfit(evaluator, last) or any(has_bristles(term) for term in last.model.terms)):
         return found
-    models.progress("fitting the segments", 0.9)
-    refined = better(last, models.in_motion(last))
-    if others and not models.is_confirmed(refined, others[-1]):
+    evaluator.progress("fitting the segments", 0.9)
+    refined = better(last, evaluator.refit_to_motion(last))
+    if others and not evaluator.is_confirmed(refined, others[-1]):
         return found
     return replace(found, steps=[*others, refined])
 
@@ -37,25 +37,25 @@ def better(one: Step, other: Step) -> Step:
     return min(one, other, key=held_out_cost)
 
 
-def is_misfit(models: Models, step: Step) -> bool:
+def is_misfit(evaluator: ModelEvaluator, step: Step) -> bool:
     """Whether free-running simulation errs by much more than noise, even from fitted initial states.
 
     An inaccurate initial velocity is no fault of the model.
     """
     if has_transmission(step.model.terms):
         return False  # its impacts are too sharp to simulate as closely, and other effects would only imitate them
-    if not (models.train.segments and step.model.is_inertia_known):
+    if not (evaluator.train.segments and step.model.is_inertia_known):
         return False
-    segments, point = models.train.segments, Point.of(step.model)
+    segments, point = evaluator.train.segments, Point.of(step.model)
     motion = np.concatenate([segment.position.ravel() for segment in segments])
-    least, misfit = models.criterion.finest * float(np.std(motion)), models.criterion.misfit
+    least, misfit = evaluator.criterion.accuracy * float(np.std(motion)), evaluator.criterion.misfit
     if step.errors["train"].position_rms <= misfit * max(least, output_error.position_noise(segments, point)):
         return False
     noise = max(least, output_error.noise(segments, point))
     return output_error.rms(segments, point) > misfit * noise
 
 
-def refit(selection: Selection, start: Model | None = None) -> Selection:
+def refit(selection: SearchResult, start: Model | None = None) -> SearchResult:
     """The steps with the last model refitted by maximum likelihood, if held-out data confirm it.
 
     Windows lose information near reversals and from a coarse encoder. The state of a link is estimated.
@@ -64,33 +64,33 @@ def refit(selection: Selection, start: Model | None = None) -> Selection:
         selection: its last step is refitted.
         start: initial guess of a model with a link, by default the fit to windows.
     """
-    models, (*others, last) = selection.models, selection.steps
+    evaluator, (*others, last) = selection.evaluator, selection.steps
     if not last.model.is_inertia_known:
         return selection
     if has_link(last.model.terms):
-        known = models.linked
+        known = evaluator.linked
         if known is not None and known.model.terms == last.model.terms:
             found = better(last, known)
         else:
-            found = _with_link(models, last, start or last.model)
+            found = _with_link(evaluator, last, start or last.model)
         # windows take the motion of the link for granted, which its parameters have made
-        found = replace(found, model=multiple_shooting.with_errors(models.train.data.windows, found.model))
-    elif models.left.fits(last.model.terms):
-        found = _by_likelihood(models, last)
+        found = replace(found, model=multiple_shooting.with_errors(evaluator.train.data.windows, found.model))
+    elif evaluator.residuals.is_noise(last.model.terms):
+        found = _by_likelihood(evaluator, last)
     else:
         return selection
-    if others and not models.is_confirmed(found, others[-1]):
+    if others and not evaluator.is_confirmed(found, others[-1]):
         return selection
     return replace(selection, steps=[*others, found])
 
 
-def _by_likelihood(models: Models, last: Step) -> Step:
+def _by_likelihood(evaluator: ModelEvaluator, last: Step) -> Step:
     """The maximum-likelihood model, if its standard errors and held-out innovations are no larger."""
     start = Point.of(last.model)
-    segments, checks = ([choose_segments(w, SEGMENT) for w in part.data.windows] for part in models.parts)
+    segments, checks = ([choose_segments(w, SEGMENT) for w in part.data.windows] for part in evaluator.parts)
     if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
         return last
-    found = models.with_errors(last.added, output_error.maximum_likelihood(segments, start))
+    found = evaluator.make_step(last.added, output_error.maximum_likelihood(segments, start))
     filters = output_error.innovations(checks, start)
     old, new = (output_error.rms(checks, point, filters=filters) for point in (start, Point.of(found.model)))
     return found if new <= old and _is_surer(found, last) else last
@@ -103,10 +103,10 @@ def _is_surer(one: Step, other: Step) -> bool:
     return len(told) > 0 and float(np.mean(np.log(told[:, 0] / told[:, 1]))) < 0
 
 
-def _with_link(models: Models, last: Step, start: Model) -> Step:
+def _with_link(evaluator: ModelEvaluator, last: Step, start: Model) -> Step:
     """The step with estimated link states, refitted together with them if that lowers held-out errors."""
-    shot = multiple_shooting.estimate(models.train.data.windows, start)
+    shot = multiple_shooting.estimate(evaluator.train.data.windows, start)
     tried = [shot, *([start] if start is not last.model else [])]
-    steps = [models.with_errors(last.added, model) for model in tried]
+    steps = [evaluator.make_step(last.added, model) for model in tried]
     no_worse = [step for step in steps if step.errors["holdout"].torque_rms <= last.errors["holdout"].torque_rms]
     return min(last, *no_worse, key=held_out_cost) if no_worse else last

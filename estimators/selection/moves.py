@@ -1,108 +1,201 @@
-"""Models that a search tries: with one effect more, another in its place, or another shape."""
+"""Moves of the search: functions from a state of the search to the next state, or None."""
 
-from collections.abc import Iterable
+from __future__ import annotations
 
-from estimators.search_hints import hints_of, is_possible
-from estimators.selection.left import Terms
-from estimators.selection.models import Models
-from estimators.selection.prepared import Trial
-from estimators.weak_form.shapes import freed
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from estimators.selection.candidates import (
+    best_variant,
+    refine_parameters,
+    refit_nonlinear,
+    release_parameters,
+    screen_effects,
+    screen_replacements,
+)
+from estimators.selection.evaluator import ModelEvaluator, held_out_cost
+from estimators.selection.residuals import Terms
+from estimators.simulation import multiple_shooting
+from estimators.weak_form.shapes import reset
 from pendulum_env.physics import Term
-from pendulum_env.physics.terms import has_transmission, ids
+from pendulum_env.physics.table import Table
+from pendulum_env.physics.terms import forms, has_link, ids, parameters
 
 
-def candidates(models: Models, terms: Terms, barred: Iterable[str] = ()) -> list[Terms]:
-    """The terms with the best variant of each further effect, the best prediction first."""
-    present = ids(terms) | set(barred)
-    missing = [effect for id, effect in models.library.items() if id not in present]
-    if has_transmission(terms):  # a joint has one
-        missing = [effect for effect in missing if effect.kind != "transmission"]
-    missing.sort(key=lambda effect: effect.kind == "transmission")  # last: they take long to search
-    found: list[Terms] = []
-    for done, effect in enumerate(missing):
-        if (
-            effect.kind == "transmission"
-            and not models.train.in_loop
-            and (len(terms) > len(models.base) or any(models.left.fits(other) for other in (terms, *found)))
-        ):
-            continue  # something simpler explains all; or a transmission would have been added first
-        models.progress(f"screening {effect.id}", done / len(missing))
-        trial = promising(models, terms, effect)
-        if trial is not None and models.is_possible(trial.terms):
-            found.append(trial.terms)
-    return sorted(found, key=models.promise)
+@dataclass(frozen=True)
+class SearchState:
+    """Model that the search has reached.
 
-
-def promising(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
-    """The best variant of an effect; for one with little gain or share, only the best of a coarse grid."""
-    if not hints_of(effect).multimodal:
-        ranked = models.screen.ranked(terms, effect)
-        if not ranked:
-            return None
-        alike = len({len(trial.terms[-1].columns) for trial in ranked}) == 1  # else the richest comes first
-        if alike and (
-            models.gain(ranked[0].terms, terms).chance > models.criterion.unlikely
-            or models.left.explained(ranked[0].terms, terms) < models.criterion.glimpse
-        ):
-            return ranked[0]
-    return best(models, terms, effect)
-
-
-def best(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
-    """The best variant of an effect, with as few free shape parameters as the data allow; None if there is none.
-
-    One that turns gravity round, as a straight spring in the place of one that hardens, gives way to one that does not.
+    Attributes:
+        evaluator: fits and scores; a fitted link comes with an evaluator that estimates its states.
+        start: terms that the search started from.
+        terms: terms of the model, those of `start` first.
+        table: nonparametric function that replaces effects; None without one.
     """
-    trials = models.screen.variants(terms, effect)
-    if not trials:
+
+    evaluator: ModelEvaluator
+    start: Terms
+    terms: Terms
+    table: Table | None = None
+
+    @property
+    def effects(self) -> Terms:
+        """Terms that were added to the start."""
+        return self.terms[len(self.start) :]
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether the model leaves only noise on all data."""
+        return self.evaluator.residuals.is_noise(self.terms)
+
+    def with_terms(self, terms: Terms) -> SearchState:
+        """Return the state with other terms."""
+        return replace(self, terms=terms)
+
+    def refit(self, terms: Terms) -> SearchState:
+        """Return the state with other terms, whose nonlinear parameters are refitted."""
+        return self.with_terms(refit_nonlinear(self.evaluator, terms))
+
+
+def without(terms: Terms, term: Term) -> Terms:
+    """Return the terms without one of them."""
+    return tuple(other for other in terms if other is not term)
+
+
+def add_effect(state: SearchState) -> SearchState | None:
+    """Add an effect: the simplest of those that are confirmed and tie with the best; else two at once, or a link.
+
+    Candidates are an effect more, or a nonlinear parameter more of an effect that the model has.
+    """
+    evaluator, terms = state.evaluator, state.terms
+    confirmed: list[Terms] = []
+    screened = screen_effects(evaluator, terms)
+    tried = sorted(screened + release_parameters(evaluator, terms), key=evaluator.screening_score)
+    for longer in tried[: evaluator.criterion.max_tried]:
+        if confirmed and not evaluator.is_tied(longer, confirmed[0]):
+            break
+        if not evaluator.is_supported(longer, terms):
+            continue
+        longer = refit_nonlinear(evaluator, longer)
+        evaluator.progress(f"confirming {', '.join(sorted(one[0] for one in forms(longer) - forms(terms)))}", 0.9)
+        if has_link(longer) and not has_link(terms) and not evaluator.train.in_loop:
+            if not confirmed and (linked := add_link(state, longer)) is not None:
+                return linked
+        elif evaluator.lowers_errors(longer, terms) or improves_form(evaluator, longer, terms):
+            confirmed.append(longer)
+    if confirmed:
+        return state.with_terms(min(confirmed, key=parameters))
+    return add_pair(state, screened[: evaluator.criterion.beam])
+
+
+def improves_form(evaluator: ModelEvaluator, longer: Terms, terms: Terms) -> bool:
+    """Return whether terms differ from others only in the form of one effect, and predict more torque.
+
+    The effect has to lower both errors. The form has to lower only the torque error, since a simulation may be chaotic.
+    """
+    changed = {id for id, *_ in forms(longer) ^ forms(terms)}
+    if ids(longer) != ids(terms) or len(changed) != 1 or evaluator.train.in_loop:
+        return False
+    (effect,) = (term for term in longer if term.id in changed)
+    after, before = (evaluator.fit(None, one).errors["holdout"].at(effect.at) for one in (longer, terms))
+    return after < before and evaluator.lowers_errors(longer, without(longer, effect))
+
+
+def add_pair(state: SearchState, firsts: Sequence[Terms]) -> SearchState | None:
+    """Add two effects of a joint that explain the residual only together, such as Stribeck and load friction.
+
+    Args:
+        state: of the search.
+        firsts: its terms with the first effects to try.
+    """
+    evaluator, terms, found = state.evaluator, state.terms, list[Terms]()
+    if len(state.effects) + 2 > evaluator.criterion.max_effects or state.is_noise or evaluator.train.in_loop:
+        return None  # in the loop each fit takes seconds
+    for first in (one for one in firsts if not has_link(one)):  # links are fitted first, see `add_effect`
+        elsewhere = [id for id, effect in evaluator.library.items() if effect.at != first[-1].at]
+        for pair in [one for one in screen_effects(evaluator, first, elsewhere) if not has_link(one)][:1]:
+            singles = first, (*terms, pair[-1])
+            if (
+                evaluator.is_supported(pair, terms)
+                and all(evaluator.is_significant(pair, single) for single in singles)
+                and evaluator.lowers_errors(pair, terms)
+            ):
+                found.append(refit_nonlinear(evaluator, pair))
+    return state.with_terms(min(found, key=evaluator.screening_score)) if found else None
+
+
+def add_link(state: SearchState, longer: Terms) -> SearchState | None:
+    """Add a link; where it leaves structure, the best of both kinds of link, alone or beside one more effect.
+
+    Behind a wide play, the link's state propagated along the measured motion is soon lost, so that an elastic
+    transmission may promise less torque than play. With estimated states, the better kind fits better. All terms decide
+    on which side of the play the link lies: without a torque offset, play is found where there is none.
+    """
+    evaluator, terms = state.evaluator, state.terms
+    found = fit_link_states(state, longer)
+    if found is None or found.is_noise:
+        return found
+    kinds = [kind for kind in evaluator.library.values() if kind.link and kind.id != longer[-1].id]
+    trials = [trial.terms for trial in (best_variant(evaluator, terms, kind) for kind in kinds) if trial is not None]
+    for alone in (longer, *trials):
+        trials += [more for more in screen_effects(evaluator, alone)[:1] if evaluator.is_significant(more, alone)]
+    others = [fit_link_states(state, trial) for trial in trials]
+    return min([found, *(one for one in others if one is not None)], key=lambda one: one.evaluator.cost_with_link)
+
+
+def fit_link_states(state: SearchState, longer: Terms) -> SearchState | None:
+    """Fit a model with a link together with the link's states; None if it is not confirmed.
+
+    Its cost has to be below that of the smaller model fitted to the motion. The position behind a play is chaotic, so
+    that a model with ten times the torque error may end closer to it.
+    """
+    evaluator = state.evaluator
+    step, before = evaluator.fit(longer[-1].id, longer), evaluator.fit(None, state.terms)
+    evaluator.progress(f"fitting the states of {step.added}", 0.9)
+    shot = evaluator.make_step(step.added, multiple_shooting.estimate(evaluator.train.data.windows, step.model))
+    found = [one for one in (shot, step) if evaluator.is_confirmed(one, before)]
+    if not found or held_out_cost(found[0]) >= held_out_cost(evaluator.refit_to_motion(before)):
         return None
-    simplest, *others = trials
-    pull = {name: own.value for name, own in models.model(terms).estimates.items() if others and "gravity" in name}
-
-    def turns(trial: Trial) -> bool:
-        return [*pull] == ["gravity"] and pull["gravity"] * models.model(trial.terms).estimates["gravity"].value < 0
-
-    for trial in others:
-        if models.is_significant(trial.terms, simplest.terms) or (
-            turns(simplest) and not turns(trial) and models.is_significant(trial.terms, terms)
-        ):
-            simplest = trial
-    return simplest
+    linked = min(found, key=held_out_cost)
+    return replace(state, evaluator=evaluator.with_link(linked), terms=linked.model.terms)
 
 
-def freer(models: Models, terms: Terms) -> list[Terms]:
-    """The terms with one more shape parameter of an effect released from its usual value, one by one."""
-    found = []
-    for old in terms[len(models.base) :]:
-        others = tuple(term for term in terms if term is not old)
-        for variants in freed(old):
-            if len(variants) > 1:  # of whole numbers the best, where there is time to compare them
-                variants = [v for v in variants if is_possible(v, models.train.motions[old.at])]
-                trials = [] if models.train.in_loop or not variants else models.screen.trials(others, variants)
-                variants = [trial.terms[-1] for trial in sorted(trials, key=lambda trial: trial.fitted_rms)[:1]]
-            longer = [tuple(new if term is old else term for term in terms) for new in variants]
-            found += [refined(models, one, old.id) for one in longer]
-    return found
+def revise(state: SearchState) -> SearchState:
+    """Drop effects that are not needed beside the others, and swap those with a significantly better competitor."""
+    for _ in range(2 * state.evaluator.criterion.max_effects):
+        changed = drop_effect(state) or swap_effect(state)
+        if changed is None:
+            break
+        state = changed.refit(changed.terms)
+    return state
 
 
-def refined(models: Models, terms: Terms, id: str) -> Terms:
-    """The terms with the shape parameters of one term, by its id, fitted."""
-    return models.screen.refine(models.screen.trial(terms), id).terms
+def drop_effect(state: SearchState) -> SearchState | None:
+    """Drop an effect, or reset a released nonlinear parameter of an effect, where the data do not support it."""
+    terms = state.terms
+    tighter = [
+        refine_parameters(state.evaluator, tuple(new if t is old else t for t in terms), old.id)
+        for old in state.effects
+        for new in reset(old)
+    ]
+    smaller = by_score(state, [*(without(terms, effect) for effect in state.effects), *tighter])
+    unneeded = (one for one in smaller if not state.evaluator.is_supported(terms, one))
+    return next(map(state.with_terms, unneeded), None)
 
 
-def rivals(models: Models, terms: Terms, term: Term) -> list[Terms]:
-    """The terms with the best variant of every other effect in the place of one, the best prediction first."""
-    others = tuple(other for other in terms if other is not term)
-    barred = [id for id, effect in models.library.items() if effect.at != term.at]  # an effect acts where it is
-    if models.left.fits(terms):
-        barred += [id for id, effect in models.library.items() if effect.kind == "transmission"]  # which are slow
-    return candidates(models, others, [term.id, *barred])
+def swap_effect(state: SearchState) -> SearchState | None:
+    """Put a significantly better competitor in the place of one of several effects, the least needed first."""
+    if len(state.effects) < 2:
+        return None  # a single effect was the best of all candidates
+    evaluator = state.evaluator
+    for rest in by_score(state, [without(state.terms, effect) for effect in state.effects]):
+        effect = next(term for term in state.terms if term not in rest)
+        for competitor in screen_replacements(evaluator, state.terms, effect)[:1]:
+            if evaluator.is_significant(competitor, state.terms):
+                return state.with_terms(competitor)
+    return None
 
 
-def settle(models: Models, terms: Terms) -> Terms:
-    """Refit every shape parameter with all terms present."""
-    trial = models.screen.trial(terms)
-    for term in terms:
-        if any(not shape.integer for shape in term.free) and term.id not in models.train.data.watched:
-            trial = models.screen.refine(trial, term.id)
-    return models.regression.settle(trial.terms)
+def by_score(state: SearchState, models: Iterable[Terms]) -> list[Terms]:
+    """Return models in the order of their scores, the most probable first."""
+    return sorted(models, key=state.evaluator.screening_score)

@@ -1,4 +1,4 @@
-"""What speaks against an effect: held-out errors that do not fall, and parameters that no body has."""
+"""Physical bounds of a fitted model, and gates that a step of the search has to pass."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.selection.errors import Step
+from estimators.selection.gates import Gate
 from estimators.weak_form.shapes import continuous
 from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, NonlinearParameter, Samples, Term, effects
@@ -15,48 +16,67 @@ from pendulum_env.physics.terms import forms
 from pendulum_env.words import listing
 
 SELDOM = 0.1  # share of the samples at which friction may come out as negative
-CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where friction has to be that of a body, seen or not
+CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where dry friction is evaluated, recorded or not
+PHRASES = {  # of violations, by the name of their gate; others are parameters
+    "negative_inertia": "negative inertia",
+    "driving_friction": "friction that drives",
+    "dry_friction": "dry friction of {gate.value:.2g} N m, more than the {gate.limit:.2g} N m that moved the joint",
+}
 
 
 def impossible(model: Model, motions: Mapping[str, Samples]) -> list[str]:
-    """What no body has of a model fitted to a motion: phrases such as "negative inertia"; empty if all is well.
+    """Return phrases such as "negative inertia" for the physical bounds that a fitted model violates."""
+    return [_phrase(gate) for gate in violations(model, motions)]
 
-    One kind of friction alone may come out negative where the others outweigh it at every speed that was seen.
+
+def _phrase(gate: Gate) -> str:
+    if gate.name in PHRASES:
+        return PHRASES[gate.name].format(gate=gate)
+    end = ", the most that it may be" if gate.value == gate.limit else ""
+    return f"{gate.name} = {gate.value:.3g} {gate.unit}{end}"
+
+
+def violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
+    """Return a failed gate for each physical bound that a fitted model violates; empty if there is none.
+
+    One kind of friction alone may come out negative where the others outweigh it at every recorded speed.
 
     Args:
         model: with parameters.
         motions: samples of each joint, by its name.
     """
     here = replace(model, terms=tuple(term for term in model.terms if not motions.keys().isdisjoint(loads(term.at))))
-    found = [f"{column.name} = {value:.3g} {column.unit}" for column, value in beyond(here.terms, here.theta)]
+    found = [
+        Gate(column.name, value, column.nearest(value), False, column.unit)
+        for column, value in beyond(here.terms, here.theta)
+    ]
     found += [
-        f"{term.full(shape.name)} = {shape.high:.3g} {shape.unit}, the most that it may be"
+        Gate(term.full(shape.name), shape.high, shape.high, False, shape.unit)
         for term, shape in at_their_most(here.terms)
     ]
     for at, x in motions.items():
         own = replace(model, terms=tuple(term for term in model.terms if term.at == at))
-        found += _impossible(own, x, any(at in loads(term.at) for term in model.terms if term.at != at))
+        found += _violations_at(own, x, any(at in loads(term.at) for term in model.terms if term.at != at))
     return found
 
 
-def _impossible(model: Model, x: Samples, is_coupled: bool) -> list[str]:
-    """The same of what is at one joint; where it is coupled, only the power of both joints is known."""
-    found = []
-    inertia = model.estimates.get("inertia")
+def _violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate]:
+    """Return the violations of the terms at one joint; where it is coupled, only the power of both joints is known."""
+    found, inertia = [], model.estimates.get("inertia")
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
-        found.append("negative inertia")
-    rubbing = [(term, column, value) for term, column, value in _parts(model) if term.kind == "dissipative"]
-    power = sum((value * column.power(x) for term, column, value in rubbing if not term.hides), np.zeros_like(x.time))
-    if np.mean(power < 0) > SELDOM and not is_coupled:
-        found.append("friction that drives")
+        found.append(Gate("negative_inertia", inertia.value, 0.0, False, inertia.unit))
+    friction = [(term, column, value) for term, column, value in _parts(model) if term.kind == "dissipative"]
+    power = sum((value * column.power(x) for term, column, value in friction if not term.hides), np.zeros_like(x.time))
+    share = float(np.mean(power < 0))
+    if share > SELDOM and not is_coupled:
+        found.append(Gate("driving_friction", share, SELDOM, False))
     pushing = [(column, value) for term, column, value in _parts(model) if _pushes(term)]
     pushed = sum((value * column.force(x) for column, value in [(LOAD, 1.0), *pushing]), np.zeros_like(x.time))
     limit = float(np.abs(x.torque - pushed).max())
-    dry = _dry_over_a_turn([(column, value) for term, column, value in rubbing if not column.of_torque], x)
-    if (
-        x.torque.any() and dry.max() > limit and not any(term.at for term in model.terms)
-    ):  # links move the joints of an arm as well
-        found.append(f"dry friction of {dry.max():.2g} N m, more than the {limit:.2g} N m that moved the joint")
+    dry = _dry_over_a_turn([(column, value) for term, column, value in friction if not column.of_torque], x).max()
+    is_arm = any(term.at for term in model.terms)  # links move its joints as well
+    if dry > limit and x.torque.any() and not is_arm:
+        found.append(Gate("dry_friction", float(dry), limit, False, "N m"))
     return found
 
 
@@ -122,36 +142,51 @@ def sure_sign(model: Model, name: str) -> int:
     return int(np.sign(estimate.value))
 
 
-def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str | None:
-    """What speaks against an added effect, None if nothing does.
+def confirmation_gates(after: Step, before: Step, motions: Mapping[str, Samples]) -> list[Gate]:
+    """Return the gates that a larger model meets beside a smaller one, up to the first that it fails.
+
+    Physical bounds come first, then the sign of gravity, then the held-out errors, which have to fall. Violated bounds
+    are listed together.
 
     Args:
-        after: the step with the effect.
+        after: the step with an effect.
         before: the step without it.
         motions: samples of each joint of the training data.
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
-    kept = forms(after.model.terms) & forms(before.model.terms)
-    others = [term for step in (after, before) for term in step.model.terms if forms([term]).isdisjoint(kept)]
+    common = forms(after.model.terms) & forms(before.model.terms)
+    others = [term for step in (after, before) for term in step.model.terms if forms([term]).isdisjoint(common)]
     changed = {joint for term in others for joint in loads(term.at)} or set(motions)
-    wrong = impossible(after.model, {at: motions[at] for at in motions if at in changed})
+    wrong = violations(after.model, {at: motions[at] for at in motions if at in changed})
     if wrong:
-        return f"would mean {listing(wrong)}, which no body has"
-    turns = sure_sign(after.model, "gravity") * sure_sign(before.model, "gravity") < 0
-    if turns and "gravity_tilt" not in after.model.estimates:  # beside a tilt, gravity alone has any sign
-        return "would turn gravity round: the two cancel, in place of a law that is neither"
-    if new.in_loop >= old.in_loop:
-        return f"does not lower the held-out error in the loop ({old.in_loop:.3g} -> {new.in_loop:.3g} rad)"
-    if new.position_rms >= old.position_rms:
-        return (
-            f"does not lower the held-out error of free-running simulation "
-            f"({old.position_rms:.3g} -> {new.position_rms:.3g} rad)"
-        )
-    for at in motions:
-        if at not in changed:
-            continue
-        less, more = (one.at(at) for one in (new, old))
-        if less >= more:
-            told = f" of {at}" if at else f" ({more:.3g} -> {less:.3g} N m)"
-            return f"does not lower the held-out torque error{told}"
-    return None
+        return wrong
+    gates = [Gate("physical_bounds", 0, 0, True)]
+    sign = sure_sign(after.model, "gravity") * sure_sign(before.model, "gravity")
+    if sign and "gravity_tilt" not in after.model.estimates:  # beside a tilt, gravity alone has any sign
+        gates.append(Gate("gravity_sign", sign, 0, sign > 0))
+    errors = [("in_loop", new.in_loop, old.in_loop, "rad"), ("position", new.position_rms, old.position_rms, "rad")]
+    errors += [(f"torque@{at}" if at else "torque", new.at(at), old.at(at), "N m") for at in motions if at in changed]
+    for name, error, limit, unit in errors:
+        if not np.isnan([error, limit]).any() and gates[-1].passed and not (new.is_in_loop and unit == "N m"):
+            gates.append(Gate(f"holdout_{name}", error, limit, error < limit, unit))
+    return gates
+
+
+def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str | None:
+    """Return what rejects a larger model, in words; None if it passes all of `confirmation_gates`."""
+    failed = [gate for gate in confirmation_gates(after, before, motions) if not gate.passed]
+    return describe_failure(failed) if failed else None
+
+
+def describe_failure(failed: Sequence[Gate]) -> str:
+    """Return a phrase for the failed ones of `confirmation_gates`."""
+    gate = failed[0]
+    numbers = f"({gate.limit:.3g} -> {gate.value:.3g} {gate.unit})"
+    name, _, at = gate.name.partition("@")
+    phrases = {
+        "gravity_sign": "fits only with negative gravity: both terms cancel and imitate a third law",
+        "holdout_in_loop": f"does not lower the held-out error in the loop {numbers}",
+        "holdout_position": f"does not lower the held-out error of free-running simulation {numbers}",
+        "holdout_torque": f"does not lower the held-out torque error {f'of {at}' if at else numbers}",
+    }
+    return phrases.get(name) or f"would mean {listing([_phrase(own) for own in failed])}, which no body has"

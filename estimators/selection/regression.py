@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.kept import kept
+from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, Tangent, condensed, placed, unbent
 from estimators.regression.least_squares import quietest_most
 from estimators.selection.columns import ColumnCutter, bounds
@@ -100,7 +100,7 @@ class Regression:
             here, pushes = slice(0, len(own_pushes)), np.concatenate([own_pushes, wide])
         return lambda variant, own: first.beside([(here, own)], *bounds([variant]), pushes)
 
-    @kept
+    @memoized
     def solve(self, terms: Sequence[Term]) -> Array:
         """Linear parameters (P,) of the terms, fitted to all windows."""
         return self.balance(terms).solve()
@@ -115,7 +115,7 @@ class Regression:
             return self.data.weights
         return self._weight_of_each(terms)[self._owner]
 
-    @kept
+    @memoized
     def _weight_of_each(self, terms: Sequence[Term]) -> Array:
         """Weight of each recording (E,)."""
         balance, counts = self.equations(terms), np.bincount(self._owner)
@@ -126,16 +126,16 @@ class Regression:
         """The terms with shape parameters that follow others as these were fitted: a search sets them itself."""
         return tuple(terms)
 
-    def settle(self, terms: Sequence[Term]) -> tuple[Term, ...]:
+    def converge(self, terms: Sequence[Term]) -> tuple[Term, ...]:
         """The terms fitted as closely as can be: they always are."""
         return tuple(terms)
 
-    @kept
+    @memoized
     def tangent(self, terms: Sequence[Term]) -> Tangent:
         """Errors near the fit of the terms, to first order."""
         return self.balance(terms).tangent()
 
-    @kept
+    @memoized
     def frame(self, terms: Sequence[Term]) -> Array:
         """Orthonormal basis (R, P) of changes of the weighted errors by the parameters."""
         return np.linalg.qr(self.tangent(terms).slopes * self.weights(terms)[:, None])[0]
@@ -153,21 +153,21 @@ class Regression:
         filters = [term for term in terms if term.fixed and term.has_state()]
         return [(self.data.where(term.at), self._absorbed(term)) for term in filters]
 
-    @kept
+    @memoized
     def _absorbed(self, term: Term) -> float:
         return self.data.part(term.at).absorbed(term)
 
     def shape_jacobian(self, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
         """Derivatives (R, S) of the modelled torque with respect to continuous shape parameters, and their names.
 
-        Those of a link that is watched are left out: its motion, which is given, tells them. Along one motion its
+        Those of a link that is link_states are left out: its motion, which is given, tells them. Along one motion its
         torque J (q'' - w^2 s - c s' + g sin q) is the same for any J, if w, c, g and the joint's own parameters follow.
         """
         slopes: dict[str, Array] = {}
         first = 0
         for term in terms:
             own = theta[first : (first := first + len(term.columns))]
-            if term.id in self.data.watched:
+            if term.id in self.data.link_states:
                 continue
 
             def torques(variants: Sequence[Term], own: Array = own) -> list[Array]:

@@ -7,7 +7,7 @@ its significance follows from their scatter: on a real machine no model is compl
 seconds, so only a gain that repeats from block to block and from recording to recording is significant.
 
 The scatter enters by the Bayesian bootstrap: random weights of blocks and of recordings, in many draws. The share of
-draws without a gain is the p-value (`chance`) of an effect; the mean softmax over competing models is the probability
+draws without a gain is the p-value (`p_value`) of an effect; the mean softmax over competing models is the probability
 of each (pseudo-BMA+).
 
 Source: Vehtari, Gelman and Gabry, Statistics and Computing 27, 2017; Yao, Vehtari, Simpson and Gelman, Bayesian
@@ -141,18 +141,18 @@ class Gain:
 
     Attributes:
         total: log density gained [nat].
-        error: its standard error, from the scatter between blocks and between recordings, as `chance` is [nat].
-        chance: its p-value, the probability of no gain.
+        error: its standard error, from the scatter between blocks and between recordings, as `p_value` is [nat].
+        p_value: probability of no gain.
     """
 
     total: float
     error: float
-    chance: float
+    p_value: float
 
     def json(self) -> JSON:
         """Plain dictionary for JSON; no error with a single block."""
         error = self.error if np.isfinite(self.error) else None
-        return {"total": self.total, "error": error, "chance": self.chance}
+        return {"total": self.total, "error": error, "chance": self.p_value}
 
 
 class Bootstrap:

@@ -1,121 +1,126 @@
-"""Tables that compete with effects: nonparametric functions, of which some effects are mere imitations."""
+"""Moves with tables: nonparametric functions that compete with effects, since an effect may only imitate such a law."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
-from estimators.selection.left import Terms
-from estimators.selection.models import Models
-from estimators.selection.moves import best, candidates, settle
+from estimators.selection.candidates import best_variant, refit_nonlinear, screen_effects
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.moves import SearchState, by_score, without
+from estimators.selection.residuals import Terms
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import ByTime, Table
 from pendulum_env.physics.term import loads
 from pendulum_env.physics.terms import ids, parameters
 
 
-def owned(models: Models, base: Terms, terms: Terms) -> tuple[Terms, Table | None]:
-    """The terms without effects that only imitate a table, with those that it reveals, and that table.
+def replace_by_table(state: SearchState) -> SearchState:
+    """Replace effects that only imitate a table; the state keeps the table, and effects that the table reveals.
 
-    Effects imitate a table that, with the effects still needed, predicts significantly better and explains most of
-    their residual, or that is simpler and leaves only noise as well.
+    Effects imitate a table in two cases. With structure left, the table and the effects still needed predict
+    significantly better and explain most of the residual. With only noise left, a simpler model with a table leaves
+    only noise as well.
     """
-    unsettled = not models.left.fits(terms)
-    if len(terms) == len(base) and not unsettled:
-        return terms, None
-    leads: list[tuple[float, Terms]] = []  # and the terms with the table
-    for left in with_tables(models, base, terms):
-        # a function of time is refitted to each recording, and so are its competitors
-        density = models.fitted_anew if isinstance(table_of(models, left), ByTime) else models.density
-        lead = models.bootstrap.gain(density(left), density(terms), models.penalty(left, terms))
-        if unsettled:
-            takes_over = (
-                lead.chance <= models.criterion.chance and models.left.explained(left, terms) > models.criterion.needed
-            )
-        else:  # effects that leave only noise are replaced by a simpler table
-            simpler = parameters(left) < parameters(terms)
-            level = models.bootstrap.probabilities([density(left), density(terms)])[0] > models.criterion.rival
-            takes_over = simpler and level and models.left.fits(left)
-        if takes_over:
-            leads.append((lead.total, left))
-    if not leads:
-        return terms, None
-    *_, likeliest = max(leads, key=lambda entry: entry[0])
-    same = [left for _, left in leads if table_of(models, left).id == table_of(models, likeliest).id]
-    level = [left for left in same if models.is_level(left, likeliest)]  # a table may contain an effect
-    grown = grown_beside(models, base, min([likeliest, *level], key=len))
-    return named(models, grown), table_of(models, grown)
+    if not state.effects and state.is_noise:
+        return state
+    totals = {terms: total for terms in table_models(state) if (total := _gain_by_table(state, terms)) is not None}
+    if not totals:
+        return state
+    likeliest = max(totals, key=lambda terms: totals[terms])
+    same = [terms for terms in totals if table_of(state, terms).id == table_of(state, likeliest).id]
+    tied = [terms for terms in same if state.evaluator.is_tied(terms, likeliest)]  # a table may contain an effect
+    found = add_beside_table(state.with_terms(min([likeliest, *tied], key=len)))
+    return replace(found, terms=without_table(found.evaluator, found.terms), table=table_of(found, found.terms))
 
 
-def with_tables(models: Models, base: Terms, terms: Terms) -> Iterator[Terms]:
-    """The terms with each table: instead of all effects, or beside those still needed."""
-    open_at = {at for at in models.left.joints if not models.left.is_noise_at(at, terms)}
-    for table in models.tables:
-        if table.at and table.at not in open_at | {at for term in terms[len(base) :] for at in loads(term.at)}:
-            continue  # no structure and no effect at this joint
-        for others in dict.fromkeys((base, terms)):
-            trial = best(models, others, table)
-            if trial is not None:
-                yield pruned(models, base, trial.terms)
-
-
-def grown_beside(models: Models, base: Terms, terms: Terms) -> Terms:
-    """The terms, one of them a table, with further effects that explain most of their residual.
-
-    Other tables compete: no further effect is named if one of them predicts significantly better, or if the same table
-    in more pieces predicts as well.
-    """
-    while len(terms) - len(base) <= models.criterion.most and not models.left.fits(terms):
-        needed = (
-            longer for longer in candidates(models, terms)[: models.criterion.tried] if is_needed(models, longer, terms)
+def _gain_by_table(state: SearchState, terms: Terms) -> float | None:
+    """Return the gain of terms with a table [nat]; None if they do not replace the terms of a state."""
+    evaluator = state.evaluator
+    # a function of time is refitted to each recording, and so are its competitors
+    is_of_time = isinstance(table_of(state, terms), ByTime)
+    density = evaluator.refitted_density if is_of_time else evaluator.density
+    gain = evaluator.bootstrap.gain(density(terms), density(state.terms), evaluator.penalty(terms, state.terms))
+    if state.is_noise:
+        probability = evaluator.bootstrap.probabilities([density(terms), density(state.terms)])[0]
+        is_tied = probability > evaluator.criterion.tie_probability
+        replaces = parameters(terms) < parameters(state.terms) and is_tied and evaluator.residuals.is_noise(terms)
+    else:
+        replaces = (
+            gain.p_value <= evaluator.criterion.p_value
+            and evaluator.residuals.explained_share(terms, state.terms) > evaluator.criterion.needed_share
         )
-        longer = next(needed, None)
+    return gain.total if replaces else None
+
+
+def table_models(state: SearchState) -> Iterator[Terms]:
+    """Yield models with each table: instead of all effects, or beside those still needed."""
+    evaluator = state.evaluator
+    unexplained = {at for at in evaluator.residuals.joints if not evaluator.residuals.is_noise_at(at, state.terms)}
+    joints = unexplained | {at for effect in state.effects for at in loads(effect.at)}
+    for table in evaluator.tables:
+        if table.at and table.at not in joints:
+            continue
+        for others in dict.fromkeys((state.start, state.terms)):
+            trial = best_variant(evaluator, others, table)
+            if trial is not None:
+                yield drop_unneeded(state.with_terms(trial.terms)).terms
+
+
+def add_beside_table(state: SearchState) -> SearchState:
+    """Add effects beside the table of a state that explain most of the residual.
+
+    No effect is added if another table predicts significantly better, or if another form of the same table ties.
+    """
+    evaluator = state.evaluator
+    while len(state.effects) <= evaluator.criterion.max_effects and not state.is_noise:
+        terms = state.terms
+        tried = screen_effects(evaluator, terms)[: evaluator.criterion.max_tried]
+        longer = next((one for one in tried if evaluator.is_needed(one, terms)), None)
         if longer is None:
             break
-        others = [best(models, terms, table) for table in models.tables if table.id not in ids(terms)]
-        if any(trial is not None and models.is_significant(trial.terms, longer) for trial in others):
+        others = [best_variant(evaluator, terms, table) for table in evaluator.tables if table.id not in ids(terms)]
+        if any(trial is not None and evaluator.is_significant(trial.terms, longer) for trial in others):
             break
-        if any(models.is_level(finer, longer) for finer in in_other_forms(models, terms)):
+        if any(evaluator.is_tied(finer, longer) for finer in other_table_forms(state)):
             break
-        terms = settle(models, longer)
-    return terms
+        state = state.refit(longer)
+    return state
 
 
-def in_other_forms(models: Models, terms: Terms) -> list[Terms]:
-    """The terms with each other form of their table, of more or fewer pieces."""
-    table = table_of(models, terms)
-    kind = next(kind for kind in models.tables if kind.id == table.id)
-    others = tuple(term for term in terms if term is not table)
-    return [trial.terms for trial in models.screen.variants(others, kind) if trial.terms[-1] != table]
+def other_table_forms(state: SearchState) -> list[Terms]:
+    """Return the terms with each other form of their table, with more or fewer pieces."""
+    table = table_of(state, state.terms)
+    kind = next(kind for kind in state.evaluator.tables if kind.id == table.id)
+    trials = state.evaluator.screen.variants(without(state.terms, table), kind)
+    return [trial.terms for trial in trials if trial.terms[-1] != table]
 
 
-def pruned(models: Models, base: Terms, terms: Terms) -> Terms:
-    """The terms without effects that explain less than is left unexplained, or that their table makes unnecessary."""
-    while named(models, terms) != terms or not models.left.fits(terms):
-        effects = named(models, terms)[len(base) :]
-        withouts = [settle(models, tuple(t for t in terms if t is not term)) for term in effects]
-        idle = [without for without in withouts if not is_needed(models, terms, without)]
-        if not idle:
-            break
-        terms = min(idle, key=models.promise)
-    return terms
+def drop_unneeded(state: SearchState) -> SearchState:
+    """Drop effects that explain less than remains unexplained, or that their table makes unnecessary."""
+    evaluator = state.evaluator
+    while True:
+        effects = without_table(evaluator, state.terms)[len(state.start) :]
+        if len(effects) == len(state.effects) and state.is_noise:
+            return state
+        smaller = [refit_nonlinear(evaluator, without(state.terms, effect)) for effect in effects]
+        unneeded = [one for one in smaller if not evaluator.is_needed(state.terms, one)]
+        if not unneeded:
+            return state
+        state = state.with_terms(by_score(state, unneeded)[0])
 
 
-def named(models: Models, terms: Terms) -> Terms:
-    """The terms without the table that competes with effects."""
-    competing = {table.id for table in models.tables}
+def without_table(evaluator: ModelEvaluator, terms: Terms) -> Terms:
+    """Return the terms without a table that competes with effects."""
+    competing = {table.id for table in evaluator.tables}
     return tuple(term for term in terms if term.id not in competing)
 
 
-def table_of(models: Models, terms: Terms) -> Table:
-    """The table among the terms that competes with effects."""
-    return next(term for term in terms[len(models.base) :] if isinstance(term, Table))
+def table_of(state: SearchState, terms: Terms) -> Table:
+    """Return the table among the terms that competes with effects."""
+    return next(term for term in terms[len(state.start) :] if isinstance(term, Table))
 
 
-def is_needed(models: Models, terms: Terms, without: Terms) -> bool:
-    """Whether an effect gains significantly and explains more than is left; else it may belong to that rest."""
-    return models.is_significant(terms, without) and models.left.explained(terms, without) > models.criterion.needed
-
-
-def explaining(models: Models, terms: Terms, laws: Iterable[type[Term]]) -> str | None:
-    """The id of the law that would best explain the residual of the terms; None if none explains enough."""
-    trials = [best(models, terms, law) for law in laws if law.id not in ids(terms)]
-    found = [trial.terms for trial in trials if trial is not None and is_needed(models, trial.terms, terms)]
-    return min(found, key=models.promise)[-1].id if found else None
+def find_explaining_law(evaluator: ModelEvaluator, terms: Terms, laws: Iterable[type[Term]]) -> str | None:
+    """Return the id of the law that best explains the residual of the terms; None if none explains enough."""
+    trials = [best_variant(evaluator, terms, law) for law in laws if law.id not in ids(terms)]
+    found = [trial.terms for trial in trials if trial is not None and evaluator.is_needed(trial.terms, terms)]
+    return min(found, key=evaluator.screening_score)[-1].id if found else None

@@ -72,9 +72,13 @@ def ends(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors, Errors]:
 
 
 def judged(candidates: Sequence[Candidate], every: bool, how: str = "") -> Part:
-    """The candidates that matter or every one, and what their score means."""
+    """The candidates that matter or every one, with the meaning of their score, and the gates that they met."""
     ranking, more = candidates_table(candidates, every)
-    return Part("Candidates", [ranking, *([f"and {more}{how}"] if more else []), SCORE], brief=False)
+    shown = {row[0] for row in ranking.rows}
+    gates = [(one.effect, *gate.cells) for one in candidates if one.effect in shown for gate in one.gates]
+    table = Table(("effect", "gate", "value", "limit", "result"), gates, left=("gate", "result"))
+    more_text = [f"and {more}{how}"] if more else []
+    return Part("Candidates", [ranking, *more_text, SCORE, *([table] if gates else [])], brief=False)
 
 
 def disagreeing(found: Sequence[Disagreement]) -> list[Part]:

@@ -40,18 +40,18 @@ class WeakFormSettings:
 WEAK_FORM = WeakFormSettings()
 
 
-class Structure(NamedTuple):
-    """Structure of a torque residual.
+class ResidualStructure(NamedTuple):
+    """Size of a torque residual, and of its part that neighbouring windows have in common.
 
     Attributes:
-        shared: root of the covariance of neighbouring windows, beyond that of sensor noise [N m].
-        sure: significance of their correlation [standard errors].
-        all: root mean square of the residual [N m].
+        correlated_rms: root of the covariance of neighbouring windows, beyond that of sensor noise [N m].
+        z_score: correlation of neighbouring windows over its standard error.
+        rms: root mean square of the residual [N m].
     """
 
-    shared: float
-    sure: float
-    all: float
+    correlated_rms: float
+    z_score: float
+    rms: float
 
 
 class Given(NamedTuple):
@@ -76,15 +76,15 @@ class Dataset:
         windows: one entry per recording, or per recording and joint, grouped by joint.
         weights: relative weight of each equation (R,), smaller for recordings with more noise.
         clusters: block of time of each equation (R,), for standard errors under correlated residuals.
-        watched: samples with the estimated state variables of a term, by its id, one entry per recording; others are
-            propagated along the measured motion from the start.
+        link_states: samples with the estimated state variables of a term, by its id, one entry per recording; other
+            states are propagated along the measured motion from the start.
         given: columns of terms that belong to no single joint, by id.
     """
 
     windows: tuple[Windows, ...]
     weights: Array
     clusters: Index
-    watched: Mapping[str, Sequence[Samples]] = field(default_factory=dict)
+    link_states: Mapping[str, Sequence[Samples]] = field(default_factory=dict)
     given: Mapping[str, Given] = field(default_factory=dict)
 
     @cached_property
@@ -126,7 +126,7 @@ class Dataset:
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
         """Samples with the state variables of each of several variants of one effect, all recordings in a row."""
-        known = self.watched.get(variants[0].id)
+        known = self.link_states.get(variants[0].id)
         if known:
             return [in_a_row(known)] * len(variants)
         if not type(variants[0]).has_state():
@@ -172,12 +172,11 @@ class Dataset:
         of_block[block] = np.array(_runs(self.windows))[entry]
         return block, entry, of_block
 
-    def structure(self, residual: Array, inertia: float) -> Structure:
-        """Structure of a residual (R,) [N m]: its covariance between adjacent windows.
+    def structure(self, residual: Array, inertia: float) -> ResidualStructure:
+        """Measure the size and the correlation of a residual (R,) [N m] between adjacent windows.
 
-        Adjacent windows overlap, so the covariance due to white sensor noise is subtracted. The significance is that of
-        the correlation, in standard errors of white noise; it is normalised block by block of one second, so that
-        blocks of large and of small residuals weigh alike.
+        Adjacent windows overlap, so the covariance due to white sensor noise is subtracted. The correlation is
+        normalised in blocks of one second, so that blocks of large and of small residuals have equal weights.
         """
         block, first = _numbers(self.windows, 1.0), 0
         shared, powers, owners = [], [], []
@@ -192,13 +191,13 @@ class Dataset:
         product, power, owner = np.concatenate(shared), np.concatenate(powers), np.concatenate(owners)
         everything = float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0
         if len(product) == 0:
-            return Structure(0.0, 0.0, everything)
+            return ResidualStructure(0.0, 0.0, everything)
         number = np.bincount(owner)
         told = number > 0
         correlation = np.bincount(owner, product)[told] / np.maximum(np.bincount(owner, power)[told], 1e-300)
-        sure = float(number[told] @ correlation) / float(np.sqrt(len(product)))
+        z_score = float(number[told] @ correlation) / float(np.sqrt(len(product)))
         size = float(np.sqrt(max(product.mean(), 0.0)))
-        return Structure(size if size > self.precision() else 0.0, sure, everything)
+        return ResidualStructure(size if size > self.precision() else 0.0, z_score, everything)
 
     def power(self, residual: Array) -> float:
         """Mean square of a residual (R,) [N^2 m^2]."""

@@ -46,7 +46,7 @@ def continuous(term: Term) -> list[NonlinearParameter]:
     return [shape for shape in term.free if not shape.integer and not shape.follows]
 
 
-def freed(term: Term) -> list[list[Term]]:
+def release(term: Term) -> list[list[Term]]:
     """Variants of the term that release one nonlinear parameter from its nominal value: from where its search begins.
 
     Of whole numbers that is each that makes sense, of the first such parameter alone: the others are more of the same.
@@ -63,8 +63,8 @@ def freed(term: Term) -> list[list[Term]]:
     return found
 
 
-def bound(term: Term) -> list[Term]:
-    """Variants of the term, each with one shape parameter reset to its nominal value."""
+def reset(term: Term) -> list[Term]:
+    """Variants of the term, each with one released nonlinear parameter back at its nominal value."""
     starts = hints_of(type(term)).alternative_starts
     released = [shape for shape in term.free if shape.name in starts]
     return [moved(term, [shape], [shape.nominal]) for shape in released if shape.nominal is not None]

@@ -170,7 +170,7 @@ def prepare_arm(
 
 def unexplained(prepared: PreparedData, model: Model) -> tuple[Region, ...]:
     """Where a model leaves more than noise in the data that it is fitted to, joint by joint."""
-    residual: Array = prepared.watching(model).residual(model.terms, model.theta)
+    residual: Array = prepared.with_link_states(model).residual(model.terms, model.theta)
     felt, data, regions = prepared.inertias(prepared.base), prepared.data, list[Region]()
     for at in data.joints:
         structure = data.part(at).structure(residual[data.where(at)], felt[at])

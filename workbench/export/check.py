@@ -39,7 +39,7 @@ def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> 
     recording holds too little motion, and InputError if the extra `export` is not installed.
     """
     refuse_loads(recordings)
-    segments = PreparedData.of(recordings).watching(model).segments
+    segments = PreparedData.of(recordings).with_link_states(model).segments
     own = [path[:, 0] for path in simulate_all(segments, [(model.terms, model.theta)])]
     theirs = [_simulated(model, exported, segment) for segment in segments]
     measured = [segment.position for segment in segments]

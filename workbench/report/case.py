@@ -61,16 +61,16 @@ class Case:
         return bool(self.diagnosis.selected or self.diagnosis.unexplained)
 
     @cached_property
-    def _watched(self) -> dict[int, list[PreparedData]]:
+    def _with_link_states(self) -> dict[int, list[PreparedData]]:
         return {}
 
-    def watched(self, prepared: PreparedData) -> list[PreparedData]:
+    def with_link_states(self, prepared: PreparedData) -> list[PreparedData]:
         """Prepared data for each drawn model, with its link watched if it has one; worked out once."""
-        if id(prepared) not in self._watched:
-            self._watched[id(prepared)] = [prepared.watching(model) for _, _, model in self.models]
-        return self._watched[id(prepared)]
+        if id(prepared) not in self._with_link_states:
+            self._with_link_states[id(prepared)] = [prepared.with_link_states(model) for _, _, model in self.models]
+        return self._with_link_states[id(prepared)]
 
     def residuals(self, prepared: PreparedData) -> list[Array]:
         """Measured minus modelled torque (R,) [N m] of each drawn model."""
-        seen = zip(self.watched(prepared), self.models, strict=True)
+        seen = zip(self.with_link_states(prepared), self.models, strict=True)
         return [own.residual(model.terms, model.theta) for own, (_, _, model) in seen]

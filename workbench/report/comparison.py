@@ -30,7 +30,7 @@ def comparison(case: Case) -> Section:
     for k in order:
         name, time = prepared.recordings[k].name, np.asarray(prepared.data.windows[k].at_centers().time)
         left = [part[k] for part in split]
-        position = position_figure(case, f"position-{k}", [own.segments[k] for own in case.watched(prepared)])
+        position = position_figure(case, f"position-{k}", [own.segments[k] for own in case.with_link_states(prepared)])
         drawn = torque_figure(case, f"torque-{k}", f"recording {name}", time, torque[k], left, noise)
         runs.append({"name": name, "torque": drawn, "position": position})
     content = {

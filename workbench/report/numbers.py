@@ -58,7 +58,7 @@ def whiteness(label: str, case: Case, prepared: PreparedData, drawn: int) -> tup
     residual, model = case.residuals(prepared)[drawn], case.models[drawn][2]
     shared, significance, _ = prepared.data.structure(residual, abs(model.estimates["inertia"].value))
     small = ", by less than noise is" if shared < case.diagnosis.noise_floor else ": something is left"
-    return label, shared, significance, "white" if significance < Criterion().sure else f"not white{small}"
+    return label, shared, significance, "white" if significance < Criterion().z_score else f"not white{small}"
 
 
 def ladder(case: Case, quantity: str, title: str, floor: float | None) -> Figure:

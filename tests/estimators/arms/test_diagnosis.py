@@ -173,9 +173,11 @@ def test_of_equal_laws_the_simplest_is_named_and_the_others_told(body):
     assert ("torque_offset@elbow", "coulomb_asymmetry@elbow") in found.ambiguous
     order = [(list(Verdict).index(one.verdict), -one.score) for one in found.candidates]
     assert order == sorted(order)  # the best first
-    reasons = {candidate.effect: candidate.reason for candidate in found.candidates}
-    assert reasons["coulomb_asymmetry@elbow"] == "predicts as well as torque_offset@elbow, or nearly"
-    assert all(reasons.values()) and any("no more than chance may give" in reason for reason in reasons.values())
+    failed = {one.effect: [gate.name for gate in one.gates if not gate.passed] for one in found.candidates}
+    assert failed["torque_offset@elbow"] == failed["coulomb_asymmetry@elbow"] == []
+    assert any("p_value" in names for names in failed.values())
+    rejected = [one for one in found.candidates if one.verdict is Verdict.REJECTED]
+    assert all(one.reason and not one.gates[-1].passed for one in rejected)
     assert found.model.estimates["torque_offset@elbow"].value == pytest.approx(0.3, rel=0.03)
 
 

@@ -13,8 +13,8 @@ from estimators.preprocessing import Preprocessed
 from estimators.regression.balance import Columns
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData
-from estimators.selection.models import Models
-from estimators.selection.search import select
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.search import search
 from pendulum_env.arms.joints import Links, arm_base, at_joint, coupling, couplings, placed
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Viscous, effect
@@ -69,12 +69,12 @@ def test_a_lag_that_only_makes_torque_smaller_gains_nothing_beside_a_true_one(ru
     lags = 0.02 * np.gradient(elbow, 1e-3)  # the elbow's drive follows with a lag of 20 ms
     hums = np.sin(2 * np.pi * 15.0 * TIME)  # and something hums in the shoulder's channel
     prepared = PreparedData.of_arm([replace(run, torque=run.torque + np.column_stack([hums, lags]))], base)
-    models = Models(prepared, prepared, base=base, tables=())
+    evaluator = ModelEvaluator(prepared, prepared, base=base, tables=())
     lag = effect("actuator_lag")
     true = (*base, at_joint(lag, "elbow")(0.02))
     both = (*true, at_joint(lag, "shoulder")(0.01))
-    assert models.gain(true, base).chance < Criterion().chance
-    assert models.gain(both, true).chance > Criterion().chance
+    assert evaluator.gain(true, base).p_value < Criterion().p_value
+    assert evaluator.gain(both, true).p_value > Criterion().p_value
 
 
 def test_terms_are_at_a_joint_of_the_arm_and_at_one(body, run):
@@ -124,5 +124,5 @@ def test_a_motor_that_turns_with_two_joints_loads_both(body, tmp_path, at, is_he
     assert pickle.loads(pickle.dumps(kind())) == kind()
     base = arm_base(body)
     kinds = {one.id: one for one in (*couplings(body), at_joint(effect("stribeck"), "elbow"))}
-    models = Setting(base, kinds).models(Preprocessed((recording,), terms=(*base, *kinds.values())).parts)
-    assert [term.id for term in select(models).terms[len(base) :]] == [kind.id]
+    evaluator = Setting(base, kinds).evaluator(Preprocessed((recording,), terms=(*base, *kinds.values())).parts)
+    assert [term.id for term in search(evaluator).terms[len(base) :]] == [kind.id]

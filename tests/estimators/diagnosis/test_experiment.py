@@ -11,7 +11,7 @@ from estimators.diagnosis.experiment import DESIGN, Limits, Question, of_typical
 from estimators.diagnosis.result import Verdict
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.preprocessing import gather
-from estimators.selection.models import Models
+from estimators.selection.evaluator import ModelEvaluator
 from estimators.signals.residual import Region
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
@@ -47,8 +47,8 @@ def first(name: str) -> tuple[Recording, Diagnosis]:
 
 
 @pytest.fixture(scope="module")
-def models() -> Models:
-    return Models(*gather([recording("moving")]))
+def evaluator() -> ModelEvaluator:
+    return ModelEvaluator(*gather([recording("moving")]))
 
 
 def suggested(found: Diagnosis) -> Suggestion:
@@ -139,14 +139,14 @@ def test_nothing_is_suggested_for_what_no_effect_explains():
     assert found.tables == ("friction_by_speed",) and "as a table" in found.next_step
 
 
-def test_an_experiment_goes_where_most_is_left(models):
-    model = models.report(None, BASE).model
+def test_an_experiment_goes_where_most_is_left(evaluator):
+    model = evaluator.fit_with_std(None, BASE).model
     asked = [Question(Aim("spring"), BASE, of_typical_size(effects()["spring"]))]
-    low, high = models.train.reach()
+    low, high = evaluator.train.reach()
 
     def tried(place: float) -> tuple[Suggestion | None, str | None]:
         left = [Region("position", place - 0.1, place + 0.1, 0.1, 9.0, "")]
-        suggestion, _, forbidden = suggest(models, model, asked, Limits(6.0), left)
+        suggestion, _, forbidden = suggest(evaluator, model, asked, Limits(6.0), left)
         return suggestion, forbidden
 
     for place in (0.6 * low, 0.6 * high):

@@ -10,7 +10,7 @@ from estimators import align, identify
 from estimators.arguments import chosen_recordings
 from estimators.preprocessing import gather
 from estimators.selection.data import with_impacts
-from estimators.selection.models import Models
+from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import BASE, Term, effect
 from pendulum_env.recording import Recording
@@ -163,7 +163,7 @@ def test_time_counts_from_the_start_whatever_the_clock_says():
 def test_a_recording_without_motion_changes_nothing_beside_a_good_one():
     good = recording("filtered noise")
     still = Recording("still", good.time[:2000], np.zeros(2000), np.full(2000, 0.01))
-    alone, beside = (Models(*gather(those)).step(None, BASE).model for those in ([good], [still, good]))
+    alone, beside = (ModelEvaluator(*gather(those)).fit(None, BASE).model for those in ([good], [still, good]))
     assert beside.theta == pytest.approx(alone.theta, rel=1e-6)
 
 

@@ -35,12 +35,15 @@ def test_json_is_laid_out_as_promised(name):
             assert errors["torque_rms"] > 0 and errors["position_rms"] > 0
             assert errors["torque_fit"] <= 100 and errors["position_fit"] <= 100  # [%]
     for candidate in data["candidates"]:
-        assert candidate.keys() == {"effect", "score", "verdict", "error_ratio", "reason", "gain"}
+        assert candidate.keys() == {"effect", "score", "verdict", "error_ratio", "reason", "gain", "gates"}
         assert candidate["effect"] in effects()
         assert 0 <= candidate["score"] <= 1
         assert candidate["verdict"] in {"selected", "ambiguous", "rejected", "not_excited"}
         assert is_number(candidate["error_ratio"])
         assert candidate["reason"].strip()
+        assert all(gate.keys() == {"name", "value", "limit", "std", "unit", "passed"} for gate in candidate["gates"])
+        passed = [gate["passed"] for gate in candidate["gates"]]
+        assert all(passed) if candidate["verdict"] in ("selected", "ambiguous") else not passed[-1]
     named = [candidate["effect"] for candidate in data["candidates"]]
     assert len(set(named)) == len(named)
     assert named[: len(data["selected"])] == sorted(data["selected"], key=named.index)

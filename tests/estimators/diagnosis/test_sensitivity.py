@@ -5,7 +5,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.diagnosis.sensitivity import detectable, smallest
 from estimators.preprocessing import gather
-from estimators.selection.models import Models
+from estimators.selection.evaluator import ModelEvaluator
 from pendulum_env.physics import BASE, effects
 from tests.cases import diagnosed, recorded
 
@@ -13,14 +13,14 @@ EXPERIMENT = Experiment(rate=500.0, seconds=10.0, seed=4)
 
 
 @pytest.fixture(scope="module")
-def models() -> Models:
-    return Models(*gather(recorded(Plant(), EXPERIMENT)))
+def evaluator() -> ModelEvaluator:
+    return ModelEvaluator(*gather(recorded(Plant(), EXPERIMENT)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("id", "parameter"), [("quadratic_drag", "drag"), ("spring", "spring_k")])
-def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(models, id, parameter):
-    size = smallest(models, BASE, effects()[id])
+def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(evaluator, id, parameter):
+    size = smallest(evaluator, BASE, effects()[id])
     assert size is not None
     large, small = (recorded(Plant(effects={id: {parameter: share * size}}), EXPERIMENT) for share in (2, 0.1))
     found = diagnosed(large)
@@ -28,9 +28,9 @@ def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(models, id, para
     assert diagnosed(small).selected == ()
 
 
-def test_it_is_told_with_sizes_and_with_the_angles_that_were_reached(models):
-    found = {one.effect: one for one in detectable(models, BASE, effects())}
-    assert found["stribeck"].above == smallest(models, BASE, effects()["stribeck"])
+def test_it_is_told_with_sizes_and_with_the_angles_that_were_reached(evaluator):
+    found = {one.effect: one for one in detectable(evaluator, BASE, effects())}
+    assert found["stribeck"].above == smallest(evaluator, BASE, effects()["stribeck"])
     assert found["stribeck"].text.startswith("above ") and found["stribeck"].text.endswith(" N m")
-    low, high = models.train.reach()
+    low, high = evaluator.train.reach()
     assert found["hard_stop"].text == f"between {low:.3g} and {high:.3g} rad"

@@ -9,9 +9,9 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import diagnose, identify
 from estimators.preprocessing import gather
 from estimators.search_hints import grid
+from estimators.selection.candidates import refit_nonlinear
 from estimators.selection.criterion import Criterion
-from estimators.selection.models import Models
-from estimators.selection.moves import settle
+from estimators.selection.evaluator import ModelEvaluator
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, effect, effects, library, register
 from pendulum_env.recording import Recording
@@ -124,13 +124,15 @@ def test_gears_that_are_also_pressed_by_the_weight_are_load_dependent():
 @pytest.mark.slow
 def test_torque_is_not_explained_by_torque():
     """In creep |tau + w sin q| sgn q' may be the torque itself: gears that eat it all would explain everything."""
-    models = Models(*gather([recording("creep")]))
-    base = settle(models, BASE)
-    alone = np.std(models.regression.residual(base))
-    for friction in grid(effect("load_dependent_friction"), models.train.samples, models.regression.residual(base)):
-        balance = models.regression.balance((*base, friction))
+    evaluator = ModelEvaluator(*gather([recording("creep")]))
+    base = refit_nonlinear(evaluator, BASE)
+    alone = np.std(evaluator.regression.residual(base))
+    for friction in grid(
+        effect("load_dependent_friction"), evaluator.train.samples, evaluator.regression.residual(base)
+    ):
+        balance = evaluator.regression.balance((*base, friction))
         eaten = balance.y - balance.phi @ np.linalg.lstsq(balance.phi, balance.y, rcond=None)[0]
-        assert np.std(eaten) < models.left.floor < 0.9 * alone  # of the equation nothing is left,
+        assert np.std(eaten) < evaluator.residuals.noise_floor() < 0.9 * alone  # of the equation nothing is left,
         assert np.std(balance.error(balance.solve())) > 0.99 * alone  # and nothing is explained
     found = diagnosed("creep")
     assert "load_dependent_friction" not in {*found.selected, *(id for group in found.ambiguous for id in group)}
@@ -204,7 +206,7 @@ def test_a_lag_is_named_where_the_torque_is_switched_and_its_log_has_no_noise():
 
 def test_what_predicts_most_of_it_is_named_though_the_residual_passes_for_noise():
     """Prediction of other data speaks louder than a test of noise, which has to know how large that is."""
-    blind = Criterion(sure=1e9, misfit=1e9)
+    blind = Criterion(z_score=1e9, misfit=1e9)
     assert diagnosed("stribeck", criterion=blind).selected == ("stribeck",)
     assert diagnosed("paper's encoder", criterion=blind).selected == ()
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.diagnosis.judge import alternatives
+from estimators.diagnosis.ranking import alternatives
 from estimators.preprocessing import gather
-from estimators.selection.models import Models
-from estimators.selection.moves import best, candidates, rivals, settle
-from estimators.selection.search import challenged, revise
-from estimators.selection.tables import is_needed
+from estimators.selection.candidates import best_variant, refit_nonlinear, screen_effects, screen_replacements
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.moves import SearchState, drop_effect, revise
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests.cases import recorded
@@ -22,47 +21,49 @@ RIGHT = (*BASE, DRAG)
 
 
 @pytest.fixture(scope="module")
-def models() -> Models:
+def evaluator() -> ModelEvaluator:
     plant = Plant(effects={"quadratic_drag": {"drag": 0.05}})
     recordings = recorded(plant, Experiment(rate=500.0, seconds=10.0, seed=4))
-    return Models(*gather(recordings), library={id: effect(id) for id in EFFECTS})
+    return ModelEvaluator(*gather(recordings), library={id: effect(id) for id in EFFECTS})
 
 
-def test_what_is_hidden_is_the_most_promising_of_all_candidates(models):
-    found = candidates(models, BASE)
+def test_what_is_hidden_is_the_most_promising_of_all_candidates(evaluator):
+    found = screen_effects(evaluator, BASE)
     assert [term.id for term in found[0]] == [term.id for term in RIGHT]
-    assert models.is_significant(found[0], BASE) and models.left.explained(found[0], BASE) > 0.9
+    assert evaluator.is_significant(found[0], BASE) and evaluator.residuals.explained_share(found[0], BASE) > 0.9
     assert len(found) == len({longer[-1].id for longer in found}) <= len(EFFECTS)
 
 
-def test_an_effect_that_nothing_needs_is_dropped_and_one_that_is_needed_stays(models):
-    assert challenged(models, (*BASE, DRAG, SPRING), BASE) == RIGHT
-    assert challenged(models, RIGHT, BASE) is None
-    assert is_needed(models, RIGHT, BASE) and not is_needed(models, (*RIGHT, SPRING), RIGHT)
+def test_an_effect_that_nothing_needs_is_dropped_and_one_that_is_needed_stays(evaluator):
+    assert drop_effect(SearchState(evaluator, BASE, (*BASE, DRAG, SPRING))).terms == RIGHT
+    assert drop_effect(SearchState(evaluator, BASE, RIGHT)) is None
+    assert evaluator.is_needed(RIGHT, BASE) and not evaluator.is_needed((*RIGHT, SPRING), RIGHT)
 
 
-def test_an_effect_in_anothers_place_gives_way_to_it(models):
-    assert set(revise(models, (*BASE, ASYMMETRY, OFFSET), BASE)) <= set(RIGHT)
-    assert rivals(models, (*BASE, ASYMMETRY), ASYMMETRY)[0][-1] == DRAG
-    assert ASYMMETRY not in [rival[-1] for rival in rivals(models, (*BASE, ASYMMETRY), ASYMMETRY)]
+def test_an_effect_in_anothers_place_gives_way_to_it(evaluator):
+    assert set(revise(SearchState(evaluator, BASE, (*BASE, ASYMMETRY, OFFSET))).terms) <= set(RIGHT)
+    assert screen_replacements(evaluator, (*BASE, ASYMMETRY), ASYMMETRY)[0][-1] == DRAG
+    assert ASYMMETRY not in [rival[-1] for rival in screen_replacements(evaluator, (*BASE, ASYMMETRY), ASYMMETRY)]
 
 
-def test_nothing_else_is_possible_in_its_place(models):
-    odds = alternatives(models, RIGHT, DRAG)
+def test_nothing_else_is_possible_in_its_place(evaluator):
+    odds = alternatives(evaluator, RIGHT, DRAG)
     assert odds["quadratic_drag"] > 0.99 and sum(odds.values()) == pytest.approx(1.0)
 
 
-def test_a_model_that_is_settled_stays_as_it_is(models):
-    cogged = settle(models, (*BASE, DRAG, effect("stribeck")(0.3)))
-    assert settle(models, cogged)[-1].stribeck_velocity == pytest.approx(cogged[-1].stribeck_velocity, rel=0.01)
-    assert settle(models, RIGHT) == RIGHT
+def test_a_model_that_is_settled_stays_as_it_is(evaluator):
+    cogged = refit_nonlinear(evaluator, (*BASE, DRAG, effect("stribeck")(0.3)))
+    assert refit_nonlinear(evaluator, cogged)[-1].stribeck_velocity == pytest.approx(
+        cogged[-1].stribeck_velocity, rel=0.01
+    )
+    assert refit_nonlinear(evaluator, RIGHT) == RIGHT
 
 
-def test_each_recording_has_weights_of_its_own_be_it_fitted_or_held_out(models):
-    recording = models.train.recordings[0]
-    apart = Models(*gather([recording], [replace(recording, name="another")]))
+def test_each_recording_has_weights_of_its_own_be_it_fitted_or_held_out(evaluator):
+    recording = evaluator.train.recordings[0]
+    apart = ModelEvaluator(*gather([recording], [replace(recording, name="another")]))
     assert len(set(apart.bootstrap.of_block.tolist())) == 2
-    assert len(set(models.bootstrap.of_block.tolist())) == 1  # the end of one recording is no other
+    assert len(set(evaluator.bootstrap.of_block.tolist())) == 1  # the end of one recording is no other
 
 
 def test_a_straight_spring_that_turns_gravity_round_gives_way_to_one_that_hardens():
@@ -73,8 +74,10 @@ def test_a_straight_spring_that_turns_gravity_round_gives_way_to_one_that_harden
     q, v, a = np.sin(waves) @ sizes, np.cos(waves) @ (sizes * rates), -np.sin(waves) @ (sizes * rates**2)
     torque = 0.09 * a + 2.0 * np.sin(q) + 0.3 * np.sign(v) + 0.1 * v + 0.5 * q**3
     run = Recording("cable", time, q, torque + 0.01 * rng.standard_normal(len(time)))
-    models = Models(*gather([run]), library={"spring": effect("spring")})
-    straight, hardening = (trial.terms for trial in models.screen.variants(BASE, effect("spring")))
-    assert models.model(straight).estimates["gravity"].value < 0 and not models.is_significant(hardening, straight)
-    assert best(models, BASE, effect("spring")).terms == hardening
-    assert models.model(hardening).estimates["gravity"].value == pytest.approx(2.0, rel=0.01)
+    evaluator = ModelEvaluator(*gather([run]), library={"spring": effect("spring")})
+    straight, hardening = (trial.terms for trial in evaluator.screen.variants(BASE, effect("spring")))
+    assert evaluator.model(straight).estimates["gravity"].value < 0 and not evaluator.is_significant(
+        hardening, straight
+    )
+    assert best_variant(evaluator, BASE, effect("spring")).terms == hardening
+    assert evaluator.model(hardening).estimates["gravity"].value == pytest.approx(2.0, rel=0.01)

@@ -10,7 +10,7 @@ from estimators.preprocessing import gather
 from estimators.regression.balance import Balance
 from estimators.search_hints import grid
 from estimators.selection.columns import depends_on_torque
-from estimators.selection.models import Models
+from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.regression import Regression
 from estimators.weak_form.dataset import prepare
 from pendulum_env.filters import lag
@@ -117,7 +117,7 @@ def test_a_filter_that_makes_the_torque_smaller_counts_by_what_was_recorded():
     """A hum on the torque channel: a lag leaves less of it, and explains nothing."""
     (run,) = recorded(Plant(), Experiment(rate=500.0, seconds=8.0, seed=2))
     hum = 3.0 * np.sin(2 * np.pi * 15.0 * run.time)
-    models = Models(*gather([replace(run, torque=run.torque + hum)]))
+    evaluator = ModelEvaluator(*gather([replace(run, torque=run.torque + hum)]))
     lag, base = (*BASE, effects()["actuator_lag"](0.01)), tuple(BASE)
-    assert np.std(models.regression.residual(lag)) < 0.9 * np.std(models.regression.residual(base))
-    assert models.density(lag).sum() < models.density(base).sum()
+    assert np.std(evaluator.regression.residual(lag)) < 0.9 * np.std(evaluator.regression.residual(base))
+    assert evaluator.density(lag).sum() < evaluator.density(base).sum()

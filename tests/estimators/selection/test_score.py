@@ -95,8 +95,8 @@ def test_a_column_of_noise_predicts_no_better_and_a_true_one_does():
         bootstrap = Bootstrap(where.of_block, np.random.default_rng(0))
         with_noise = np.column_stack([phi, rng.standard_normal((len(y), 3))])
         full = cross_validated(linear(phi, y), where)
-        useless += bootstrap.gain(cross_validated(linear(with_noise, y), where), full, 3.0).chance < 0.05
-        useful += bootstrap.gain(full, cross_validated(linear(phi[:, :2], y), where), 3.0).chance < 0.05
+        useless += bootstrap.gain(cross_validated(linear(with_noise, y), where), full, 3.0).p_value < 0.05
+        useful += bootstrap.gain(full, cross_validated(linear(phi[:, :2], y), where), 3.0).p_value < 0.05
     assert useless == 0
     assert useful == 20
 
@@ -118,7 +118,7 @@ def chance(differences: list[list[float]]) -> float:
     """Chance that nothing is gained, from the differences of each recording's blocks."""
     owner = np.repeat(np.arange(len(differences)), [len(own) for own in differences])
     after = np.concatenate([np.asarray(own, dtype=float) for own in differences])
-    return Bootstrap(owner, np.random.default_rng(0)).gain(after, np.zeros(len(after)), 5.0).chance
+    return Bootstrap(owner, np.random.default_rng(0)).gain(after, np.zeros(len(after)), 5.0).p_value
 
 
 def test_what_repeats_is_sure_and_what_happens_once_or_in_one_recording_alone_is_not():
@@ -133,7 +133,7 @@ def test_the_standard_error_counts_what_differs_between_recordings():
     """Of two recordings, one may gain in all of its stretches, and another lose in all: that is no sure gain."""
     of_block, steady = np.repeat([0, 1], 20), np.repeat([3.0, -1.0], 20)
     gain = Bootstrap(of_block, np.random.default_rng(1)).gain(steady, np.zeros(40))
-    assert gain.total == 40 and gain.chance > 0.05
+    assert gain.total == 40 and gain.p_value > 0.05
     assert gain.error > gain.total / 2
 
 

@@ -7,21 +7,23 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.preprocessing import gather
-from estimators.selection.models import Models
-from estimators.selection.moves import best, candidates, freer, settle
+from estimators.selection.candidates import best_variant, refit_nonlinear, release_parameters, screen_effects
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.moves import SearchState, add_pair, improves_form
 from estimators.selection.physical import beyond
-from estimators.selection.search import Selection, confirmed, paired, refines, select
-from estimators.selection.tables import grown_beside
+from estimators.selection.search import SearchResult, confirm_steps, search
+from estimators.selection.tables import add_beside_table
 from pendulum_env.physics import BASE, effect
+from pendulum_env.physics.terms import ids
 from tests.cases import recorded
 
 SPOT = {"spot_f": 1.0, "spot_q": 0.3, "spot_w": 0.2}
 
 
-def searched(plant: Plant, train: Experiment, test: Experiment) -> tuple[Selection, list[str | None], float]:
+def searched(plant: Plant, train: Experiment, test: Experiment) -> tuple[SearchResult, list[str | None], float]:
     """What was found, what it adds, and the share of the held-out torque error that is left."""
     recordings = recorded(plant, train, test)
-    found = select(Models(*gather(recordings[:1], recordings[1:])))
+    found = search(ModelEvaluator(*gather(recordings[:1], recordings[1:])))
     steps = found.steps
     old, new = (step.errors["holdout"].torque_rms for step in (steps[0], steps[-1]))
     return found, [step.added for step in steps[1:]], new / old
@@ -43,9 +45,9 @@ def test_two_effects_that_hide_each_other_are_found_together_and_one_alone_has_n
     for hidden in (both, {"stribeck": both["stribeck"]}):
         experiments = (Experiment(rate=500.0, seconds=10.0, seed=seed, excitation="multisine") for seed in (2, 3))
         runs = recorded(Plant(effects=hidden), *experiments)
-        models = Models(*gather(runs[:1], runs[1:]), library=library)
-        pair = paired(models, BASE, candidates(models, BASE))
-        assert pair is None if len(hidden) == 1 else {term.id for term in pair[len(BASE) :]} == both.keys()
+        evaluator = ModelEvaluator(*gather(runs[:1], runs[1:]), library=library)
+        pair = add_pair(SearchState(evaluator, BASE, BASE), screen_effects(evaluator, BASE))
+        assert pair is None if len(hidden) == 1 else ids(pair.effects) == both.keys()
 
 
 @pytest.mark.slow
@@ -89,7 +91,7 @@ def test_a_motor_whose_gain_fades_is_given_no_name():
         replace(run, torque=run.torque / (1 - 0.25 * (1 - np.exp(-run.time / 5.0))))
         for run in recorded(Plant(), *experiments)
     )
-    selection = select(Models(*gather([first], [second])))
+    selection = search(ModelEvaluator(*gather([first], [second])))
     assert [step.added for step in selection.steps] == [None]
     assert selection.table is not None and selection.table.id == "gain_by_time"
 
@@ -102,11 +104,11 @@ def test_what_explains_one_recording_and_not_the_next_explains_little(later, exp
         replace(run, torque=run.torque - 0.5 * np.sin(tone * run.time))
         for run, tone in zip(recorded(Plant(), *experiments), (9.0, later), strict=True)
     )
-    models = Models(*gather([first], [second]))
-    trial = best(models, BASE, effect("periodic_disturbance"))
+    evaluator = ModelEvaluator(*gather([first], [second]))
+    trial = best_variant(evaluator, BASE, effect("periodic_disturbance"))
     assert trial.fitted_rms < 0.1
     least, most = explained
-    assert least <= models.left.explained(trial.terms, BASE) <= most
+    assert least <= evaluator.residuals.explained_share(trial.terms, BASE) <= most
 
 
 @pytest.mark.slow
@@ -117,35 +119,39 @@ def test_a_drive_that_clips_deep_is_named_by_its_limit():
     selection, found, left = searched(Plant(effects=hidden), train, test)
     assert found == ["torque_saturation"]
     assert left < 0.1
-    term = best(selection.models, selection.models.base, effect("torque_saturation")).terms[-1]
+    term = best_variant(selection.evaluator, selection.evaluator.base, effect("torque_saturation")).terms[-1]
     assert term.limit == pytest.approx(3.0, rel=0.05)
     assert term.roundness < 0.5
 
 
-def knowing(effects: dict, *library: str) -> Models:
+def knowing(effects: dict, *library: str) -> ModelEvaluator:
     """What there is to fit of a plant, with some effects of the library."""
     recordings = recorded(Plant(effects=effects), Experiment(rate=500.0, seconds=10.0, seed=4))
-    return Models(*gather(recordings), library={id: effect(id) for id in library})
+    return ModelEvaluator(*gather(recordings), library={id: effect(id) for id in library})
 
 
 @pytest.mark.parametrize(("exponent", "unusual"), [(1.0, True), (2.0, False)])
 def test_another_form_refines_an_effect_if_the_effect_has_it(exponent, unusual):
-    models = knowing({"stribeck": {"strib_d": 0.45, "strib_v": 0.8, "strib_p": exponent}}, "stribeck", "torque_offset")
-    usual = settle(models, best(models, BASE, effect("stribeck")).terms)
-    (free,) = freer(models, usual)
-    assert refines(models, free, usual) == unusual
-    assert not refines(models, (*free, effect("torque_offset")()), usual)  # which is more than another form
+    evaluator = knowing(
+        {"stribeck": {"strib_d": 0.45, "strib_v": 0.8, "strib_p": exponent}}, "stribeck", "torque_offset"
+    )
+    usual = refit_nonlinear(evaluator, best_variant(evaluator, BASE, effect("stribeck")).terms)
+    (free,) = release_parameters(evaluator, usual)
+    assert improves_form(evaluator, free, usual) == unusual
+    assert not improves_form(evaluator, (*free, effect("torque_offset")()), usual)  # which is more than another form
 
 
 def test_beside_a_table_an_effect_is_named_unless_another_table_predicts_more():
     for hidden, named in (({"quadratic_drag": {"drag": 0.05}}, True), ({"cubic_damping": {"cubic": 0.008}}, False)):
-        models = knowing(hidden, "quadratic_drag")
-        (table,) = (kind for kind in models.tables if kind.id == "torque_by_angle")
-        terms = best(models, BASE, table).terms
-        assert [term.id for term in grown_beside(models, BASE, terms)[len(terms) :]] == ["quadratic_drag"] * named
+        evaluator = knowing(hidden, "quadratic_drag")
+        (table,) = (kind for kind in evaluator.tables if kind.id == "torque_by_angle")
+        terms = best_variant(evaluator, BASE, table).terms
+        assert [term.id for term in add_beside_table(SearchState(evaluator, BASE, terms)).terms[len(terms) :]] == [
+            "quadratic_drag"
+        ] * named
     spare = (*BASE, effect("spring")(), effect("quadratic_drag")())
-    models = knowing({"quadratic_drag": {"drag": 0.05}}, "quadratic_drag", "spring")
-    assert [step.added for step in confirmed(models, BASE, spare)] == [None, "quadratic_drag"]
+    evaluator = knowing({"quadratic_drag": {"drag": 0.05}}, "quadratic_drag", "spring")
+    assert [step.added for step in confirm_steps(SearchState(evaluator, BASE, spare))] == [None, "quadratic_drag"]
 
 
 def test_no_body_has_a_link_of_negative_inertia():
@@ -165,6 +171,6 @@ def test_a_law_that_imitates_another_does_not_fit_where_the_joint_moves_otherwis
     model = (*BASE, effect("quadratic_drag")())
     for plant, right in ((cubic, False), (quadratic, True)):
         train, test = recorded(plant, slow, fast)
-        models = Models(*gather([train], [test]))
-        assert models.left.fits(model) == right
-        assert models.left.is_noise(models.train, models.regression.residual(model))
+        evaluator = ModelEvaluator(*gather([train], [test]))
+        assert evaluator.residuals.is_noise(model) == right
+        assert evaluator.residuals.is_noise_in(evaluator.train, evaluator.regression.residual(model))

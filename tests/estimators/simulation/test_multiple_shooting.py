@@ -6,9 +6,9 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.preprocessing import gather
 from estimators.selection.data import PreparedData
-from estimators.selection.models import Models
+from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit
-from estimators.selection.search import Selection
+from estimators.selection.search import SearchResult
 from estimators.simulation.multiple_shooting import estimate, initialised, slopes_by_state
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, Model, effect
@@ -44,7 +44,7 @@ def test_a_wrong_start_leads_to_the_link_and_its_play(loose: PreparedData):
 
 def test_a_link_that_is_watched_leaves_less_unexplained_than_one_that_is_carried_along(loose: PreparedData):
     true = model(np.array([*BASIC.values(), LINK]), **SHAPE)
-    carried, watched = loose.errors(true), loose.watching(true).errors(true)
+    carried, watched = loose.errors(true), loose.with_link_states(true).errors(true)
     assert watched.torque_rms < 0.2 * carried.torque_rms
     assert watched.position_rms < carried.position_rms
 
@@ -52,10 +52,13 @@ def test_a_link_that_is_watched_leaves_less_unexplained_than_one_that_is_carried
 def test_a_link_is_watched_behind_a_command_that_is_late_and_in_a_short_part(loose: PreparedData):
     true = model(np.array([*BASIC.values(), LINK]), **SHAPE)
     late = Model.build((*true.terms, effect("dead_time")(dead_time=0.002)), true.theta)
-    assert loose.watching(late).errors(late).position_rms > 2 * loose.watching(true).errors(true).position_rms
+    assert (
+        loose.with_link_states(late).errors(late).position_rms
+        > 2 * loose.with_link_states(true).errors(true).position_rms
+    )
     (recording,) = (windows.recording for windows in loose.data.windows)
     short = Recording("short", *(series[:900] for series in (recording.time, recording.position, recording.torque)))
-    part = PreparedData.of([short], part=(0.7, 1.0)).watching(true)
+    part = PreparedData.of([short], part=(0.7, 1.0)).with_link_states(true)
     assert np.isfinite(part.errors(true).torque_rms)
 
 
@@ -66,27 +69,29 @@ SWINGING |= {"joint_flexibility.gravity": 2.0 / 0.06}
 
 
 @pytest.fixture(scope="module")
-def elastic() -> Selection:
+def elastic() -> SearchResult:
     """A model with a link that is watched, fitted to windows along its motion."""
     runs = (Experiment(rate=500.0, seconds=9.0, seed=seed, excitation="multisine") for seed in (5, 6))
     train, unseen = recorded(Plant(**BASIC | {"inertia": 0.09}, effects={"joint_flexibility": ELASTIC}), *runs)
-    models = Models(*gather([train], [unseen]))
+    evaluator = ModelEvaluator(*gather([train], [unseen]))
     shape = {name.split(".")[1]: value for name, value in SWINGING.items() if "." in name}
     terms = (*BASE, effect("joint_flexibility")(**shape))
     linear = [value for name, value in SWINGING.items() if "." not in name]
-    models = models.watching(models.with_errors("joint_flexibility", Model.build(terms, np.array(linear))))
-    return Selection(models, [models.report(None, BASE), models.report("joint_flexibility", terms)])
+    evaluator = evaluator.with_link(evaluator.make_step("joint_flexibility", Model.build(terms, np.array(linear))))
+    return SearchResult(
+        evaluator, [evaluator.fit_with_std(None, BASE), evaluator.fit_with_std("joint_flexibility", terms)]
+    )
 
 
-def test_along_the_motion_of_a_link_windows_tell_the_joint_by_itself(elastic: Selection):
-    found, models = elastic.steps[-1].model, elastic.models
+def test_along_the_motion_of_a_link_windows_tell_the_joint_by_itself(elastic: SearchResult):
+    found, evaluator = elastic.steps[-1].model, elastic.evaluator
     for name in BASIC:
         assert 0 < found.estimates[name].std < 0.05 * SWINGING[name], name
-    left = models.left.unseen(elastic.terms)  # which corrects parameters within their uncertainty
+    left = evaluator.residuals.holdout_residual(elastic.terms)  # which corrects parameters within their uncertainty
     assert np.sqrt(np.mean(left**2)) < 1.01 * elastic.steps[-1].errors["holdout"].torque_rms
 
 
-def test_what_tells_of_a_link_tells_its_standard_errors(elastic: Selection):
+def test_what_tells_of_a_link_tells_its_standard_errors(elastic: SearchResult):
     found = refit(elastic).steps[-1].model
     for name, value in SWINGING.items():
         estimate = found.estimates[name]
@@ -94,10 +99,10 @@ def test_what_tells_of_a_link_tells_its_standard_errors(elastic: Selection):
         assert abs(estimate.value - value) < 4 * estimate.std, name
 
 
-def test_where_the_link_meets_no_contact_slopes_by_states_are_tangents(elastic: Selection):
+def test_where_the_link_meets_no_contact_slopes_by_states_are_tangents(elastic: SearchResult):
     """Parameters tell little that other states would not: a secant's error of a percent passes for news of them."""
     point = Point.of(elastic.steps[-1].model)
-    (shooting,) = initialised(elastic.models.train.data.windows, point)
+    (shooting,) = initialised(elastic.evaluator.train.data.windows, point)
     _, (slopes,) = slopes_by_state(shooting, [point], shooting.states[None])
     step = 1e-8 * np.eye(4)[:, :, None]
     more, less = (shooting.errors([point] * 4, shooting.states + sign * step) for sign in (1, -1))

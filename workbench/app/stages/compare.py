@@ -198,7 +198,7 @@ def _flown(case: Case, recording: Recording) -> Component:
     """Free-running simulation of a recording: of its held-out part, if it has one."""
     found = ((part, k) for part in reversed(case.data.parts) for k in range(len(part.segments)))
     part, k = next((part, k) for part, k in found if part.segments[k].windows.recording is recording)
-    segments = [own.segments[k] for own in case.watched(part)]
+    segments = [own.segments[k] for own in case.with_link_states(part)]
     note = "Each simulation starts from the measured state and runs freely for one second on the recorded torque alone."
     return panel(
         "Position in free run", html.P(note, className="note"), graph(position_figure(case, "flown", segments))

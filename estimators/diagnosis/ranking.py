@@ -1,0 +1,259 @@
+"""Verdicts: what the data say of every effect of the library, and which effects they cannot tell apart."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from estimators.diagnosis.result import Candidate, Verdict
+from estimators.regression.least_squares import outside
+from estimators.schemes.identifiability import Doubt
+from estimators.selection.candidates import screen_library, screen_replacements
+from estimators.selection.errors import Step, error_at
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.gates import Gate
+from estimators.selection.moves import without
+from estimators.selection.physical import confirmation_gates, describe_failure
+from estimators.selection.residuals import Terms
+from estimators.selection.score import Bootstrap, Gain
+from estimators.selection.search import SearchResult
+from estimators.selection.tables import without_table
+from estimators.simulation import output_error
+from pendulum_env.physics import Model, Term
+from pendulum_env.physics.terms import complexity, has_transmission, is_hidden, untested_range
+from pendulum_env.words import number_text
+
+SAME = 1e-6  # of a torque, numerical difference of equal laws
+
+
+def rank_effects(
+    found: SearchResult, final: Terms, doubts: Sequence[Doubt] = ()
+) -> tuple[list[Candidate], list[tuple[str, ...]]]:
+    """Return the verdict on each effect of the library, and groups that these data cannot tell apart.
+
+    Effects of the model are compared beside the table that was found, if there is one; the others without it. In a
+    group, the selected effect comes first.
+
+    Args:
+        found: result of the search, with the steps as the user sees them: the last perhaps refitted.
+        final: terms of the final model, as they were searched for.
+        doubts: parameters that the data do not determine: an effect that imitates a term of the model is not rejected.
+    """
+    verdicts: dict[str, Candidate] = {}
+    groups: list[tuple[str, ...]] = []
+    for before, after in pairwise(found.steps):
+        chosen, *tied = _rank_selected(found, final, before, after)
+        verdicts.update({candidate.effect: candidate for candidate in (chosen, *tied)})
+        if tied:
+            groups.append(tuple(candidate.effect for candidate in (chosen, *tied)))
+    library = screen_library(found.evaluator, final)
+    tried = [one.terms for one in library.values() if one.terms is not None]
+    for longer in sorted(tried, key=found.evaluator.screening_score):
+        if longer[-1].id not in verdicts:
+            verdicts[longer[-1].id] = _rank_other(found, longer)
+    for id, (_, gates) in sorted(library.items()):
+        if id not in verdicts:
+            verdicts[id] = Candidate(id, 0.0, Verdict.REJECTED, 1.0, _not_tried(gates), gates=gates)
+    return doubted(by_verdict(verdicts.values()), doubts), groups
+
+
+def doubted(candidates: Sequence[Candidate], doubts: Sequence[Doubt]) -> list[Candidate]:
+    """Candidates of which those are not rejected that would pass for a term of the model, as these data are."""
+    alike = {doubt.rivals[0]: doubt.text for doubt in doubts if doubt.rivals is not None}
+    return by_verdict(
+        replace(one, verdict=Verdict.NOT_EXCITED, reason=alike[one.effect])
+        if one.verdict is Verdict.REJECTED and one.effect in alike
+        else one
+        for one in candidates
+    )
+
+
+def by_verdict(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Candidates by what became of them, the likelier first."""
+    order = list(Verdict)
+    return sorted(candidates, key=lambda candidate: (order.index(candidate.verdict), -candidate.score))
+
+
+def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step) -> list[Candidate]:
+    """Return the effect added from `before` to `after`, followed by the effects that tie with it.
+
+    The score is the probability of the effect, or of its group, among the library, times the share of the residual of
+    the other terms that it explains: an unknown law may cause the rest, and then this effect as well.
+    """
+    evaluator = found.evaluator
+    final = (*final, found.table) if found.table is not None else final  # beside it, effects that it hides show
+    term = next(term for term in final if term.id == after.added)
+    others = without(final, term)
+    # windows, in which a link is carried along, say little of hidden states: the motion has decided
+    odds = {term.id: 1.0} if is_hidden(term) else alternatives(evaluator, final, term)
+    share = 1.0 if evaluator.residuals.is_noise(final) else max(0.0, evaluator.residuals.explained_share(final, others))
+    rivals = {rival[-1].id: rival for rival in screen_replacements(evaluator, final, term)} if len(odds) > 1 else {}
+    least = evaluator.criterion.tie_probability
+    tied = sorted((id for id in odds if id != term.id and odds[id] > least), key=lambda id: -odds[id])
+    score = evaluator.criterion.max_score * share
+    if evaluator.train.segments or before.errors["holdout"].is_in_loop:
+        less, more = (step.errors["holdout"].at(term.at) for step in (after, before))
+        reason = _falls(before, after)
+    else:  # without a simulation, windows give the errors of the final model, as they give the score
+        less, more = (_held_out_rms(evaluator, terms, term.at) for terms in (final, others))
+        reason = f"lowers the held-out torque error of {term.at} to {less / more:.1%}"
+    gates = (*([] if is_hidden(term) else evaluator.gates(final, others)), *_confirmation(evaluator, after, before))
+    gained: tuple[Gain | None, int] = (None, 1) if is_hidden(term) else _gained(evaluator, final, others)
+    ratio, total = less / more, score * sum(odds[id] for id in (term.id, *tied))
+    found_tied = []
+    for id in tied:
+        own = (*evaluator.gates(rivals[id], others), Gate("tie_probability", odds[id], least, True))
+        gain, variants = _gained(evaluator, rivals[id], others)
+        imitates = f"predicts as well as {term.id}, or nearly"
+        found_tied.append(
+            Candidate(id, score * odds[id], Verdict.AMBIGUOUS, ratio, imitates, gain, variants, own, rivals[id])
+        )
+    return [Candidate(term.id, total, Verdict.SELECTED, ratio, reason, gained[0], gained[1], gates, final), *found_tied]
+
+
+def _rank_other(found: SearchResult, longer: Terms) -> Candidate:
+    """Return the verdict on an effect that the final model lacks, from its best variant beside that model."""
+    evaluator, (*rest, term) = found.evaluator, longer
+    others = tuple(rest)
+    gain, variants = _gained(evaluator, longer, others)
+    ratio = _held_out_rms(evaluator, longer, term.at) / _held_out_rms(evaluator, others, term.at)
+    gates = evaluator.gates(longer, others)
+    untested, verdict = untested_range(type(term)(), *evaluator.train.reach(term.at)), Verdict.NOT_EXCITED
+    if untested and not evaluator.is_significant(longer, others):
+        reason = f"{untested}; it needs {term.description.informative_experiment}"
+    elif not (excited := gate_of_excitation(evaluator, longer)).passed:
+        reason, gates = f"these data hardly depend on it; it needs {term.description.informative_experiment}", [excited]
+    else:
+        verdict, gates = Verdict.REJECTED, [excited, *gates]
+        if found.table is not None and term.kind == found.table.kind:
+            reason = f"only imitates {found.table.told}, which the library does not have"
+        elif not gates[-1].passed:
+            reason = _unsupported(gates, "after the selected effects" if len(found.steps) > 1 else "to the base model")
+        else:
+            gates += _confirmation(evaluator, evaluator.fit_with_std(term.id, longer), found.steps[-1])
+            failed = [gate for gate in gates if not gate.passed]
+            reason = describe_failure(failed) if failed else "others explain it better"
+    return Candidate(term.id, 0.5 * (1 - gain.p_value), verdict, ratio, reason, gain, variants, tuple(gates), longer)
+
+
+def _unsupported(gates: Sequence[Gate], where: str) -> str:
+    """Return why the data do not support an effect, from the gates of its gain and its explained share."""
+    known = {gate.name: gate for gate in gates}
+    if "explained_share" in known:
+        share = known["explained_share"]
+        return f"explains {max(0.0, share.value):.0%} of the residual, less than {share.limit:.0%}"
+    gain, p_value = known["gain"], known["p_value"]
+    std = "" if gain.std is None else f" ± {gain.std:.2g}"
+    numbers = f"adds {gain.value:.3g}{std} nat {where}"
+    return f"{numbers}: p = {p_value.value:.2g} with the penalty of {gain.limit:.2g} nat, limit {p_value.limit:.2g}"
+
+
+def _not_tried(gates: Sequence[Gate]) -> str:
+    """Return why an effect was not tried, from the gates of its screening."""
+    phrases = {
+        "residual_over_noise": "not tried: the residual is {:.2g} times the noise floor, which counts as noise",
+        "earlier_effects": "not tried: a transmission is tried only as the first effect",
+        "transmissions": "not tried: the model has a transmission already",
+        "variants": "not tried: these data offer no variant of it",
+    }
+    (gate, *_) = gates
+    return phrases[gate.name].format(gate.value) if gate.name in phrases else describe_failure(gates)
+
+
+def _confirmation(evaluator: ModelEvaluator, after: Step, before: Step) -> list[Gate]:
+    return confirmation_gates(after, before, evaluator.train.motions)
+
+
+def _gained(evaluator: ModelEvaluator, after: Terms, before: Terms) -> tuple[Gain, int]:
+    """What a candidate predicts better than its absence, and the number of variants that it is the best of."""
+    return evaluator.gain(after, before), evaluator.n_variants(after, before)
+
+
+def _held_out_rms(evaluator: ModelEvaluator, terms: Terms, at: str) -> float:
+    """Torque error on the held-out data of the terms fitted to the training data [N m]."""
+    error = evaluator.holdout.regression.equations(terms).error(evaluator.regression.solve(terms))
+    return error_at(evaluator.holdout.data.errors(error), at, np.nan)
+
+
+def alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) -> dict[str, float]:
+    """Probability of each effect in the place of one of the terms, itself first, by id.
+
+    A more complex law that contains the term, as a spring contains an offset, does not compete, nor does one that would
+    not lower the held-out errors.
+    """
+    others = tuple(other for other in terms if other is not term)
+    open_to = [
+        rival for rival in screen_replacements(evaluator, terms, term) if not contains(evaluator, rival[-1], term)
+    ]
+    known: dict[Terms, bool] = {}
+    while True:
+        odds = evaluator.bootstrap.probabilities([evaluator.density(one) for one in (terms, *open_to)])
+        likely = [
+            rival for rival, share in zip(open_to, odds[1:], strict=True) if share > evaluator.criterion.tie_probability
+        ]
+        known |= {rival: may_replace(evaluator, rival, terms, others) for rival in likely if rival not in known}
+        refuted = [rival for rival in likely if not known[rival]]
+        if not refuted:
+            return dict(zip((term.id, *(rival[-1].id for rival in open_to)), odds.tolist(), strict=True))
+        open_to = [rival for rival in open_to if rival not in refuted]
+
+
+def may_replace(evaluator: ModelEvaluator, rival: Terms, terms: Terms, others: Terms) -> bool:
+    """Whether a rival lowers both errors of the others, and the terms do not follow the motion significantly better."""
+    rival, terms, others = (without_table(evaluator, one) for one in (rival, terms, others))
+    if not evaluator.lowers_errors(rival, others):
+        return False
+    if has_transmission(rival) or has_transmission(terms) or not evaluator.train.segments:
+        return True  # segments with a transmission soon diverge
+    first, second = (evaluator.refit_to_motion(evaluator.fit(None, one)).model for one in (terms, rival))
+    gain, share = simulation_gain(evaluator, first, second)
+    return gain.p_value > evaluator.criterion.p_value or share <= evaluator.criterion.explained_share
+
+
+def simulation_gain(evaluator: ModelEvaluator, after: Model, before: Model) -> tuple[Gain, float]:
+    """Gain of one model over another on all segments, and the share of squared error removed on fitted ones.
+
+    The score is that of the windows. Errors within a segment are fully correlated, so the gain is the logarithm of
+    their ratio; noise is added to both, since errors below it carry no information.
+    """
+    parts = (evaluator.train.segments, evaluator.holdout.segments)
+    points = [output_error.Point.of(model) for model in (after, before)]
+    new, old = (np.concatenate([output_error.sizes(part, one) ** 2 for part in parts]) for one in points)
+    counts = [sum(len(segment.first) for segment in part) for part in parts]
+    owner = np.repeat(np.arange(2), counts)
+    noise = np.array([output_error.noise(part, points[1]) ** 2 for part in parts])[owner]
+    gain = Bootstrap(owner, np.random.default_rng(0)).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
+    had, left = (float(np.mean((squares - noise)[: counts[0]])) for squares in (old, new))
+    return gain, (had - left) / had if had > 0 else 0.0
+
+
+def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
+    """Whether a term with more parameters can reproduce any torque of another."""
+    if complexity(larger) <= complexity(term) or not term.columns:
+        return False
+    (own,), (other,) = evaluator.regression.columns([term]), evaluator.regression.columns([larger])
+    left = own.linear - other.linear @ np.linalg.lstsq(other.linear, own.linear, rcond=None)[0]
+    return bool(np.linalg.norm(left) < SAME * np.linalg.norm(own.linear))
+
+
+def gate_of_excitation(evaluator: ModelEvaluator, longer: Terms) -> Gate:
+    """Return the share of the torque of the last of some terms that the others cannot imitate, as a gate."""
+    *others, term = longer
+    (columns,) = evaluator.regression.columns([term])
+    own = evaluator.regression.placed([term], [np.column_stack([columns.linear, columns.fixed])])
+    own = own[:, np.linalg.norm(own, axis=0) > 0] * evaluator.regression.weights(others)[:, None]
+    rest = outside(evaluator.regression.frame(others), own)
+    shares = np.linalg.norm(rest, axis=0) / np.linalg.norm(own, axis=0)
+    share, least = float(max(shares, default=0.0)), evaluator.criterion.least_excitation
+    return Gate("excitation", share, least, share > least)
+
+
+def _falls(before: Step, after: Step) -> str:
+    """How held-out errors fell, in words."""
+    old, new = before.errors["holdout"], after.errors["holdout"]
+    if new.is_in_loop:
+        return f"lowers the held-out error in the loop: {old.in_loop:.3g} -> {new.in_loop:.3g} rad"
+    torque = f"torque {old.torque_rms:.3g} -> {new.torque_rms:.3g} N m"
+    position = f", free-running position {number_text(old.position_rms, 3)} -> {new.position_rms:.3g} rad"
+    return f"lowers the held-out errors: {torque}{'' if np.isnan(new.position_rms) else position}"

@@ -1,0 +1,259 @@
+"""Evaluation of models on training and held-out data: fits, scores, errors and residuals, each computed once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from estimators.memoize import memoized
+from estimators.progress import Progress, no_progress
+from estimators.selection.criterion import Criterion
+from estimators.selection.data import fit_terms
+from estimators.selection.errors import Step
+from estimators.selection.gates import Gate
+from estimators.selection.physical import confirmation_gates, violations
+from estimators.selection.prepared import Comparable
+from estimators.selection.residuals import Residuals, Terms, with_time_grid
+from estimators.selection.score import BLOCK, Blocks, Bootstrap, Gain, cross_validated, predicted
+from estimators.simulation import output_error
+from estimators.simulation.output_error import Point
+from pendulum_env._typing import Array
+from pendulum_env.arms.model import model_of
+from pendulum_env.physics import BASE, Model, Term, effects
+from pendulum_env.physics.model import SURE
+from pendulum_env.physics.table import COMPETING, ByTime
+from pendulum_env.physics.term import loads
+from pendulum_env.physics.terms import has_link, has_transmission, ids
+
+
+@dataclass
+class ModelEvaluator:
+    """Fits, scores and residuals of models on training and held-out data; results are memoised.
+
+    Attributes:
+        train: recordings to fit.
+        holdout: recordings to predict.
+        progress: called with the present work and the share that is done.
+        library: effects that may be selected, by id.
+        criterion: thresholds of the decisions.
+        rng: random numbers of the bootstrap.
+        base: terms that the search starts from.
+        tables: nonparametric functions that compete with the effects, without those of the base model.
+        linked: model by which the state of a link is estimated; None without a link.
+        drawn: random weights of blocks; drawn from `rng` by default.
+    """
+
+    train: Comparable
+    holdout: Comparable
+    progress: Progress = no_progress
+    library: Mapping[str, type[Term]] = field(default_factory=effects)
+    criterion: Criterion = field(default_factory=Criterion)
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    base: Terms = BASE
+    tables: Sequence[type[Term]] = COMPETING
+    linked: Step | None = None
+    drawn: Bootstrap | None = None
+
+    def __post_init__(self) -> None:
+        self.regression, self.screen, self.parts = self.train.regression, self.train.screen, (self.train, self.holdout)
+        known = ids(self.base)
+        self.tables = [table for table in self.tables if table.id not in known]
+        self.residuals = Residuals(self.train, self.holdout, self.criterion, self.base)
+        self._blocks = [_blocks(part, BLOCK) for part in self.parts]
+        self._pieces = [_blocks(part, self.criterion.drift_piece) for part in self.parts]
+        self._unknown = self._find_unknown()
+        self._in_motion: dict[Terms, Step] = {}
+        first, second = (blocks.of_block for blocks in self._blocks)
+        same = self.train.recordings == self.holdout.recordings  # parts of the same recordings
+        of_block = np.concatenate([first, second if same else second + first.max() + 1])
+        self.bootstrap = self.drawn or Bootstrap(of_block, self.rng)
+
+    def with_link(self, linked: Step) -> ModelEvaluator:
+        """Return an evaluator whose link states are estimated by a model from the motion around each instant."""
+        train, holdout = (part.with_link_states(linked.model) for part in self.parts)
+        return replace(self, train=train, holdout=holdout, linked=linked, drawn=self.bootstrap)
+
+    @memoized
+    def density(self, terms: Terms) -> Array:
+        """Return the log predictive density of each block, those of the training data first, (S,) [nat]."""
+        if any(isinstance(term, ByTime) for term in terms):
+            return self.refitted_density(terms)
+        of_torque, (first, second) = self._density_of_torque(terms), self._blocks
+        fitted, unseen = (part.regression.equations(terms).recorded for part in self.parts)
+        if fitted is not None and unseen is not None:
+            known = replace(fitted, weights=self.regression.weights(terms))
+            recorded = np.concatenate([cross_validated(known, first), predicted(known.solve(), unseen, second)])
+            for lag in (term for term in terms if term.lead):
+                without = tuple(other for other in terms if other is not lag)
+                several = any(other.lead for other in without)
+                acting = self.density(without) if several else self._density_of_torque(without, lag)
+                if self.bootstrap.gain(recorded, acting).p_value > self.criterion.p_value:
+                    return recorded  # a filter that only makes the torque smaller
+        return of_torque
+
+    def _density_of_torque(self, terms: Terms, without: Term | None = None) -> Array:
+        """Return the log density of each block by the residual of the torque that acts (S,) [nat].
+
+        Args:
+            terms: of the model.
+            without: a filter to compare with; as much noise is added as the derivative of the acceleration has there.
+        """
+        regression, (first, second) = self.regression, self._blocks
+        fitted, unseen = (part.regression.equations(terms) for part in self.parts)
+        absorbed = [part.regression.hidden_noise(terms) for part in self.parts]
+        if without is not None:
+            inertia = self.residuals.inertia[without.at or self.residuals.joints[0]]
+            for own, part in zip(absorbed, self.parts, strict=True):
+                noise = [w.rate_noise(inertia) for w in part.data.part(without.at).windows]
+                own.append((part.data.where(without.at), float(np.mean(np.square(noise))) * without.lead**2))
+        return np.concatenate(
+            [
+                cross_validated(fitted, first, absorbed[0], regression.solve_without(terms)),
+                predicted(regression.solve(terms), unseen, second, absorbed[1]),
+            ]
+        )
+
+    @memoized
+    def refitted_density(self, terms: Terms) -> Array:
+        """Return the log density of each block, refitted to each part of the data, since a drift differs (S,) [nat].
+
+        The torque of one moment predicts the next moment, so folds are shorter than blocks of the score.
+        """
+        parts = []
+        for part, pieces in zip(self.parts, self._pieces, strict=True):
+            own = with_time_grid(part, terms)
+            parts.append(cross_validated(part.regression.balance(own), pieces, part.regression.hidden_noise(own)))
+        return np.concatenate(parts)
+
+    def screening_score(self, terms: Terms) -> float:
+        """Return the sort key of models, the most probable first: negative log density [nat]."""
+        return -float(self.density(terms).sum())
+
+    def gain(self, after: Terms, before: Terms) -> Gain:
+        """Return the gain of one model over another; its p-value includes `penalty`."""
+        return self.bootstrap.gain(self.density(after), self.density(before), self.penalty(after, before))
+
+    def penalty(self, after: Terms, before: Terms) -> float:
+        """Return the multiple-comparison penalty: logarithm of the number of models tried [nat]."""
+        return float(np.log(max(1, len(self.library) * self.n_variants(after, before))))
+
+    def n_variants(self, after: Terms, before: Terms) -> int:
+        """Return the number of variants tried of the effects by which one model is larger, at least one."""
+        known = {other.id: other for other in before}
+        tried = [self.screen.looked_at(before, type(term)) for term in after if term.id not in known]
+        more = [shape for term in after if term.id in known for shape in term.free if shape not in known[term.id].free]
+        return max(1, sum(tried) + sum(int(shape.high - shape.low) for shape in more if shape.integer))
+
+    def is_significant(self, after: Terms, before: Terms) -> bool:
+        """Return whether one model predicts significantly better than another."""
+        return self.gain(after, before).p_value <= self.criterion.p_value
+
+    def is_supported(self, after: Terms, before: Terms) -> bool:
+        """Return whether a larger model gains significantly and explains enough of the smaller one's residual."""
+        return (
+            self.is_significant(after, before)
+            and self.residuals.explained_share(after, before) > self.criterion.explained_share
+        )
+
+    def is_needed(self, after: Terms, before: Terms) -> bool:
+        """Return whether a larger model gains significantly and explains more of the residual than it leaves."""
+        return (
+            self.is_significant(after, before)
+            and self.residuals.explained_share(after, before) > self.criterion.needed_share
+        )
+
+    def is_tied(self, one: Terms, other: Terms) -> bool:
+        """Return whether the first of two models has a probability above `tie_probability`."""
+        probability = self.bootstrap.probabilities([self.density(one), self.density(other)])[0]
+        return bool(probability > self.criterion.tie_probability)
+
+    def gates(self, after: Terms, before: Terms) -> list[Gate]:
+        """Return the gates of `is_supported`, up to the first that the larger model fails."""
+        gain, penalty, criterion = self.gain(after, before), self.penalty(after, before), self.criterion
+        std = gain.error if np.isfinite(gain.error) else None
+        gates = [
+            Gate("gain", gain.total, penalty, gain.total > penalty, "nat", std),
+            Gate("p_value", gain.p_value, criterion.p_value, gain.p_value <= criterion.p_value),
+        ]
+        if gates[-1].passed:
+            share = self.residuals.explained_share(after, before)
+            gates.append(Gate("explained_share", share, criterion.explained_share, share > criterion.explained_share))
+        return gates
+
+    def model(self, terms: Terms) -> Model:
+        """Fit the terms to the training data, without standard errors, which take time."""
+        model = Model.build(self.regression.as_fitted(terms), self.regression.solve(terms))
+        return model.withholding(self._unknown)
+
+    def _find_unknown(self) -> frozenset[str]:
+        """Name the inertia if it is within 3 standard errors of zero by noise alone: nothing is simulated by it."""
+        if self.train.in_loop or "inertia" not in ids(self.base):
+            return frozenset()
+        model, fit = fit_terms(self.train, self.base)
+        inertia, rms = model.estimates["inertia"], float(np.sqrt(np.mean(fit.residual**2)))
+        noise = inertia.std * min(1.0, self.residuals.noise_floor() / max(rms, 1e-300))
+        return frozenset({"inertia"}) if abs(inertia.value) <= SURE * noise else frozenset()
+
+    def fit(self, added: str | None, terms: Terms) -> Step:
+        """Fit the terms to the training data, and compute the errors."""
+        return self.make_step(added, self.model(terms))
+
+    def fit_with_std(self, added: str | None, terms: Terms) -> Step:
+        """Fit the terms to the training data, and compute errors and standard errors."""
+        return self.make_step(added, fit_terms(self.train, terms)[0])
+
+    def make_step(self, added: str | None, model: Model) -> Step:
+        """Compute the errors of a model on training and held-out data, with link states estimated."""
+        parts = {"train": self.train, "holdout": self.holdout}
+        if self.linked is None and has_link(model.terms):
+            parts = {name: part.with_link_states(model) for name, part in parts.items()}
+        model = model_of(model).per(self.train.recordings[0].torque_unit).withholding(self._unknown)
+        return Step(added, model, {name: part.errors(model) for name, part in parts.items()})
+
+    def refit_to_motion(self, step: Step) -> Step:
+        """Refit the parameters of a step to free-running simulation.
+
+        With a large unexplained residual, the parameters of the smallest torque error may follow the motion badly.
+        """
+        if has_transmission(step.model.terms) or not self.train.segments or not step.model.is_inertia_known:
+            return step  # a simulation from an unknown state of the link soon diverges
+        if step.model.terms not in self._in_motion:
+            point = output_error.fit(self.train.segments, Point.of(step.model))
+            refined = output_error.model(self.train.segments, point)
+            self._in_motion[step.model.terms] = self.make_step(step.added, refined)
+        return replace(self._in_motion[step.model.terms], added=step.added)
+
+    def violations(self, terms: Terms) -> list[Gate]:
+        """Return the physical bounds that the effects among the terms violate at their own joints."""
+        where = {joint for term in terms[len(self.base) :] for joint in loads(term.at)}
+        return violations(self.model(terms), {at: x for at, x in self.train.motions.items() if at in where})
+
+    def is_confirmed(self, after: Step, before: Step) -> bool:
+        """Return whether both held-out errors fall and the parameters are physically possible."""
+        return all(gate.passed for gate in confirmation_gates(after, before, self.train.motions))
+
+    def lowers_errors(self, after: Terms, before: Terms) -> bool:
+        """Return whether both held-out errors fall, with the parameters fitted to the torque or else to the motion."""
+        new, old = self.fit(None, after), self.fit(None, before)
+        return self.is_confirmed(new, old) or self.is_confirmed(self.refit_to_motion(new), self.refit_to_motion(old))
+
+    @property
+    def cost_with_link(self) -> float:
+        """Held-out cost of the model by which the link's state is estimated."""
+        return np.inf if self.linked is None else held_out_cost(self.linked)
+
+
+def _blocks(part: Comparable, length: float) -> Blocks:
+    """Return blocks of some data, with folds of pieces of a length [s]."""
+    return Blocks(*part.data.blocks(BLOCK), part.data.blocks(length)[0])
+
+
+def held_out_cost(step: Step) -> float:
+    """Return the product of both held-out errors [N m rad].
+
+    A model is better where one error falls by a larger factor than the other rises.
+    """
+    errors = step.errors["holdout"]
+    return errors.torque_rms * (1.0 if np.isnan(errors.position_rms) else errors.position_rms)

@@ -1,0 +1,41 @@
+"""Gates: tests that a candidate effect meets, with their values and limits."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pendulum_env._typing import JSON
+
+
+@dataclass(frozen=True)
+class Gate:
+    """Comparison of a value with its limit.
+
+    Attributes:
+        name: quantity that is compared: `gain`, `p_value`, `explained_share`, `holdout_torque`, ..., or a parameter.
+        value: of the candidate.
+        limit: bound of the value.
+        passed: whether the value is on the right side of its limit.
+        unit: of value and limit; "1" for numbers.
+        std: standard error of the value; None if it is unknown.
+    """
+
+    name: str
+    value: float
+    limit: float
+    passed: bool
+    unit: str = "1"
+    std: float | None = None
+
+    @property
+    def cells(self) -> tuple[str, str, str, str]:
+        """Name, value with its standard error and unit, limit, and `passed` or `failed`, as texts."""
+        error, unit = "" if self.std is None else f" ± {self.std:.2g}", "" if self.unit == "1" else f" {self.unit}"
+        value = f"{self.value:.3g}{error}{unit}"
+        return self.name.replace("_", " "), value, f"{self.limit:.3g}", "passed" if self.passed else "failed"
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        numbers = {"value": self.value, "limit": self.limit, "std": self.std}
+        finite = {name: own if own is not None and np.isfinite(own) else None for name, own in numbers.items()}
+        return {"name": self.name, **finite, "unit": self.unit, "passed": self.passed}

@@ -1,0 +1,178 @@
+"""Residuals of models, joint by joint: noise or structure, and the share of it that a larger model explains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.memoize import memoized
+from estimators.regression.least_squares import information, least_squares, robust_covariance
+from estimators.search_hints import grid
+from estimators.selection.criterion import Criterion
+from estimators.selection.data import fit_terms
+from estimators.selection.prepared import Comparable
+from estimators.weak_form.dataset import ResidualStructure
+from pendulum_env._typing import Array
+from pendulum_env.physics import Term
+from pendulum_env.physics.table import ByTime
+
+Terms = tuple[Term, ...]
+
+
+class Power(NamedTuple):
+    """Power of a model's residual at a joint, with the torque noise that the model absorbs [N^2 m^2].
+
+    Attributes:
+        total: mean square.
+        correlated: mean square of the part that neighbouring windows have in common.
+    """
+
+    total: float
+    correlated: float
+
+
+@dataclass
+class Residuals:
+    """Residuals of models on training and held-out data; results are memoised.
+
+    Attributes:
+        train: recordings to fit.
+        holdout: recordings to predict.
+        criterion: limits of noise.
+        base: terms whose fit gives the inertia.
+    """
+
+    train: Comparable
+    holdout: Comparable
+    criterion: Criterion
+    base: Terms
+
+    def __post_init__(self) -> None:
+        self.parts = (self.train, self.holdout)
+        self.joints = self.train.data.joints
+        self.inertia = self.train.inertias(self.base)
+        self.floors = self.train.floors
+        self._holdout_floors = {at: self.holdout.data.part(at).noise(self.inertia[at]) for at in self.joints}
+
+    def noise_floor(self, part: Comparable | None = None, at: str | None = None) -> float:
+        """Return the torque error due to sensor noise [N m], by default at the first joint of the training data."""
+        return (self._holdout_floors if part is self.holdout else self.floors)[self.joints[0] if at is None else at]
+
+    @memoized
+    def structures(self, terms: Terms) -> tuple[dict[str, ResidualStructure], dict[str, ResidualStructure]]:
+        """Return the structure of a fit's residual at each joint, on training and on held-out data."""
+        fitted = self._structures_in(self.train, self.train.regression.residual(terms))
+        return fitted, self._structures_in(self.holdout, self.holdout_residual(terms))
+
+    def _structures_in(self, part: Comparable, residual: Array) -> dict[str, ResidualStructure]:
+        data = part.data
+        return {at: data.part(at).structure(residual[data.where(at)], self.inertia[at]) for at in self.joints}
+
+    def is_noise(self, terms: Terms) -> bool:
+        """Return whether the residual of a fit is noise at every joint, on all data."""
+        return all(self.is_noise_by_part(terms))
+
+    def is_noise_by_part(self, terms: Terms) -> tuple[bool, bool]:
+        """Return whether the residual of a fit is noise at every joint, on training and on held-out data."""
+        first, second = (
+            self._are_noise(part, own) for part, own in zip(self.parts, self.structures(terms), strict=True)
+        )
+        return first, second
+
+    def is_noise_at(self, at: str, terms: Terms) -> bool:
+        """Return whether the residual of a fit is noise at a joint, on the training data."""
+        return self._are_noise(self.train, {at: self.structures(terms)[0][at]})
+
+    def is_noise_in(self, part: Comparable, residual: Array) -> bool:
+        """Return whether a residual (R,) [N m] of the training or of the held-out data is noise at every joint."""
+        return self._are_noise(part, self._structures_in(part, residual))
+
+    def _are_noise(self, part: Comparable, structures: Mapping[str, ResidualStructure]) -> bool:
+        return all(self.criterion.is_noise(own, self.noise_floor(part, at)) for at, own in structures.items())
+
+    def relative_rms(self, terms: Terms) -> float:
+        """Return the residual of a fit over its noise floor, the largest over joints, training and held-out data."""
+        both = zip(self.parts, self.structures(terms), strict=True)
+        return max(own.rms / max(self.noise_floor(part, at), 1e-300) for part, all in both for at, own in all.items())
+
+    def holdout_residual(self, terms: Terms) -> Array:
+        """Return the held-out residual (R,) [N m], with the parameters corrected within their uncertainty.
+
+        The right law has the same parameters in all data. A law that imitates another along one motion needs different
+        parameters along the next.
+        """
+        known, regression = fit_terms(self.train, terms)[1], self.holdout.regression
+        balance = regression.balance(terms)
+        free = np.flatnonzero(np.diag(known.covariance))  # the others are given, or at their bounds
+        slopes = balance.slopes(known.theta, regression.shape_jacobian(terms, known.theta)[0])[:, free]
+        error, weights = balance.error(known.theta), balance.weights
+        step = least_squares(slopes * weights[:, None], error * weights)
+        covariance = robust_covariance(
+            slopes * weights[:, None], (error - slopes @ step) * weights, self.holdout.data.clusters
+        )
+        prior, own = information(known.covariance[np.ix_(free, free)]), information(covariance)
+        return np.asarray(error - slopes @ least_squares(prior + own, own @ step))
+
+    @memoized
+    def power(self, terms: Terms) -> list[dict[str, Power]]:
+        """Return the power of a fit's residual at each joint, on training and on held-out data."""
+        found = []
+        for part in self.parts:
+            if any(isinstance(term, ByTime) for term in terms):
+                residual = part.regression.residual(with_time_grid(part, terms))
+            else:
+                residual = part.regression.equations(terms).error(self.train.regression.solve(terms))
+            structures, powers = self._structures_in(part, residual), {}
+            for at in self.joints:
+                absorbed = part.regression.hidden_noise([term for term in terms if term.at == at])
+                own = part.data.part(at).power(residual[part.data.where(at)])
+                total = own + sum(variance for _, variance in absorbed)
+                powers[at] = Power(total, structures[at].correlated_rms ** 2)
+            found.append(powers)
+        return found
+
+    def explained_share(self, after: Terms, before: Terms) -> float:
+        """Return the share of one model's explainable residual power that a larger model explains, at its best joint.
+
+        The share is the smaller of training and held-out data. Explainable power is
+
+        - all power, where the smaller model leaves white noise in the training data;
+        - removed power + correlated power of the rest, where neighbouring windows are correlated, with a floor set by
+          the number of windows;
+        - all power above the noise floor otherwise.
+
+        Held-out data with white noise count only if the training data have white noise. The best joint counts, since
+        parameters of the links may imitate an effect at its joint at the cost of other joints.
+        """
+        return max(self._explained_at(at, after, before) for at in self.joints)
+
+    def _explained_at(self, at: str, after: Terms, before: Terms) -> float:
+        least, shares, structures = self.train.data.part(at).precision() ** 2, [], self.structures(before)
+        structured = [
+            self.criterion.has_structure(own[at], self.noise_floor(part, at))
+            for part, own in zip(self.parts, structures, strict=True)
+        ]
+        both = zip(self.parts, self.power(before), self.power(after), structures, structured, strict=True)
+        for part, olds, news, own, has_structure in both:
+            old, new = olds[at], news[at]
+            removed = old.total - new.total
+            if not has_structure and part is self.holdout and structured[0]:
+                continue
+            if removed <= least:
+                shares.append(0.0)
+            elif not has_structure:
+                shares.append(removed / old.total)
+            elif own[at].z_score >= self.criterion.z_score:
+                resolution = new.total / len(part.data.part(at).weights) ** 0.5
+                shares.append(removed / (removed + new.correlated + resolution))
+            else:
+                shares.append(removed / max(old.total - self.noise_floor(part, at) ** 2, removed))
+        return min(shares)
+
+
+def with_time_grid(part: Comparable, terms: Sequence[Term]) -> Terms:
+    """Return the terms with functions of time on a grid that covers some data."""
+    return tuple(grid(type(t), part.samples, np.empty(0))[0] if isinstance(t, ByTime) else t for t in terms)

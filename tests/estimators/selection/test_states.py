@@ -1,0 +1,131 @@
+"""Moves of the search as tables: state in, state out, with scores that are given instead of data."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimators.selection.criterion import Criterion
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.moves import SearchState, add_effect, add_pair, drop_effect, revise, swap_effect
+from estimators.selection.prepared import Trial
+from estimators.selection.score import Bootstrap
+from estimators.selection.tables import replace_by_table
+from pendulum_env.physics import BASE, Term, effect
+from pendulum_env.physics.table import FrictionBySpeed
+
+BLOCKS = 20
+LIBRARY = {"D": effect("quadratic_drag"), "A": effect("viscous_asymmetry"), "O": effect("torque_offset")}
+LETTERS = {kind.id: letter for letter, kind in (LIBRARY | {"T": FrictionBySpeed}).items()}
+NOISE = 1000.0  # [nat] of gain from which the residual is noise
+
+
+class ScoredEvaluator(ModelEvaluator):
+    """Evaluator whose models have given gains over the base model [nat]; a model without one has none.
+
+    The explained share is the gain over what the best model would gain.
+    """
+
+    def __init__(self, gains: dict[str, float], tables: tuple[type[Term], ...] = ()) -> None:
+        self.gains, self.criterion, self.base, self.tables = gains, Criterion(), BASE, tables
+        self.library = {kind.id: kind for kind in LIBRARY.values()}
+        self.bootstrap = Bootstrap(np.zeros(BLOCKS, dtype=np.intp), np.random.default_rng(0))
+        self.train = SimpleNamespace(in_loop=False, motions={}, data=SimpleNamespace(link_states={}))
+        self.regression = SimpleNamespace(converge=lambda terms: terms)
+        self.screen = SimpleNamespace(
+            trial=lambda terms: Trial(tuple(terms), 0.0),
+            ranked=lambda terms, kind: [Trial((*terms, kind()), 0.0)],
+            variants=lambda terms, kind: [Trial((*terms, kind()), 0.0)],
+            looked_at=lambda terms, kind: 1,
+        )
+        self.residuals = SimpleNamespace(
+            joints=("",),
+            is_noise=lambda terms: self.total(terms) >= NOISE,
+            is_noise_at=lambda at, terms: self.total(terms) >= NOISE,
+            explained_share=lambda after, before: (
+                (self.total(after) - self.total(before)) / max(NOISE - self.total(before), 1.0)
+            ),
+        )
+
+    def total(self, terms: tuple[Term, ...]) -> float:
+        return self.gains.get(letters(terms), 0.0)
+
+    def density(self, terms: tuple[Term, ...]) -> np.ndarray:
+        return np.full(BLOCKS, self.total(terms) / BLOCKS)
+
+    def progress(self, text: str, share: float) -> None:
+        """Nothing is printed."""
+
+    def model(self, terms: tuple[Term, ...]) -> SimpleNamespace:
+        return SimpleNamespace(estimates={})
+
+    def violations(self, terms: tuple[Term, ...]) -> list:
+        return []
+
+    def lowers_errors(self, after: tuple[Term, ...], before: tuple[Term, ...]) -> bool:
+        return self.total(after) > self.total(before)
+
+
+def letters(terms: tuple[Term, ...]) -> str:
+    """The effects of a model in the order of the alphabet: `AD`."""
+    return "".join(sorted(LETTERS[term.id] for term in terms if term.id in LETTERS))
+
+
+def state(evaluator: ModelEvaluator, effects: str) -> SearchState:
+    return SearchState(evaluator, BASE, (*BASE, *(LIBRARY[letter]() for letter in effects)))
+
+
+CLEAR = {"D": 1000.0, "AD": 1000.0, "DO": 1000.0, "ADO": 1000.0}  # only drag is missing
+TWO = {"D": 700.0, "O": 300.0, "DO": 1000.0, "A": 650.0, "AO": 950.0, "AD": 701.0}
+HIDDEN = {"D": 2.0, "O": 2.0, "DO": 1000.0}  # each effect shows only beside the other
+
+
+@pytest.mark.parametrize(
+    ("move", "gains", "before", "after"),
+    [
+        (add_effect, CLEAR, "", "D"),
+        (add_effect, CLEAR, "D", None),
+        (add_effect, TWO, "D", "DO"),
+        (add_effect, {"A": 3.0}, "", None),  # below the penalty for three effects and the p-value
+        (add_effect, {"A": 100.0}, "", None),  # significant, but a tenth of the residual
+        (add_effect, HIDDEN, "", "DO"),
+        (drop_effect, CLEAR, "DO", "D"),
+        (drop_effect, CLEAR, "D", None),
+        (drop_effect, {}, "A", ""),
+        (drop_effect, TWO, "DO", None),
+        (swap_effect, TWO, "AO", "DO"),
+        (swap_effect, TWO, "DO", None),
+        (swap_effect, CLEAR, "A", None),  # one effect alone was the best
+        (revise, CLEAR, "ADO", "D"),
+        (revise, TWO, "AO", "DO"),
+        (revise, TWO, "DO", "DO"),
+    ],
+)
+def test_move_leads_from_state_to_state(move: Callable, gains: dict, before: str, after: str | None):
+    begin = state(ScoredEvaluator(gains), before)
+    found = move(begin)
+    assert (None if found is None else letters(found.terms)) == after
+    assert letters(begin.terms) == before  # the state itself does not change
+
+
+@pytest.mark.parametrize(("gains", "after"), [(HIDDEN, "DO"), (CLEAR, None), ({"O": 599.0, "DO": 600.0}, None)])
+def test_pair_is_added_if_each_effect_needs_the_other(gains: dict, after: str | None):
+    begin = state(ScoredEvaluator(gains), "")
+    found = add_pair(begin, [(*BASE, LIBRARY["D"]())])
+    assert (None if found is None else letters(found.terms)) == after
+
+
+@pytest.mark.parametrize(
+    ("gains", "before", "after", "has_table"),
+    [
+        ({"T": 1000.0}, "", "", True),  # no effect is such a law
+        ({"D": 600.0, "T": 1000.0, "DT": 1000.0}, "D", "", True),  # drag only imitates the table
+        ({"D": 1000.0, "T": 600.0, "DT": 1000.0}, "D", "D", False),
+        ({"D": 600.0, "T": 650.0, "DT": 1000.0}, "D", "D", True),  # both are needed
+        ({}, "", "", False),
+    ],
+)
+def test_table_replaces_effects_that_imitate_it(gains: dict, before: str, after: str, has_table: bool):
+    found = replace_by_table(state(ScoredEvaluator(gains, (FrictionBySpeed,)), before))
+    assert (letters(found.terms), found.table is not None) == (after, has_table)
