@@ -20,6 +20,7 @@ from agents.observer import COUNT, NOMINAL, TICK, log_det
 from estimators.online import OnlineEstimator
 from estimators.schemes.six import scheme
 from pendulum_env._typing import Array
+from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.physics import BASE
 from pendulum_env.physics.simulation import simulate
@@ -91,7 +92,7 @@ def observe(
     """
     policy = contender(seed)
     env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, **(task or {}))  # type: ignore[arg-type]
-    estimator = OnlineEstimator(RATE, BASE, [scheme(scheme_id)], batch=plants)
+    estimator = OnlineEstimator(RATE, BASE, [scheme(scheme_id)], batch=plants, counts=COUNTS)
     observation, info = env.reset(seed=FRESH + seed)
     truth = np.stack([info["plant"][name] for name in PAPER], axis=1)
     estimator.take(np.zeros(plants), info["positions"][:, 0], np.zeros(plants))

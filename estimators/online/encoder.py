@@ -13,27 +13,24 @@ SOME = 16  # of them, from which on a second position counts
 
 
 class EncoderNoise:
-    """Learns the standard deviation of position noise from N positions, those of pendulums or of an arm's joints.
+    """Learns the standard deviation of position noise from samples of N pendulums, or of the joints of an arm.
 
     Noise is the larger of two: the scatter of fourth differences near motion, and the smallest step of a position or
     its differences over sqrt(12), as of rounding. At rest a coarse encoder shows no noise, so samples at rest are not
     used.
     """
 
-    def __init__(self, count: int) -> None:
-        """Take the number N of positions."""
+    def __init__(self) -> None:
+        """Begin without a sample."""
         self._last: deque[Array] = deque(maxlen=ORDER + 1)
-        self._near: list[list[float]] = [[] for _ in range(count)]
-        self._step = np.full(count, np.inf)
-
-    def restart(self) -> None:
-        """Samples that follow do not continue those that came."""
-        self._last.clear()
+        self._near: list[list[float]] = []
+        self._step: Array = np.array(np.inf)
 
     def take(self, position: Array) -> float | None:
-        """Take in positions (N,) [rad]; returns the noise once enough samples of motion have come."""
-        self._last.append(np.array(position, dtype=float))
+        """Take in positions (N,) or (1, N) [rad]; returns the noise once enough samples of motion have come."""
+        self._last.append(np.array(position, dtype=float).ravel())
         if len(self._last) <= ORDER:
+            self._near = self._near or [[] for _ in self._last[0]]
             return None
         series = np.array(self._last)
         differences = [np.abs(np.diff(series, k, axis=0)) for k in range(1, ORDER + 1)]

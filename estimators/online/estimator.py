@@ -7,10 +7,12 @@ import numpy as np
 from estimators.online.arm_stream import stream_of
 from estimators.online.clock import checked_rate
 from estimators.online.confidence import Clusters, Recursion, Wandering
+from estimators.online.encoder import EncoderNoise
 from estimators.online.estimates import Estimates
 from estimators.online.joint_state import JointFilters, JointState
 from estimators.online.kalman import KalmanLeastSquares
 from estimators.online.recursion import SquareRootLeastSquares
+from estimators.online.stream import Taken
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import SCHEMES, Scheme, scheme
 from estimators.signals.measurements import Smoothing, of_steps
@@ -32,6 +34,9 @@ class OnlineEstimator:
     What comes out is what the schemes' `regression` and `history` give for the whole recording, a few samples later:
     `delay` is the smoothing's reach and the longest guard around stick. Terms with memory follow their own state
     equation, which differs from the offline trace by what happens within a sample.
+
+    The smoothing follows from the noise of the encoder. Without `counts`, `position_noise` and `smoothing`, the first
+    64 samples of motion teach it, and the estimates begin after them.
     """
 
     def __init__(
@@ -41,6 +46,7 @@ class OnlineEstimator:
         schemes: Sequence[Scheme | JointState] = SCHEMES,
         *,
         batch: int = 1,
+        counts: int | None = None,
         smoothing: Smoothing | None = None,
         prior: float = PRIOR,
         forgetting: float = 1.0,
@@ -55,15 +61,15 @@ class OnlineEstimator:
             terms: of the model, with their shape parameters set; of an arm its links first (`arm_base(body)`).
             schemes: which to run; a `JointState` is told after the others, of a pendulum.
             batch: number B of pendulums.
-            smoothing: of the measurement; without one, that of the paper's encoder at this rate.
+            counts: of the encoder per turn, from which smoothing and `position_noise` follow; 0 measures exactly.
+            smoothing: of the measurement, in the place of what follows from the noise.
             prior: P(0) on the diagonal.
             forgetting: factor lambda, once for every equation; 1 remembers all.
             random_walk: of the parameters, relative to their value [1/sqrt(s)], or for each in its own unit
                 [unit/sqrt(s)]; 0 if they are constant.
             recursion: what solves the regressions: "SquareRootLeastSquares", all at once, or "KalmanFilter",
                 filterpy's, one after the other; they find the same.
-            position_noise: standard deviation of the measured position, which a `JointState` has to know [rad]; without
-                one, that of the paper's encoder.
+            position_noise: standard deviation of the measured position [rad], in the place of `counts`.
 
         Raises:
             ValueError: if a number is out of its range, a filter is too fast for the rate, or the terms have no
@@ -76,10 +82,18 @@ class OnlineEstimator:
         joint, told = _checked_schemes(schemes)
         self.schemes: tuple[Scheme | JointState, ...] = told if joint is None else (*told, joint)
         self.terms, self.rate, self.batch = tuple(terms), rate, batch
-        run = told if joint is None else (*told, scheme("hamiltonian"))  # from which the joint state starts
-        smoothing = smoothing or Smoothing.of_encoder(COUNTS, rate)
-        shape, period, parameters = (batch, len(run)), 1.0 / rate, len(self.names)
-        self._stream = stream_of(terms, run, smoothing, period, batch)
+        # from a regression the joint state starts
+        self._run = told if joint is None else (*told, scheme("hamiltonian"))
+        shape, period, parameters = (batch, len(self._run)), 1.0 / rate, len(self.names)
+        noise = of_steps(counts) if position_noise is None and counts is not None else position_noise
+        self._learner: EncoderNoise | None = None
+        if noise is None:
+            noise = of_steps(COUNTS)
+            if smoothing is None:
+                self._learner = EncoderNoise()
+        self._has_learnt = False
+        self._skipped = np.zeros(batch, dtype=np.intp)  # samples before the first that the stream has taken
+        self._smooth(smoothing or Smoothing.of_noise(noise, rate))
         period /= len(self._stream.joints)  # between equations
         self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
         self._clusters: Clusters | Wandering = Clusters(shape, parameters, period, forgetting)
@@ -89,10 +103,13 @@ class OnlineEstimator:
         if joint is not None:
             if self._stream.joints != ("",):
                 raise ValueError(f"{joint.id} is a scheme of one joint: an arm takes the six")
-            noise = of_steps(COUNTS) if position_noise is None else position_noise
             self._joint = JointFilters(joint.torque_noise, terms, period, batch, noise, forgetting, walk)
-        self.delay = self._stream.delay  # [samples]
         self._now = self._nothing()
+
+    @property
+    def delay(self) -> int:
+        """Samples by which the estimates are behind; it follows from the smoothing."""
+        return self._stream.delay
 
     def reset(self, which: Mask | None = None) -> None:
         """Those pendulums (B,) start anew with the next sample; all without an argument."""
@@ -100,6 +117,7 @@ class OnlineEstimator:
         if not mask.any():
             return
         self._stream.reset(mask)
+        self._skipped[mask] = 0
         for part in (self._squares, self._clusters, self._joint):
             if part is not None:
                 part.reset(mask)
@@ -116,13 +134,16 @@ class OnlineEstimator:
 
         After a sample that is not a number, or a gap in time, the estimates are held until enough samples have come in.
         """
+        if self._learner is not None:
+            return self._learn(self._learner, time, position, torque)
         squares, taken = self._squares, None
         for taken in self._stream.take(time, position, torque):
             squares.take(taken.phi, taken.y, taken.usable)
             if self._clusters.take(taken.equations, squares.error, taken.usable):
                 self._clusters.close(squares)
         if taken is not None:
-            self._now = self._regressions(taken.place, taken.time, taken.usable, taken.regressor)
+            place = self._place(taken) if self._has_learnt else taken.place
+            self._now = self._regressions(place, taken.time, taken.usable, taken.regressor)
             if self._joint is not None:
                 self._joint.take(time, position, torque, taken.anew, self._now)
                 self._now = self._joint.beside(self._now)
@@ -135,6 +156,32 @@ class OnlineEstimator:
         regressor = None if then.regressor is None else np.where(none, 0.0, then.regressor)
         now = self._regressions(index, time, then.usable & ~none, regressor)
         return now if self._joint is None else self._joint.beside(now)
+
+    def _smooth(self, smoothing: Smoothing) -> None:
+        """Begin a stream of equations."""
+        self._stream = stream_of(self.terms, self._run, smoothing, 1.0 / self.rate, self.batch)
+
+    def _learn(self, learner: EncoderNoise, time: Array, position: Array, torque: Array) -> Estimates:
+        """Take in samples that teach the noise of the encoder; nothing is estimated from them."""
+        for taken in self._stream.take(time, position, torque):  # a sample that does not fit is refused
+            self._skipped[taken.anew] = 0
+            none, row = np.zeros_like(taken.usable), taken.regressor
+            row = None if row is None else np.zeros_like(row)
+            self._now = self._regressions(np.full(self.batch, -1), taken.time, none, row)
+        if (noise := learner.take(position)) is None:
+            self._skipped += 1
+            return self._now
+        self._learner, self._has_learnt = None, True
+        self._smooth(Smoothing.of_noise(noise, self.rate))
+        self._stream.take(time, position, torque)
+        if self._joint is not None:
+            self._joint.position_noise = noise
+        return self._now
+
+    def _place(self, taken: Taken) -> Index:
+        """Index of a sample in the whole run of each pendulum, of which the stream has not seen the beginning (B,)."""
+        self._skipped[taken.anew] = 0
+        return np.where(taken.place < 0, taken.place, taken.place + self._skipped)
 
     def _nothing(self) -> Estimates:
         """What is known before any sample is."""

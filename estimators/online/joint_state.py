@@ -27,6 +27,7 @@ import numpy as np
 
 from estimators.online.confidence import Wandering, wandered
 from estimators.online.estimates import Estimates
+from estimators.signals.motion import SLOWEST
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.simulation import Balance, Prepared, prepared, simulate
@@ -73,6 +74,9 @@ class JointFilters:
     """One filter for each of B pendulums; those that have not started yet are None.
 
     Each starts from a regression, the last of those beside it, and repeats its estimates until then.
+
+    Attributes:
+        position_noise: standard deviation of positions [rad], of filters that start from now on.
     """
 
     def __init__(
@@ -86,9 +90,8 @@ class JointFilters:
         walk: Array,
     ) -> None:
         """Take the time between samples [s], the noise of positions [rad], and the rest as `OnlineEstimator` does."""
-        noise = max(position_noise, FILTER.finest)
-        self._begin = functools.partial(_Filter, torque_noise, tuple(terms), period, noise, forgetting, walk)
-        self._period = period
+        self._begin = functools.partial(_Filter, torque_noise, tuple(terms), period, forgetting, walk)
+        self._period, self.position_noise = period, position_noise
         columns = [column for term in terms for column in term.columns]
         self._inertia = next((k for k, column in enumerate(columns) if column.mass is not zero), None)
         self.filters: list[_Filter | None] = [None] * batch
@@ -132,7 +135,8 @@ class JointFilters:
             return None
         if not 0 < np.sqrt(covariance[self._inertia, self._inertia]) < FILTER.known * theta[self._inertia]:
             return None
-        return self._begin(theta, covariance + np.diag((FILTER.doubt * theta) ** 2))
+        noise = max(self.position_noise, FILTER.finest)
+        return self._begin(noise, theta, covariance + np.diag((FILTER.doubt * theta) ** 2))
 
     def beside(self, now: Estimates) -> Estimates:
         """Estimates with this one in the place of the last regression, whose own it repeats until it runs."""
@@ -159,9 +163,9 @@ class _Filter:
         torque_noise: float | None,
         terms: Sequence[Term],
         period: float,
-        position_noise: float,
         forgetting: float,
         walk: Array,
+        position_noise: float,
         theta: Array,
         P: Array,
     ) -> None:
@@ -204,6 +208,8 @@ class _Filter:
             ukf.P[0, 0], ukf.P[1, 1] = ukf.R[0, 0], FILTER.speed**2
             self.lost, self._memory = False, None
             return 0.0, 0.0
+        fade = self._fade if abs(ukf.x[1]) > SLOWEST else np.ones_like(self._fade)  # at rest, nothing is forgotten
+        ukf.P *= np.outer(fade, fade)
         self._predict(time - self._period)
         ukf.update(position)
         gain, new = float(ukf.K[0, 0]), float(ukf.y[0] / np.sqrt(ukf.S[0, 0]))
@@ -219,7 +225,6 @@ class _Filter:
     def _predict(self, time: float) -> None:
         """Predict the state one period after `time`; state variables of terms follow the mean."""
         ukf = self._ukf
-        ukf.P *= np.outer(self._fade, self._fade)
         ukf.Q = self._process_noise()
         self._program = self._program or prepared(self._terms)
         mean, after = ukf.x, list[Samples]()

@@ -67,12 +67,14 @@ class EstimateParameters(Measuring):
                 `(*BASE, Stribeck(stribeck_velocity=0.4))`; None are the paper's four. A term without linear parameters,
                 such as `dead_time`, is taken to be known. Of an arm, terms at joints, `viscous@elbow`; None are viscous
                 and Coulomb friction at each.
-            rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
+            rate: samples per second [Hz]; None asks the environment. The encoder's resolution is asked for, too; if the
+                environment does not tell it, the first samples of motion teach it, unless `counts` is given.
             in_observation: whether theta and the standard errors of all schemes are appended to a Box observation.
             robot: file of an arm's links, URDF or MJCF, of which lengths and axes are used; None asks the environment.
             options: of `estimators.online.OnlineEstimator`: `forgetting` (factor for every equation, 1 forgets none),
                 `random_walk` (by which parameters may wander, as a share of their value [1/sqrt(s)]), `prior` (P(0)
-                on the diagonal), `smoothing`, and `recursion` ("KalmanFilter" for filterpy's in the place of ours).
+                on the diagonal), `counts` (of the encoder per turn), `smoothing`, and `recursion` ("KalmanFilter" for
+                filterpy's in the place of ours).
 
         Raises:
             ValueError: if a name is unknown or an option is out of its range; when running, if samples do not come at

@@ -69,17 +69,17 @@ def smoothing_of(env: AnyEnv, rate: float) -> Smoothing:
     recording = _attribute(env, "recording")
     if isinstance(recording, Recording):
         return choose_smoothing(recording)
-    counts = _attribute(env, "counts")
-    return Smoothing.of_encoder(COUNTS if counts is None else counts, rate)
+    noise = position_noise_of(env)
+    return Smoothing.of_noise(of_steps(COUNTS) if noise is None else noise, rate)
 
 
-def position_noise_of(env: AnyEnv) -> float:
-    """Standard deviation of the measured position [rad]; of the paper's encoder if the environment says nothing."""
+def position_noise_of(env: AnyEnv) -> float | None:
+    """Standard deviation of the measured position [rad]; None if the environment does not tell its encoder."""
     recording = _attribute(env, "recording")
     if isinstance(recording, Recording):
         return encoder_noise(recording.position)
     counts = _attribute(env, "counts")
-    return of_steps(COUNTS if counts is None else counts)
+    return None if counts is None else of_steps(counts)
 
 
 def _attribute(env: AnyEnv, name: str) -> Any:
@@ -181,10 +181,9 @@ def make(
         ValueError: as `Plant` does.
     """
     plant = Plant.of(env, rate, robot)
-    known: dict[str, Any] = {
-        "smoothing": plant.smoothing,
-        "position_noise": position_noise_of(env),
-        "batch": plant.batch,
-    }
+    known: dict[str, Any] = {"batch": plant.batch}
+    noise = position_noise_of(env)
+    if noise is not None and options.get("counts") is None:
+        known |= {"smoothing": plant.smoothing, "position_noise": noise}
     options = known | {name: value for name, value in options.items() if value is not None}
     return OnlineEstimator(plant.rate, plant.terms(terms), chosen_online(schemes), **options)

@@ -2,10 +2,16 @@
 
 from functools import cache
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from estimators.online import OnlineEstimator
+from estimators.online.encoder import EncoderNoise
+from estimators.wrappers import EstimateParameters
+from pendulum_env.plant import PAPER
+from pendulum_env.registration import PENDULUM
+from tests.feeding import played
 from tests.runge_kutta import stick_and_slip
 
 TRUTH = np.array([0.05, 1.5, 0.12, 0.35])
@@ -45,3 +51,49 @@ def test_rest_changes_no_estimate(options):
     np.testing.assert_allclose(rested.theta, stopped.theta, rtol=1e-12)
     if "random_walk" not in options:
         np.testing.assert_allclose(rested.covariance, stopped.covariance, rtol=0.2)  # of the last, unfinished cluster
+
+
+@pytest.mark.parametrize("options", [{}, {"forgetting": 0.999}], ids=str)
+def test_all_schemes_hold_the_truth_in_motion_and_after_rest(options):
+    estimates = fed(OnlineEstimator(RATE, **options), recorded(6.0, 20.0))
+    for now in (estimates[round(6.0 * RATE) - 1], estimates[-1]):
+        assert (np.abs(now.theta[0] - TRUTH) < 4 * standard_errors(now)).all()
+        np.testing.assert_allclose(now.theta[0, :, 0], TRUTH[0], rtol=0.01)
+
+
+def test_estimates_with_a_learnt_encoder_are_those_with_a_known_one():
+    samples = recorded(6.0, 20.0)[:, :1200]
+    learnt, known = (fed(OnlineEstimator(RATE, **options), samples) for options in ({}, {"counts": COUNTS}))
+    assert learnt[-1].index == known[-1].index  # samples before the encoder is known count, too
+    assert (np.abs(learnt[-1].theta - known[-1].theta)[0] < standard_errors(known[-1])).all()
+    assert not any(now.usable.any() for now in learnt[:64])
+
+
+@pytest.mark.parametrize("begin", [0, 301])
+@pytest.mark.parametrize(("counts", "noise"), [(4096, 0.3), (16_384, 0.0), (1_024_000, 1.0), (0, 1e-4), (0, 0.0)])
+def test_the_noise_of_an_encoder_is_learnt(counts, noise, begin):
+    """At rest before it, or in full motion; a rounded, a noisy or an exact position."""
+    rng = np.random.default_rng(1)
+    time = np.arange(begin, begin + 2000) / RATE
+    position = np.where(time < 0.5, 0.0, 1.2 * np.sin(4.0 * (time - 0.5)) + 0.3 * np.sin(9.0 * (time - 0.5)))
+    step = 2 * np.pi / counts if counts else 1.0
+    measured = position + noise * step * rng.standard_normal(len(time))
+    measured = step * np.rint(measured / step) if counts else measured
+    true = step * np.hypot(noise, 1 / np.sqrt(12) if counts else 0.0)
+    learner = EncoderNoise()
+    found = next(value for value in map(learner.take, measured[:, None]) if value is not None)
+    assert 0.6 * true < found < 1.7 * true + 1e-6
+
+
+def test_an_environment_that_tells_no_encoder_lets_it_be_learnt():
+    def last(**options):
+        env = gym.make(PENDULUM, rate=RATE, counts=COUNTS, torque_noise=0.0)
+        env.unwrapped.counts = None  # as of an environment that does not tell
+        env = EstimateParameters(env, schemes=["dynamic"], **options)
+        env.reset(seed=0)
+        return played(env, 1200)[-1]["estimates"]["dynamic"]["theta"]
+
+    learnt, known, fine = last(), last(counts=COUNTS), last(counts=1_024_000)
+    truth = np.array(list(PAPER.values()))
+    assert np.abs(learnt / known - 1).max() < 0.01
+    assert np.abs(fine / truth - 1).max() > 2 * np.abs(learnt / truth - 1).max()

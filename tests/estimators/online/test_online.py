@@ -17,6 +17,7 @@ from estimators.regression.recursive import PRIOR, history
 from estimators.schemes import six
 from estimators.schemes.six import PAPER, SCHEMES, Integral, LowPass
 from estimators.signals.measurements import choose_smoothing, measure, remember
+from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.physics import BASE, Column, Term, effect
 from pendulum_env.recording import Recording
 from tests import slow
@@ -75,7 +76,7 @@ def test_online_equals_offline(terms, paper_run):
 )
 def test_filterpys_kalman_filter_finds_the_same_theta_and_covariances(options, close):
     (run,) = simulate([(Plant(), Experiment(rate=500.0, seconds=2.5, seed=1))])
-    both = [fed(OnlineEstimator(500.0, recursion=name, **options), run) for name in RECURSIONS]
+    both = [fed(OnlineEstimator(500.0, counts=COUNTS, recursion=name, **options), run) for name in RECURSIONS]
     for k in (700, 1249):
         ours, theirs = (estimates[k] for estimates in both)
         np.testing.assert_allclose(theirs.theta, ours.theta, rtol=close)
@@ -153,7 +154,7 @@ def test_what_is_not_excited_returns_to_the_prior_and_the_rest_still_follows():
 def test_many_are_estimated_as_one_a_reset_forgets_one_of_them_and_a_copy_goes_on_alike(terms, paper_run):
 
     def estimator(batch: int = 1) -> OnlineEstimator:
-        return OnlineEstimator(paper_run.rate, terms, MORE, batch=batch)
+        return OnlineEstimator(paper_run.rate, terms, MORE, batch=batch, counts=COUNTS)
 
     both = estimator(2)
     early = fed(both, [paper_run] * 2, 0, 2000)[-1]
