@@ -190,6 +190,12 @@ def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
             f"velocity is {1 / ratio:.3g} times the slope of position, as if in degrees per second: "
             f"read it with {origin.in_unit('velocity', 'deg/s')}"
         )
+    for unit, factor in (("rev/s", 2 * np.pi), ("rpm", 2 * np.pi / 60)):
+        if 0.95 < ratio / factor < 1.05:
+            raise ColumnError(
+                f"velocity is {1 / ratio:.3g} times the slope of position, as if in {unit}: read it with "
+                f"{origin.in_unit('velocity', unit)}"
+            )
     if not 0.5 < ratio < 2:
         raise ColumnError(f"velocity is {1 / ratio:.3g} times the slope of position: {remedy}")
 

@@ -49,7 +49,9 @@ from pendulum_env.recording.vocabulary import (
 )
 from pendulum_env.words import along
 
-ADDED = re.compile(r"^(?:latest|run\s*#?\d+)\s*:\s*|^[%#]\s*|\s*\brun\s*#?\d+$", re.IGNORECASE)  # to names, by programs
+ADDED = re.compile(
+    r"^\[[^\]]*\]\s*(?=\w)|^(?:latest|run\s*#?\d+)\s*:\s*|^[%#]\s*|\s*\brun\s*#?\d+$", re.IGNORECASE
+)  # to names, by programs
 VALUES = ("data", "value", "values")  # fields of a structure that hold its samples
 COUNTERS = ("sample", "samples", "samplenumber", "sampleindex", "frame", "framenumber", "index")
 QUOTED = 40  # characters of a header, of which a sentence may name a dozen
@@ -209,6 +211,9 @@ def find_columns(
             hints = [f"if {shown(counter, QUOTED)} counts samples, --columns time={counter}/RATE with their rate [Hz]"]
         if len(joints := _joints(headers)) > 1:
             hints = [f"there are some for {_listed(joints)}: {LINKS}for one joint {CHOOSE}"]
+        if hints and counter is None:
+            unnamed = [q for q in missing if not any(f" {q}=" in hint for hint in hints)]
+            hints += [f"say which is {q} with {q}=NAME" for q in unnamed]
         if missing == ["torque"]:
             said = ",".join(f"{quantity}={text}" for quantity, text in {**told, "torque": NONE}.items())
             hints = hints or ["say which with --columns torque=NAME (columns=...)"]
@@ -362,6 +367,8 @@ def _gain_example(quantity: str, header: str, of_arm: bool = False) -> str:
     """Write an example of a column with a gain, in the unit that its name tells."""
     unit = _raw_unit(_unit_at_the_end(RAW["torque"], header) or letters(re.split(r"[\[(]", header)[0]))
     text = GAINS[quantity] + (GAIN_TO_FIND if quantity == "torque" and not of_arm else "")
+    if re.search(r"[\s'\"()\[\]]", header):  # a shell would take it apart
+        text = re.sub(r"(\w+=)(\{0\}[^\s,]*)", lambda found: found[1] + shlex.quote(found[2]), text)
     return text.format(header, unit, TORQUE_GAINS[unit])
 
 
@@ -375,7 +382,9 @@ def _raw_unit(text: str) -> str:
 def _is_raw(quantity: str, header: str) -> bool:
     """Whether a name tells of a motor's current or voltage, or of an encoder's counts."""
     names = RAW_NAMES.get(quantity, ())
-    spelt = {letters(header), letters(_spelt(header)[2])} | {letters(re.split(r"[\[(]", header)[0])}
+    spelt = {letters(header), *(letters(_spelt(header)[part]) for part in (2, -1))} | {
+        letters(re.split(r"[\[(]", header)[0])
+    }
     return not spelt.isdisjoint(names) or _unit_at_the_end(RAW.get(quantity, {}), header) is not None
 
 

@@ -35,6 +35,8 @@ TRUE, FALSE = (  # cells that are 1 and 0
 )
 EMPTY = ["", "NA", "N/A", "NULL", "null", "None", "-", "#N/A", "#DIV/0!"]  # cells without a value
 ARRIVAL = re.compile(rb"^\d\d:\d\d:\d\d\.\d{3} -> ", re.MULTILINE)  # that a serial monitor prints before a line
+LABELLED = re.compile(rb"\b([A-Za-z_]\w*):(?=[-+.\d])")  # names before numbers, as a serial plotter reads them
+LABELLED_LINE = re.compile(rb"\s*[A-Za-z_]\w*:[-+.\deE]+(?:[,;\t ]+[A-Za-z_]\w*:[-+.\deE]+)+\s*")
 CLOCK = re.compile(r"\s*(?:\d+:)?\d{1,2}:\d{1,2}(?:[.,]\d+)?\s*")  # hours, minutes and seconds
 DAY = 86400.0  # [s]
 STAMP = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:[.,]\d{1,9})?)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*")
@@ -49,6 +51,7 @@ class Layout:
     decimal: str  # . or ,
     offset: int  # bytes before the first data row
     first: tuple[str, ...]  # first cell of each column that is not empty
+    above: int = 0  # rows below the header that describe the columns
 
 
 Opened = Callable[[], pa.NativeFile]  # the text, from its beginning
@@ -95,7 +98,7 @@ def read_text(opened: Opened, find: Find) -> Table:
         layout = _layout(stream.read(HEAD))
     wordy = [k for k, cell in enumerate(layout.first) if not _may_be_number(cell, layout.headers[k])]
     columns = add_labels(find(layout.headers, wordy=wordy), layout.headers, layout.first)
-    notes = []
+    notes = [f"{layout.above} rows below the header hold no samples: left out"] if layout.above else []
     if dated := _stamp(layout, columns["time"]):
         notes.append(f"time is counted from {dated[0].strip()}")
     try:
@@ -114,15 +117,19 @@ def read_text(opened: Opened, find: Find) -> Table:
 
 
 def _tidied(opened: Opened) -> Opened:
-    """Text without the times that a serial monitor prints, and with tabs between columns that spaces align."""
+    """Text without what serial monitors print and plotters read, and with tabs between columns that spaces align."""
     with opened() as stream:
         head = stream.read(HEAD)
-    rows = [line for line in ARRIVAL.sub(b"", head).split(b"\n")[:-1] if _is_aligned(line)]
+    lines = ARRIVAL.sub(b"", head).split(b"\n")[:-1]
+    rows = [line for line in lines if _is_aligned(line)]
     is_aligned = any(b"  " in row.strip() or row.startswith(b" ") for row in rows)
-    if not (is_aligned or ARRIVAL.search(head)):
+    labels = re.findall(LABELLED, lines[0]) if lines and LABELLED_LINE.fullmatch(lines[0]) else []
+    if not (is_aligned or labels or ARRIVAL.search(head)):
         return opened
     with opened() as stream:
         content = ARRIVAL.sub(b"", stream.read())
+    if labels:
+        content = b",".join(labels) + b"\n" + LABELLED.sub(b"", content)
     if is_aligned:
         start, width = content.index(rows[0]), len(rows[0].split())
         top = [_with_tabs(line, width) for line in content[:start].split(b"\n")]
@@ -134,7 +141,7 @@ def _tidied(opened: Opened) -> Opened:
 def _is_aligned(line: bytes) -> bool:
     """Return whether a line is of numbers with spaces between them."""
     cells = line.decode("latin-1").split()
-    return len(cells) > 1 and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in cells)
+    return len(cells) > 1 and b"\t" not in line and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in cells)
 
 
 def _with_tabs(line: bytes, width: int) -> bytes:
@@ -251,6 +258,9 @@ def _layout(head: bytes) -> Layout:
             for name, unit in zip(headers, units, strict=True)
         ]
         start, data = lines[data[0]][0], data[1:]
+    above = 0
+    while len(data) > 2 and _is_label(lines[data[0]][1], lines[data[-2]][1], delimiter):
+        start, data, above = lines[data[0]][0], data[1:], above + 1
     samples = [lines[number][1] for number in data]
     rows = [_cells(text, delimiter) for text in samples[:-1]]  # the last may be cut off
     if rows and {len(row) for row in rows} == {width := len(rows[0])}:
@@ -260,8 +270,23 @@ def _layout(head: bytes) -> Layout:
             headers = headers[:width]
     numbers = [cell for row in rows for cell in row if NUMBER.fullmatch(cell.replace(",", ".", 1))]
     comma = any("," in cell for cell in numbers) and not any("." in cell for cell in numbers)
-    return Layout(
-        tuple(headers), delimiter, "," if comma else ".", start, _first_cells(samples, delimiter, len(headers))
+    first_cells = _first_cells(samples, delimiter, len(headers))
+    return Layout(_apart(headers), delimiter, "," if comma else ".", start, first_cells, above)
+
+
+def _is_label(line: str, later: str, delimiter: str) -> bool:
+    """Return whether a row begins with a word where later ones begin with a number: it describes the columns."""
+    word, number = (next(iter(_cells(text, delimiter)), "").strip() for text in (line, later))
+    is_number = [bool(NUMBER.fullmatch(cell.replace(",", "."))) for cell in (word, number)]
+    return bool(word and number) and is_number == [False, True] and word not in EMPTY
+
+
+def _apart(headers: Sequence[str]) -> tuple[str, ...]:
+    """Names of columns, with numbers behind those that repeat, so that each can be named."""
+    names = [header.strip() for header in headers]
+    return tuple(
+        f"{name} ({names[: k + 1].count(name)})" if name and names.count(name) > 1 else headers[k]
+        for k, name in enumerate(names)
     )
 
 
@@ -318,7 +343,11 @@ def _decoded(line: bytes) -> str:
 
 
 def _delimiter(line: str) -> str:
-    return max(",;\t", key=line.count) if re.search(r"[,;\t]", line) else " "
+    """Delimiter of a line; commas may be those of numbers, at most one more than there are delimiters."""
+    other = max(";\t", key=line.count)
+    if line.count(other) and line.count(other) >= line.count(",") - 1:
+        return other
+    return "," if "," in line else " "
 
 
 def _cells(line: str, delimiter: str | None = None) -> list[str]:

@@ -25,10 +25,17 @@ ALIASES = {
     "externaltorque torqueext tauext",
     "segment": "segment segments episode episodeindex trial",
 }
-TICKS = {"millis": "ms", "milliseconds": "ms", "micros": "us", "microseconds": "us", "nanoseconds": "ns"}  # of a clock
+TICKS = {
+    "second": "s",
+    "millis": "ms",
+    "milliseconds": "ms",
+    "micros": "us",
+    "microseconds": "us",
+    "nanoseconds": "ns",
+}  # of a clock
 CARRIERS = ("shaft", "pendulum", "arm")  # before an alias: what moves
 LABELS = ("state", "phase", "test")  # of a column that counts segments, where its cells are words
-MEASURED = ("meas", "measured", "actual", "act")  # before or after an alias
+MEASURED = ("meas", "measured", "actual", "act", "actualvalue")  # before or after an alias
 ESTIMATED = ("est", "estimated")  # likewise, if no measured one is found
 COMMANDED = ("cmd", "command", "commanded", "des", "desired", "ref", "setpoint")  # torque only, if no other is found
 
@@ -53,13 +60,18 @@ UNITS = {  # factor to SI by the unit's letters
     | dict.fromkeys(("mnm", "millinewtonmeter"), 1e-3)
     | {"ncm": 1e-2},
 }
-ODRIVE = {"posestimate": ("position", "rev"), "velestimate": ("velocity", "revs"), "torqueestimate": ("torque", "nm")}
+ODRIVE = {
+    "posestimate": ("position", "rev"),
+    "posrel": ("position", "rev"),
+    "velestimate": ("velocity", "revs"),
+    "torqueestimate": ("torque", "nm"),
+}
 MOTEUS = {"POSITION": "rev", "VELOCITY": "revs"}  # units of its columns, if a file has those of `MOTEUS_SIGNATURE`
 MOTEUS_SIGNATURE = frozenset(("MODE", "POSITION", "VELOCITY", "TORQUE", "FAULT"))
 RAW = {  # factor to SI, of units of which a gain makes the quantity, by what the gain is
     "torque": dict.fromkeys(("a", "amp", "amps", "ampere", "amperes"), 1.0)
     | {"ma": 1e-3, "v": 1.0, "mv": 1e-3, "duty": 1.0, "pwm": 1.0, "%": 0.01, "percent": 0.01},
-    "position": dict.fromkeys(("counts", "count", "cts", "ticks", "pulses", "steps"), math.tau),
+    "position": dict.fromkeys(("counts", "count", "cts", "ticks", "pulses", "steps", "inc"), math.tau),
     "velocity": dict.fromkeys(("countss", "countsec", "ctss", "tickss", "pulsess", "stepss"), math.tau),
 }
 GAINS = {  # what such a gain is, as an example that mends it
