@@ -15,7 +15,6 @@ from estimators.search_hints import SearchHints, set_hints
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.errors import Errors
-from estimators.show import notebook as notebook  # teaches results to show themselves
 
 __all__ = [
     "SCHEMES",

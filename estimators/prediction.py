@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.figure import Figure, before_and_after, broken, thin
 from estimators.in_loop.fit import likelier
 from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData
 from estimators.selection.regression import Regression
-from estimators.show.figure import Figure, before_and_after, broken, thin
 from estimators.simulation.free_running import Segments, follow
 from estimators.weak_form import links
 from estimators.weak_form.dataset import Dataset, dataset

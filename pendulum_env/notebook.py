@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Sequence
 from functools import singledispatch
 from html import escape
+from importlib import import_module
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from pendulum_env.words import Table
 
 BLUE, ORANGE, GREEN = "#3d85d8", "#d9792a", "#2f9e77"  # 3 : 1 or more on white and on black
 WIDTH, HEIGHT = 600, 64  # of a curve, in its own units
+NARRATOR = "workbench.narrator.notebook"  # module that shows results of estimators
 LINE = "border-bottom:1px solid rgba(128,128,128,.3)"
 SMALL = "font-size:.88em;opacity:.8"
 
@@ -32,8 +34,15 @@ class Html(str):
 
 @singledispatch
 def shown(result: object) -> str:
-    """A result as HTML; each kind of result is registered where it is known how to show it."""
-    raise TypeError(f"there is no picture of a {type(result).__name__}")
+    """A result as HTML; each kind of result is registered where it is known how to show it.
+
+    The narrator of the workbench registers the results of the libraries; it is loaded, by name, when first needed.
+    """
+    import_module(NARRATOR)
+    show = shown.dispatch(type(result))
+    if show is shown.dispatch(object):
+        raise TypeError(f"there is no picture of a {type(result).__name__}")
+    return show(result)
 
 
 def markup(content: object) -> Html:

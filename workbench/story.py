@@ -4,11 +4,11 @@ import math
 from collections.abc import Mapping, Sequence
 
 from estimators.diagnosis.result import Diagnosis
-from estimators.show.story import Part, ends, of_diagnosis
 from pendulum_env.physics import Estimate
 from pendulum_env.physics.model import short_name
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import Table, number_text
+from workbench.narrator.results import Part, ends, of_diagnosis
 from workbench.terminal import Terminal
 
 MORE = "more: -v lists candidates and all that was found, --report FILE.html draws it"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimators import compare
-from estimators.show.figure import Figure, axis, line
+from estimators.figure import Figure, axis, line
 from tests import slow
 from tests.cases import diagnosed
 from tests.patience import wait_until

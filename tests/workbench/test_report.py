@@ -8,9 +8,9 @@ import pytest
 
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
+from estimators.figure import broken, numbers, thin
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
-from estimators.show.figure import broken, numbers, thin
 from estimators.signals.residual import Region, profiles, stand_out
 from pendulum_env.physics import BASE, Model, Samples
 from pendulum_env.physics.table import Extent, TorqueByAngle

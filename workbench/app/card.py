@@ -14,7 +14,7 @@ from dash import ALL, Dash, Input, Output, dcc, html
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from estimators.show.figure import Figure, axis, line, thin
+from estimators.figure import Figure, axis, line, thin
 from pendulum_env._typing import Array
 from pendulum_env.arms.recording import without_units
 from pendulum_env.recording import RecordingError, Source

@@ -6,7 +6,7 @@ from typing import Any
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from estimators.show.figure import Figure
+from estimators.figure import Figure
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import at_joints, joint_effects
 from pendulum_env.physics import addable, nameable

@@ -3,9 +3,9 @@
 import argparse
 
 from estimators.diagnosis.addition import add
-from estimators.show.story import of_addition
 from pendulum_env.physics.library import addition
 from workbench.inputs import opened, write_model, wrote
+from workbench.narrator.results import of_addition
 from workbench.options import LIMITS, READING, ROBOT, declare, known_effect
 from workbench.story import tell
 from workbench.terminal import Terminal

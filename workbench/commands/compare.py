@@ -8,7 +8,6 @@ from estimators.arms.payload import Payload, find_payload
 from estimators.comparison import compare, in_units_of
 from estimators.in_loop.rollouts import are_driven
 from estimators.regression.equations import IdentificationError
-from estimators.show.story import Part, of_comparison
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import links_of
 from pendulum_env.arms.recording import of_arms
@@ -28,6 +27,7 @@ from workbench.inputs import (
     wrote,
 )
 from workbench.mistakes import InputError
+from workbench.narrator.results import Part, of_comparison
 from workbench.options import KINDS, READING, ROBOT, declare
 from workbench.story import tell
 from workbench.terminal import Terminal

@@ -6,10 +6,10 @@ from estimators.arguments import within_limits
 from estimators.arms.standard import nearest_body
 from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
-from estimators.show.story import TRUST, schemes_table
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, Model
 from workbench.inputs import opened, write_json, write_model, wrote
+from workbench.narrator.results import TRUST, schemes_table
 from workbench.options import LIMITS, READING, ROBOT, declare
 from workbench.terminal import Terminal
 

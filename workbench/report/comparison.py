@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.figure import DRAWING, Figure, axis, band, before_and_after, broken, joined, line, thin
 from estimators.in_loop.fit import followed
-from estimators.show.figure import DRAWING, Figure, axis, band, before_and_after, broken, joined, line, thin
 from estimators.simulation.free_running import Segments, follow
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from estimators.show.figure import Figure, axis, band, line, numbers
+from estimators.figure import Figure, axis, band, line, numbers
 from estimators.signals.residual import REGIONS, WITHIN, Profile, Region, profiles, stand_out, wrapped
 from pendulum_env._typing import JSON, Array
 from workbench.report.case import Case

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimators.figure import DRAWING, Figure, axis, band, line, segment
 from estimators.schemes.identification import Identification
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData
-from estimators.show.figure import DRAWING, Figure, axis, band, line, segment
-from estimators.show.story import kin
 from pendulum_env._typing import JSON
 from pendulum_env.physics import Estimate, Model
 from pendulum_env.physics.table import Curve, Table
 from pendulum_env.words import name, number, opening, unit
+from workbench.narrator.results import kin
 from workbench.report.case import Case
 from workbench.report.section import Section
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from estimators.diagnosis.result import Candidate, Detectable, Diagnosis, Verdict
-from estimators.show.figure import Figure, axis, line
+from estimators.figure import Figure, axis, line
 from estimators.signals.differentiation import encoder_noise, white_noise
 from estimators.simulation.free_running import SECONDS
 from estimators.weak_form.windows import Windows

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from html import escape
 
-from estimators.show.figure import DRAWING, Figure, axis, numbers
+from estimators.figure import DRAWING, Figure, axis, numbers
 from pendulum_env._typing import JSON
 from workbench.report.page import assemble
 from workbench.report.section import Section

@@ -8,7 +8,6 @@ from dash.dependencies import MATCH
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from estimators.show.story import ends
 from pendulum_env.lookup import find
 from pendulum_env.words import listing, name, number, opening
 from workbench.app import uploads
@@ -18,6 +17,7 @@ from workbench.app.session import Form, Session, Sessions, Stage
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
+from workbench.narrator.results import ends
 from workbench.report.page import shared
 
 NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit

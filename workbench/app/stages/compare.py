@@ -14,8 +14,8 @@ from dash import ALL, Dash, Input, Output, State, dcc, html
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
+from estimators.figure import Figure, axis, broken, line, numbers, span, thin
 from estimators.selection.data import PreparedData
-from estimators.show.figure import Figure, axis, broken, line, numbers, span, thin
 from estimators.signals.residual import AXES, Region, profiles, stand_out, turns, wrapped
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.arms.recording import of_arms

@@ -9,7 +9,7 @@ import numpy as np
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from estimators.show.figure import Figure, line, stacked, thin
+from estimators.figure import Figure, line, stacked, thin
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE

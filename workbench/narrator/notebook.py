@@ -11,17 +11,6 @@ from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.schemes.fitting import Identified
 from estimators.schemes.identification import Identification
 from estimators.selection.errors import of_one
-from estimators.show.story import (
-    TRUST,
-    Part,
-    disagreeing,
-    kin,
-    noise_text,
-    of_addition,
-    of_comparison,
-    of_diagnosis,
-    schemes_table,
-)
 from pendulum_env.notebook import (
     BLUE,
     GREEN,
@@ -40,6 +29,17 @@ from pendulum_env.notebook import (
 )
 from pendulum_env.recording.record import TorqueConstant
 from pendulum_env.words import Table, listing, opening, per, unit
+from workbench.narrator.results import (
+    TRUST,
+    Part,
+    disagreeing,
+    kin,
+    noise_text,
+    of_addition,
+    of_comparison,
+    of_diagnosis,
+    schemes_table,
+)
 
 SETTLED = 0.25  # share of a recording after which estimates are in the picture
 COLORS = (BLUE, ORANGE, GREEN)

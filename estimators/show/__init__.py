@@ -1,1 +1,0 @@
-"""How results show themselves in terminals and notebooks."""
