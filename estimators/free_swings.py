@@ -19,7 +19,7 @@ from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import limited_term
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import PER_INERTIA
+from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA
 
 RELATIVE = (
     "no torque is applied: every parameter is relative to the inertia, which is 1; --fix inertia=VALUE "
@@ -38,6 +38,12 @@ def swing(recording: Recording, inertia: float, torque_unit: str) -> Recording:
 def known_values(terms: Sequence[Term]) -> dict[str, float]:
     """Return the linear parameters of some terms that are known, by name."""
     return {column.name: column.least for term in terms for column in term.columns if column.is_known}
+
+
+def known_by(model: Model, fixed: Mapping[str, float] | None) -> dict[str, float]:
+    """Return the values that scale free swings in a refit of a model: fixed ones, and its inertia in kg m^2."""
+    inertia = model.estimates.get("inertia") if model.torque_unit == NEWTON_METRE else None
+    return ({"inertia": inertia.value} if inertia is not None else {}) | dict(fixed or {})
 
 
 def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) -> float:

@@ -147,6 +147,9 @@ class Levels:
         return cls(amplitude, tuple(edges.tolist()), tuple(rng.uniform(-amplitude, amplitude, len(edges)).tolist()))
 
 
+STILL = Levels(0.0, (1.0,), (0.0,))  # no torque
+
+
 class Kind(NamedTuple):
     """A kind of excitation."""
 

@@ -4,7 +4,7 @@ import argparse
 import json
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -15,6 +15,7 @@ from msgspec import Struct
 from estimators.arguments import model_that_moves
 from estimators.diagnosis.result import SCHEMA
 from estimators.diagnosis.suggestion import Suggestion
+from estimators.free_swings import known_values
 from estimators.preprocessing import Preprocessed
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
@@ -137,10 +138,13 @@ class Opened:
         """The links of an arm; None of a pendulum."""
         return body_of(self.model.terms)
 
-    def preprocessed(self, terminal: Terminal, align: bool | None = None) -> Preprocessed:
-        """Recordings in torque where known loads tell the torque constant, see `tell_preprocessed`."""
+    def preprocessed(
+        self, terminal: Terminal, align: bool | None = None, fixed: Mapping[str, float] | None = None
+    ) -> Preprocessed:
+        """Recordings in torque where known loads tell the torque constant, or fixed parameters scale free swings."""
         if self.body is None:
-            return tell_preprocessed(Preprocessed.of(self.recordings, self.holdout), align, terminal)
+            known = known_values(self.model.terms) | dict(fixed or {})
+            return tell_preprocessed(Preprocessed.of(self.recordings, self.holdout, known=known), align, terminal)
         given = Preprocessed(tuple(self.recordings), tuple(self.holdout), terms=self.model.terms)
         return tell_preprocessed(given, align or None, terminal)  # looking takes long, so none is warned unasked
 

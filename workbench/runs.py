@@ -34,7 +34,7 @@ from pendulum_env.backends.hardware import config
 from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.backends.hardware.process import ordinary
-from pendulum_env.excitation import MOST_TORQUE, Excitation, excitation
+from pendulum_env.excitation import MOST_TORQUE, STILL, Excitation, excitation
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.physics import Model
 from pendulum_env.policy import OpenLoop, rollout
@@ -67,6 +67,7 @@ class Plan:
     rate: float  # samples per second [Hz]
     command: Excitation | Pilot  # what chooses the torque
     seconds: float  # length
+    release: float | None = None  # angle at which the joint is let go at rest, without torque [rad]
 
     @classmethod
     def of(cls, arguments: argparse.Namespace, rng: np.random.Generator) -> Self:
@@ -77,8 +78,10 @@ class Plan:
         """
         rig = _configured(arguments)
         rate = arguments.rate if rig is None else rig.rate
-        command, seconds = _experiment(arguments, rng, rate)
-        return cls(arguments, rig, plant_of(arguments), rate, command, seconds)
+        command, seconds, release = _experiment(arguments, rng, rate)
+        if release is not None and (arguments.backend not in (None, "simulated") or arguments.until is not None):
+            raise InputError("a free swing is simulated as a whole: leave out --backend and --until")
+        return cls(arguments, rig, plant_of(arguments), rate, command, seconds, release)
 
     def environment(self) -> gym.Env[Any, Any]:
         """What answers step by step: a simulated plant, a recording that is replayed, or a rig, still without power.
@@ -119,9 +122,16 @@ class Plan:
 
 def _experiment(
     arguments: argparse.Namespace, rng: np.random.Generator, rate: float
-) -> tuple[Excitation | Pilot, float]:
-    """Torque command and length [s]: drawn, as a diagnosis suggests, or by a policy; raises as `Plan.of`."""
+) -> tuple[Excitation | Pilot, float, float | None]:
+    """Torque command, length [s] and angle of release [rad]: drawn, as a diagnosis suggests, or by a policy.
+
+    Raises as `Plan.of`.
+    """
     kind = arguments.excitation
+    if arguments.release is not None:
+        if kind is not None or arguments.amplitude is not None:
+            raise InputError("--release lets the joint go without torque: leave out --excitation and --amplitude")
+        return STILL, arguments.seconds or SECONDS, arguments.release
     for option, only in (("policy", LEARNT), ("diagnosis", SUGGESTED)):
         if getattr(arguments, option) is not None and kind != only:
             raise InputError(f"--{option} goes with --excitation {only} only")
@@ -135,16 +145,16 @@ def _experiment(
         network = load(arguments.policy or "peak")
         if network.constraint not in CONSTRAINTS:
             raise InputError(f"policy {arguments.policy} chooses the motion of an arm: give its --robot FILE")
-        return Pilot(network, network.constraint, seconds, rate), seconds
+        return Pilot(network, network.constraint, seconds, rate), seconds, None
     if kind == SUGGESTED:
         if arguments.diagnosis is None:
             raise InputError(f"--excitation {SUGGESTED} needs --diagnosis FILE, which `diagnose --json FILE` writes")
         suggestion = read_suggestion(arguments.diagnosis)
-        return suggestion.signal, arguments.seconds or suggestion.seconds
+        return suggestion.signal or STILL, arguments.seconds or suggestion.seconds, suggestion.release
     seconds = arguments.seconds or (SECONDS if arguments.until is None else LONGEST)
     if arguments.until is not None and kind is None:
-        return separating(arguments.amplitude), seconds
-    return excitation(kind or "paper", rng, seconds, arguments.amplitude), seconds
+        return separating(arguments.amplitude), seconds, None
+    return excitation(kind or "paper", rng, seconds, arguments.amplitude), seconds, None
 
 
 def _configured(arguments: argparse.Namespace) -> RigConfig | None:

@@ -130,6 +130,7 @@ class Own:
             round.
         rms, floor: torque that is left, and that noise alone would leave [N m].
         sure: standard errors from which a difference is no chance.
+        is_free: whether it is a free swing, whose parameters are relative to the inertia.
     """
 
     number: int
@@ -140,6 +141,7 @@ class Own:
     rms: float
     floor: float
     sure: float
+    is_free: bool = False
 
     @property
     def times(self) -> float:
@@ -173,6 +175,8 @@ class Own:
         alike = np.abs(gap) <= np.maximum(AGREEMENT.practical * np.abs(scaled.theta), self.sure * std)
         if len(gap) < 2 or not alike.all() or abs(factor - 1) <= AGREEMENT.practical:
             return None
+        if self.is_free and factor > 0:
+            return f"its inertia is {1 / factor:.3g} times that there"
         return f"its torque is {factor:.3g} times what the same motion takes there"
 
     def _gap(self, other: Known) -> tuple[Array, Array]:
@@ -280,6 +284,7 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
                     fit.rms,
                     float(np.sqrt(np.mean(near.scale[rows] ** 2))) * w.noise(abs(inertia)),
                     sure,
+                    bool(w.recording.known_inertia),
                 )
             )
     return fits

@@ -10,7 +10,7 @@ from estimators.checks.torque_constant import told
 from estimators.diagnosis.in_loop import Looped, with_back_emf
 from estimators.diagnosis.result import CHANCE, Addition
 from estimators.diagnosis.setting import Setting
-from estimators.free_swings import known_values, relative_terms
+from estimators.free_swings import known_by, known_values, relative_terms
 from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, no_progress
@@ -30,7 +30,6 @@ from pendulum_env.physics.library import addition
 from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.terms import ids, is_hidden
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import NEWTON_METRE
 
 
 def fit(train: PreparedData, holdout: PreparedData, terms: Sequence[Term] = BASE) -> Step:
@@ -79,8 +78,8 @@ def add(
     kind = addition(id) if body is None else kind_at(id, body)
     model.add(kind())  # raises if it is there already
     that_may_show({kind.id: kind}, recordings)  # raises if it needs a quantity that none has
-    if body is None and model.torque_unit == NEWTON_METRE and all(recording.is_free for recording in recordings):
-        fixed = {"inertia": model.estimates["inertia"].value} | dict(fixed or {})
+    if all(recording.is_free for recording in recordings):
+        fixed = known_by(model, fixed)
     terms, library = within_limits(model.terms, {kind.id: kind}, fixed, bounds)
     model, kind = replace(model, terms=terms), library[kind.id]
     setting = Setting(model.terms, library, progress=progress)

@@ -18,19 +18,21 @@ import numpy as np
 
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.diagnosis.suggestion import RATE, Aim, Suggestion
+from estimators.free_swings import known_values, swing
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import least_squares
 from estimators.schemes.identifiability import Doubt
+from estimators.schemes.six import give
 from estimators.selection.candidates import best_variant
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.signals.residual import Region, turns
 from estimators.weak_form.dataset import Dataset, dataset
 from estimators.weak_form.windows import cut
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.excitation import Excitation, family
 from pendulum_env.physics import Model, Samples, Term, simulate
 from pendulum_env.physics.terms import ids, untested_range
-from pendulum_env.plant import typical
+from pendulum_env.plant import paper_plant, typical
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing
 
@@ -46,6 +48,7 @@ class DesignSettings:
     plenty: float = 20.0  # times the noise floor: enough to show a twentieth part of it, too
     alike: float = 0.05  # of the worth, a logarithm: signals as close are as good, and the smallest swing is chosen
     fewest: int = 40  # windows clear of stick that an experiment has to give
+    releases: tuple[float, ...] = (0.3, 0.6, 1.0, 1.4, 1.8, 2.2, 2.5, 2.8, 3.0)  # [rad], at which a joint is let go
     shares: tuple[float, ...] = (1.0, 0.3, 0.1)  # of the torque: what small angles and low speeds call for
     fastest: float = 30.0  # times the highest speed that was recorded: of a motion beyond, a model knows nothing
     hanging: float = 0.1  # [rad], as near to which a recording began where any motion begins
@@ -75,7 +78,7 @@ class Limits:
     def text(self) -> str:
         """`0.5 N m, 2 rad/s and the recorded angles`."""
         bounds = ((self.torque, "N m"), (self.angle, "rad"), (self.speed, "rad/s"))
-        told = [f"{bound:.3g} {unit}" for bound, unit in bounds if bound is not None and np.isfinite(bound)]
+        told = [f"{bound:.3g} {unit}" for bound, unit in bounds if bound and np.isfinite(bound)]
         recorded = [name for name, bound in (("angles", self.angle), ("speeds", self.speed)) if bound is None]
         return listing([*told, *([f"the recorded {listing(recorded)}"] if recorded else [])])
 
@@ -92,6 +95,11 @@ class Limits:
         if turns(position):
             return low - high, high - low
         return (safe * min(low, 0.0), safe * max(high, 0.0)) if -hanging < high and low < hanging else (low, high)
+
+    def of_release(self, recordings: Sequence[Recording]) -> tuple[float, float]:
+        """Lowest and highest angle from which a joint may be let go [rad]; it swings no further than that."""
+        bound = self.angle or max(float(np.abs(recording.position).max()) for recording in recordings)
+        return -bound, bound
 
     def fastest(self, recorded: Samples) -> float:
         """Highest speed of a motion [rad/s]."""
@@ -114,12 +122,15 @@ class Question:
 
     def unexplained(self, data: Dataset, equations: Equations) -> float:
         """RMS torque of a simulated experiment that the rival model, with its equations, cannot explain [N m]."""
-        y = equations.y
+        known = known_values(self.terms)
+        given = [k for k, name in enumerate(c.name for term in self.terms for c in term.columns) if name in known]
+        equations = give(equations, given, np.array(list(known.values())))
+        phi, y = equations.phi, equations.y
         if self.torque is not None:
             term, theta = self.torque
             linear, fixed = data.columns([term])[0]
             y = linear @ theta + fixed
-        return float(np.sqrt(np.mean((y - equations.phi @ least_squares(equations.phi, y)) ** 2)))
+        return float(np.sqrt(np.mean((y - phi @ least_squares(phi, y)) ** 2)))
 
 
 def questions(
@@ -145,15 +156,23 @@ def questions(
         out_of_reach = untested_range(kind(), *evaluator.train.reach())  # no motion is risked for a mere suspicion
         asked_already = candidate.effect in {question.aim.effect for question in asked}
         if candidate.verdict is Verdict.NOT_EXCITED and not out_of_reach and not asked_already:
-            asked.append(Question(Aim(candidate.effect), tuple(terms), of_typical_size(kind)))
+            inertia = evaluator.train.recordings[0].known_inertia
+            asked.append(Question(Aim(candidate.effect), tuple(terms), of_typical_size(kind, inertia)))
     return asked
 
 
-def of_typical_size(kind: type[Term]) -> tuple[Term, Array]:
-    """An effect as a rig might have it, and its linear parameters (P,)."""
+def of_typical_size(kind: type[Term], inertia: float = 0.0) -> tuple[Term, Array]:
+    """An effect as a rig might have it, and its linear parameters (P,).
+
+    Of a free swing, torques are in the proportion of its inertia to that of the paper's rig.
+    """
     values = typical(kind)
-    shapes = {shape.name: values.pop(shape.name) for shape in kind.nonlinear_parameters}
-    return kind(**shapes), np.array(list(values.values()))
+    term = kind(**{shape.name: values.pop(shape.name) for shape in kind.nonlinear_parameters})
+    theta = np.array(list(values.values()))
+    if inertia:
+        is_torque = [column.unit.startswith(("N m", "kg m^2")) for column in term.columns]
+        theta = theta * np.where(is_torque, inertia / paper_plant().estimates["inertia"].value, 1.0)
+    return term, theta
 
 
 def suggest(
@@ -180,7 +199,11 @@ def suggest(
         return None, [], None
     recorded, torque = evaluator.train.samples, limits.torque or limits.usual
     (low, high), fastest = limits.reach(evaluator.train.recordings), limits.fastest(recorded)
-    runs = rehearse(evaluator, model, torque)
+    is_free = evaluator.train.recordings[0].known_inertia > 0
+    if is_free:
+        runs, (low, high) = rehearse_releases(evaluator, model), limits.of_release(evaluator.train.recordings)
+    else:
+        runs = rehearse(evaluator, model, torque)
     allowed = [run for run in runs if low <= run.reach[0] and run.reach[1] <= high and run.peak_speed <= fastest]
     place = next((0.5 * (own.low + own.high) for own in left[:1] if own.axis == "position"), None)
     if place is not None and not turns(recorded.position):
@@ -188,7 +211,7 @@ def suggest(
     suggestion, unsettled = _choose(evaluator, allowed, asked)
     if not unsettled:
         return suggestion, [], None
-    if limits.usual > torque:
+    if limits.usual > torque and not is_free:
         runs = [*runs, *rehearse(evaluator, model, limits.usual)]
     if not runs:  # the model runs away under every torque: nobody knows
         return None, [], None
@@ -200,7 +223,7 @@ def suggest(
     there = "" if place is None else f" and go to {np.degrees(place):.0f} degrees, where most is left,"
     text = (
         f"no experiment within {limits.text} would {listing(forbidden, 'or')}{there}: allow more "
-        "(--max-angle, --max-speed, --max-torque) if the rig bears it"
+        f"({'--max-angle, --max-speed' if is_free else '--max-angle, --max-speed, --max-torque'}) if the rig bears it"
     )
     return suggestion, aims, text
 
@@ -231,13 +254,13 @@ class Run:
     """A candidate signal with the motion that the fitted model makes of it.
 
     Attributes:
-        signal: torque over time.
+        signal: torque over time; None where the joint is let go.
         recording: as it would be recorded.
         half_width: of windows [s].
         peak_speed: its highest speed [rad/s].
     """
 
-    signal: Excitation
+    signal: Excitation | None
     recording: Recording
     half_width: float
     peak_speed: float
@@ -260,7 +283,8 @@ class Run:
     def suggestion(self, settled: tuple[Aim, ...]) -> Suggestion:
         """The experiment, with what to expect of it."""
         peak = float(np.abs(self.recording.torque).max())
-        return Suggestion(self.signal, DESIGN.seconds, settled, peak, self.reach, self.peak_speed)
+        release = float(self.recording.position[0]) if self.signal is None else None
+        return Suggestion(self.signal, DESIGN.seconds, settled, peak, self.reach, self.peak_speed, release)
 
 
 def rehearse(evaluator: ModelEvaluator, model: Model, torque: float) -> list[Run]:
@@ -268,24 +292,38 @@ def rehearse(evaluator: ModelEvaluator, model: Model, torque: float) -> list[Run
 
     Motions that are far faster than any recorded are left out: a light joint with hardly any friction runs away.
     """
-    windows = evaluator.train.data.windows[0]
-    recorded = windows.recording.rate
-    rate, half_width = min(RATE, recorded), (len(windows.kernel) // 2) / recorded
-    seconds = DESIGN.seconds
-    time = np.arange(round(seconds * rate)) / rate
-    fastest = DESIGN.fastest * float(np.abs(evaluator.train.samples.velocity).max())
-    shares = DESIGN.shares
+    seconds, shares = DESIGN.seconds, DESIGN.shares
     signals = [signal for share in shares for signal in family(np.random.default_rng(0), seconds, share * torque)]
-    torques = np.column_stack([signal.signal(time) for signal in signals])
-    path = simulate(model.terms, model.theta, 1 / rate, torques, 0.0, 0.0)
+    time = _instants(evaluator)
+    return _simulated(evaluator, model, signals, np.column_stack([signal.signal(time) for signal in signals]), 0.0)
+
+
+def rehearse_releases(evaluator: ModelEvaluator, model: Model) -> list[Run]:
+    """Simulate free swings from several angles alike."""
+    angles = np.array(DESIGN.releases)
+    still = np.zeros((len(_instants(evaluator)), len(angles)))
+    return _simulated(evaluator, model, [None] * len(angles), still, angles)
+
+
+def _instants(evaluator: ModelEvaluator) -> Array:
+    """Time of the samples of an experiment (N,) [s]."""
+    rate = min(RATE, evaluator.train.data.windows[0].recording.rate)
+    return np.arange(round(DESIGN.seconds * rate)) / rate
+
+
+def _simulated(
+    evaluator: ModelEvaluator, model: Model, signals: Sequence[Excitation | None], torques: Array, position: ArrayLike
+) -> list[Run]:
+    """Simulate experiments under torques (N, K) from rest at a position (K,) [rad]."""
+    windows, time = evaluator.train.data.windows[0], _instants(evaluator)
+    recorded, half_width = windows.recording, (len(windows.kernel) // 2) / windows.recording.rate
+    fastest = DESIGN.fastest * float(np.abs(evaluator.train.samples.velocity).max())
+    path = simulate(model.terms, model.theta, 1 / min(RATE, recorded.rate), torques, position, 0.0)
     motions = zip(signals, torques.T, path.position[:-1].T, path.velocity.T, strict=True)
-    return [
-        Run(
-            signal,
-            Recording(time, position, torque, name="experiment", is_checked=True),
-            half_width,
-            float(np.abs(velocity).max()),
-        )
-        for signal, torque, position, velocity in motions
-        if np.abs(velocity).max() <= fastest
-    ]
+    runs = []
+    for signal, torque, angle, velocity in motions:
+        if (speed := float(np.abs(velocity).max())) <= fastest:
+            run = Recording(time, angle, torque, name="experiment", is_checked=True)
+            run = swing(run, recorded.known_inertia, recorded.torque_unit) if signal is None else run
+            runs.append(Run(signal, run, half_width, speed))
+    return runs

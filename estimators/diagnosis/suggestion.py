@@ -39,28 +39,36 @@ class Suggestion:
     """An experiment worth doing.
 
     Attributes:
-        signal: torque over time.
+        signal: torque over time; None of a free swing.
         seconds: length of the experiment.
         settles: what it settles.
         peak_torque: largest torque of the signal [N m].
         reach: lowest and highest angle that the fitted model goes to [rad].
         peak_speed: and its highest speed [rad/s].
+        release: angle at which the joint is let go at rest, without torque [rad]; None where a signal drives it.
     """
 
-    signal: Excitation
+    signal: Excitation | None
     seconds: float
     settles: tuple[Aim, ...]
     peak_torque: float
     reach: tuple[float, float]
     peak_speed: float
+    release: float | None = None
 
     @property
     def text(self) -> str:
         """The experiment in one sentence."""
+        aims = ", ".join(aim.text for aim in self.settles)
+        if self.signal is None:
+            return (
+                f"to {aims}: let the joint go at rest at {self.release:.3g} rad and record {self.seconds:g} s without "
+                f"torque, with up to {self.peak_speed:.2g} rad/s to be expected"
+            )
         low, high = np.degrees(self.reach)
         kind = signal_json(self.signal)["kind"].replace("_", " ")
         return (
-            f"to {', '.join(aim.text for aim in self.settles)}: record {self.seconds:g} s of {kind} torque up "
+            f"to {aims}: record {self.seconds:g} s of {kind} torque up "
             f"to {self.peak_torque:.2g} N m, with angles from {low:.0f} to {high:.0f} degrees and up to "
             f"{self.peak_speed:.2g} rad/s to be expected (`record --excitation suggested` plays it)"
         )
@@ -68,6 +76,8 @@ class Suggestion:
     def samples(self) -> tuple[Array, Array]:
         """Times (N,) [s] and torques (N,) [N m] of the experiment."""
         time = np.arange(round(self.seconds * RATE)) / RATE
+        if self.signal is None:
+            return time, np.zeros(len(time))
         return time, np.asarray(self.signal.signal(time), dtype=float)
 
     def csv(self) -> str:
@@ -84,7 +94,8 @@ class Suggestion:
             "peak_torque": self.peak_torque,
             "reach": list(self.reach),
             "peak_speed": self.peak_speed,
-            "signal": signal_json(self.signal),
+            "signal": None if self.signal is None else signal_json(self.signal),
+            "release": self.release,
         }
 
     @classmethod
@@ -102,16 +113,22 @@ class Suggestion:
         low, high = content.reach
         if low >= high:
             raise Unreadable(f"'{f'{key}.reach'.lstrip('.')}' is [{low:g}, {high:g}]: expected the lower angle first")
-        signal = signal_from_json(content.signal, f"{key}.signal".lstrip("."))
-        return cls(signal, content.seconds, content.settles, content.peak_torque, content.reach, content.peak_speed)
+        if content.signal is None and content.release is None:
+            raise Unreadable(
+                f"'{f'{key}.signal'.lstrip('.')}' is missing: expected the signal, or the angle of 'release'"
+            )
+        signal = None if content.signal is None else signal_from_json(content.signal, f"{key}.signal".lstrip("."))
+        expected = content.peak_torque, content.reach, content.peak_speed
+        return cls(signal, content.seconds, content.settles, *expected, content.release if signal is None else None)
 
 
 class _SuggestionFile(Struct):
     """Suggestion in a diagnosis file."""
 
-    signal: dict[str, Any]
     seconds: Annotated[float, Meta(gt=0.0, le=LONGEST)]
     settles: tuple[Aim, ...]
     peak_torque: NonNegative
     reach: tuple[Number, Number]
     peak_speed: NonNegative
+    signal: dict[str, Any] | None = None
+    release: Number | None = None

@@ -125,6 +125,7 @@ def profiles(x: Samples, residual: Array, noise: float, axes: Sequence[str] = tu
         if axis == "frequency"
         else profile(axis, np.asarray(getattr(x, axis)), residual, noise)
         for axis in axes
+        if axis != "torque" or np.ptp(x.torque) > 0
     ]
 
 

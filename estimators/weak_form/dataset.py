@@ -21,6 +21,7 @@ from pendulum_env.physics.potential import Cogging, GravityTilt
 from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Recording
 
+NEGLIGIBLE_SWING = 0.002  # the same of a free swing, in which friction is a small share of the torque
 NEGLIGIBLE = 0.01  # share of the torque; encoder noise below it hides no effect of practical use
 
 
@@ -265,7 +266,7 @@ class Dataset:
         return np.concatenate([w.torque() for w in self.windows])
 
     def applied_torque(self) -> Array:
-        """The same, in free swings the torque that accelerates the inertia (R,) [N m]."""
+        """The same, in free swings -I q'' (R,) [N m]."""
         return np.concatenate([w.applied_torque() for w in self.windows])
 
     def net_torque(self) -> Array:
@@ -402,7 +403,7 @@ def choose_half_width(recording: Recording) -> float:
             inertia = carried + abs(float(fitted))
             real = calibrate(w).torque_noise / max(w.torque_noise, 1e-300)
             break
-    enough = NEGLIGIBLE * cuts[-1].torque_scale
+    enough = (NEGLIGIBLE_SWING if recording.known_inertia else NEGLIGIBLE) * cuts[-1].torque_scale
     covered = [len(w.centers) * width for w, width in zip(cuts, widths, strict=True)]  # [s], clear of stick
     enough_windows = [
         len(w.centers) >= WEAK_FORM.enough or time >= WEAK_FORM.clear * recording.duration

@@ -246,9 +246,9 @@ class Windows:
         return self.average(self.samples.torque)
 
     def applied_torque(self) -> Array:
-        """The same; in a free swing the torque that accelerates the inertia, which is what a model has to explain."""
+        """The same; in a free swing -I q'', which a model has to explain."""
         known = self.recording.known_inertia
-        return known * self.average(self.acceleration) if known else self.torque()
+        return -known * self.average(self.acceleration) if known else self.torque()
 
     def net_torque(self) -> Array:
         """Averages (R,) of the measured torque less that of the known load: the model's left-hand side [N m]."""

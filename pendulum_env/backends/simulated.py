@@ -21,8 +21,9 @@ def record(
     *,
     rng: np.random.Generator | int,
     name: str = "simulated",
+    release: float | None = None,
 ) -> Recording:
-    """Record a run of a simulated pendulum that starts at rest, hanging down.
+    """Record a run of a simulated pendulum that starts at rest, hanging down, or a free swing.
 
     Args:
         model: the plant, effects included; None is the paper's.
@@ -33,6 +34,7 @@ def record(
         torque_noise: standard deviation of the white noise on the recorded torque [N m].
         rng: where the noise comes from, or a seed.
         name: of the recording.
+        release: angle at which the pendulum is let go at rest [rad]: no torque acts or is measured.
 
     Raises:
         ValueError: if a number is out of its range.
@@ -40,14 +42,14 @@ def record(
     for what, value in (("seconds", seconds), ("rate", rate)):
         if not 0 < value < np.inf:
             raise ValueError(f"a recording needs {what} above zero, got {value:g}")
-    sensor = Sensor(counts, torque_noise)
+    sensor = Sensor(counts, torque_noise if release is None else 0.0)
     samples = round(seconds * rate)
     if samples < 2:
         raise ValueError(f"{seconds:g} s at {rate:g} Hz are {samples} samples, at least 2 are needed")
     time = np.arange(samples) / rate
-    torque = np.asarray(excitation.signal(time), dtype=float)
+    torque = np.asarray(excitation.signal(time), dtype=float) if release is None else np.zeros(samples)
     plant = model or paper_plant()
-    path = plant.simulate(1.0 / rate, torque, 0.0, 0.0)
+    path = plant.simulate(1.0 / rate, torque, release or 0.0, 0.0)
     return Recording(
         name=name,
         time=time,

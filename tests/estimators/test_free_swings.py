@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import identify
-from pendulum_env.physics import Model
-from pendulum_env.recording import Recording
+from estimators import add, compare, diagnose, identify
+from estimators.diagnosis.suggestion import Suggestion
+from estimators.free_swings import needs_torque
+from estimators.regression.equations import IdentificationError
+from pendulum_env.backends import record
+from pendulum_env.excitation import STILL
+from pendulum_env.physics import Model, ModelError, effects
+from pendulum_env.plant import paper_plant
+from pendulum_env.recording import Load, Recording
 from tests.once import once
 
 INERTIA = 0.01
@@ -20,10 +26,15 @@ RATIOS = {name: value / INERTIA for name, value in TRUTH.items()}
 
 
 @once("benchmarks")
-def swinging(start: float = 2.6, hidden: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = (), **base: float):
-    """A pendulum of a course, let go at rest: 20 s at 200 Hz with 4096 counts per turn."""
+def swinging(
+    start: float = 2.6,
+    hidden: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = (),
+    counts: int = 4096,
+    **base: float,
+) -> Recording:
+    """A pendulum of a course, let go at rest: 20 s at 200 Hz."""
     plant = Plant(**(INERTIA_TOO | TRUTH | base), effects={id: dict(values) for id, values in hidden})
-    experiment = Experiment(rate=200.0, seconds=20.0, start=(start, 0.0), counts=4096, torque_noise=0.0)
+    experiment = Experiment(rate=200.0, seconds=20.0, start=(start, 0.0), counts=counts, torque_noise=0.0)
     (run,) = simulate([(plant, experiment)], [np.zeros(experiment.samples)])
     return Recording(f"from {start:g} rad", run.time, run.position, run.torque)
 
@@ -84,3 +95,140 @@ def test_friction_that_is_not_there_is_not_told_from_none():
     for name in ("viscous", "coulomb"):
         estimate = identify(swinging(**{name: 0.0})).windows.estimates[name]
         assert abs(estimate.value) < 4 * estimate.std and estimate.std < 0.05 * RATIOS[name]
+
+
+HIDDEN = {  # torque or friction over the inertia, as the plant has it, and as the library does
+    "quadratic_drag": ({"drag": 4e-4}, {"quadratic_drag": 0.04}),
+    "stribeck": ({"strib_d": 6e-3, "strib_v": 3.0}, {"stribeck": 0.6, "stribeck.stribeck_velocity": 3.0}),
+    "cogging": ({"cog_n": 9, "cog_s": 8e-3, "cog_c": -6e-3}, {"cogging.sin": -0.8, "cogging.cos": 0.6}),
+    "payload_change": ({"pay_t": 5.0, "pay_I": 1e-3, "pay_mgl": 0.07}, {}),
+    "encoder_eccentricity": ({"ecc_e": 0.02, "ecc_ph": 0.7}, {}),
+    "gravity_tilt": ({"tilt_cos": 0.02}, {"gravity_tilt": 2.0}),
+    "torque_offset": ({"offset": 0.01}, {"torque_offset": -1.0}),
+    "viscous_asymmetry": ({"asym_v": 5e-4}, {"viscous_asymmetry": 0.05}),
+    "spring": ({"spring_k": 0.03, "spring_q0": 0.2}, {"spring.stiffness": 3.0, "spring.preload": -0.6}),
+}
+
+
+def hiding(id: str) -> Recording:
+    return swinging(2.6, ((id, tuple(HIDDEN[id][0].items())),), 65_536 if id == "stribeck" else 4096)
+
+
+def test_nothing_is_missing():
+    found = diagnose(swinging())
+    assert found.selected == () and not found.unexplained and found.torque_unit == "rad/s^2"
+    assert_recovered(found.model, RATIOS)
+    assert not any(needs_torque(effects()[candidate.effect]) for candidate in found.candidates)
+
+
+@pytest.mark.parametrize("name", ["viscous", "coulomb"])
+def test_the_decay_tells_viscous_from_dry_friction(name):
+    found = diagnose(swinging(**{name: 0.0}))
+    assert found.selected == ()
+    none, other = found.model.estimates[name], {"viscous": "coulomb", "coulomb": "viscous"}[name]
+    assert abs(none.value) < 3 * none.std
+    assert_recovered(found.model, {other: RATIOS[other]})
+
+
+@pytest.mark.parametrize("id", HIDDEN)
+def test_an_effect_is_found(id):
+    found = diagnose(hiding(id))
+    assert id in found.effects[0] and len(found.selected) == 1
+    if found.selected == (id,):
+        for name, value in HIDDEN[id][1].items():
+            estimate = found.model.estimates[name]
+            assert abs(estimate.value - value) < max(4 * estimate.std, 0.01 * abs(value)), name
+
+
+def test_verdicts_do_not_depend_on_the_inertia():
+    relative, absolute = diagnose(hiding("cogging")), diagnose(hiding("cogging"), fixed={"inertia": INERTIA})
+    assert absolute.torque_unit == "N m" and absolute.selected == relative.selected
+    scores = [{one.effect: one.score for one in found.candidates} for found in (relative, absolute)]
+    assert scores[0] == pytest.approx(scores[1], abs=0.02)
+
+
+def test_effects_of_the_torque_are_refused():
+    shown = {id for id, kind in effects().items() if needs_torque(kind)}
+    assert shown >= {"torque_ripple", "actuator_lag", "dead_time", "torque_saturation", "load_dependent_friction"}
+    assert shown >= {"backlash", "joint_flexibility"}
+    assert shown.isdisjoint({"torque_offset", "cogging", "presliding", "hard_stop", "payload_change", "stribeck"})
+    for id in ("dead_time", "backlash"):
+        with pytest.raises(IdentificationError, match=f"{id} shows only under torque"):
+            diagnose(swinging(), only=[id])
+        with pytest.raises(IdentificationError, match=f"{id} shows only under torque"):
+            add(paper_plant(), id, swinging())
+
+
+def test_a_saved_model_is_relative_to_the_inertia(tmp_path):
+    diagnose(hiding("quadratic_drag")).model.save(tmp_path / "model.json")
+    model = Model.load(tmp_path / "model.json")
+    assert model.torque_unit == "rad/s^2" and model.estimates["inertia"].value == 1.0
+    assert model.estimates["quadratic_drag"].unit == "1/rad"
+    other = swinging(1.5, (("quadratic_drag", (("drag", 4e-4),)),))
+    assert compare(model, other).joint.errors.torque_rms < 1.3 * compare(model, other).joint.noise_floor
+    assert diagnose(other, base=model.terms).selected == ()
+    with pytest.raises(ModelError, match="the model is relative to the inertia"):
+        compare(model, pushed())
+    free = identify(pushed(), model.terms)
+    assert free.torque_unit == "N m" and free["dynamic"].model.estimates["inertia"].std > 0
+
+
+def test_an_effect_is_added():
+    for start in (identify(swinging()).windows, identify(pushed()).windows):
+        added = add(start, "quadratic_drag", hiding("quadratic_drag"))
+        scale = 1.0 if added.after.model.torque_unit == "rad/s^2" else start.estimates["inertia"].value
+        drag = added.after.model.estimates["quadratic_drag"]
+        assert drag.value == pytest.approx(0.04 * scale, rel=0.1) and added.objection is None
+
+
+def test_driven_and_free_recordings_together():
+    known = identify(pushed()).windows
+    assert compare(known, swinging()).joint.errors.torque_rms < 1.3 * compare(known, swinging()).joint.noise_floor
+    for together in ([pushed(), swinging()], [swinging(), pushed()]):
+        found = diagnose(together)
+        assert found.torque_unit == "N m" and found.selected == () and not found.disagreements
+        assert_recovered(found.model, {"inertia": INERTIA} | TRUTH)
+    assert diagnose(pushed(), swinging()).selected == ()
+    with pytest.raises(IdentificationError, match="pushed: has torque, but no recording that is fitted has any"):
+        diagnose(swinging(), pushed())
+    assert diagnose(swinging(), pushed(), fixed={"inertia": INERTIA}).selected == ()
+
+
+def test_another_pendulum_has_another_inertia():
+    heavier = replace(swinging(1.9, inertia=1.2 * INERTIA), name="heavier")
+    (found,) = diagnose([swinging(), heavier]).disagreements
+    assert found.name == "heavier" and found.reason == "its inertia is 1.2 times that there"
+
+
+def test_a_release_is_suggested():
+    run = record(
+        paper_plant({"inertia": 0.01, "gravity": 0.5, "viscous": 2e-3, "coulomb": 3e-4}),
+        STILL,
+        20.0,
+        200.0,
+        rng=0,
+        release=0.2,
+    )
+    assert not run.torque.any()
+    narrow, wide = diagnose(run), diagnose(run, max_angle=3.0, max_speed=30.0)
+    assert narrow.suggestion is None and "would tell spring from gravity" in str(narrow.forbidden)
+    suggested = wide.suggestion
+    assert suggested is not None and suggested.signal is None and 0.2 < abs(suggested.release or 0.0) <= 3.0
+    assert Suggestion.from_json(suggested.json()) == suggested
+
+
+def test_a_load_of_known_size_is_beside_the_inertia():
+    (run,), load = (
+        simulate(
+            [
+                (
+                    Plant(0.02, 1.1, 2e-3, 3e-3),
+                    Experiment(rate=200.0, seconds=20.0, start=(2.6, 0.0), counts=4096, torque_noise=0.0),
+                )
+            ],
+            [np.zeros(4000)],
+        ),
+        Load(0.01, 0.6),
+    )
+    found = identify(Recording(run.time, run.position, name="loaded", load=load), fixed={"inertia": INERTIA})
+    assert_recovered(found.windows, {"gravity": 0.5})

@@ -3,6 +3,7 @@
 import argparse
 
 from estimators.diagnosis.addition import add
+from estimators.free_swings import known_by
 from pendulum_env.physics.library import addition
 from workbench.inputs import opened, write_model, wrote
 from workbench.narrator.results import of_addition
@@ -28,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect; print both."""
     asked = opened(arguments, [arguments.output], terminal)
-    given = asked.preprocessed(terminal, arguments.align)
+    given = asked.preprocessed(terminal, arguments.align, known_by(asked.model, arguments.fixed))
     with terminal.progress(f"adding {arguments.effect}") as progress:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
         added = add(asked.model, arguments.effect, given.recordings, given.holdout, progress, **limits)

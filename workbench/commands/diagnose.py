@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the story, write what is asked for."""
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
     asked = opened(arguments, outputs, terminal)
-    given = asked.preprocessed(terminal)
+    given = asked.preprocessed(terminal, fixed=arguments.fixed)
     with terminal.progress("diagnosing") as progress:
         found = diagnose(
             given.recordings,
@@ -55,14 +55,16 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             by_reference=arguments.instruments is not None,
             **{name: getattr(arguments, name) for name in ASKED},
         )
-    if arguments.experiment is not None and found.suggestion is not None:
+    has_signal = found.suggestion is not None and found.suggestion.signal is not None
+    if arguments.experiment is not None and found.suggestion is not None and has_signal:
         write_whole(arguments.experiment, found.suggestion.csv())
     write_json(arguments.json, found.json())
     write_page(arguments.report, terminal, "workbench.report:render", found, arguments.line)
     hint = MORE if arguments.report is None else ""
     tell_diagnosis(found, terminal, arguments.verbose or arguments.all, arguments.all, hint)
-    if arguments.experiment is not None and found.suggestion is None:
-        terminal.say(f"{arguments.experiment} is not written: there is no experiment")
+    if arguments.experiment is not None and not has_signal:
+        why = "there is no experiment" if found.suggestion is None else "the experiment has no torque"
+        terminal.say(f"{arguments.experiment} is not written: {why}")
         outputs[0] = None
     outputs[-1] = write_model(found.model, arguments.output, asked.fitted, terminal)
     wrote(outputs, terminal)

@@ -37,7 +37,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
     outputs = [arguments.json, arguments.output]
     asked = opened(arguments, outputs, terminal, holdout=arguments.align)  # which tells the timing of the log
-    given = asked.preprocessed(terminal, True if arguments.align else None)  # what is late is a doubt, else
+    given = asked.preprocessed(
+        terminal, True if arguments.align else None, arguments.fixed
+    )  # what is late is a doubt, else
     terms, body = asked.model.terms, asked.body
     with terminal.progress("identifying"):
         found = identify(given.recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)

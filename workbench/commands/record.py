@@ -60,6 +60,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
             latest unless --seconds says so
         --diagnosis FILE  what `diagnose --json` wrote, for --excitation {SUGGESTED}
         --amplitude  bound of the torque [N m]; each excitation has its own, an arm those of its file
+        --release RAD  let the joint go at rest at this angle, without torque [rad]
         --max-angle RAD  {bound} angle to either side [rad] (default the file's, or pi)
         --max-speed RAD/S  {bound} speed [rad/s] (default the file's, or {USUAL_SPEED:g})
         --max-acceleration RAD/S^2  {bound} acceleration (default its largest speed in 0.2 s)
@@ -75,11 +76,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         -o, --output FILE  {", ".join(WRITERS)}
         """,
         arms=("max_angle", "max_speed", "max_acceleration"),
-        pendulums=("until", "diagnosis", "replay", "config"),
+        pendulums=("until", "diagnosis", "replay", "config", "release"),
         seconds=number(BOUNDS.shortest, MOST / BOUNDS.slowest),
         excitation=one_of("excitation", (*EXCITATIONS, SUGGESTED, LEARNT)),
         until={"choices": (DIAGNOSED,)},
         amplitude=number(0.0, MOST_TORQUE),
+        release=number(-LARGE, LARGE),
         max_angle=number(0.01),
         max_speed=number(0.01),
         max_acceleration=number(0.01),
@@ -112,6 +114,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(f"the arm turns by more than {LARGE:g} rad: lower the torque, or what drives it")
     if np.ptp(recording.position) == 0:
         count = f", or turn it by less than one of the {arguments.counts} --counts" if arguments.counts else ""
+        if plan.release is not None:
+            raise InputError(f"the arm never moves: let it go at another angle than {plan.release:g} rad{count}")
         raise InputError(f"the arm never moves: {plan.command.amplitude:g} N m do not overcome its friction{count}")
     write_recording(recording, arguments.output)
     describe(recording, terminal)
@@ -139,7 +143,8 @@ def _simulated(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Reco
         raise InputError(f"--until {DIAGNOSED} needs a backend that answers step by step: use --backend pymunk")
     if not isinstance(command, Pilot) and arguments.backend in (None, "simulated") and arguments.until is None:
         with terminal.progress("simulating"):
-            return record(plan.plant, command, seconds, plan.rate, arguments.counts, arguments.noise, rng=rng)
+            sensor = plan.rate, arguments.counts, arguments.noise
+            return record(plan.plant, command, seconds, *sensor, rng=rng, release=plan.release)
     env = plan.environment()
     rate = env.unwrapped.rate  # type: ignore[attr-defined]
     steps = round(seconds * rate)

@@ -22,7 +22,7 @@ def comparison(case: Case) -> Section:
     residuals = case.residuals(prepared)
     ends = np.cumsum([len(w.centers) for w in prepared.data.windows])[:-1]
     split = [np.split(residual, ends) for residual in residuals]
-    torque = np.split(prepared.data.torque(), ends)
+    torque = np.split(prepared.data.applied_torque(), ends)
     noise = case.diagnosis.noise_floor
     usable = [k for k, w in enumerate(prepared.data.windows) if len(w.centers) > 1]
     order = sorted(usable, key=lambda k: -float(np.mean(split[0][k] ** 2)))[: DRAWING.compared]

@@ -125,7 +125,7 @@ def ranked(found: Sequence[Candidate], detectable: Sequence[Detectable] = ()) ->
 def next_experiment(case: Case) -> Section | None:
     """The torque that would settle what is open; None if nothing is."""
     suggestion = case.diagnosis.suggestion
-    if suggestion is None:
+    if suggestion is None or suggestion.signal is None:
         return None
     time, torque = suggestion.samples()
     figure = Figure(

@@ -52,7 +52,7 @@ class Points:
         for prepared in case.data.parts:
             windows, x = prepared.data.windows, prepared.samples
             own = np.repeat([w.recording is recording for w in windows], [len(w.centers) for w in windows])
-            series = (x.time, x.position, x.velocity, prepared.data.torque(), *case.residuals(prepared))
+            series = (x.time, x.position, x.velocity, prepared.data.applied_torque(), *case.residuals(prepared))
             parts.append([values[own] for values in series])
         time, position, velocity, torque, *residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
         return cls(case, Samples(time, position, velocity, torque), tuple(residuals))

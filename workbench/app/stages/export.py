@@ -68,7 +68,7 @@ def downloads(state: State) -> Component:
     }
     if state.diagnosis is not None:
         saved["diagnosis"] = DIAGNOSIS, "verdicts and reasons, for programs"
-    if state.diagnosis is not None and state.diagnosis.suggestion is not None:
+    if state.diagnosis is not None and state.diagnosis.suggestion is not None and state.diagnosis.suggestion.signal:
         saved["experiment"] = EXPERIMENT, "torque of the next experiment over time, for your controller or for record"
     rows = [html.Li([saves(file, id, primary=id == "report"), html.Span(what)]) for id, (file, what) in saved.items()]
     return panel("Save", html.Ul(rows, className="downloads"))
@@ -191,7 +191,7 @@ def _model(state: State) -> str:
 
 
 def _experiment(state: State) -> str:
-    if state.diagnosis is None or state.diagnosis.suggestion is None:
+    if state.diagnosis is None or state.diagnosis.suggestion is None or state.diagnosis.suggestion.signal is None:
         raise InputError("the diagnosis suggests no experiment")
     return state.diagnosis.suggestion.csv()
 
