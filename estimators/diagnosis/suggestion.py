@@ -87,6 +87,7 @@ class Suggestion:
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
+        drive = {"signal": signal_json(self.signal)} if self.signal is not None else {"release": self.release}
         return {
             "text": self.text,
             "settles": [{"effect": aim.effect, "instead": aim.instead} for aim in self.settles],
@@ -94,8 +95,7 @@ class Suggestion:
             "peak_torque": self.peak_torque,
             "reach": list(self.reach),
             "peak_speed": self.peak_speed,
-            "signal": None if self.signal is None else signal_json(self.signal),
-            "release": self.release,
+            **drive,
         }
 
     @classmethod
