@@ -340,7 +340,7 @@ def recordings(tmp_path, swing):
     """A good recording and a damaged one."""
     (tmp_path / "data" / "elbow").mkdir(parents=True)
     write_recording(swing, tmp_path / "data" / "elbow" / "2026-03-01.csv")
-    (tmp_path / "data" / "elbow" / "2026-03-08.csv").write_text("time,position\n1,2\n")
+    (tmp_path / "data" / "elbow" / "2026-03-08.csv").write_text("time,position,force\n1,2,3\n")
     return tmp_path / "data"
 
 
@@ -352,7 +352,7 @@ def test_the_command_writes_tables_of_diagnoses_and_of_a_damaged_file(tmp_path, 
     assert "no column for torque" in whole(page.read_text()).text
     good, damaged = pq.read_table(recordings / "out" / "survey.parquet").to_pylist()
     assert (damaged["error"].split(":")[0], damaged["inertia"]) == (
-        "no column for torque among 'time', 'position'",
+        "no column for torque among 'time', 'position', 'force'",
         None,
     )
     found = diagnose(read_recording(recordings / "elbow" / "2026-03-01.csv"), only=FEW)
