@@ -19,7 +19,6 @@ from workbench.cli import main
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
-RUN_IN_README = "The workflow"  # the other sections take too long, or need a rig
 BY_HAND = {"hardware.md", "app.md"}  # what they show needs a rig, or somebody at a browser
 PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.name not in BY_HAND)
 
@@ -55,22 +54,18 @@ class Output:
     printed: str
 
 
-def blocks(page: str, heading: str | None = None) -> list[Block]:
-    """Fenced blocks of a page, or of the part under one of its second headings."""
-    first, end = 0, len(page)
-    if heading is not None:
-        first = page.index(f"\n## {heading}\n")
-        end = page.find("\n## ", first + 1) % (len(page) + 1)
+def blocks(page: str) -> list[Block]:
+    """Fenced blocks of a page."""
     return [
         Block(found["language"], found["text"], start, page.count("\n", 0, start), found["why"])
-        for found in FENCE.finditer(page, first, end)
+        for found in FENCE.finditer(page)
         for start in [found.start("text")]
     ]
 
 
 def runnable(path: Path) -> list[Block]:
     """Blocks of a page that can be run."""
-    return blocks(path.read_text(encoding="utf-8"), RUN_IN_README if path == README else None)
+    return blocks(path.read_text(encoding="utf-8"))
 
 
 def first_untold(expected: str, printed: str) -> str | None:
