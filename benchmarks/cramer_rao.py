@@ -165,7 +165,7 @@ def realisation(study: Study, run: SimulatedRecording, seed: int) -> Recording:
 
 
 def fit_windows(prepared: PreparedData, hidden: Sequence[str]) -> Model:
-    """The fit over windows of the base terms and some effects, shape parameters searched."""
+    """The fit over windows of the base terms and some effects, nonlinear parameters searched."""
     screen, terms = PreparedData(prepared.data, ()).screen, BASE
     for id in hidden:
         terms = min(screen.variants(terms, effect(id)), key=lambda trial: trial.fitted_rms).terms

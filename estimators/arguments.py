@@ -71,7 +71,7 @@ def _recording(given: object, number: str, body: Body | None) -> Recording:
 
 
 def chosen_terms(given: Terms | Model | None) -> tuple[Term, ...]:
-    """Terms as they are, or by id with their default shape parameters; None are the paper's four.
+    """Terms as they are, or by id with their default nonlinear parameters; None are the paper's four.
 
     Behind the links of an arm are those at its joints, by id as in `stribeck@elbow`.
 

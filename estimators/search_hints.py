@@ -39,22 +39,27 @@ ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # pieces of tables that are tried
 
 def grid_over_bounds(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     """Spread variants over the bounds of the nonlinear parameters; an instant lies within the motion."""
-    sought = [known for known in kind.nonlinear_parameters if known.nominal is None and not known.follows]
+    sought = [
+        parameter for parameter in kind.nonlinear_parameters if parameter.nominal is None and not parameter.follows
+    ]
     count = max(2, int(VARIANTS ** (1.0 / max(len(sought), 1))))
-    axes = [_spread(known, count if len(sought) > 1 or not known.integer else MOST_ORDERS, x) for known in sought]
-    names = [known.name for known in sought]
+    axes = [
+        _spread(parameter, count if len(sought) > 1 or not parameter.integer else MOST_ORDERS, x)
+        for parameter in sought
+    ]
+    names = [parameter.name for parameter in sought]
     variants = [kind(), *(kind(**dict(zip(names, values, strict=True))) for values in product(*axes))]
     return list(dict.fromkeys(variant for variant in variants if not variant.fault))
 
 
-def _spread(known: NonlinearParameter, count: int, x: Samples) -> list[float]:
+def _spread(parameter: NonlinearParameter, count: int, x: Samples) -> list[float]:
     """Values of a parameter over its bounds, by factors where they are positive; none if a bound is infinite."""
-    low, high = known.low, known.high
-    if known.instant:
+    low, high = parameter.low, parameter.high
+    if parameter.instant:
         low, high = max(low, float(np.min(x.time))), min(high, float(np.max(x.time)))
     if not np.isfinite([low, high]).all():
         return []
-    if known.integer:
+    if parameter.integer:
         return np.unique(np.round(np.linspace(low, high, min(count, int(high - low) + 1)))).tolist()
     values: list[float] = (np.geomspace if low > 0 else np.linspace)(low, high, count).tolist()
     return values

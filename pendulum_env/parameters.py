@@ -40,7 +40,9 @@ class PlantParameters:
         """
         self.model, self._rate, self._batch = model, rate, batch
         self._linear = [column.name for column in model.columns]
-        self._nonlinear = {term.full(known.name): (term.id, known) for term in model.terms for known in term.free}
+        self._nonlinear = {
+            term.full(parameter.name): (term.id, parameter) for term in model.terms for parameter in term.free
+        }
         self._start: dict[str, Array] = {name: np.full(batch, own.value) for name, own in model.estimates.items()}
         self.now = dict(self._start)
         self._usual = self._events = self._planned(schedule or {})

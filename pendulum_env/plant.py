@@ -59,9 +59,11 @@ def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
     """Parameters of an effect, of about the size that a rig might show: linear ones first, then free nonlinear ones."""
     values = typical(kind)
     nonlinear = {
-        known.name: float(rng.integers(5, 25)) if known.integer else values[known.name] * float(rng.uniform(0.7, 1.4))
-        for known in kind.nonlinear_parameters
-        if known.nominal is None
+        parameter.name: float(rng.integers(5, 25))
+        if parameter.integer
+        else values[parameter.name] * float(rng.uniform(0.7, 1.4))
+        for parameter in kind.nonlinear_parameters
+        if parameter.nominal is None
     }
     linear = list(values)[: len(kind().columns)]
     return {name: values[name] * float(rng.uniform(0.8, 1.5)) for name in linear} | nonlinear
@@ -94,8 +96,8 @@ def hide(plant: Model, text: str) -> Model:
     else:
         given = read_parameters(listed) if separator else {}
     nonlinear = {p.name: given.get(p.name, parameters[p.name]) for p in kind.nonlinear_parameters}
-    for known in kind.nonlinear_parameters:
-        check_nonlinear(id, known, nonlinear[known.name])
+    for parameter in kind.nonlinear_parameters:
+        check_nonlinear(id, parameter, nonlinear[parameter.name])
     term = kind(**nonlinear)
     parameters = sizes(term)
     for name in given:
@@ -109,15 +111,15 @@ def hide(plant: Model, text: str) -> Model:
     return plant.add(term, np.array([*linear.values()]))
 
 
-def check_nonlinear(id: str, known: NonlinearParameter, value: float) -> None:
+def check_nonlinear(id: str, parameter: NonlinearParameter, value: float) -> None:
     """Refuse a nonlinear parameter of an effect that is out of its range.
 
     Raises:
         ValueError: naming the effect, the parameter and its range.
     """
-    if not known.low <= value <= known.high or (known.integer and value != round(value)):
-        allowed = f"{'an integer' if known.integer else 'a number'} from {known.low:g} to {known.high:g}"
-        raise ValueError(f"{known.name} of {id} cannot be {value:g}: give {allowed} [{known.unit}]")
+    if not parameter.low <= value <= parameter.high or (parameter.integer and value != round(value)):
+        allowed = f"{'an integer' if parameter.integer else 'a number'} from {parameter.low:g} to {parameter.high:g}"
+        raise ValueError(f"{parameter.name} of {id} cannot be {value:g}: give {allowed} [{parameter.unit}]")
 
 
 def check_linear(name: str, value: float) -> None:

@@ -307,7 +307,7 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
 
     Args:
         recordings: one or more.
-        beside: effects that the joint has, with their shape parameters set, which are fitted along. Laws that make
+        beside: effects that the joint has, with their nonlinear parameters set, which are fitted along. Laws that make
             another torque of the one that was logged, as a lag does, are left out: they compete with the channel's.
 
     A law is reported if its delay or lag is `SEARCH.sure` standard errors from none, and if it surely predicts better

@@ -72,7 +72,7 @@ def widened(model: Model, constant: TorqueConstant, here: Model, there: Model) -
     """
     estimates = {}
     for name, own in model.estimates.items():
-        if "." in name and name not in {column.name for column in model.columns}:  # a shape parameter, searched for
+        if "." in name and name not in {column.name for column in model.columns}:  # a nonlinear parameter, searched for
             moved = own.value * constant.std / constant.value if own.unit.startswith(NEWTON_METRE) else 0.0
         else:
             moved = there.estimates[name].value - here.estimates[name].value

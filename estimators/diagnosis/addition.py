@@ -50,7 +50,7 @@ def add(
     fixed: Mapping[str, float] | None = None,
     bounds: Bounds | None = None,
 ) -> Addition:
-    """Refit a model's terms, then with one more effect; of an arm, shape parameters of its terms stay.
+    """Refit a model's terms, then with one more effect; of an arm, nonlinear parameters of its terms stay.
 
     Args:
         model: to start from.
@@ -132,7 +132,7 @@ def _added_in_loop(
 
 
 def loosened(evaluator: ModelEvaluator, terms: tuple[Term, ...]) -> tuple[Term, ...]:
-    """The terms with shape parameters released from their usual values, while that is significant."""
+    """The terms with nonlinear parameters released from their usual values, while that is significant."""
     for looser in sorted(release_parameters(evaluator, terms), key=evaluator.screening_score):
         if evaluator.is_significant(looser, terms) and not evaluator.violations(looser):
             return loosened(evaluator, looser)

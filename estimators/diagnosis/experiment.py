@@ -167,7 +167,7 @@ def of_typical_size(kind: type[Term], inertia: float = 0.0) -> tuple[Term, Array
     Of a free swing, torques are in the proportion of its inertia to that of the paper's rig.
     """
     values = typical(kind)
-    term = kind(**{shape.name: values.pop(shape.name) for shape in kind.nonlinear_parameters})
+    term = kind(**{parameter.name: values.pop(parameter.name) for parameter in kind.nonlinear_parameters})
     theta = np.array(list(values.values()))
     if inertia:
         is_torque = [column.unit.startswith(("N m", "kg m^2")) for column in term.columns]

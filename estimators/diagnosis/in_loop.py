@@ -105,14 +105,14 @@ class Looped:
         while idle := [id for id in named if not evaluator.is_significant(terms, without(id))]:
             named.remove(idle[-1])
             rest = without(idle[-1])
-            terms = rungs.get(ids(rest)) or self.fine[0].regression.with_shapes(rest)
+            terms = rungs.get(ids(rest)) or self.fine[0].regression.with_nonlinear(rest)
         if len(named) == len(steps) - 1:
             return found
         return [found[0], *(self._fitted(id, without(*named[k + 1 :])) for k, id in enumerate(named))]
 
     def sharpened(self, step: Step) -> Step:
         """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
-        start = Point.within(step.model.terms, np.asarray(step.model.theta))  # where shapes follow what they should
+        start = Point.within(step.model.terms, np.asarray(step.model.theta))  # where nonlinear parameters follow
         self.fine[0].regression.begin_at(start)
         return self._fitted(step.added, start.terms)
 
@@ -244,11 +244,11 @@ def _timed(model: Model, servos: InLoop) -> Model:
     """A fitted model whose standard errors count that a log's clock is off by a share of a sample."""
     point = Point.of(model)
     near, weights = servos.regression.near(model.terms), servos.regression.weights(model.terms)[:, None]
-    by_shapes, shapes = servos.regression.shape_jacobian(model.terms, point.theta)
-    slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_shapes])
+    by_nonlinear, nonlinear = servos.regression.nonlinear_jacobian(model.terms, point.theta)
+    slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_nonlinear])
     late = np.column_stack([other.misses([point])[:, 0] for other in servos.data.mistimed])
     moved = np.linalg.lstsq(weights * slopes, -weights * (late - servos.data.misses([point])), rcond=None)[0]
-    names = [*(column.name for column in model.columns), *shapes]
+    names = [*(column.name for column in model.columns), *nonlinear]
     place = [list(model.estimates).index(name) for name in names]
     covariance = model.assumed_covariance[np.ix_(place, place)] + moved @ moved.T
     wider = {

@@ -12,7 +12,7 @@ from estimators.regression.least_squares import least_squares
 from pendulum_env._typing import Array
 from pendulum_env.physics.table import Curve, Table
 
-Formula = Callable[..., Sequence[Array]]  # of the argument (N,) and shape parameters; columns (N,), but for a constant
+Formula = Callable[..., Sequence[Array]]  # of the argument (N,) and nonlinear parameters: columns (N,) or constants
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ LIKENESS = LikenessSettings()
 
 
 class Family(NamedTuple):
-    """Formulas of one kind, `f = a + b |q'|^p`: `words` takes the shape parameters.
+    """Formulas of one kind, `f = a + b |q'|^p`: `words` takes the nonlinear parameters.
 
     These are searched for between their ends, from the starts.
     """

@@ -21,7 +21,7 @@ from estimators.regression.gauss_newton import Near, Rule, gauss_newton
 from estimators.selection.columns import bounds
 from estimators.selection.errors import Errors
 from estimators.simulation.output_error import Point
-from estimators.weak_form.shapes import continuous
+from estimators.weak_form.nonlinear import continuous
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
@@ -43,7 +43,7 @@ class LoopSettings:
     typical: float = 0.05  # of the torque, a size at which a parameter matters
     hopeless: float = 15.0  # [nat], gain that linear equations foresee, below which a single turn says enough
     promising: int = 3  # effects that are fitted to tell whether goals are held
-    most: int = 24  # variants of a grid, from the best of which continuous shape parameters are fitted
+    most: int = 24  # variants of a grid, from the best of which continuous nonlinear parameters are fitted
     seldom: float = 200.0  # [Hz], at which a slow controller looks at its encoder
     scale: float = 0.1  # that logged torque may differ from what the drive asks for, without a word
     needed: float = 0.3  # of what the others leave, that an effect has to explain: a small error sticks elsewhere
@@ -99,10 +99,10 @@ def sizes(point: Point, typical: Array) -> Array:
     return np.maximum(values, 1e-9)
 
 
-def linear(rollouts: Rollouts, point: Point, typical: Array, shapes: bool) -> Linear:
-    """Errors around a point, with slopes by linear parameters, and by shape parameters if they are free."""
+def linear(rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool) -> Linear:
+    """Errors around a point, with slopes by linear parameters, and by nonlinear parameters if they are free."""
     values, size = point.values, sizes(point, typical)
-    count = len(values) if shapes else len(point.theta)
+    count = len(values) if nonlinear else len(point.theta)
     _, high = bounds_of(point)
     steps = LOOP.difference * size[:count]
     steps = np.where(values[:count] + steps > high[:count], -steps, steps)  # what is at its bound has a slope, too
@@ -117,25 +117,27 @@ def linear(rollouts: Rollouts, point: Point, typical: Array, shapes: bool) -> Li
 
 def bounds_of(point: Point) -> tuple[Array, Array]:
     """Least and largest value of each free parameter (P + S,)."""
-    shapes = [shape for term in point.terms for shape in continuous(term)]
+    sought = [parameter for term in point.terms for parameter in continuous(term)]
     least, most = bounds(point.terms)
-    return np.r_[least, [shape.low for shape in shapes]], np.r_[most, [shape.high for shape in shapes]]
+    return np.r_[least, [parameter.low for parameter in sought]], np.r_[most, [parameter.high for parameter in sought]]
 
 
-def fit(rollouts: Rollouts, point: Point, typical: Array, shapes: bool = False, share: float = LOOP.roughly) -> Linear:
+def fit(
+    rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool = False, share: float = LOOP.roughly
+) -> Linear:
     """Errors around the likeliest parameters near a point.
 
     Args:
         rollouts: to fit.
         point: to start from.
         typical: size of each linear parameter that matters (P,).
-        shapes: whether continuous shape parameters are fitted as well.
+        nonlinear: whether continuous nonlinear parameters are fitted as well.
         share: of what it has gained, at which it ends.
     """
     made: list[Near[Linear]] = []
 
     def near(point: Point) -> Near[Linear]:
-        local = linear(rollouts, point, typical, shapes)
+        local = linear(rollouts, point, typical, nonlinear)
         values, (low, high) = point.values, bounds_of(point)
         count, size = local.slopes.shape[1], sizes(point, typical)
         cost = -float(likelihood(rollouts, local.error[:, None])[0])
@@ -156,7 +158,7 @@ def fit(rollouts: Rollouts, point: Point, typical: Array, shapes: bool = False, 
     rule = Rule(LOOP.turns, LOOP.dampings, least=LOOP.enough, of_fall=share)
     found = gauss_newton(point, near, best, rule)
     last = made[-1].known
-    return last if last.point is found else linear(rollouts, found, typical, shapes)
+    return last if last.point is found else linear(rollouts, found, typical, nonlinear)
 
 
 def _likeliest_of(

@@ -19,7 +19,7 @@ from estimators.selection.columns import bounds
 from estimators.selection.data import PreparedData
 from estimators.selection.score import BLOCK, FOLDS
 from estimators.simulation.output_error import Point
-from estimators.weak_form.shapes import continuous
+from estimators.weak_form.nonlinear import continuous
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 
@@ -65,7 +65,7 @@ class LoopRegression:
         return bool(gain < LOOP.hopeless)
 
     def _keep(self, terms: Terms, found: Linear) -> None:
-        """Know a fit by the terms that it was asked for, and by those that it has: some shapes follow parameters."""
+        """Know a fit by the terms that it was asked for, and by those that it has: some parameters follow others."""
         self._linear[terms] = self._linear[found.point.terms] = found
 
     def begin_at(self, point: Point, terms: Terms | None = None) -> None:
@@ -73,23 +73,23 @@ class LoopRegression:
         self._foretold[terms or point.terms] = point
 
     def as_fitted(self, terms: Sequence[Term]) -> Terms:
-        """The terms with shape parameters that follow others as these were fitted."""
+        """The terms with nonlinear parameters that follow others as these were fitted."""
         return self.near(terms).point.terms
 
     def converge(self, terms: Sequence[Term]) -> Terms:
-        """The terms fitted as closely as can be, with shape parameters that follow others."""
+        """The terms fitted as closely as can be, with nonlinear parameters that follow others."""
         key = tuple(terms)
         if self.guide is None and key not in self._settled:
             self._keep(key, fit(self.data, self.near(key).point, self.typical(key), share=0.0))
             self._settled |= {key, self.near(key).point.terms}
         return self.near(key).point.terms
 
-    def with_shapes(self, terms: Sequence[Term]) -> Terms:
-        """The terms with all continuous shape parameters fitted from where they are."""
+    def with_nonlinear(self, terms: Sequence[Term]) -> Terms:
+        """The terms with all continuous nonlinear parameters fitted from where they are."""
         point = self.near(terms).point
         if len(point.values) == len(point.theta):
             return point.terms
-        found = fit(self.data, point, self.typical(terms), shapes=True)
+        found = fit(self.data, point, self.typical(terms), nonlinear=True)
         self._keep(found.point.terms, found)
         return found.point.terms
 
@@ -216,10 +216,10 @@ class LoopRegression:
         first = sum(len(term.columns) for term in point.terms[:place])
         return np.delete(point.theta, np.s_[first : first + len(point.terms[place].columns)])
 
-    def shape_jacobian(self, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
-        """Derivatives (R, S) of the positions with respect to continuous shape parameters, and their names."""
+    def nonlinear_jacobian(self, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
+        """Derivatives (R, S) of the positions with respect to continuous nonlinear parameters, and their names."""
         point = self.near(terms).point
-        names = [term.full(shape.name) for term in terms for shape in continuous(term)]
+        names = [term.full(parameter.name) for term in terms for parameter in continuous(term)]
         slopes = (
             linear(self.data, point, self.typical(terms), True).slopes
             if names

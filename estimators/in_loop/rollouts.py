@@ -147,11 +147,12 @@ class Rollouts:
         """Simulated minus measured positions under V models whose terms are of equal classes (R, V) [rad]."""
         terms = []
         for variants in zip(*(point.terms for point in points), strict=True):
-            shapes = {
+            nonlinear = {
                 name: np.array([v.nonlinear_values[name] for v in variants]) for name in variants[0].nonlinear_values
             }
             same = {
-                name: values[0] if np.all(values == values[0]) else values[:, None] for name, values in shapes.items()
+                name: values[0] if np.all(values == values[0]) else values[:, None]
+                for name, values in nonlinear.items()
             }
             terms.append(type(variants[0])(**same))
         return self.missed(follow(terms, np.column_stack([point.theta for point in points]), self.servos, self.steps))

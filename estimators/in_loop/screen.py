@@ -35,7 +35,7 @@ class LoopScreen:
     def grid(self, terms: Sequence[Term], effect: type[Term]) -> list[Term]:
         """Variants of an effect beside the terms, from which a search starts."""
         variants = self.regression.windows.screen.grid(terms, effect)
-        coarse = any(not shape.integer for shape in effect.nonlinear_parameters) and len(variants) > LOOP.most
+        coarse = any(not parameter.integer for parameter in effect.nonlinear_parameters) and len(variants) > LOOP.most
         return variants[:: -(-len(variants) // LOOP.most)] if coarse else variants
 
     def looked_at(self, terms: Sequence[Term], effect: type[Term]) -> int:
@@ -49,9 +49,9 @@ class LoopScreen:
 
     @memoized
     def variants(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
-        """Best variants of an effect beside the terms, one for each set of shape parameters that are told."""
+        """Best variants of an effect beside the terms, one for each set of nonlinear parameters that are told."""
         return best_of_forms(self.ranked(terms, effect), effect, self.refine)
 
     def refine(self, trial: Trial, id: str) -> Trial:
-        """Fit all continuous shape parameters of a trial from where they are."""
-        return self.trial(self.regression.with_shapes(trial.terms))
+        """Fit all continuous nonlinear parameters of a trial from where they are."""
+        return self.trial(self.regression.with_nonlinear(trial.terms))

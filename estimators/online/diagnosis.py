@@ -46,7 +46,7 @@ class Standing:
         error: its standard error, from the scatter between stretches [nat].
         chance: p-value of the gain.
         evidence: that it predicts better: log wealth of the bets on it [nat].
-        term: with the shape parameters that predicted best.
+        term: with the nonlinear parameters that predicted best.
         theta: parameters of the running model and, last, of the effect, by name.
     """
 
@@ -123,7 +123,7 @@ class Diagnoser(Monitors["EffectMonitor"]):
 
         Args:
             rate: samples per second [Hz].
-            terms: of the model, with their shape parameters set, of an arm its links first.
+            terms: of the model, with their nonlinear parameters set, of an arm its links first.
             batch: number B of pendulums.
             library: effects by id; None are all that are known.
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
@@ -391,6 +391,6 @@ def hindrance(effect: type[Term]) -> str:
         return "is a delay, which is not linear in anything"
     if len(loads(effect.at)) > 1:
         return "loads two joints at once"
-    if any(shape.instant for shape in effect.nonlinear_parameters):
+    if any(parameter.instant for parameter in effect.nonlinear_parameters):
         return "happens at one moment: it is reported as a change of parameters"
     return ""

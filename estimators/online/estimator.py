@@ -58,7 +58,7 @@ class OnlineEstimator:
 
         Args:
             rate: samples per second [Hz].
-            terms: of the model, with their shape parameters set; of an arm its links first (`arm_base(body)`).
+            terms: of the model, with their nonlinear parameters set; of an arm its links first (`arm_base(body)`).
             schemes: which to run; a `JointState` is told after the others, of a pendulum.
             batch: number B of pendulums.
             counts: of the encoder per turn, from which smoothing and `position_noise` follow; 0 measures exactly.

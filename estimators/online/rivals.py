@@ -49,7 +49,7 @@ class OnlineDiagnosisSettings:
     perturbation: float = 1e-3  # [N m], for slopes by the torque
     turns: int = 20  # of the fixed point for a scale
     calibrate: float = 1.0  # [s] of motion in the first fit of all models
-    refine: tuple[int, ...] = (2, 4, 8, 16)  # [s] of motion, after which grids of shape parameters are refined
+    refine: tuple[int, ...] = (2, 4, 8, 16)  # [s] of motion, after which grids of nonlinear parameters are refined
     kept: float = 16.0  # [s] of motion in the first fit of a model that starts later
     stretches: int = 60  # latest blocks of a second, from which probabilities are computed
     together: int = 5  # bins whose equations are computed at once
@@ -57,7 +57,7 @@ class OnlineDiagnosisSettings:
     fewest: int = 5  # blocks of a second for probabilities; with fewer, those of 0.2 s are used
     worth: float = 0.01  # nat a bin, the least gain that counts: errors smaller by one hundredth
     memories: tuple[float, ...] = (1.0, 4.0)  # [s] of motion, of the running model with forgetting
-    few: int = 12  # variants of a grid that are run, where a shape parameter is continuous
+    few: int = 12  # variants of a grid that are run, where a nonlinear parameter is continuous
 
 
 ONLINE = OnlineDiagnosisSettings()
@@ -118,7 +118,7 @@ class Bins:
         return Samples(*self.series[:, :, self.series.shape[2] // 2])
 
     def rows(self, terms: Sequence[Term], count: int = 1) -> ModelRows:
-        """Equations of some terms, whose shape parameters may be those of several variants, of which they are `count`.
+        """Equations of some terms, with nonlinear parameters of one variant or of `count` variants.
 
         The left-hand side is the torque less all fixed columns.
         """
@@ -177,7 +177,7 @@ def _average(length: int) -> Array:
 
 
 def _stacked(variants: Sequence[Term]) -> Term:
-    """All variants of an effect as one term, whose shape parameters are (V, 1, 1)."""
+    """All variants of an effect as one term, whose nonlinear parameters are (V, 1, 1)."""
     if len(variants) == 1:
         return variants[0]
     values = {
@@ -354,13 +354,13 @@ class Rivals:
         return np.where(usable, told, density[0])
 
     def narrowed(self, bins: Bins, fresh: Mapping[str, Sequence[Term]]) -> Rivals:
-        """The same with grids of continuous shape parameters narrowed around the best variants.
+        """The same with grids of continuous nonlinear parameters narrowed around the best variants.
 
         Takes all bins so far, and fresh grids by effect. What is as before goes on with all that it has learnt.
         """
         grids = list(self.families[1:])
         for family, ((best,), _) in enumerate(self.leaders()[1:], 1):
-            if not all(shape.integer for shape in best.nonlinear_parameters):
+            if not all(parameter.integer for parameter in best.nonlinear_parameters):
                 grids[family - 1] = self._around(best, family, fresh[best.id])
         new = Rivals(self.terms, bins, grids)
         new._running.root, new._forgetting = self._running.root, self._forgetting
@@ -377,19 +377,19 @@ class Rivals:
         """The best two variants, those halfway to the neighbours of the best, and some of a fresh grid."""
         variants, near = self.families[family], []
         kept = [variants[k] for k in np.argsort(-self.weight[self.models[family]])[:2]]
-        for shape in best.free:
-            value = best.nonlinear_values[shape.name]
-            if shape.integer or not np.isfinite(value):
+        for parameter in best.free:
+            value = best.nonlinear_values[parameter.name]
+            if parameter.integer or not np.isfinite(value):
                 continue
-            values = np.unique([variant.nonlinear_values[shape.name] for variant in variants])
+            values = np.unique([variant.nonlinear_values[parameter.name] for variant in variants])
             values = values[np.isfinite(values)]
             at = int(np.searchsorted(values, value))
             lower = values[at - 1] if at else value / 2
             upper = values[at + 1] if at + 1 < len(values) else 2 * value
             for other in (lower, upper):
                 middle = np.sqrt(value * other) if value * other > 0 else 0.5 * (value + other)
-                if shape.low <= middle <= shape.high:
-                    near.append(replace(best, **{shape.name: float(middle)}))
+                if parameter.low <= middle <= parameter.high:
+                    near.append(replace(best, **{parameter.name: float(middle)}))
         return tuple(dict.fromkeys([*kept, best, *near, *thinned(fresh)]))
 
 
@@ -415,7 +415,7 @@ def _weak(squares: Array) -> Array:
 
 
 def thinned(variants: Sequence[Term]) -> list[Term]:
-    """All variants whose shapes are integers; of others as many as are run."""
-    if not variants or all(shape.integer for shape in variants[0].nonlinear_parameters) or len(variants) <= ONLINE.few:
+    """List all variants with whole parameters alone; of others as many as are run."""
+    if len(variants) <= ONLINE.few or all(parameter.integer for parameter in variants[0].nonlinear_parameters):
         return list(variants)
     return [variants[k] for k in np.unique(np.linspace(0, len(variants) - 1, ONLINE.few).round().astype(int))]

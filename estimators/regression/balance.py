@@ -242,7 +242,7 @@ class Balance:
     def slopes(self, theta: Array, jacobian: Array | None = None) -> Array:
         """Derivatives (R, P) of the predicted torque at parameters (P,).
 
-        Those by shape parameters follow, (R, P + S), where `jacobian` has the derivatives of phi theta by these (R, S).
+        Those by nonlinear parameters follow, (R, P + S); `jacobian` (R, S) has the derivatives of phi theta by these.
         """
         return self._linear(theta, jacobian)[1]
 

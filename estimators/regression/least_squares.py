@@ -68,7 +68,7 @@ def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array
         equations: R equations in P unknowns.
         weights: relative weight of each equation (R,).
         clusters: stretch of time of each equation (R,); residuals may be correlated within one.
-        jacobian: further columns (R, S), derivatives with respect to shape parameters that were searched for: they
+        jacobian: further columns (R, S), derivatives with respect to nonlinear parameters that were searched for: they
             widen the standard errors (and appear after theta in the covariance), but are not solved for.
     """
     phi = equations.phi * weights[:, None]

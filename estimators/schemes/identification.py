@@ -156,8 +156,8 @@ def identify(
 
     Args:
         recordings: one or more; filters start anew with each, and noisier ones count less.
-        terms: of the model, with their shape parameters set, or by id; of an arm `arm_base(body)`, or `Links(body)` and
-            terms at its joints.
+        terms: of the model, with their nonlinear parameters set, or by id; of an arm `arm_base(body)`, or
+            `Links(body)` and terms at its joints.
         schemes: which to use, as they are or by id; one that borrows its inertia, or what makes the momentum of an arm,
             comes after the scheme that lends it.
         fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.

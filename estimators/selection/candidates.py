@@ -8,7 +8,7 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.gates import Gate
 from estimators.selection.prepared import Trial
 from estimators.selection.residuals import Terms
-from estimators.weak_form.shapes import release
+from estimators.weak_form.nonlinear import release
 from pendulum_env.physics import Term
 from pendulum_env.physics.terms import has_transmission, ids
 
@@ -131,7 +131,7 @@ def refit_nonlinear(evaluator: ModelEvaluator, terms: Terms) -> Terms:
     """Refit every nonlinear parameter with all terms present."""
     trial = evaluator.screen.trial(terms)
     for term in terms:
-        if any(not shape.integer for shape in term.free) and term.id not in evaluator.train.data.link_states:
+        if any(not parameter.integer for parameter in term.free) and term.id not in evaluator.train.data.link_states:
             trial = evaluator.screen.refine(trial, term.id)
     return evaluator.regression.converge(trial.terms)
 

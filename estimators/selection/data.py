@@ -166,26 +166,28 @@ def _fit(error: float, deviation: float) -> float:
 
 
 def fit_terms(prepared: Comparable, terms: Sequence[Term]) -> tuple[Model, Fit]:
-    """Fit the linear parameters of the terms; standard errors include the shape parameters."""
+    """Fit the linear parameters of the terms; standard errors include the nonlinear parameters."""
     data, regression = prepared.data, prepared.regression
     terms = regression.converge(terms)
     balance = regression.balance(terms)
     theta = regression.solve(terms)  # in the loop where the fit ended
-    jacobian, names = regression.shape_jacobian(terms, theta)
+    jacobian, names = regression.nonlinear_jacobian(terms, theta)
     fit = balance.fit(data.clusters, jacobian if names else None, theta)
     count = len(theta)
-    shape_std = dict(zip(names, fit.std[count:].tolist(), strict=True))
+    nonlinear_std = dict(zip(names, fit.std[count:].tolist(), strict=True))
     first_column = 0
     for term in terms:
         own = theta[first_column : first_column + len(term.columns)]
         first_column += len(term.columns)
-        for shape in term.nonlinear_parameters:
-            if shape.instant:
+        for parameter in term.nonlinear_parameters:
+            if parameter.instant:
                 here = data.where(term.at)
                 weights, noise = data.weights[here], (fit.residual * balance.weights)[here]
-                shape_std[term.full(shape.name)] = _placement(regression, weights, term, shape.name, own, noise)
+                nonlinear_std[term.full(parameter.name)] = _placement(
+                    regression, weights, term, parameter.name, own, noise
+                )
     columns = [column.name for term in terms for column in term.columns]
-    model = Model.build(terms, theta, fit.std[:count], **shape_std)
+    model = Model.build(terms, theta, fit.std[:count], **nonlinear_std)
     return model.correlated([*columns, *names], fit.covariance), fit
 
 

@@ -143,8 +143,14 @@ class ModelEvaluator:
         """Return the number of variants tried of the effects by which one model is larger, at least one."""
         known = {other.id: other for other in before}
         tried = [self.screen.looked_at(before, type(term)) for term in after if term.id not in known]
-        more = [shape for term in after if term.id in known for shape in term.free if shape not in known[term.id].free]
-        return max(1, sum(tried) + sum(int(shape.high - shape.low) for shape in more if shape.integer))
+        more = [
+            parameter
+            for term in after
+            if term.id in known
+            for parameter in term.free
+            if parameter not in known[term.id].free
+        ]
+        return max(1, sum(tried) + sum(int(parameter.high - parameter.low) for parameter in more if parameter.integer))
 
     def is_significant(self, after: Terms, before: Terms) -> bool:
         """Return whether one model predicts significantly better than another."""

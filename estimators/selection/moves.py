@@ -16,7 +16,7 @@ from estimators.selection.candidates import (
 from estimators.selection.evaluator import ModelEvaluator, held_out_cost
 from estimators.selection.residuals import Terms
 from estimators.simulation import multiple_shooting
-from estimators.weak_form.shapes import reset
+from estimators.weak_form.nonlinear import reset
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import Table
 from pendulum_env.physics.terms import forms, has_link, ids, parameters

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators.selection.errors import Step
 from estimators.selection.gates import Gate
-from estimators.weak_form.shapes import continuous
+from estimators.weak_form.nonlinear import continuous
 from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, NonlinearParameter, Samples, Term, effects
 from pendulum_env.physics.table import Table
@@ -51,8 +51,8 @@ def violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
         for column, value in beyond(here.terms, here.theta)
     ]
     found += [
-        Gate(term.full(shape.name), shape.high, shape.high, False, shape.unit)
-        for term, shape in at_their_most(here.terms)
+        Gate(term.full(parameter.name), parameter.high, parameter.high, False, parameter.unit)
+        for term, parameter in at_their_most(here.terms)
     ]
     for at, x in motions.items():
         own = replace(model, terms=tuple(term for term in model.terms if term.at == at))
@@ -112,9 +112,9 @@ def at_their_most(terms: Sequence[Term]) -> list[tuple[Term, NonlinearParameter]
     """
     found = []
     for term in terms:
-        shapes = {shape.name: shape for shape in effects().get(term.id, type(term)).nonlinear_parameters}
-        own = (shapes[shape.name] for shape in continuous(term))
-        found += [(term, shape) for shape in own if term.nonlinear_values[shape.name] >= shape.high]
+        sought = {parameter.name: parameter for parameter in effects().get(term.id, type(term)).nonlinear_parameters}
+        own = (sought[parameter.name] for parameter in continuous(term))
+        found += [(term, parameter) for parameter in own if term.nonlinear_values[parameter.name] >= parameter.high]
     return found
 
 

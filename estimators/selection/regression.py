@@ -14,7 +14,7 @@ from estimators.regression.least_squares import quietest_most
 from estimators.selection.columns import ColumnCutter, bounds
 from estimators.selection.score import BLOCK, FOLDS
 from estimators.weak_form.dataset import Dataset
-from estimators.weak_form.shapes import shape_slopes
+from estimators.weak_form.nonlinear import nonlinear_slopes
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Term
 
@@ -123,7 +123,7 @@ class Regression:
         return quietest_most(squares, counts, self.data.least())
 
     def as_fitted(self, terms: Sequence[Term]) -> tuple[Term, ...]:
-        """The terms with shape parameters that follow others as these were fitted: a search sets them itself."""
+        """The terms with nonlinear parameters that follow others as these were fitted: a search sets them itself."""
         return tuple(terms)
 
     def converge(self, terms: Sequence[Term]) -> tuple[Term, ...]:
@@ -157,8 +157,8 @@ class Regression:
     def _absorbed(self, term: Term) -> float:
         return self.data.part(term.at).absorbed(term)
 
-    def shape_jacobian(self, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
-        """Derivatives (R, S) of the modelled torque with respect to continuous shape parameters, and their names.
+    def nonlinear_jacobian(self, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
+        """Derivatives (R, S) of the modelled torque with respect to continuous nonlinear parameters, and their names.
 
         Those of a link that is link_states are left out: its motion, which is given, tells them. Along one motion its
         torque J (q'' - w^2 s - c s' + g sin q) is the same for any J, if w, c, g and the joint's own parameters follow.
@@ -173,7 +173,7 @@ class Regression:
             def torques(variants: Sequence[Term], own: Array = own) -> list[Array]:
                 return [linear @ own + fixed for linear, fixed in self.data.columns(variants)]
 
-            for name, slope in shape_slopes(term, torques).items():
+            for name, slope in nonlinear_slopes(term, torques).items():
                 slopes[name] = whole = np.zeros(len(self.data.weights))
                 whole[self.data.where(term.at)] = slope
         return np.column_stack([np.empty((len(self.data.weights), 0)), *slopes.values()]), list(slopes)

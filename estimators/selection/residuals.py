@@ -107,7 +107,7 @@ class Residuals:
         known, regression = fit_terms(self.train, terms)[1], self.holdout.regression
         balance = regression.balance(terms)
         free = np.flatnonzero(np.diag(known.covariance))  # the others are given, or at their bounds
-        slopes = balance.slopes(known.theta, regression.shape_jacobian(terms, known.theta)[0])[:, free]
+        slopes = balance.slopes(known.theta, regression.nonlinear_jacobian(terms, known.theta)[0])[:, free]
         error, weights = balance.error(known.theta), balance.weights
         step = least_squares(slopes * weights[:, None], error * weights)
         covariance = robust_covariance(

@@ -1,7 +1,7 @@
 """Screening of effects: the best-fitting variant of each beside the terms of a model.
 
-All shape parameters of an effect are compared through Gram matrices of the windowed equations, so that a fit of many
-variants costs one batch of small solves.
+All nonlinear parameters of an effect are compared through Gram matrices of the windowed equations, so that
+a fit of many variants costs one batch of small solves.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ from estimators.selection.columns import bounds, depends_on_torque, is_known
 from estimators.selection.prepared import Trial
 from estimators.selection.regression import Regression
 from estimators.weak_form.dataset import Dataset
-from estimators.weak_form.shapes import Residuals, cross_entropy, refined, scan
+from estimators.weak_form.nonlinear import Residuals, cross_entropy, refined, scan
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import Table
@@ -29,10 +29,10 @@ from pendulum_env.physics.terms import complexity
 class ScreenSettings:
     """How far the variants of an effect are searched."""
 
-    starts: int = 2  # variants of the grid from which a search over shape parameters starts
+    starts: int = 2  # variants of the grid from which a search over nonlinear parameters starts
     exact: int = 3  # most promising variants of a law of the torque, which are fitted exactly
     reach: float = 0.03  # of the recording, range of the scan for an instant
-    follows: int = 3  # iterations that set a shape parameter to the parameter that it follows
+    follows: int = 3  # iterations that set a nonlinear parameter to the parameter that it follows
 
 
 SCREEN = ScreenSettings()
@@ -114,7 +114,7 @@ class Screen:
 
     @memoized
     def variants(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
-        """Best variants of an effect beside the terms, one for each set of shape parameters that are told.
+        """Best variants of an effect beside the terms, one for each set of nonlinear parameters that are told.
 
         Those with the fewest come first. Empty where the data offer no variant to try.
         """
@@ -141,7 +141,7 @@ class Screen:
         return n_tried(effect, x, self.regression.residual(terms)[here])
 
     def _searched_one_by_one(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
-        """The best of the searches from each value of the shape parameter that the error is multimodal over."""
+        """The best of the searches from each value of the nonlinear parameter that the error is multimodal over."""
         variants = self.grid(terms, effect)
         if not variants:
             return []
@@ -155,13 +155,13 @@ class Screen:
         return [min(best, closer, key=lambda trial: trial.fitted_rms)]
 
     def refine(self, trial: Trial, id: str) -> Trial:
-        """Search the continuous shape parameters of one term of a trial from where they are."""
+        """Search the continuous nonlinear parameters of one term of a trial from where they are."""
         place = next(i for i, term in enumerate(trial.terms) if term.id == id)
         term = trial.terms[place]
         if hints_of(type(term)).multimodal:
             return trial
         others = (*trial.terms[:place], *trial.terms[place + 1 :])
-        following = [shape for shape in term.nonlinear_parameters if shape.follows]
+        following = [parameter for parameter in term.nonlinear_parameters if parameter.follows]
         for _ in range(SCREEN.follows if following else 0):
             theta = self.regression.solve((*others, term))
             known = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))

@@ -197,11 +197,11 @@ def _stacked(models: Sequence[Parametrised], count: int) -> tuple[list[Term], Ar
     terms = []
     for variants in zip(*(own for own, _ in models), strict=True):
         if not variants[0].delay:
-            shapes = {
+            nonlinear = {
                 name: np.repeat([v.nonlinear_values[name] for v in variants], count)
                 for name in variants[0].nonlinear_values
             }
-            terms.append(replace(variants[0], **shapes))
+            terms.append(replace(variants[0], **nonlinear))
     return terms, np.repeat(np.column_stack([theta for _, theta in models]), count, axis=1)
 
 

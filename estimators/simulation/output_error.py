@@ -20,7 +20,7 @@ from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_o
 from estimators.regression.least_squares import robust_covariance
 from estimators.simulation.free_running import Segments, simulate_all
 from estimators.simulation.innovations import Innovations
-from estimators.weak_form.shapes import continuous, moved
+from estimators.weak_form.nonlinear import continuous, moved
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model, Term
 
@@ -49,9 +49,9 @@ class Point:
 
     @property
     def values(self) -> Array:
-        """All free parameters: the linear ones, then the continuous shape parameters."""
-        shapes = [term.nonlinear_values[shape.name] for term in self.terms for shape in continuous(term)]
-        return np.concatenate([self.theta, shapes])
+        """All free parameters: the linear ones, then the continuous nonlinear parameters."""
+        nonlinear = [term.nonlinear_values[parameter.name] for term in self.terms for parameter in continuous(term)]
+        return np.concatenate([self.theta, nonlinear])
 
     @classmethod
     def of(cls, model: Model) -> Point:
@@ -69,11 +69,13 @@ class Point:
         rest = list(values[len(self.theta) :])
         terms = []
         for term in self.terms:
-            shapes = continuous(term)
-            own, rest = np.array(rest[: len(shapes)]), rest[len(shapes) :]
-            term = moved(term, shapes, own) if shapes else term
+            sought = continuous(term)
+            own, rest = np.array(rest[: len(sought)]), rest[len(sought) :]
+            term = moved(term, sought, own) if sought else term
             following = {
-                shape.name: self._named(values, shape.follows) for shape in term.nonlinear_parameters if shape.follows
+                parameter.name: self._named(values, parameter.follows)
+                for parameter in term.nonlinear_parameters
+                if parameter.follows
             }
             terms.append(replace(term, **following))
         columns = [column for term in terms for column in term.columns]
@@ -151,7 +153,7 @@ def _slopes(
 
 
 def fit(segments: Sequence[Segments], start: Point, turns: int = 12, filters: Filters = ()) -> Point:
-    """Move the linear and the continuous shape parameters from a point until the segments fit best."""
+    """Move the linear and the continuous nonlinear parameters from a point until the segments fit best."""
     weights = trust(sizes(segments, start, filters))
 
     def near(point: Point) -> Near[Point]:
@@ -245,7 +247,7 @@ def model(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> 
 def named(point: Point, relative: Array) -> Model:
     """Model at a point; the covariance of its parameters (P + S, P + S) is given relative to them."""
     std = np.sqrt(np.diag(relative)) * np.maximum(np.abs(point.values), OUTPUT_ERROR.smallest)
-    names = [term.full(shape.name) for term in point.terms for shape in continuous(term)]
+    names = [term.full(parameter.name) for term in point.terms for parameter in continuous(term)]
     count = len(point.theta)
     model = Model.build(point.terms, point.theta, std[:count], **dict(zip(names, std[count:].tolist(), strict=True)))
     return model.correlated([*(column.name for column in model.columns), *names], relative)

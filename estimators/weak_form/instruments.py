@@ -33,7 +33,7 @@ def fit_by_reference(data: Dataset, terms: Sequence[Term]) -> Model:
 
     Args:
         data: windows of recordings with `reference`, which the motion follows.
-        terms: with their shape parameters set; all linear, none with memory or columns of torque. Parameters are kept
+        terms: with nonlinear parameters set; all linear, none with memory or columns of torque. Parameters are kept
             within their bounds, known ones at their values.
 
     Raises:

@@ -63,7 +63,7 @@ class EstimateParameters(Measuring):
             env: the environment.
             schemes: ids of schemes, or schemes; "all" are the six. `joint_state_ukf`, a seventh, is told after the
                 others: position, velocity and parameters in one state, without a delay, see `JointState`.
-            terms: all terms of the model, by id or, with shape parameters of their own, as they are, such as
+            terms: all terms of the model, by id or, with nonlinear parameters of their own, as they are, such as
                 `(*BASE, Stribeck(stribeck_velocity=0.4))`; None are the paper's four. A term without linear parameters,
                 such as `dead_time`, is taken to be known. Of an arm, terms at joints, `viscous@elbow`; None are viscous
                 and Coulomb friction at each.

@@ -65,7 +65,7 @@ def _at_joint(effect: type[Term], joint: str, unit_of: Callable[[str], str]) -> 
         at=joint,
         slides=unit_of is along,
         nonlinear_parameters=tuple(
-            replace(known, unit=unit_of(known.unit)) for known in effect.nonlinear_parameters if not known.follows
+            replace(own, unit=unit_of(own.unit)) for own in effect.nonlinear_parameters if not own.follows
         ),
         columns=cached_property(lambda term: named(super(made, term).columns)),
         fixed=cached_property(lambda term: named(super(made, term).fixed)),

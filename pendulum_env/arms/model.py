@@ -171,14 +171,14 @@ def _term(k: int, data: _ArmModelFile, body: Body) -> Term:
     if not can_sit(item.id, slides):
         raise ModelError(f"'terms[{k}].id' is {item.id}: no joint of an arm{' that slides' * slides} can have it")
     values = {}
-    for known in kind.nonlinear_parameters:
-        if known.name not in item.shape:
-            raise ModelError(f"'terms[{k}].shape' lacks '{known.name}'")
-        place = f"terms[{k}].shape.{known.name}"
-        values[known.name] = value = convert(item.shape[known.name], float, place)
-        if not (known.low <= value <= known.high and (value.is_integer() or not known.integer)):
-            what = "a whole number" if known.integer else "a number"
-            raise ModelError(f"'{place}' is {value:g}: expected {what} from {known.low:g} to {known.high:g}")
+    for parameter in kind.nonlinear_parameters:
+        if parameter.name not in item.shape:
+            raise ModelError(f"'terms[{k}].shape' lacks '{parameter.name}'")
+        place = f"terms[{k}].shape.{parameter.name}"
+        values[parameter.name] = value = convert(item.shape[parameter.name], float, place)
+        if not (parameter.low <= value <= parameter.high and (value.is_integer() or not parameter.integer)):
+            what = "a whole number" if parameter.integer else "a number"
+            raise ModelError(f"'{place}' is {value:g}: expected {what} from {parameter.low:g} to {parameter.high:g}")
     there = at_joint(kind, item.joint, slides)
     if issubclass(there, Table):
         return read_table(there, item.extent, f"terms[{k}].extent")

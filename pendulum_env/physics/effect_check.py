@@ -39,11 +39,11 @@ def check_effect(kind: type[Term]) -> None:
         raise Mistake(f"id of {name} is {shown(kind.id)}: use letters, digits and underscores")
     find(f"kind of {name}", kind.kind, dict.fromkeys(get_args(Kind)))
     _check_all(kind.nonlinear_parameters, NonlinearParameter, f"nonlinear_parameters of {name}")
-    for known in kind.nonlinear_parameters:
-        if known.name not in {field.name for field in fields(kind)}:
+    for parameter in kind.nonlinear_parameters:
+        if parameter.name not in {field.name for field in fields(kind)}:
             raise Mistake(
-                f"nonlinear parameter '{known.name}' of {name} is no field of the dataclass: declare "
-                f"'{known.name}: float = ...', and put @register above @dataclass(frozen=True)"
+                f"nonlinear parameter '{parameter.name}' of {name} is no field of the dataclass: declare "
+                f"'{parameter.name}: float = ...', and put @register above @dataclass(frozen=True)"
             )
     check_variants(f"{name}()", lambda x: (kind(),))
     if hasattr(kind, "grid"):  # of an effect for an earlier release

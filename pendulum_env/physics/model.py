@@ -131,11 +131,11 @@ class Model:
             for c, v, s in zip(columns, values, errors, strict=True)
         }
         for term in terms:
-            for known in term.free:
-                name = term.full(known.name)
-                ends = (-np.inf, np.inf) if known.integer else (known.low, known.high)
-                value, error = term.nonlinear_values[known.name], nonlinear_std.get(name, 0.0)
-                estimates[name] = Estimate.within(value, error, known.unit, *ends)
+            for parameter in term.free:
+                name = term.full(parameter.name)
+                ends = (-np.inf, np.inf) if parameter.integer else (parameter.low, parameter.high)
+                value, error = term.nonlinear_values[parameter.name], nonlinear_std.get(name, 0.0)
+                estimates[name] = Estimate.within(value, error, parameter.unit, *ends)
         return cls(tuple(terms), estimates)
 
     @property
@@ -255,7 +255,7 @@ class Model:
     def of(self, id: str) -> dict[str, Estimate]:
         """Parameters of one of the terms, by name."""
         (term,) = (own for own in self.terms if own.id == id)
-        names = [column.name for column in term.columns] + [term.full(known.name) for known in term.free]
+        names = [column.name for column in term.columns] + [term.full(parameter.name) for parameter in term.free]
         return {name: self.estimates[name] for name in names}
 
     def biased(self, names: Container[str] | None = None) -> Self:
@@ -492,7 +492,7 @@ def _all_derived(model: Model) -> dict[str, Estimate]:
 def _derived(term: Term, values: Array) -> dict[str, tuple[float, str]]:
     """Compute what a term derives from its parameters (P + S,), linear ones first."""
     count = len(term.columns)
-    nonlinear = {known.name: float(value) for known, value in zip(term.free, values[count:], strict=True)}
+    nonlinear = {parameter.name: float(value) for parameter, value in zip(term.free, values[count:], strict=True)}
     return replace(term, **nonlinear).derived(values[:count])
 
 
@@ -505,15 +505,15 @@ def _term(id: str, data: _ModelFile) -> Term:
             raise ModelError(f"'tables' lacks '{id}'")
         return read_table(kind, tables[id], f"tables.{id}")
     values = {}
-    for known in kind.nonlinear_parameters:
-        name = kind.full(known.name)
-        if known.nominal is not None and data.theta.get(name) is None:
+    for parameter in kind.nonlinear_parameters:
+        name = kind.full(parameter.name)
+        if parameter.nominal is not None and data.theta.get(name) is None:
             continue
-        values[known.name] = number = read_estimate(data.theta, name, known.unit).value
-        if not (known.low <= number <= known.high and (number.is_integer() or not known.integer)):
-            what = "a whole number" if known.integer else "a number"
-            unit = "" if known.unit == "1" else f" {known.unit}"
-            expected = f"{what} from {known.low:g} to {known.high:g}{unit}"
+        values[parameter.name] = number = read_estimate(data.theta, name, parameter.unit).value
+        if not (parameter.low <= number <= parameter.high and (number.is_integer() or not parameter.integer)):
+            what = "a whole number" if parameter.integer else "a number"
+            unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+            expected = f"{what} from {parameter.low:g} to {parameter.high:g}{unit}"
             raise ModelError(f"'theta.{name}.value' is {number:g}: expected {expected}")
     term = kind(**values)
     if term.fault:

@@ -291,7 +291,7 @@ def _read_old_names(kind: type[Term]) -> None:
     known = {"shapes": "nonlinear_parameters = ..."} | {
         old: f"description = Description({new}=...)" for old, new in OLD_TEXTS.items()
     }
-    for old in known.keys() & own.keys():
+    for old in (old for old in known if old in own):
         text = f"{kind.__name__}.{old} is read for one more release: write {known[old]} instead"
         warnings.warn(text, FutureWarning, stacklevel=4)
 

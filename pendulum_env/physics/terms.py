@@ -17,7 +17,7 @@ def ids(terms: Sequence[Term]) -> frozenset[str]:
 
 def forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
     """Ids of some terms, each with the names of its free nonlinear parameters."""
-    return frozenset((term.id, *(known.name for known in term.free if not known.follows)) for term in terms)
+    return frozenset((term.id, *(parameter.name for parameter in term.free if not parameter.follows)) for term in terms)
 
 
 def has_link(terms: Sequence[Term]) -> bool:
@@ -49,7 +49,7 @@ def with_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike]
     """Terms with some nonlinear parameters, by full name, at other values; of a batch that agrees, at one number."""
     changed = []
     for term in terms:
-        names = {known.name: term.full(known.name) for known in term.nonlinear_parameters}
+        names = {parameter.name: term.full(parameter.name) for parameter in term.nonlinear_parameters}
         own = {short: np.asarray(values[name]) for short, name in names.items() if name in values}
         one = {short: float(value.flat[0]) if np.ptp(value) == 0 else value for short, value in own.items()}
         changed.append(replace(term, **one) if one else term)
@@ -64,7 +64,7 @@ def untested_range(term: Term, low: float, high: float) -> str:
 
 def complexity(term: Term) -> int:
     """Number of parameters of a term."""
-    return len(term.columns) + sum(not known.follows for known in term.free)
+    return len(term.columns) + sum(not parameter.follows for parameter in term.free)
 
 
 def parameters(terms: Sequence[Term]) -> int:

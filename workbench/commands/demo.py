@@ -100,8 +100,12 @@ def hidden_pendulum(rng: np.random.Generator) -> Hidden:
     theta = np.array(list(PAPER.values())) * rng.uniform(1 - SPREAD, 1 + SPREAD, len(PAPER))
     kind = BUILT_IN[rng.integers(len(BUILT_IN))]
     parameters = draw_effect(kind, rng)
-    shapes = {shape.name: parameters.pop(shape.name) for shape in kind.nonlinear_parameters if shape.name in parameters}
-    plant = Model.build(BASE, theta).add(kind(**shapes), np.array(list(parameters.values())))
+    nonlinear = {
+        parameter.name: parameters.pop(parameter.name)
+        for parameter in kind.nonlinear_parameters
+        if parameter.name in parameters
+    }
+    plant = Model.build(BASE, theta).add(kind(**nonlinear), np.array(list(parameters.values())))
     return Hidden(
         "A pendulum whose parameters nobody told, with one effect that the paper's model does not know",
         kind.id,

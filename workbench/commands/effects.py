@@ -55,8 +55,10 @@ def described(kind: type[Term]) -> list[str]:
 def parameters(kind: type[Term]) -> str:
     """Parameters of an effect as its text form takes them: `stribeck 0.45 N m, stribeck_velocity 0.5 rad/s`."""
     nonlinear = kind.nonlinear_parameters
-    units = [column.unit for column in kind().columns] + [known.unit for known in nonlinear]
-    further = {known.name for known in nonlinear if known.integer and known.nominal is not None}  # more of the same
+    units = [column.unit for column in kind().columns] + [parameter.unit for parameter in nonlinear]
+    further = {
+        parameter.name for parameter in nonlinear if parameter.integer and parameter.nominal is not None
+    }  # more of the same
     pairs = zip(typical(kind).items(), units, strict=True)
     return ", ".join(
         f"{name} {value:g} {unit}".removesuffix(" 1") for (name, value), unit in pairs if name not in further

@@ -138,9 +138,14 @@ class _Parts:
             (column.name, column.unit, symbol, 0.0)
             for column, symbol in zip((c for term in terms for c in term.columns), balance.theta, strict=True)
         ] + [
-            (f"{term.id}.{shape.name}", shape.unit, getattr(symbols, shape.name), term.nonlinear_values[shape.name])
+            (
+                f"{term.id}.{parameter.name}",
+                parameter.unit,
+                getattr(symbols, parameter.name),
+                term.nonlinear_values[parameter.name],
+            )
             for term, symbols in zip(terms, balance.terms, strict=True)
-            for shape in term.free
+            for parameter in term.free
         ]
         parameters = []
         for text, unit, symbol, value in named:

@@ -88,7 +88,7 @@ def misled(diagnosis: Diagnosis) -> list[str]:
 def finding(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
     """One added effect with its law, its parameters in the final model, and what looks the same."""
     term = next(term for term in diagnosis.model.terms if term.id == effect)
-    names = [column.name for column in term.columns] + [f"{term.id}.{shape.name}" for shape in term.free]
+    names = [column.name for column in term.columns] + [f"{term.id}.{parameter.name}" for parameter in term.free]
     named = {**diagnosis.model.estimates, **diagnosis.model.derived}
     names += [name for name in diagnosis.model.derived if name.startswith(f"{effect}.")]
     about = (type(term).__doc__ or "").split("\n")[0].split(":")[0]  # its first sentence, without the formula

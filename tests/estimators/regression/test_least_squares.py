@@ -11,7 +11,7 @@ from estimators.regression.balance import Balance
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import Fit, jackknife, least_squares, quietest_most, solve, solved
 from estimators.search_hints import grid
-from estimators.weak_form.shapes import cross_entropy, refined
+from estimators.weak_form.nonlinear import cross_entropy, refined
 from pendulum_env.physics import Samples, Term, effect
 
 

@@ -1,4 +1,4 @@
-"""Search over the shape parameters of one term, with the linear parameters eliminated (variable projection).
+"""Search over the nonlinear parameters of one term, with the linear parameters eliminated (variable projection).
 
 The searches access the data only through functions that evaluate a whole batch of variants.
 """
@@ -19,8 +19,8 @@ Residuals = Callable[[Sequence[Term]], list[Array]]  # weighted residual (R,) of
 
 
 @dataclass(frozen=True)
-class ShapeSettings:
-    """Numbers of the searches over shape parameters."""
+class NonlinearSettings:
+    """Numbers of the searches over nonlinear parameters."""
 
     turns: int = 20  # largest number of Gauss-Newton steps
     shares: tuple[float, ...] = (1.0, 0.4, 0.1, 0.02)  # tried of a Gauss-Newton step
@@ -33,17 +33,17 @@ class ShapeSettings:
     elite: int = 8  # and best ones so far that the next are drawn around
 
 
-SHAPES = ShapeSettings()
+NONLINEAR = NonlinearSettings()
 
 
-def moved(term: Term, shapes: Sequence[NonlinearParameter], values: Sequence[float] | Array) -> Term:
-    """The term with new values of some shape parameters, kept inside their limits."""
-    return replace(term, **{s.name: float(np.clip(v, s.low, s.high)) for s, v in zip(shapes, values, strict=True)})
+def moved(term: Term, sought: Sequence[NonlinearParameter], values: Sequence[float] | Array) -> Term:
+    """The term with new values of some nonlinear parameters, kept inside their limits."""
+    return replace(term, **{s.name: float(np.clip(v, s.low, s.high)) for s, v in zip(sought, values, strict=True)})
 
 
 def continuous(term: Term) -> list[NonlinearParameter]:
-    """Free shape parameters that are continuous and follow no other parameter."""
-    return [shape for shape in term.free if not shape.integer and not shape.follows]
+    """Free nonlinear parameters that are continuous and follow no other parameter."""
+    return [parameter for parameter in term.free if not parameter.integer and not parameter.follows]
 
 
 def release(term: Term) -> list[list[Term]]:
@@ -52,13 +52,13 @@ def release(term: Term) -> list[list[Term]]:
     Of whole numbers that is each that makes sense, of the first such parameter alone: the others are more of the same.
     """
     found, is_whole, starts = [], False, hints_of(type(term)).alternative_starts
-    for shape in term.nonlinear_parameters:
-        start = starts.get(shape.name)
-        if start is None or shape in term.free or (is_whole and shape.integer):
+    for parameter in term.nonlinear_parameters:
+        start = starts.get(parameter.name)
+        if start is None or parameter in term.free or (is_whole and parameter.integer):
             continue
-        is_whole |= shape.integer
-        values = range(int(start), int(shape.high) + 1) if shape.integer else [start]
-        variants = [moved(term, [shape], [value]) for value in values]
+        is_whole |= parameter.integer
+        values = range(int(start), int(parameter.high) + 1) if parameter.integer else [start]
+        variants = [moved(term, [parameter], [value]) for value in values]
         found.append([variant for variant in variants if not variant.fault])
     return found
 
@@ -66,24 +66,24 @@ def release(term: Term) -> list[list[Term]]:
 def reset(term: Term) -> list[Term]:
     """Variants of the term, each with one released nonlinear parameter back at its nominal value."""
     starts = hints_of(type(term)).alternative_starts
-    released = [shape for shape in term.free if shape.name in starts]
-    return [moved(term, [shape], [shape.nominal]) for shape in released if shape.nominal is not None]
+    released = [parameter for parameter in term.free if parameter.name in starts]
+    return [moved(term, [parameter], [parameter.nominal]) for parameter in released if parameter.nominal is not None]
 
 
-def shape_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]]) -> dict[str, Array]:
-    """Derivatives (R,) of a term's torque by its continuous shape parameters, by `id.shape`.
+def nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]]) -> dict[str, Array]:
+    """Derivatives (R,) of a term's torque by its continuous nonlinear parameters, by `id.shape`.
 
     Args:
-        term: at whose shape parameters.
+        term: at whose nonlinear parameters.
         torques: torque (R,) of each variant of it [N m].
     """
     slopes = {}
-    for shape in continuous(term):
-        value = term.nonlinear_values[shape.name]
+    for parameter in continuous(term):
+        value = term.nonlinear_values[parameter.name]
         # symmetric difference over a step that is small against the value and safe against rounding
-        step = SHAPES.difference * max(abs(value), 1e-6)
-        more, less = torques([replace(term, **{shape.name: value + d}) for d in (step, -step)])
-        slopes[term.full(shape.name)] = (more - less) / (2 * step)
+        step = NONLINEAR.difference * max(abs(value), 1e-6)
+        more, less = torques([replace(term, **{parameter.name: value + d}) for d in (step, -step)])
+        slopes[term.full(parameter.name)] = (more - less) / (2 * step)
     return slopes
 
 
@@ -94,45 +94,45 @@ def refined(term: Term, residuals: Residuals) -> Term:
     lengths, are judged as one batch. Parameters with a positive lower limit move by factors.
     Source: Golub and Pereyra, Inverse Problems 19(2), 2003.
     """
-    shapes = continuous(term)
-    if not shapes:
+    sought = continuous(term)
+    if not sought:
         return term
-    factor = np.array([shape.low > 0 for shape in shapes])
+    factor = np.array([parameter.low > 0 for parameter in sought])
     known: dict[Term, Array] = {}  # residuals of the last batch
 
     def at(term: Term) -> tuple[Array, Array]:
-        """Values of the shape parameters and the units that they move by."""
-        values = np.array([term.nonlinear_values[shape.name] for shape in shapes])
+        """Values of the nonlinear parameters and the units that they move by."""
+        values = np.array([term.nonlinear_values[parameter.name] for parameter in sought])
         return values, np.where(factor, np.abs(values), np.maximum(np.abs(values), 0.1))
 
     def near(term: Term) -> Near[Term]:
         values, unit = at(term)
         error = known[term] if term in known else residuals([term])[0]
-        steps = SHAPES.difference * unit * np.eye(len(shapes))
-        nearby = [moved(term, shapes, values + step) for step in steps]
-        slopes = np.column_stack([(residual - error) / SHAPES.difference for residual in residuals(nearby)])  # (R, S)
+        steps = NONLINEAR.difference * unit * np.eye(len(sought))
+        nearby = [moved(term, sought, values + step) for step in steps]
+        slopes = (np.column_stack(residuals(nearby)) - error[:, None]) / NONLINEAR.difference  # (R, S)
         return Near(term, float(error @ error), error, slopes)
 
     def best(near: Near[Term], steps: list[Array]) -> tuple[Term, float]:
         values, unit = at(near.known)
-        step = steps[0] / max(1.0, float(np.abs(steps[0]).max()) / SHAPES.leap)
+        step = steps[0] / max(1.0, float(np.abs(steps[0]).max()) / NONLINEAR.leap)
         tried = [
-            moved(term, shapes, np.where(factor, values * np.exp(share * step), values + share * step * unit))
-            for share in SHAPES.shares
+            moved(term, sought, np.where(factor, values * np.exp(share * step), values + share * step * unit))
+            for share in NONLINEAR.shares
         ]
         known.clear()
         known.update(zip(tried, residuals(tried), strict=True))
         return least_of(tried, [float(known[term] @ known[term]) for term in tried])
 
-    return gauss_newton(term, near, best, Rule(SHAPES.turns, (SHAPES.damping,), by_offset=True))
+    return gauss_newton(term, near, best, Rule(NONLINEAR.turns, (NONLINEAR.damping,), by_offset=True))
 
 
 def scan(term: Term, residuals: Residuals, reach: float) -> Term:
     """Variant whose instants are the best within `reach` [s]: evenly spaced ones, and again around the best."""
-    for shape in (shape for shape in term.nonlinear_parameters if shape.instant):
+    for parameter in (parameter for parameter in term.nonlinear_parameters if parameter.instant):
         for width in reach * np.array([1.0, 0.1, 0.01]):
-            values = term.nonlinear_values[shape.name] + width * np.linspace(-1.0, 1.0, SHAPES.instants)
-            tried = [moved(term, [shape], [value]) for value in values]
+            values = term.nonlinear_values[parameter.name] + width * np.linspace(-1.0, 1.0, NONLINEAR.instants)
+            tried = [moved(term, [parameter], [value]) for value in values]
             term = tried[int(np.argmin([float(residual @ residual) for residual in residuals(tried)]))]
     return term
 
@@ -140,21 +140,21 @@ def scan(term: Term, residuals: Residuals, reach: float) -> Term:
 def cross_entropy(variants: Sequence[Term], residuals: Residuals) -> Term:
     """Best variant by repeated draws around the best ones so far; for errors with many local minima.
 
-    Works on the logarithms of the shape parameters, which have to be positive.
+    Works on the logarithms of the nonlinear parameters, which have to be positive.
     Source: Rubinstein and Kroese, The Cross-Entropy Method, 2004.
     """
     rng = np.random.default_rng(0)  # the same data give the same answer
-    shapes = variants[0].nonlinear_parameters
+    sought = variants[0].nonlinear_parameters
 
     def errors(drawn: Sequence[Term]) -> list[float]:
         return [float(np.linalg.norm(residual)) for residual in residuals(drawn)]
 
-    ranked = sorted(zip(errors(variants), variants, strict=True), key=lambda pair: pair[0])[: SHAPES.elite]
-    for _ in range(SHAPES.rounds):
-        elite = np.log([[term.nonlinear_values[shape.name] for shape in shapes] for _, term in ranked])
+    ranked = sorted(zip(errors(variants), variants, strict=True), key=lambda pair: pair[0])[: NONLINEAR.elite]
+    for _ in range(NONLINEAR.rounds):
+        elite = np.log([[term.nonlinear_values[parameter.name] for parameter in sought] for _, term in ranked])
         spread = 1.2 * elite.std(axis=0) + 0.02
-        draws = np.exp(elite.mean(axis=0) + spread * rng.standard_normal((SHAPES.draws, len(shapes))))
-        drawn = [moved(variants[0], shapes, draw) for draw in draws]
+        draws = np.exp(elite.mean(axis=0) + spread * rng.standard_normal((NONLINEAR.draws, len(sought))))
+        drawn = [moved(variants[0], sought, draw) for draw in draws]
         ranked += zip(errors(drawn), drawn, strict=True)
-        ranked = sorted(ranked, key=lambda pair: pair[0])[: SHAPES.elite]
+        ranked = sorted(ranked, key=lambda pair: pair[0])[: NONLINEAR.elite]
     return ranked[0][1]
