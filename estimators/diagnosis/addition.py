@@ -34,7 +34,8 @@ from pendulum_env.recording import Recording
 
 def fit(train: PreparedData, holdout: PreparedData, terms: Sequence[Term] = BASE) -> Step:
     """Fit a model's terms to what `gather` returns, as `diagnose` and `add` do: the model and its errors on both."""
-    evaluator = ModelEvaluator(train, holdout)
+    is_free = all(recording.known_inertia for recording in train.recordings)  # the terms have what is known
+    evaluator = ModelEvaluator(train, holdout, base=tuple(terms) if is_free else BASE)
     return refit(
         SearchResult(evaluator, [evaluator.fit_with_std(None, refit_nonlinear(evaluator, tuple(terms)))])
     ).steps[-1]

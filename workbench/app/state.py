@@ -14,6 +14,7 @@ from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.torque_constant import told
 from estimators.diagnosis.addition import fit
 from estimators.diagnosis.result import Addition, Diagnosis
+from estimators.free_swings import known_values, relative_terms
 from estimators.preprocessing import Preprocessed, parted
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identifiability import Doubt, identifiability
@@ -30,6 +31,7 @@ from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording, RecordingError, Source
+from pendulum_env.recording.record import PER_INERTIA
 from pendulum_env.recording.study import named_twice
 from workbench.app.uploads import safe_name
 from workbench.mistakes import InputError
@@ -147,12 +149,13 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
     Raises InputError if no known load tells a gain, and IdentificationError if there is too little motion.
     """
     train, holdout = ([one.recording for one in loaded if one.held_out is held] for held in (False, True))
-    given = Preprocessed.of(train, holdout)
-    if given.doubt is not None:
+    terms, _ = within_limits(terms, {}, **asked.limits)
+    given = Preprocessed.of(train, holdout, known=known_values(terms))
+    if given.doubt is not None and given.unit != PER_INERTIA:
         raise InputError(f"{given.doubt}; or give the gain itself")
     timed = given.timed()
     own = timed if is_aligned else given
-    base = fit(*own.parts, within_limits(terms, {}, **asked.limits)[0])
+    base = fit(*own.parts, relative_terms(terms, own.unit))
     return Prepared(own, timed, replace(base, model=told(base.model, own.parts[0].data)))
 
 

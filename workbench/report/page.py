@@ -118,7 +118,16 @@ def render_comparison(compared: Comparison) -> str:
     It is that of a diagnosis in which nobody has looked for effects, and all is fitted and checked alike.
     """
     step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
-    found = Diagnosis((step,), (), (), compared.regions, compared.joint.floors, (), data=compared.data)
+    found = Diagnosis(
+        (step,),
+        (),
+        (),
+        compared.regions,
+        compared.joint.floors,
+        (),
+        torque_unit=compared.torque_unit,
+        data=compared.data,
+    )
     case = Case(found, first="model")  # nothing is added to it
     if found.body is not None:
         return _whole(case, arm.sections(case), "comparison with")

@@ -618,3 +618,14 @@ def test_a_mistake_is_told_in_the_words_of_the_command_line(asked, field, wrong,
 def test_fields_of_the_form_become_options():
     form = {"ask-only": ["stribeck", "cogging"], "ask-without": None, "ask-fix": " gravity=2 ", "ask-bound": ""}
     assert Asked.of(form) == Asked("stribeck,cogging", "", "gravity=2")
+
+
+def test_a_free_swing_has_a_base_model():
+    time = np.arange(4000) / 200
+    plant = paper_plant({"inertia": 0.01, "gravity": 0.5, "viscous": 2e-3, "coulomb": 3e-3})
+    position = plant.simulate(1 / 200, np.zeros(4000), 2.6, 0.0).position[:-1, 0]
+    state = State((loaded(Recording(time, position, name="swing")),))
+    assert not state.trouble and state.prepared.base.model.torque_unit == "rad/s^2"
+    assert state.prepared.base.model.theta == pytest.approx([1.0, 50.0, 0.2, 0.3], rel=0.01)
+    known = replace(state, asked=Asked(fix="inertia=0.01")).prepared.base.model
+    assert known.torque_unit == "N m" and known.theta == pytest.approx([0.01, 0.5, 2e-3, 3e-3], rel=0.01)
