@@ -16,11 +16,14 @@ from estimators.regression.equations import IdentificationError
 from estimators.selection.columns import depends_on_torque
 from estimators.selection.regression import Regression
 from estimators.weak_form.dataset import prepare
+from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import limited_term
-from pendulum_env.recording import Recording
+from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA
+from pendulum_env.words import listing
 
+NONE = Load(0.0, 0.0)
 RELATIVE = (
     "no torque is applied: every parameter is relative to the inertia, which is 1; --fix inertia=VALUE "
     '(`fixed={"inertia": VALUE}` in Python) makes them absolute'
@@ -52,16 +55,39 @@ def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) ->
     An inertia of 1 is that of parameters relative to it.
 
     Raises:
-        IdentificationError: if the recordings hold too little motion.
+        IdentificationError: if the recordings hold too little motion, or their known loads differ and nothing else is
+            known.
     """
     if (inertia := known.get("inertia", 1.0)) != 1.0:
         return inertia
     others = [k for k, term in enumerate(BASE) if k and known.get(term.id)]
-    if not others:
-        return 0.0
-    terms = relative_terms(BASE, PER_INERTIA)
-    ratios = Regression(prepare([swing(own, 1.0, PER_INERTIA) for own in recordings])).solve(terms)
-    return float(abs(known[BASE[others[0]].id] / ratios[others[0]]))
+    if others:
+        return float(abs(known[BASE[others[0]].id] / _ratios(recordings)[others[0]]))
+    loads = list(dict.fromkeys(recording.load or NONE for recording in recordings))
+    if len(loads) > 1:
+        names, inertia = listing([recording.name for recording in recordings]), _inertia_by_loads(recordings, loads)
+        raise IdentificationError(
+            f"{names}: no torque is applied, and their known loads differ: fix the inertia of the joint without load, "
+            f"--fix inertia={inertia:.4g} by these loads"
+        )
+    return 0.0
+
+
+def _inertia_by_loads(recordings: Sequence[Recording], loads: Sequence[Load]) -> float:
+    """Return the inertia I [kg m^2] that known loads determine.
+
+    Under a load of inertia dI and gravity dmgl, gravity over inertia is g = (mgl + dmgl) / (I + dI).
+    """
+    groups = [[recording for recording in recordings if (recording.load or NONE) == load] for load in loads]
+    g = np.array([_ratios(group)[1] for group in groups])
+    y = [load.gravity - ratio * load.inertia for load, ratio in zip(loads, g.tolist(), strict=True)]
+    return float(np.linalg.lstsq(np.column_stack([g, -np.ones(len(g))]), y, rcond=None)[0][0])
+
+
+def _ratios(recordings: Sequence[Recording]) -> Array:
+    """Return the parameters of the base (4,) over the inertia."""
+    data = prepare([swing(recording, 1.0, PER_INERTIA) for recording in recordings])
+    return Regression(data).solve(relative_terms(BASE, PER_INERTIA))
 
 
 def fitted_inertia(recordings: Sequence[Recording]) -> float:

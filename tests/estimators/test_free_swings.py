@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -217,18 +218,12 @@ def test_a_release_is_suggested():
     assert Suggestion.from_json(suggested.json()) == suggested
 
 
-def test_a_load_of_known_size_is_beside_the_inertia():
-    (run,), load = (
-        simulate(
-            [
-                (
-                    Plant(0.02, 1.1, 2e-3, 3e-3),
-                    Experiment(rate=200.0, seconds=20.0, start=(2.6, 0.0), counts=4096, torque_noise=0.0),
-                )
-            ],
-            [np.zeros(4000)],
-        ),
-        Load(0.01, 0.6),
-    )
-    found = identify(Recording(run.time, run.position, name="loaded", load=load), fixed={"inertia": INERTIA})
-    assert_recovered(found.windows, {"gravity": 0.5})
+def test_loads_of_known_size_are_beside_the_inertia():
+    loaded = replace(swinging(2.3, inertia=0.02, gravity=1.1), load=Load(0.01, 0.6), name="loaded")
+    found = identify([swinging(), loaded], fixed={"inertia": INERTIA})
+    assert_recovered(found.windows, TRUTH)
+    with pytest.raises(IdentificationError, match="their known loads differ: fix the inertia") as refusal:
+        identify([swinging(), loaded])
+    by_loads = float(re.search(r"inertia=(\S+)", str(refusal.value))[1])  # type: ignore[index]
+    assert by_loads == pytest.approx(INERTIA, rel=0.02)
+    assert identify(loaded).torque_unit == "rad/s^2"  # of the joint with its load
