@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from estimators.regression.equations import IdentificationError
-from estimators.selection.physical import driving_friction, sure_sign, surely_negative
+from estimators.selection.physical import driving_friction, is_significantly_negative, significant_sign
 from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import Column, Model
 from pendulum_env.recording import Recording
@@ -43,7 +43,7 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
             "the motion follows load_torque with the opposite sign: it should be positive where it drives the joint on"
         )
         return [told + _remedy(recordings, lambda origin: origin.turned("load_torque"))]
-    if surely_negative(model, "inertia"):
+    if is_significantly_negative(model, "inertia"):
         told = "inertia came out negative: torque and position have opposite signs, turn one of them round"
         return [told + _remedy(recordings, lambda origin: origin.turned("torque"))]
     gravity, tilt = (model.estimates.get(name) for name in ("gravity", "gravity_tilt"))
@@ -51,7 +51,7 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
     if gravity is None or gravity.std == 0:  # where a user has fixed it, nothing is found
         return []
     down = gravity.value + max(carried, key=abs)
-    if tilt is not None and sure_sign(model, "gravity_tilt") and len(carried) == 1:
+    if tilt is not None and significant_sign(model, "gravity_tilt") and len(carried) == 1:
         # g sin(q - d) = g cos d sin q - g sin d cos q
         angle = float(np.arctan2(tilt.value, down))
         error = float(np.hypot(tilt.std * down, gravity.std * tilt.value)) / (down**2 + tilt.value**2)
@@ -59,7 +59,7 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
         off = f"{abs(np.degrees(angle)):.{digits}f} ± {np.degrees(error):.{digits}f} degrees"
         told = f"your zero is {off} off, or the base is tilted by as much (gravity_tilt)"
         return [told + _remedy(recordings, lambda origin: origin.shifted(angle, digits))]
-    if surely_negative(model, "gravity") and down < 0:
+    if is_significantly_negative(model, "gravity") and down < 0:
         if "spring.stiffness" in model.estimates:
             return ["gravity came out negative beside a spring: the two cancel, and neither is what it is called"]
         if not _can_be_upright(down, recordings):
@@ -93,8 +93,12 @@ def _can_be_upright(gravity: float, recordings: Sequence[Recording]) -> bool:
 def turned_round(model: Model, recordings: Sequence[Recording]) -> str | None:
     """What to do if every parameter of the base model came out negative, as where the torque is logged turned round."""
     known = [name for name in ("inertia", "gravity", "viscous", "coulomb") if name in model.estimates]
-    clear = sum(surely_negative(model, name) for name in known)
-    if clear < 3 or not surely_negative(model, known[0]) or any(model.estimates[name].value > 0 for name in known):
+    clear = sum(is_significantly_negative(model, name) for name in known)
+    if (
+        clear < 3
+        or not is_significantly_negative(model, known[0])
+        or any(model.estimates[name].value > 0 for name in known)
+    ):
         return None
     return wrong_columns(model, recordings)[0]
 

@@ -19,7 +19,7 @@ from estimators.selection.candidates import best_variant, refit_nonlinear, relea
 from estimators.selection.data import PreparedData
 from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.motion import refit
+from estimators.selection.motion import refit_by_likelihood
 from estimators.selection.physical import objection
 from estimators.selection.search import SearchResult
 from pendulum_env.arguments import check_order
@@ -36,7 +36,7 @@ def fit(train: PreparedData, holdout: PreparedData, terms: Sequence[Term] = BASE
     """Fit a model's terms to what `gather` returns, as `diagnose` and `add` do: the model and its errors on both."""
     is_free = all(recording.known_inertia for recording in train.recordings)  # the terms have what is known
     evaluator = ModelEvaluator(train, holdout, base=tuple(terms) if is_free else BASE)
-    return refit(
+    return refit_by_likelihood(
         SearchResult(evaluator, [evaluator.fit_with_std(None, refit_nonlinear(evaluator, tuple(terms)))])
     ).steps[-1]
 
@@ -95,10 +95,10 @@ def add(
     evaluator = setting.evaluator(given.parts)
     before, longer, against = _searched(evaluator, kind)
     progress("refitting", 0.9)
-    (shown,) = refit(SearchResult(evaluator, [before]), model).steps
+    (shown,) = refit_by_likelihood(SearchResult(evaluator, [before]), model).steps
     more = longer.model.terms[-1]
     start = Model.build((*shown.model.terms, more), np.append(shown.model.theta, np.zeros(len(more.columns))))
-    *_, after = refit(SearchResult(evaluator, [before, longer]), start).steps
+    *_, after = refit_by_likelihood(SearchResult(evaluator, [before, longer]), start).steps
     against = objection(after, shown, evaluator.train.motions) or (
         None if is_hidden(more) else against
     )  # motion tells it

@@ -27,7 +27,7 @@ from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.errors import Step, of_one
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.physical import sure_sign
+from estimators.selection.physical import significant_sign
 from estimators.selection.search import SearchResult, search
 from estimators.signals.residual import Region, everywhere
 from estimators.simulation.output_error import Point
@@ -136,7 +136,7 @@ class Looped:
     def _fitted(self, added: str | None, terms: Sequence[Term]) -> Step:
         """A step to some terms with shorter steps of the integrator."""
         train, unseen = self.fine
-        terms = train.regression.as_fitted(terms)
+        terms = train.regression.fitted_terms(terms)
         model = self._in_unit(_timed(fit_terms(train, terms)[0], train))
         return Step(added, model, {"train": train.errors(model), "holdout": unseen.errors(model)})
 
@@ -308,7 +308,7 @@ def with_back_emf(setting: Setting, recordings: Sequence[Recording]) -> Setting:
 
 def rubs(step: Step) -> bool:
     """Whether a gear surely rubs under the motor's torque, which back-EMF is no part of."""
-    return sure_sign(step.model, LoadDependentFriction.id) > 0
+    return significant_sign(step.model, LoadDependentFriction.id) > 0
 
 
 def are_ever_off(recordings: Sequence[Recording]) -> bool:

@@ -1,4 +1,4 @@
-"""Verdicts: what the data say of every effect of the library, and which effects they cannot tell apart."""
+"""Verdicts on each effect of the library, and groups of effects that the data cannot tell apart."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -59,7 +59,7 @@ def rank_effects(
 
 
 def doubted(candidates: Sequence[Candidate], doubts: Sequence[Doubt]) -> list[Candidate]:
-    """Candidates of which those are not rejected that would pass for a term of the model, as these data are."""
+    """Return candidates, where an effect that imitates a term of the model in these data is not rejected."""
     alike = {doubt.rivals[0]: doubt.text for doubt in doubts if doubt.rivals is not None}
     return by_verdict(
         replace(one, verdict=Verdict.NOT_EXCITED, reason=alike[one.effect])
@@ -70,7 +70,7 @@ def doubted(candidates: Sequence[Candidate], doubts: Sequence[Doubt]) -> list[Ca
 
 
 def by_verdict(candidates: Iterable[Candidate]) -> list[Candidate]:
-    """Candidates by what became of them, the likelier first."""
+    """Return candidates in the order of their verdicts, the likelier first."""
     order = list(Verdict)
     return sorted(candidates, key=lambda candidate: (order.index(candidate.verdict), -candidate.score))
 
@@ -129,7 +129,7 @@ def _rank_other(found: SearchResult, longer: Terms) -> Candidate:
         if found.table is not None and term.kind == found.table.kind:
             reason = f"only imitates {found.table.told}, which the library does not have"
         elif not gates[-1].passed:
-            reason = _unsupported(gates, "after the selected effects" if len(found.steps) > 1 else "to the base model")
+            reason = _unsupported(gates, "the selected effects" if len(found.steps) > 1 else "the base model")
         else:
             gates += _confirmation(evaluator, evaluator.fit_with_std(term.id, longer), found.steps[-1])
             failed = [gate for gate in gates if not gate.passed]
@@ -145,8 +145,8 @@ def _unsupported(gates: Sequence[Gate], where: str) -> str:
         return f"explains {max(0.0, share.value):.0%} of the residual, less than {share.limit:.0%}"
     gain, p_value = known["gain"], known["p_value"]
     std = "" if gain.std is None else f" ± {gain.std:.2g}"
-    numbers = f"adds {gain.value:.3g}{std} nat {where}"
-    return f"{numbers}: p = {p_value.value:.2g} with the penalty of {gain.limit:.2g} nat, limit {p_value.limit:.2g}"
+    numbers = f"gain of {gain.value:.3g}{std} nat over {where}"
+    return f"{numbers}: p = {p_value.value:.2g} with a penalty of {gain.limit:.2g} nat, limit {p_value.limit:.2g}"
 
 
 def _not_tried(gates: Sequence[Gate]) -> str:
@@ -166,18 +166,18 @@ def _confirmation(evaluator: ModelEvaluator, after: Step, before: Step) -> list[
 
 
 def _gained(evaluator: ModelEvaluator, after: Terms, before: Terms) -> tuple[Gain, int]:
-    """What a candidate predicts better than its absence, and the number of variants that it is the best of."""
+    """Return the gain of a candidate over its absence, and the number of variants that were tried."""
     return evaluator.gain(after, before), evaluator.n_variants(after, before)
 
 
 def _held_out_rms(evaluator: ModelEvaluator, terms: Terms, at: str) -> float:
-    """Torque error on the held-out data of the terms fitted to the training data [N m]."""
+    """Return the held-out torque error of the terms fitted to the training data [N m]."""
     error = evaluator.holdout.regression.equations(terms).error(evaluator.regression.solve(terms))
     return error_at(evaluator.holdout.data.errors(error), at, np.nan)
 
 
 def alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) -> dict[str, float]:
-    """Probability of each effect in the place of one of the terms, itself first, by id.
+    """Return the probability of each effect in the place of one of the terms, itself first, by id.
 
     A more complex law that contains the term, as a spring contains an offset, does not compete, nor does one that would
     not lower the held-out errors.
@@ -200,7 +200,7 @@ def alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) -> dict[st
 
 
 def may_replace(evaluator: ModelEvaluator, rival: Terms, terms: Terms, others: Terms) -> bool:
-    """Whether a rival lowers both errors of the others, and the terms do not follow the motion significantly better."""
+    """Return whether a rival lowers both errors of the others, and follows the motion about as well as the terms."""
     rival, terms, others = (without_table(evaluator, one) for one in (rival, terms, others))
     if not evaluator.lowers_errors(rival, others):
         return False
@@ -212,7 +212,7 @@ def may_replace(evaluator: ModelEvaluator, rival: Terms, terms: Terms, others: T
 
 
 def simulation_gain(evaluator: ModelEvaluator, after: Model, before: Model) -> tuple[Gain, float]:
-    """Gain of one model over another on all segments, and the share of squared error removed on fitted ones.
+    """Return the gain of one model over another on all segments, and the share of squared error that it removes.
 
     The score is that of the windows. Errors within a segment are fully correlated, so the gain is the logarithm of
     their ratio; noise is added to both, since errors below it carry no information.
@@ -229,7 +229,7 @@ def simulation_gain(evaluator: ModelEvaluator, after: Model, before: Model) -> t
 
 
 def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
-    """Whether a term with more parameters can reproduce any torque of another."""
+    """Return whether a term with more parameters can reproduce any torque of another."""
     if complexity(larger) <= complexity(term) or not term.columns:
         return False
     (own,), (other,) = evaluator.regression.columns([term]), evaluator.regression.columns([larger])
@@ -241,7 +241,7 @@ def gate_of_excitation(evaluator: ModelEvaluator, longer: Terms) -> Gate:
     """Return the share of the torque of the last of some terms that the others cannot imitate, as a gate."""
     *others, term = longer
     (columns,) = evaluator.regression.columns([term])
-    own = evaluator.regression.placed([term], [np.column_stack([columns.linear, columns.fixed])])
+    own = evaluator.regression.place_columns([term], [np.column_stack([columns.linear, columns.fixed])])
     own = own[:, np.linalg.norm(own, axis=0) > 0] * evaluator.regression.weights(others)[:, None]
     rest = outside(evaluator.regression.frame(others), own)
     shares = np.linalg.norm(rest, axis=0) / np.linalg.norm(own, axis=0)
@@ -250,7 +250,7 @@ def gate_of_excitation(evaluator: ModelEvaluator, longer: Terms) -> Gate:
 
 
 def _falls(before: Step, after: Step) -> str:
-    """How held-out errors fell, in words."""
+    """Return the fall of the held-out errors, in words."""
     old, new = before.errors["holdout"], after.errors["holdout"]
     if new.is_in_loop:
         return f"lowers the held-out error in the loop: {old.in_loop:.3g} -> {new.in_loop:.3g} rad"

@@ -35,8 +35,8 @@ from estimators.selection.candidates import refit_nonlinear
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import fit_terms
 from estimators.selection.evaluator import ModelEvaluator, held_out_cost
-from estimators.selection.motion import is_misfit, refine, refit
-from estimators.selection.physical import impossible
+from estimators.selection.motion import is_misfit, refit_by_likelihood, refit_if_misfit
+from estimators.selection.physical import describe_violations
 from estimators.selection.prepared import Data
 from estimators.selection.search import SearchResult, search
 from estimators.selection.tables import find_explaining_law
@@ -241,7 +241,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
         return mislogged
     rough, given = _looked_closer(given, evaluator, setting)
     setting.progress("refitting", 0.93)
-    found = refit(rough)
+    found = refit_by_likelihood(rough)
     evaluator, steps = found.evaluator, found.steps
     if followed is not None:
         steps = [evaluator.make_step(None, followed), *steps[1:]]
@@ -260,7 +260,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
         table = find_explaining_law(evaluator, steps[-1].model.terms, TABLES.values())
     kept = None if table is None else KEPT.format(table=table)
     asked = questions(evaluator, steps[-1].model.terms, groups, candidates, doubts)
-    if impossible(last, evaluator.train.motions) or not last.is_inertia_known:
+    if describe_violations(last, evaluator.train.motions) or not last.is_inertia_known:
         asked = []  # the motion under another torque is unknown
     suggestion, hopeless, forbidden = suggest(evaluator, steps[-1].model, asked, setting.limits, left)
     if not last.is_inertia_known:
@@ -318,15 +318,15 @@ def _looked_closer(
     What happens near turns shows in windows that come closer to them, if through more noise, and in those near turns
     that miss more torque than dry friction can be.
     """
-    rough = refine(search(evaluator))
+    rough = refit_if_misfit(search(evaluator))
     if rough.evaluator.residuals.is_noise_by_part(rough.terms)[0] and is_misfit(rough.evaluator, rough.steps[-1]):
         closer = given.closer(evaluator.criterion.shorter_window)
-        found = refine(search(setting.evaluator(closer.parts)))
+        found = refit_if_misfit(search(setting.evaluator(closer.parts)))
         if len(found.steps) > 1 and held_out_cost(found.steps[-1]) < held_out_cost(rough.steps[-1]):
             rough, given = found, closer
     struck = given.with_impacts(rough.terms)
     if struck is not given:
-        found = refine(search(setting.evaluator(struck.parts)))
+        found = refit_if_misfit(search(setting.evaluator(struck.parts)))
         before = found.evaluator.make_step(None, rough.steps[-1].model)
         if len(found.steps) > 1 and found.evaluator.is_confirmed(found.steps[-1], before):
             rough, given = found, struck

@@ -72,7 +72,7 @@ class LoopRegression:
         """Where the fit of a model begins, of the terms of the point if no others are given."""
         self._foretold[terms or point.terms] = point
 
-    def as_fitted(self, terms: Sequence[Term]) -> Terms:
+    def fitted_terms(self, terms: Sequence[Term]) -> Terms:
         """The terms with nonlinear parameters that follow others as these were fitted."""
         return self.near(terms).point.terms
 
@@ -157,7 +157,7 @@ class LoopRegression:
         """Measured minus simulated positions of the fit (R,) [rad]."""
         return -self.near(terms).error
 
-    def hidden_noise(self, terms: Sequence[Term]) -> list[tuple[slice, float]]:
+    def absorbed_noise(self, terms: Sequence[Term]) -> list[tuple[slice, float]]:
         """What terms take out of the noise: nothing, where positions are compared."""
         return []
 
@@ -227,7 +227,7 @@ class LoopRegression:
         )
         return slopes[:, len(slopes[0]) - len(names) :], names
 
-    def placed(self, terms: Sequence[Term], parts: Sequence[Array]) -> Array:
+    def place_columns(self, terms: Sequence[Term], parts: Sequence[Array]) -> Array:
         """Columns of some terms side by side (R, P)."""
         return np.column_stack(parts)
 

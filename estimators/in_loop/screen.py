@@ -38,9 +38,9 @@ class LoopScreen:
         coarse = any(not parameter.integer for parameter in effect.nonlinear_parameters) and len(variants) > LOOP.most
         return variants[:: -(-len(variants) // LOOP.most)] if coarse else variants
 
-    def looked_at(self, terms: Sequence[Term], effect: type[Term]) -> int:
+    def n_tried(self, terms: Sequence[Term], effect: type[Term]) -> int:
         """Number of variants among which `grid` chose."""
-        return self.regression.windows.screen.looked_at(tuple(terms), effect)
+        return self.regression.windows.screen.n_tried(tuple(terms), effect)
 
     @memoized
     def ranked(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:

@@ -1,4 +1,4 @@
-"""Windowed columns of variants of effects: cut once, with their slopes by the torque."""
+"""Windowed columns of variants of effects, computed once, with their slopes by the torque."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PUSHES = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])  # of 
 
 @dataclass
 class ColumnCutter:
-    """Cuts the columns of terms out of a dataset; those that were cut once are kept."""
+    """Columns of terms on the windows of a dataset; results are memoised."""
 
     data: Dataset
     _known: dict[Term, Columns] = field(default_factory=dict)
@@ -30,11 +30,11 @@ class ColumnCutter:
         return ColumnCutter(self.data.part(joint))
 
     def at(self, joint: str) -> ColumnCutter:
-        """The columns on the data of a joint; all for what is at no one joint."""
+        """Return the columns on the data of a joint; of all joints for a term without one joint."""
         return self if self.data.part(joint) is self.data else self._of_joint(joint)
 
     def columns(self, variants: Sequence[Term]) -> list[Columns]:
-        """Windowed columns of each variant of one effect, on the rows of its joint."""
+        """Return the windowed columns of each variant of one effect, on the rows of its joint."""
         if (own := self.at(variants[0].at)) is not self:
             return own.columns(variants)
         missing = [variant for variant in variants if variant not in self._known]
@@ -43,7 +43,7 @@ class ColumnCutter:
         return [self._known[variant] for variant in variants]
 
     def cut(self, variants: Sequence[Term]) -> list[Columns]:
-        """The same, of variants that a search meets only once: they are not kept."""
+        """Return the columns of variants that a search meets only once: they are not memoised."""
         if (own := self.at(variants[0].at)) is not self:
             return own.cut(variants)
         plain, kind, torque = self.data.columns(variants), variants[0], self.data.torque()
@@ -74,17 +74,17 @@ class ColumnCutter:
 
     @memoized
     def rates(self, term: Term) -> Array:
-        """Time derivatives of the linear columns of a term (R, P), on the rows of its joint."""
+        """Return time derivatives of the linear columns of a term (R, P), on the rows of its joint."""
         return self.data.rates(term)
 
     @property
     def _pushes(self) -> Array:
-        """Pushes of the torque (J,) [N m], growing, zero in their middle, by which bent laws are solved for it."""
+        """Increasing perturbations of the torque (J,) [N m], zero in the middle, to solve nonlinear laws for it."""
         return _largest(self.data.torque()) * np.concatenate([-PUSHES[::-1], [0.0], PUSHES])
 
     @cached_property
     def pushes(self) -> Array:
-        """The same in each equation of all joints (R, J) [N m]."""
+        """Perturbations of the torque in each equation of all joints (R, J) [N m]."""
         joints = [self.at(at) for at in self.data.joints]
         return np.concatenate([np.tile(own._pushes, (len(own.data.weights), 1)) for own in joints])
 
@@ -94,16 +94,16 @@ def _largest(torque: Array) -> float:
 
 
 def depends_on_torque(*terms: Term) -> bool:
-    """Whether the torque of one of the terms depends on the commanded torque."""
+    """Return whether the torque of one of the terms depends on the commanded torque."""
     return any(term.fixed or any(column.of_torque for column in term.columns) for term in terms)
 
 
 def is_known(*terms: Term) -> bool:
-    """Whether a linear parameter of the terms is known, and not to be fitted."""
+    """Return whether a linear parameter of the terms is given, and not to be fitted."""
     return any(column.is_known for term in terms for column in term.columns)
 
 
 def bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
-    """Bounds of the linear parameters (P,) of some terms."""
+    """Return lower and upper bounds of the linear parameters of some terms, (P,) each."""
     columns = [column for term in terms for column in term.columns]
     return np.array([column.least for column in columns]), np.array([column.most for column in columns])

@@ -1,4 +1,4 @@
-"""Comparable data: recordings as windowed equations for fitting and as segments for simulation."""
+"""Prepared data: recordings as windowed equations for fitting and as segments for simulation."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PLACES = (1e-3, 10.0)  # [s], trial displacements of an instant, for its standar
 
 @dataclass(frozen=True)
 class PreparedData:
-    """Recordings, ready to be compared with models.
+    """Recordings as windowed equations and as segments for simulation.
 
     Attributes:
         data: as windowed equations.
@@ -85,7 +85,7 @@ class PreparedData:
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
-        """The recordings that it is of, or parts of."""
+        """Recordings, of which the data may be parts."""
         return tuple(w.recording for w in self.data.windows)
 
     @property
@@ -95,16 +95,16 @@ class PreparedData:
 
     @property
     def motions(self) -> dict[str, Samples]:
-        """Those of each joint, by its name."""
+        """Samples at the windows' centres of each joint, by its name."""
         return {at: self.data.part(at).samples for at in self.data.joints}
 
     def reach(self, joint: str = "") -> tuple[float, float]:
-        """Least and largest position that was recorded of a joint, or of the joints that a term loads [rad]."""
+        """Return the least and the largest recorded position of a joint, or of the joints that a term loads [rad]."""
         positions = [w.recording.position for w in self.data.windows if w.at in loads(joint)]
         return float(min(q.min() for q in positions)), float(max(q.max() for q in positions))
 
     def inertias(self, base: Sequence[Term]) -> dict[str, float]:
-        """Inertia that each joint feels under a base model, by the joint's name [kg m^2]."""
+        """Return the inertia at each joint under a base model, by the joint's name [kg m^2]."""
         first, data = base[0], self.data
         if first.id not in data.given:
             of_one = {at: self.regression if len(data.joints) == 1 else Regression(data.part(at)) for at in data.joints}
@@ -114,12 +114,12 @@ class PreparedData:
 
     @cached_property
     def floors(self) -> dict[str, float]:
-        """Torque error that measurement noise alone gives at each joint, by the scatter of the log [N m]."""
+        """Torque error due to sensor noise at each joint, by the scatter of the log [N m]."""
         felt = self.inertias(self.base)
         return {at: self.data.part(at).noise(felt[at]) for at in self.data.joints}
 
     def stand_out(self, residual: Array, at: str, axes: Sequence[str] = tuple(SYMBOLS), most: int = 6) -> list[Region]:
-        """Where a residual (R,) [N m] stands out of the noise at a joint, the most telling first."""
+        """Return the regions where a residual (R,) [N m] exceeds the noise at a joint, the most significant first."""
         own, least, body = residual[self.data.where(at)], self.data.negligible(at), body_of(self.base)
         found = stand_out(self.data.part(at).samples, own, self.floors[at], axes, most)
         return [
@@ -129,7 +129,7 @@ class PreparedData:
         ]
 
     def with_link_states(self, model: Model) -> PreparedData:
-        """The same with the link of a model, if it has one, as the motion around each instant tells; takes a second."""
+        """Return the data with the states of a model's link estimated from the motion around each instant."""
         if not has_link(model.terms):
             return self
         term = link_of(model.terms)
@@ -141,11 +141,11 @@ class PreparedData:
         return replace(self, data=replace(self.data, link_states={term.id: link_states}), segments=tuple(segments))
 
     def residual(self, terms: Sequence[Term], theta: Array) -> Array:
-        """Measured minus predicted torque in every window (R,) [N m]."""
+        """Return measured minus predicted torque in every window (R,) [N m]."""
         return self.regression.balance(terms).error(theta)
 
     def errors(self, model: Model) -> Errors:
-        """Errors of a model, in torque and in free-running position; of an arm what is left of each joint's torque."""
+        """Return the errors of a model in torque and in free-running position; for an arm, of each joint's torque."""
         residual, body = self.residual(model.terms, model.theta), body_of(self.base)
         torque, position, fit = float(np.sqrt(np.mean(residual**2))), np.nan, np.nan
         joints, shares = self.data.errors(residual), {}
@@ -161,7 +161,7 @@ class PreparedData:
 
 
 def _fit(error: float, deviation: float) -> float:
-    """Fit in percent (100 % less NRMSE) from error and deviation; 0 without any deviation."""
+    """Return the fit in percent (100 % less NRMSE) from error and deviation; 0 without any deviation."""
     return 100.0 * (1.0 - error / deviation) if deviation > 0 else 0.0
 
 
@@ -170,7 +170,7 @@ def fit_terms(prepared: Comparable, terms: Sequence[Term]) -> tuple[Model, Fit]:
     data, regression = prepared.data, prepared.regression
     terms = regression.converge(terms)
     balance = regression.balance(terms)
-    theta = regression.solve(terms)  # in the loop where the fit ended
+    theta = regression.solve(terms)
     jacobian, names = regression.nonlinear_jacobian(terms, theta)
     fit = balance.fit(data.clusters, jacobian if names else None, theta)
     count = len(theta)
@@ -192,7 +192,7 @@ def fit_terms(prepared: Comparable, terms: Sequence[Term]) -> tuple[Model, Fit]:
 
 
 def base_inertia(regression: Regression) -> float:
-    """Inertia of the joint by the base model, clear of impacts [kg m^2], which scales the noise."""
+    """Return the inertia of the joint by the base model, clear of impacts [kg m^2], which scales the noise."""
     data = regression.data
     if all(known := [w.recording.known_inertia for w in data.windows]):
         return max(known)
@@ -203,7 +203,7 @@ def base_inertia(regression: Regression) -> float:
 def with_impacts(
     prepared: tuple[PreparedData, PreparedData], terms: Sequence[Term], repeated: int = REPEATED
 ) -> tuple[PreparedData, PreparedData]:
-    """Training and held-out data with impacts at reversals, see `Dataset.with_impacts`.
+    """Return training and held-out data with impacts at reversals, see `Dataset.with_impacts`.
 
     Data with fewer impacts than `repeated` stay as they are, since a single one may be an accident, and so do data for
     a model with a link, which has impacts of its own.
@@ -218,7 +218,7 @@ def with_impacts(
 
 
 def _placement(regression: Fits, weights: Array, term: Term, name: str, own: Array, noise: Array) -> float:
-    """Standard error of an instant [s]: its displacement by which the windowed torque changes significantly.
+    """Return the standard error of an instant [s]: the displacement that changes the torque significantly.
 
     Few windows depend on the instant, none if the joint is at rest then, so that the fit may have no slope there. At
     one standard error the torque changes by one standard deviation.

@@ -20,8 +20,8 @@ class Errors:
         torque_rms: the paper's norm (10) of measured minus modelled torque over the windows used [N m]; NaN of an arm
             with joints that turn and joints that slide.
         position_rms: free-running simulation against measured position over one-second windows [rad].
-        torque_fit: 100 % less the torque error relative to the torque's own deviation from its mean; 100 is perfect, at
-            0 a constant would do as well [%]. NaN where nobody has counted.
+        torque_fit: 100 % less the torque error relative to the torque's own deviation from its mean; 100 is perfect,
+            and 0 is as good as a constant [%]. NaN if unknown.
         position_fit: the same of position in free run, relative to the deviation in each one-second window [%].
         joints: torque errors of the joints by name [N m].
         shares: of an arm, what these are of the root mean square of the joint's torque; None without a motor.
@@ -41,7 +41,7 @@ class Errors:
     in_loop_rms: float = np.nan
 
     def with_loop(self, missed: Array) -> Errors:
-        """The same with those of positions (R,) [rad] that were simulated with the controller in the loop."""
+        """Return the errors with those of positions (R,) [rad] simulated with the controller in the loop."""
         mean, rms = float(np.mean(np.abs(missed))), float(np.sqrt(np.mean(missed**2)))
         return replace(self, in_loop=mean, in_loop_rms=rms)
 
@@ -56,7 +56,7 @@ class Errors:
         return bool(np.isfinite(self.in_loop))
 
     def at(self, joint: str) -> float:
-        """Torque error at a joint [N m], or error in the loop [rad]."""
+        """Return the torque error at a joint [N m], or the error in the loop [rad]."""
         return self.in_loop if self.is_in_loop else error_at(self.joints, joint, self.torque_rms)
 
     def json(self) -> JSON:
@@ -69,19 +69,19 @@ class Errors:
 
 
 def error_at(joints: Mapping[str, float], at: str, otherwise: float) -> float:
-    """Root mean square of the errors of the joints that a term loads, of all joints by name [N m]."""
+    """Return the root mean square of the errors of the joints that a term loads [N m]."""
     own = [joints[joint] for joint in loads(at) if joint in joints]
     return float(np.sqrt(np.mean(np.square(own)))) if own else otherwise
 
 
 def of_one(floors: Mapping[str, float]) -> float:
-    """The noise floor of the one joint that there is [N m]; NaN of several."""
+    """Return the noise floor of a single joint [N m]; NaN for several joints."""
     return next(iter(floors.values())) if len(floors) == 1 else np.nan
 
 
 @dataclass(frozen=True, repr=False)
 class Step:
-    """One rung of the ladder: the effect that was added (None: the base model) and the errors after the refit."""
+    """Model on the path from the base model: the effect that was added (None: the base) and errors after the refit."""
 
     added: str | None
     model: Model

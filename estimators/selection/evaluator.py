@@ -102,7 +102,7 @@ class ModelEvaluator:
         """
         regression, (first, second) = self.regression, self._blocks
         fitted, unseen = (part.regression.equations(terms) for part in self.parts)
-        absorbed = [part.regression.hidden_noise(terms) for part in self.parts]
+        absorbed = [part.regression.absorbed_noise(terms) for part in self.parts]
         if without is not None:
             inertia = self.residuals.inertia[without.at or self.residuals.joints[0]]
             for own, part in zip(absorbed, self.parts, strict=True):
@@ -124,7 +124,7 @@ class ModelEvaluator:
         parts = []
         for part, pieces in zip(self.parts, self._pieces, strict=True):
             own = with_time_grid(part, terms)
-            parts.append(cross_validated(part.regression.balance(own), pieces, part.regression.hidden_noise(own)))
+            parts.append(cross_validated(part.regression.balance(own), pieces, part.regression.absorbed_noise(own)))
         return np.concatenate(parts)
 
     def screening_score(self, terms: Terms) -> float:
@@ -142,7 +142,7 @@ class ModelEvaluator:
     def n_variants(self, after: Terms, before: Terms) -> int:
         """Return the number of variants tried of the effects by which one model is larger, at least one."""
         known = {other.id: other for other in before}
-        tried = [self.screen.looked_at(before, type(term)) for term in after if term.id not in known]
+        tried = [self.screen.n_tried(before, type(term)) for term in after if term.id not in known]
         more = [
             parameter
             for term in after
@@ -158,26 +158,27 @@ class ModelEvaluator:
 
     def is_supported(self, after: Terms, before: Terms) -> bool:
         """Return whether a larger model gains significantly and explains enough of the smaller one's residual."""
-        return (
-            self.is_significant(after, before)
-            and self.residuals.explained_share(after, before) > self.criterion.explained_share
-        )
+        return all(gate.passed for gate in self.gates(after, before))
 
     def is_needed(self, after: Terms, before: Terms) -> bool:
         """Return whether a larger model gains significantly and explains more of the residual than it leaves."""
-        return (
-            self.is_significant(after, before)
-            and self.residuals.explained_share(after, before) > self.criterion.needed_share
-        )
+        return all(gate.passed for gate in self.gates(after, before, self.criterion.needed_share))
 
     def is_tied(self, one: Terms, other: Terms) -> bool:
         """Return whether the first of two models has a probability above `tie_probability`."""
         probability = self.bootstrap.probabilities([self.density(one), self.density(other)])[0]
         return bool(probability > self.criterion.tie_probability)
 
-    def gates(self, after: Terms, before: Terms) -> list[Gate]:
-        """Return the gates of `is_supported`, up to the first that the larger model fails."""
+    def gates(self, after: Terms, before: Terms, least_share: float | None = None) -> list[Gate]:
+        """Return the gates of a larger model: its gain with p-value and, if significant, its explained share.
+
+        Args:
+            after: the larger model.
+            before: the smaller model.
+            least_share: limit of the explained share; `criterion.explained_share` by default.
+        """
         gain, penalty, criterion = self.gain(after, before), self.penalty(after, before), self.criterion
+        least_share = criterion.explained_share if least_share is None else least_share
         std = gain.error if np.isfinite(gain.error) else None
         gates = [
             Gate("gain", gain.total, penalty, gain.total > penalty, "nat", std),
@@ -185,12 +186,12 @@ class ModelEvaluator:
         ]
         if gates[-1].passed:
             share = self.residuals.explained_share(after, before)
-            gates.append(Gate("explained_share", share, criterion.explained_share, share > criterion.explained_share))
+            gates.append(Gate("explained_share", share, least_share, share > least_share))
         return gates
 
     def model(self, terms: Terms) -> Model:
         """Fit the terms to the training data, without standard errors, which take time."""
-        model = Model.build(self.regression.as_fitted(terms), self.regression.solve(terms))
+        model = Model.build(self.regression.fitted_terms(terms), self.regression.solve(terms))
         return model.withholding(self._unknown)
 
     def _find_unknown(self) -> frozenset[str]:

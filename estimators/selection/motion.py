@@ -20,28 +20,20 @@ SEGMENT = 0.5  # [s], segment length, short enough for errors to grow as lineari
 FEWEST = 2  # segments per parameter
 
 
-def refine(found: SearchResult) -> SearchResult:
-    """The steps with the last model refined by the motion, where windows do not see enough of it."""
+def refit_if_misfit(found: SearchResult) -> SearchResult:
+    """Refit the last model to the motion where free-running simulation errs by more than noise, or bristles hide."""
     evaluator, (*others, last) = found.evaluator, found.steps
     if not (is_misfit(evaluator, last) or any(has_bristles(term) for term in last.model.terms)):
         return found
     evaluator.progress("fitting the segments", 0.9)
-    refined = better(last, evaluator.refit_to_motion(last))
+    refined = min(last, evaluator.refit_to_motion(last), key=held_out_cost)
     if others and not evaluator.is_confirmed(refined, others[-1]):
         return found
     return replace(found, steps=[*others, refined])
 
 
-def better(one: Step, other: Step) -> Step:
-    """The step with the smaller cost, the first if they are equal."""
-    return min(one, other, key=held_out_cost)
-
-
 def is_misfit(evaluator: ModelEvaluator, step: Step) -> bool:
-    """Whether free-running simulation errs by much more than noise, even from fitted initial states.
-
-    An inaccurate initial velocity is no fault of the model.
-    """
+    """Return whether free-running simulation errs by much more than noise, even from fitted initial states."""
     if has_transmission(step.model.terms):
         return False  # its impacts are too sharp to simulate as closely, and other effects would only imitate them
     if not (evaluator.train.segments and step.model.is_inertia_known):
@@ -55,10 +47,10 @@ def is_misfit(evaluator: ModelEvaluator, step: Step) -> bool:
     return output_error.rms(segments, point) > misfit * noise
 
 
-def refit(selection: SearchResult, start: Model | None = None) -> SearchResult:
-    """The steps with the last model refitted by maximum likelihood, if held-out data confirm it.
+def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> SearchResult:
+    """Refit the last model by maximum likelihood, if held-out data confirm it; the states of a link are estimated.
 
-    Windows lose information near reversals and from a coarse encoder. The state of a link is estimated.
+    Windows lose information near reversals and from a coarse encoder.
 
     Args:
         selection: its last step is refitted.
@@ -70,7 +62,7 @@ def refit(selection: SearchResult, start: Model | None = None) -> SearchResult:
     if has_link(last.model.terms):
         known = evaluator.linked
         if known is not None and known.model.terms == last.model.terms:
-            found = better(last, known)
+            found = min(last, known, key=held_out_cost)
         else:
             found = _with_link(evaluator, last, start or last.model)
         # windows take the motion of the link for granted, which its parameters have made
@@ -85,7 +77,7 @@ def refit(selection: SearchResult, start: Model | None = None) -> SearchResult:
 
 
 def _by_likelihood(evaluator: ModelEvaluator, last: Step) -> Step:
-    """The maximum-likelihood model, if its standard errors and held-out innovations are no larger."""
+    """Return the maximum-likelihood model, if its standard errors and held-out innovations are no larger."""
     start = Point.of(last.model)
     segments, checks = ([choose_segments(w, SEGMENT) for w in part.data.windows] for part in evaluator.parts)
     if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
@@ -93,18 +85,18 @@ def _by_likelihood(evaluator: ModelEvaluator, last: Step) -> Step:
     found = evaluator.make_step(last.added, output_error.maximum_likelihood(segments, start))
     filters = output_error.innovations(checks, start)
     old, new = (output_error.rms(checks, point, filters=filters) for point in (start, Point.of(found.model)))
-    return found if new <= old and _is_surer(found, last) else last
+    return found if new <= old and _has_smaller_std(found, last) else last
 
 
-def _is_surer(one: Step, other: Step) -> bool:
-    """Whether standard errors are smaller on average, of parameters that are free in both."""
+def _has_smaller_std(one: Step, other: Step) -> bool:
+    """Return whether standard errors are smaller on average, of parameters that are free in both."""
     pairs = [(one.model.estimates[name].std, known.std) for name, known in other.model.estimates.items()]
-    told = np.array([pair for pair in pairs if min(pair) > 0])
-    return len(told) > 0 and float(np.mean(np.log(told[:, 0] / told[:, 1]))) < 0
+    free = np.array([pair for pair in pairs if min(pair) > 0])
+    return len(free) > 0 and float(np.mean(np.log(free[:, 0] / free[:, 1]))) < 0
 
 
 def _with_link(evaluator: ModelEvaluator, last: Step, start: Model) -> Step:
-    """The step with estimated link states, refitted together with them if that lowers held-out errors."""
+    """Refit the step together with the states of its link, if that lowers held-out errors."""
     shot = multiple_shooting.estimate(evaluator.train.data.windows, start)
     tried = [shot, *([start] if start is not last.model else [])]
     steps = [evaluator.make_step(last.added, model) for model in tried]

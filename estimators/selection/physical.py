@@ -24,7 +24,7 @@ PHRASES = {  # of violations, by the name of their gate; others are parameters
 }
 
 
-def impossible(model: Model, motions: Mapping[str, Samples]) -> list[str]:
+def describe_violations(model: Model, motions: Mapping[str, Samples]) -> list[str]:
     """Return phrases such as "negative inertia" for the physical bounds that a fitted model violates."""
     return [_phrase(gate) for gate in violations(model, motions)]
 
@@ -48,11 +48,11 @@ def violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
     here = replace(model, terms=tuple(term for term in model.terms if not motions.keys().isdisjoint(loads(term.at))))
     found = [
         Gate(column.name, value, column.nearest(value), False, column.unit)
-        for column, value in beyond(here.terms, here.theta)
+        for column, value in bound_violations(here.terms, here.theta)
     ]
     found += [
         Gate(term.full(parameter.name), parameter.high, parameter.high, False, parameter.unit)
-        for term, parameter in at_their_most(here.terms)
+        for term, parameter in parameters_at_upper_limit(here.terms)
     ]
     for at, x in motions.items():
         own = replace(model, terms=tuple(term for term in model.terms if term.at == at))
@@ -70,7 +70,7 @@ def _violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate]:
     share = float(np.mean(power < 0))
     if share > SELDOM and not is_coupled:
         found.append(Gate("driving_friction", share, SELDOM, False))
-    pushing = [(column, value) for term, column, value in _parts(model) if _pushes(term)]
+    pushing = [(column, value) for term, column, value in _parts(model) if _drives_joint(term)]
     pushed = sum((value * column.force(x) for column, value in [(LOAD, 1.0), *pushing]), np.zeros_like(x.time))
     limit = float(np.abs(x.torque - pushed).max())
     dry = _dry_over_a_turn([(column, value) for term, column, value in friction if not column.of_torque], x).max()
@@ -80,8 +80,8 @@ def _violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate]:
     return found
 
 
-def _pushes(term: Term) -> bool:
-    """Whether a term can set a joint in motion that the motor leaves alone, as its weight; a stop only ends motion."""
+def _drives_joint(term: Term) -> bool:
+    """Return whether a term can set a joint in motion without the motor, as its weight; a stop only ends motion."""
     return term.kind in ("potential", "time-varying") and term.id != "hard_stop"
 
 
@@ -91,24 +91,24 @@ def _parts(model: Model) -> list[tuple[Term, Column, float]]:
 
 
 def _dry_over_a_turn(parts: Sequence[tuple[Column, float]], x: Samples) -> Array:
-    """Dry friction at angles all around, at usual speed, in the middle of the recording [N m]."""
+    """Return dry friction at angles all around, at the median speed and time of the recording [N m]."""
     still = np.zeros_like(CIRCLE)
     speed, middle = float(np.median(np.abs(x.velocity))), float(np.median(x.time))
     turn = Samples(still + middle, CIRCLE, still + speed, still)
     return sum((value * (column.dry(turn) + still) for column, value in parts), still)
 
 
-def beyond(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
-    """Linear parameters theta (P,) that no body has so, whatever else it has."""
+def bound_violations(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
+    """Return the columns whose linear parameter theta (P,) is outside its bounds, with its value."""
     columns = [column for term in terms for column in term.columns]
     return [(column, value) for column, value in zip(columns, theta.tolist(), strict=True) if not column.allows(value)]
 
 
-def at_their_most(terms: Sequence[Term]) -> list[tuple[Term, NonlinearParameter]]:
-    """Nonlinear parameters that a fit drove to the upper end of their range: what it looks for is another law.
+def parameters_at_upper_limit(terms: Sequence[Term]) -> list[tuple[Term, NonlinearParameter]]:
+    """Return nonlinear parameters that a fit drove to the upper end of their range: the data have another law.
 
-    A lag of seconds leaves nothing of the torque but its mean, which a controller's answer to all else is no part of.
-    At the lower end there is nothing of the effect, and a limit that a user set is no end.
+    A lag of seconds leaves only the mean of the torque. At the lower end the effect has no size. A limit that a user
+    has set does not count.
     """
     found = []
     for term in terms:
@@ -119,23 +119,23 @@ def at_their_most(terms: Sequence[Term]) -> list[tuple[Term, NonlinearParameter]
 
 
 def driving_friction(model: Model) -> list[str]:
-    """A word on dry or viscous friction that surely came out negative, whatever other effects outweigh it.
+    """Return a sentence on dry or viscous friction that is significantly negative, whatever outweighs it.
 
-    Beside a table of friction it is no friction of its own.
+    Beside a table of friction, both are only parts of friction, and have any sign.
     """
     tables = any(isinstance(term, Table) and term.kind == "dissipative" for term in model.terms)
     names = [name for name in model.estimates if name.split("@")[0] in ("viscous", "coulomb")]
-    wrong = [name for name in names if surely_negative(model, name) and not tables]
+    wrong = [name for name in names if is_significantly_negative(model, name) and not tables]
     return [f"{listing(wrong)} came out negative, and no friction drives: it has another law"] if wrong else []
 
 
-def surely_negative(model: Model, name: str) -> bool:
-    """Whether an estimate is."""
-    return sure_sign(model, name) < 0
+def is_significantly_negative(model: Model, name: str) -> bool:
+    """Return whether an estimate is negative by more than 3 standard errors."""
+    return significant_sign(model, name) < 0
 
 
-def sure_sign(model: Model, name: str) -> int:
-    """Sign of an estimate; 0 if it may be noise, is unknown, or was fixed by a user, without a standard error."""
+def significant_sign(model: Model, name: str) -> int:
+    """Return the sign of an estimate; 0 within 3 standard errors of zero, or where it is unknown or was given."""
     estimate = model.estimates.get(name)
     if estimate is None or estimate.is_unknown or not abs(estimate.value) > 3 * estimate.std > 0:
         return 0
@@ -161,7 +161,7 @@ def confirmation_gates(after: Step, before: Step, motions: Mapping[str, Samples]
     if wrong:
         return wrong
     gates = [Gate("physical_bounds", 0, 0, True)]
-    sign = sure_sign(after.model, "gravity") * sure_sign(before.model, "gravity")
+    sign = significant_sign(after.model, "gravity") * significant_sign(before.model, "gravity")
     if sign and "gravity_tilt" not in after.model.estimates:  # beside a tilt, gravity alone has any sign
         gates.append(Gate("gravity_sign", sign, 0, sign > 0))
     errors = [("in_loop", new.in_loop, old.in_loop, "rad"), ("position", new.position_rms, old.position_rms, "rad")]

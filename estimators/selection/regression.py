@@ -1,6 +1,6 @@
-"""Least squares fits of sets of terms to windows of data, weighted by recording; what was fitted once is kept.
+"""Least-squares fits of sets of terms to windows of data; results are memoised.
 
-Recordings count by what a first fit leaves of them, so that one with something unexplained spoils none of the others.
+Recordings are weighted by their residual, so an unexplained recording does not bias the others.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,38 +37,38 @@ class Regression:
         self._fold: Index = data.blocks(BLOCK)[0] % FOLDS
 
     def columns(self, variants: Sequence[Term]) -> list[Columns]:
-        """Windowed columns of each variant of one effect, on the rows of its joint."""
+        """Return the windowed columns of each variant of one effect, on the rows of its joint."""
         return self._cutter.columns(variants)
 
     def cut(self, variants: Sequence[Term]) -> list[Columns]:
-        """The same, of variants that are met only once: they are not kept."""
+        """Return the columns of variants that a search meets only once: they are not memoised."""
         return self._cutter.cut(variants)
 
-    def placed(self, terms: Sequence[Term], parts: Sequence[Array]) -> Array:
-        """Columns of some terms side by side (R, P), each on the rows of its joint."""
+    def place_columns(self, terms: Sequence[Term], parts: Sequence[Array]) -> Array:
+        """Return the columns of some terms side by side (R, P), each on the rows of its joint."""
         return placed(
             len(self._torque), [(self.data.where(term.at), own) for term, own in zip(terms, parts, strict=True)]
         )
 
     def balance(self, terms: Sequence[Term]) -> Balance:
-        """Equations of some terms, with smaller weights for recordings of larger residuals."""
+        """Return the equations of some terms, with smaller weights for recordings with larger residuals."""
         return replace(self.equations(terms), weights=self.weights(terms))
 
     def equations(self, terms: Sequence[Term]) -> Balance:
-        """The same, weighted by noise alone; those of the last sets are kept."""
+        """Return the equations of some terms, weighted by noise alone; those of the last sets are memoised."""
         key = tuple(terms)
         if key not in self._recent:
             if len(self._recent) >= RECENT:
                 self._recent.pop(next(iter(self._recent)))
-            self._recent[key] = self.assembled(terms, self.parts(terms), self.data.weights)
+            self._recent[key] = self.assemble(terms, self.parts(terms), self.data.weights)
         return self._recent[key]
 
     def parts(self, terms: Sequence[Term]) -> list[Columns]:
-        """Columns of each of some terms."""
+        """Return the columns of each of some terms."""
         return [self.columns([term])[0] for term in terms]
 
-    def assembled(self, terms: Sequence[Term], parts: Sequence[Columns], weights: Array) -> Balance:
-        """Equations of some terms from the columns of each and weights (R,)."""
+    def assemble(self, terms: Sequence[Term], parts: Sequence[Columns], weights: Array) -> Balance:
+        """Return the equations of some terms from the columns of each and weights (R,)."""
         rows = [self.data.where(term.at) for term in terms]
         balance = Balance.of(self._torque, weights).beside(
             list(zip(rows, parts, strict=True)), *bounds(terms), self._cutter.pushes
@@ -79,18 +79,18 @@ class Regression:
         for here, term, part in zip(rows, terms, parts, strict=True):
             unfiltered[here] -= 0.0 if term.lead else part.fixed
             lead[here] += term.lead
-        ahead = balance.phi + lead[:, None] * self.placed(terms, [self._cutter.rates(term) for term in terms])
+        ahead = balance.phi + lead[:, None] * self.place_columns(terms, [self._cutter.rates(term) for term in terms])
         y = unfiltered - lead * self.data.load_rates
         return replace(balance, recorded=replace(balance, phi=ahead, y=y, passed=1.0))
 
     def beside(self, terms: Sequence[Term], here: slice) -> Callable[[Term, Columns], Balance]:
-        """Function that gives equations of the terms and a variant at some rows, given its columns.
+        """Return a function that gives the equations of the terms and a variant, from the variant's columns.
 
-        What the terms share is made once, and of other joints, where nothing is bent, no more is kept than their fit.
+        The part of the terms is computed once. Equations of other joints that are linear are condensed to their fit.
         """
         if not terms or any(term.lead for term in terms):  # there is nothing to begin with, or that is seen twice
             shared, w = self.parts(terms), self.weights(terms)
-            return lambda variant, own: self.assembled((*terms, variant), [*shared, own], w)
+            return lambda variant, own: self.assemble((*terms, variant), [*shared, own], w)
         first, pushes = self.balance(terms), self._cutter.pushes
         elsewhere = np.ones(len(pushes), dtype=bool)
         elsewhere[here] = False
@@ -102,50 +102,50 @@ class Regression:
 
     @memoized
     def solve(self, terms: Sequence[Term]) -> Array:
-        """Linear parameters (P,) of the terms, fitted to all windows."""
+        """Fit the linear parameters (P,) of the terms to all windows."""
         return self.balance(terms).solve()
 
     def solve_without(self, terms: Sequence[Term]) -> Array:
-        """Linear parameters of the terms without each fold of blocks (FOLDS, P)."""
+        """Fit the linear parameters of the terms without each fold of blocks (FOLDS, P)."""
         return self.balance(terms).solve_without(self._fold, FOLDS)
 
     def weights(self, terms: Sequence[Term]) -> Array:
-        """Weight of each equation (R,), smaller for recordings of larger residuals."""
+        """Return the weight of each equation (R,), smaller for recordings with larger residuals."""
         if len(self.data.windows) == 1 or not terms:
             return self.data.weights
         return self._weight_of_each(terms)[self._owner]
 
     @memoized
     def _weight_of_each(self, terms: Sequence[Term]) -> Array:
-        """Weight of each recording (E,)."""
+        """Return the weight of each recording (E,)."""
         balance, counts = self.equations(terms), np.bincount(self._owner)
         squares = np.bincount(self._owner, balance.error(balance.solve()) ** 2).astype(float)
         return quietest_most(squares, counts, self.data.least())
 
-    def as_fitted(self, terms: Sequence[Term]) -> tuple[Term, ...]:
-        """The terms with nonlinear parameters that follow others as these were fitted: a search sets them itself."""
+    def fitted_terms(self, terms: Sequence[Term]) -> tuple[Term, ...]:
+        """Return the terms with nonlinear parameters that follow others as fitted: here a search has set them."""
         return tuple(terms)
 
     def converge(self, terms: Sequence[Term]) -> tuple[Term, ...]:
-        """The terms fitted as closely as can be: they always are."""
+        """Return the terms fitted to convergence, as they always are here."""
         return tuple(terms)
 
     @memoized
     def tangent(self, terms: Sequence[Term]) -> Tangent:
-        """Errors near the fit of the terms, to first order."""
+        """Return the errors near the fit of the terms, to first order."""
         return self.balance(terms).tangent()
 
     @memoized
     def frame(self, terms: Sequence[Term]) -> Array:
-        """Orthonormal basis (R, P) of changes of the weighted errors by the parameters."""
+        """Return an orthonormal basis (R, P) of changes of the weighted errors by the parameters."""
         return np.linalg.qr(self.tangent(terms).slopes * self.weights(terms)[:, None])[0]
 
     def residual(self, terms: Sequence[Term]) -> Array:
-        """Torque (R,) that a fit of the terms does not predict [N m]."""
+        """Return the torque (R,) that a fit of the terms does not predict [N m]."""
         return self.balance(terms).error(self.solve(terms))
 
-    def hidden_noise(self, terms: Sequence[Term]) -> list[tuple[slice, float]]:
-        """Variance of torque noise that terms filter out of the equations, with the rows of the joint [(N m)^2].
+    def absorbed_noise(self, terms: Sequence[Term]) -> list[tuple[slice, float]]:
+        """Return the variance of torque noise that terms filter out of the equations, with their rows [(N m)^2].
 
         It still counts as error: a lag smooths the noise of the torque together with the torque, which must not raise
         its likelihood.
@@ -158,9 +158,9 @@ class Regression:
         return self.data.part(term.at).absorbed(term)
 
     def nonlinear_jacobian(self, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
-        """Derivatives (R, S) of the modelled torque with respect to continuous nonlinear parameters, and their names.
+        """Return derivatives (R, S) of the modelled torque by continuous nonlinear parameters, and their names.
 
-        Those of a link that is link_states are left out: its motion, which is given, tells them. Along one motion its
+        Those of a link with estimated states are left out, since its motion determines them. Along one motion its
         torque J (q'' - w^2 s - c s' + g sin q) is the same for any J, if w, c, g and the joint's own parameters follow.
         """
         slopes: dict[str, Array] = {}

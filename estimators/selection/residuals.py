@@ -127,7 +127,7 @@ class Residuals:
                 residual = part.regression.equations(terms).error(self.train.regression.solve(terms))
             structures, powers = self._structures_in(part, residual), {}
             for at in self.joints:
-                absorbed = part.regression.hidden_noise([term for term in terms if term.at == at])
+                absorbed = part.regression.absorbed_noise([term for term in terms if term.at == at])
                 own = part.data.part(at).power(residual[part.data.where(at)])
                 total = own + sum(variance for _, variance in absorbed)
                 powers[at] = Power(total, structures[at].correlated_rms ** 2)

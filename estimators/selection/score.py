@@ -39,8 +39,8 @@ Hidden = Sequence[tuple[slice, float]]  # rows, and variance of the torque noise
 class Blocks:
     """Block and recording of every equation (R,), and recording of every block (S,).
 
-    Folds of cross-validation are whole blocks, or pieces of them where the torque of one moment predicts the next:
-    `piece` numbers these (R,).
+    Folds of cross-validation consist of pieces, numbered by `piece` (R,): whole blocks, or parts of them where the
+    torque of one moment predicts the next.
     """
 
     block: Index
@@ -65,7 +65,7 @@ def weighted_squares(squares: Array, scale: Array | float) -> Array:
 
 
 def cross_validated(balance: Balance, where: Blocks, hidden: Hidden = (), theta: Array | None = None) -> Array:
-    """Log density of each block (S,), predicted by the fit to the others [nat].
+    """Return the log density of each block (S,), predicted by the fit to the others [nat].
 
     Args:
         balance: equations of the model.
@@ -77,12 +77,12 @@ def cross_validated(balance: Balance, where: Blocks, hidden: Hidden = (), theta:
 
 
 def predicted(theta: Array, balance: Balance, where: Blocks, hidden: Hidden = ()) -> Array:
-    """Log density of each held-out block (S,) under parameters (P,) fitted to other data [nat]."""
+    """Return the log density of each held-out block (S,) under parameters (P,) fitted to other data [nat]."""
     return _density(balance, theta[None], where, hidden)
 
 
 def _density(balance: Balance, theta: Array, where: Blocks, hidden: Hidden) -> Array:
-    """Log density of the torque recorded in each block, from fits without each fold (FOLDS, P), or from one (1, P).
+    """Return the log density of the torque recorded in each block, from fits without each fold (FOLDS, P).
 
     It is the density of the residual times the derivative of the residual by the recorded torque, so that a law with a
     small residual only because it transmits little of the torque gains nothing. The density is at least that of a
@@ -108,14 +108,14 @@ def _density(balance: Balance, theta: Array, where: Blocks, hidden: Hidden) -> A
 
 
 def _scales(errors: Array, recording: Index, test: Mask) -> Array:
-    """Squared maximum-likelihood scale of Student's t of each recording's errors, without those that are predicted.
+    """Return the squared scale of Student's t of each recording's errors by maximum likelihood.
 
-    By the parameter-expanded EM algorithm (Liu, Rubin and Wu, Biometrika 85(4), 1998): fewer turns than EM.
+    By the parameter-expanded EM algorithm (Liu, Rubin and Wu, Biometrika 85(4), 1998): fewer iterations than EM.
 
     Args:
         errors: (R,).
         recording: of each.
-        test: those that are predicted (R,); a recording without others uses them, too.
+        test: errors to leave out, as they are predicted (R,); a recording without others uses them.
     """
     count = int(recording.max()) + 1
     known = ~test
@@ -170,11 +170,11 @@ class Bootstrap:
         self.weights = weights
 
     def gain(self, after: Array, before: Array, penalty: float = 0.0) -> Gain:
-        """Gain of one model over another from their log densities (S,).
+        """Return the gain of one model over another from their log densities (S,).
 
         Args:
-            after: of the one.
-            before: of the other.
+            after: densities of the one.
+            before: densities of the other.
             penalty: least gain, for the choice among many models [nat].
         """
         difference = after - before
@@ -183,7 +183,7 @@ class Bootstrap:
         return Gain(float(difference.sum()), error, float(np.mean(draws <= penalty)))
 
     def probabilities(self, densities: Sequence[Array]) -> Array:
-        """Probability of each of several models (M,) from their log densities (S,) (pseudo-BMA+)."""
+        """Return the probability of each of several models (M,) from their log densities (S,) (pseudo-BMA+)."""
         totals = self.weights @ np.column_stack(densities)
         odds = np.exp(totals - totals.max(axis=1, keepdims=True))
         return np.asarray(np.mean(odds / odds.sum(axis=1, keepdims=True), axis=0))

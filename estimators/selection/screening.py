@@ -27,7 +27,7 @@ from pendulum_env.physics.terms import complexity
 
 @dataclass(frozen=True)
 class ScreenSettings:
-    """How far the variants of an effect are searched."""
+    """Extent of the search for the best variant of an effect."""
 
     starts: int = 2  # variants of the grid from which a search over nonlinear parameters starts
     exact: int = 3  # most promising variants of a law of the torque, which are fitted exactly
@@ -40,7 +40,7 @@ SCREEN = ScreenSettings()
 
 @dataclass(eq=False)
 class Screen:
-    """Variants of effects beside the terms of a model, by how well they fit one dataset.
+    """Variants of effects beside the terms of a model, with the errors of their fits to one dataset.
 
     Attributes:
         regression: fits of sets of terms to the data.
@@ -54,7 +54,7 @@ class Screen:
         return self.regression.data
 
     def trials(self, terms: Sequence[Term], variants: Sequence[Term]) -> list[Trial]:
-        """`terms` with each of V variants of one further effect added, and their errors."""
+        """Fit the terms with each of V variants of one further effect."""
         w, here = self.regression.weights(terms), self.data.where(variants[0].at)
         models = [(*terms, variant) for variant in variants]
         parts = self.regression.columns(variants)
@@ -87,10 +87,9 @@ class Screen:
         exact: Callable[[Term, Columns], float],
         w: Array,
     ) -> Array:
-        """Squared errors (V,) of variants that scale with the torque: exact ones of those that promise most.
+        """Return squared errors (V,) of variants that scale with the torque, exact for the best of them.
 
-        They are ranked by the fit with the recorded torque and by the fit with the predicted one, as either may be far
-        off.
+        The best are those of the fit with the recorded torque, and of the fit with the predicted torque.
         """
         here = self.data.where(pairs[0][0].at)
         moved = [own._replace(linear=own.linear - near.error[here, None] * own.slope) for _, own in pairs]
@@ -102,21 +101,21 @@ class Screen:
         return found
 
     def trial(self, terms: Sequence[Term]) -> Trial:
-        """Errors of one set of terms."""
+        """Fit one set of terms."""
         *others, last = terms
         return self.trials(others, [last])[0]
 
     def _hidden_in_all(self, terms: Sequence[Term], w: Array) -> float:
-        """The same, mean over all equations as they are weighted (R,) [(N m)^2]."""
+        """Return the torque noise that terms absorb, mean over all weighted equations (R,) [(N m)^2]."""
         return sum(
-            float(w[here] @ w[here]) * variance for here, variance in self.regression.hidden_noise(terms)
+            float(w[here] @ w[here]) * variance for here, variance in self.regression.absorbed_noise(terms)
         ) / float(w @ w)
 
     @memoized
     def variants(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         """Best variants of an effect beside the terms, one for each set of nonlinear parameters that are told.
 
-        Those with the fewest come first. Empty where the data offer no variant to try.
+        Variants with the fewest parameters come first. Empty where the data offer no variant.
         """
         if hints_of(effect).multimodal:
             return self._searched_one_by_one(terms, effect)
@@ -124,24 +123,24 @@ class Screen:
 
     @memoized
     def ranked(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
-        """The terms with each variant of the grid of an effect, the smallest error first."""
+        """Fit the terms with each variant of the grid of an effect, the smallest error first."""
         return ranked(self.trials, terms, self.grid(terms, effect))
 
     def grid(self, terms: Sequence[Term], effect: type[Term]) -> list[Term]:
-        """Variants of an effect beside the terms, from which a search starts."""
+        """Return variants of an effect beside the terms, from which a search starts."""
         found = grid(
             effect, self.data.part(effect.at).samples, self.regression.residual(terms)[self.data.where(effect.at)]
         )
         return [variant.beside(terms) if isinstance(variant, Table) else variant for variant in found]
 
     @memoized
-    def looked_at(self, terms: Sequence[Term], effect: type[Term]) -> int:
-        """Number of variants among which `grid` chose."""
+    def n_tried(self, terms: Sequence[Term], effect: type[Term]) -> int:
+        """Return the number of variants among which `grid` chose."""
         x, here = self.data.part(effect.at).samples, self.data.where(effect.at)
         return n_tried(effect, x, self.regression.residual(terms)[here])
 
     def _searched_one_by_one(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
-        """The best of the searches from each value of the nonlinear parameter that the error is multimodal over."""
+        """Search from each grid value of the parameter over which the error is multimodal, and return the best."""
         variants = self.grid(terms, effect)
         if not variants:
             return []
@@ -155,7 +154,7 @@ class Screen:
         return [min(best, closer, key=lambda trial: trial.fitted_rms)]
 
     def refine(self, trial: Trial, id: str) -> Trial:
-        """Search the continuous nonlinear parameters of one term of a trial from where they are."""
+        """Search the continuous nonlinear parameters of one term of a trial from their values."""
         place = next(i for i, term in enumerate(trial.terms) if term.id == id)
         term = trial.terms[place]
         if hints_of(type(term)).multimodal:
@@ -173,9 +172,9 @@ class Screen:
         return trial if worse or not is_possible(found, samples) else closer
 
     def _residuals(self, terms: Sequence[Term]) -> Residuals:
-        """Function that gives the weighted residual (R,) of the best fit of the terms with each of several variants.
+        """Return a function that gives the weighted residual (R,) of the best fit of the terms with each variant.
 
-        The terms' own columns are projected out once, each variant's then take a small solve.
+        The columns of the terms are projected out once; each variant then takes a small solve.
         """
         shared, w = self.regression.parts(terms), self.regression.weights(terms)
         near, frame = self.regression.tangent(terms), self.regression.frame(terms)
@@ -195,7 +194,7 @@ class Screen:
 
         def residual(variant: Term, own: Columns) -> Array:
             if is_known(*terms, variant) or not variant.columns:
-                return exact(self.regression.assembled((*terms, variant), [*shared, own], w))
+                return exact(self.regression.assemble((*terms, variant), [*shared, own], w))
             here = self.data.where(variant.at)
             target = left if not variant.fixed else left - clear(scale[here] * own.fixed, here)
             extra = clear(scale[here, None] * own.linear, here)
@@ -204,7 +203,7 @@ class Screen:
             theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ target) / size
             least, most = bounds([variant])
             if np.any((theta < least) | (theta > most)):
-                return exact(self.regression.assembled((*terms, variant), [*shared, own], w))
+                return exact(self.regression.assemble((*terms, variant), [*shared, own], w))
             return np.asarray(target - (extra * size) @ theta)
 
         def residuals(variants: Sequence[Term]) -> list[Array]:
@@ -219,9 +218,9 @@ class Screen:
 def ranked(
     trials: Callable[[Sequence[Term], Sequence[Term]], list[Trial]], terms: Sequence[Term], variants: Sequence[Term]
 ) -> list[Trial]:
-    """The terms with each variant of an effect, the smallest error first.
+    """Fit the terms with each variant of an effect, the smallest error first.
 
-    Some tables of one effect differ in class, some variants in the number of columns.
+    Variants of one effect may differ in class, or in the number of columns.
     """
     kinds: dict[tuple[type[Term], int], list[Term]] = {}
     for variant in variants:
@@ -230,7 +229,7 @@ def ranked(
 
 
 def best_of_forms(ranked: Sequence[Trial], effect: type[Term], refine: Callable[[Trial, str], Trial]) -> list[Trial]:
-    """The best refined trial of each form that an effect has in ranked ones, the simplest form first."""
+    """Refine the best trials of each form of an effect, and return the best of each, the simplest form first."""
     if len(ranked) < 2:
         return list(ranked)
     forms: dict[object, list[Trial]] = {}
@@ -247,9 +246,9 @@ def best_of_forms(ranked: Sequence[Trial], effect: type[Term], refine: Callable[
 
 
 def _grams(near: Tangent, parts: Sequence[Columns], weights: Array, here: slice) -> Array:
-    """Gram matrices (V, P + 1, P + 1) of fits with each of V variants that do not depend on the torque.
+    """Return Gram matrices (V, P + 1, P + 1) of fits with each of V variants that do not depend on the torque.
 
-    Of what all share they are made once. The left-hand side comes last, the parameters of the variant before it.
+    The left-hand side comes last, the parameters of the variant before it.
 
     Args:
         near: what the others leave.
@@ -271,7 +270,7 @@ def _grams(near: Tangent, parts: Sequence[Columns], weights: Array, here: slice)
 
 
 def squared_errors(grams: Array) -> tuple[Array, Array]:
-    """Squared errors (V,) and parameters (V, P) of the fits of V systems from their Gram matrices (V, P + 1, P + 1).
+    """Return squared errors (V,) and parameters (V, P) of V fits from their Gram matrices (V, P + 1, P + 1).
 
     The equations' left-hand side y comes last.
     """

@@ -57,7 +57,7 @@ def test_what_other_joints_share_may_be_condensed_wherever_a_law_acts(body, prep
     terms = base if other is None else (*base, at_joint(effect(other), elsewhere)())
     variant = at_joint(effect(law), at)()
     (own,) = regression.columns([variant])
-    whole = regression.assembled((*terms, variant), [*regression.parts(terms), own], regression.weights(terms))
+    whole = regression.assemble((*terms, variant), [*regression.parts(terms), own], regression.weights(terms))
     small = regression.beside(terms, prepared.data.where(at))(variant, own)
     assert isinstance(own, Columns) and len(small.y) <= len(whole.y)
     left, full = (np.linalg.norm(one.weights * one.error(one.solve())) for one in (small, whole))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.selection.physical import driving_friction, impossible
+from estimators.selection.physical import describe_violations, driving_friction
 from pendulum_env.arms.joints import coupled, placed
 from pendulum_env.physics import BASE, Model, Samples, Term, effect
 from pendulum_env.physics.actuation import ActuatorLag
@@ -19,10 +19,12 @@ def of(effect: Term) -> Model:
 
 
 def test_a_lag_of_seconds_is_no_drives_but_what_a_user_bounds_may_lie_at_its_bound():
-    assert impossible(of(ActuatorLag(0.01)), {"": X}) == []
-    assert impossible(of(ActuatorLag(2.0)), {"": X}) == ["actuator_lag.time_constant = 2 s, the most that it may be"]
+    assert describe_violations(of(ActuatorLag(0.01)), {"": X}) == []
+    assert describe_violations(of(ActuatorLag(2.0)), {"": X}) == [
+        "actuator_lag.time_constant = 2 s, the most that it may be"
+    ]
     narrow = limited_term(ActuatorLag(0.01), {"actuator_lag.time_constant": (0.001, 0.01)})
-    assert impossible(of(narrow), {"": X}) == []
+    assert describe_violations(of(narrow), {"": X}) == []
 
 
 def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
@@ -30,10 +32,10 @@ def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
     terms = [placed(own, joint) for joint in ("elbow", "wrist") for own in BASE[2:]]
     motions = {"elbow": X, "wrist": X}
     little = [-0.0005, -0.001, 0.1, 0.1]
-    assert impossible(Model.build(terms, little), motions) == ["friction that drives"]
+    assert describe_violations(Model.build(terms, little), motions) == ["friction that drives"]
     both = [*terms, coupled("elbow,-wrist", True)()]
-    assert impossible(Model.build(both, [*little, 0.01, 0.2, 0.3]), motions) == []
-    wrong = impossible(Model.build(both, [*little, -5.0, 0.2, 0.3]), motions)
+    assert describe_violations(Model.build(both, [*little, 0.01, 0.2, 0.3]), motions) == []
+    wrong = describe_violations(Model.build(both, [*little, -5.0, 0.2, 0.3]), motions)
     assert wrong == ["coupling.inertia@elbow,-wrist = -5 kg m^2"]
 
 
@@ -68,17 +70,21 @@ def swinging(load: KnownLoad = UNLOADED) -> Samples:
 
 def test_dry_friction_may_be_what_gravity_or_a_load_overcame():
     theta = dict(zip(("inertia", "gravity", "viscous", "coulomb"), (0.1, 2.0, 0.01, 0.3), strict=True))
-    assert impossible(Model.build(BASE, list(theta.values())), {"": swinging()}) == []
+    assert describe_violations(Model.build(BASE, list(theta.values())), {"": swinging()}) == []
     light = Model.build(BASE, list((theta | {"gravity": 0.1}).values()))
-    (told,) = impossible(light, {"": swinging()})
+    (told,) = describe_violations(light, {"": swinging()})
     assert "dry friction of 0.3 N m, more than the 0.11 N m" in told
-    assert impossible(light, {"": swinging(KnownLoad(0.05, 1.0))}) == []
+    assert describe_violations(light, {"": swinging(KnownLoad(0.05, 1.0))}) == []
 
 
 def test_a_payload_may_overcome_dry_friction_but_a_stop_may_not_and_bristles_do_not_push():
     dropped, stopped, bristles = (effect(id) for id in ("payload_change", "hard_stop", "presliding"))
-    assert impossible(Model.build([*BASE, dropped(5.0)], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
-    (told,) = impossible(Model.build([*BASE, stopped(-1.0, 1.0)], [0.1, 0.1, 0.01, 8.0, 100.0]), {"": swinging()})
+    assert (
+        describe_violations(Model.build([*BASE, dropped(5.0)], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
+    )
+    (told,) = describe_violations(
+        Model.build([*BASE, stopped(-1.0, 1.0)], [0.1, 0.1, 0.01, 8.0, 100.0]), {"": swinging()}
+    )
     assert "dry friction of 8 N m" in told
     for force, wrong in ((0.1, []), (-0.1, ["presliding = -0.1 N m"])):
-        assert impossible(Model.build([*BASE, bristles(0.01)], [0.1, 2.0, 0.1, 0.3, force]), {"": X}) == wrong
+        assert describe_violations(Model.build([*BASE, bristles(0.01)], [0.1, 2.0, 0.1, 0.3, force]), {"": X}) == wrong

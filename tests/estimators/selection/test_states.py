@@ -37,7 +37,7 @@ class ScoredEvaluator(ModelEvaluator):
             trial=lambda terms: Trial(tuple(terms), 0.0),
             ranked=lambda terms, kind: [Trial((*terms, kind()), 0.0)],
             variants=lambda terms, kind: [Trial((*terms, kind()), 0.0)],
-            looked_at=lambda terms, kind: 1,
+            n_tried=lambda terms, kind: 1,
         )
         self.residuals = SimpleNamespace(
             joints=("",),

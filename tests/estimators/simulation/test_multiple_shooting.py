@@ -7,7 +7,7 @@ from benchmarks.independent_plant import Experiment, Plant
 from estimators.preprocessing import gather
 from estimators.selection.data import PreparedData
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.motion import refit
+from estimators.selection.motion import refit_by_likelihood
 from estimators.selection.search import SearchResult
 from estimators.simulation.multiple_shooting import estimate, initialised, slopes_by_state
 from estimators.simulation.output_error import Point
@@ -92,7 +92,7 @@ def test_along_the_motion_of_a_link_windows_tell_the_joint_by_itself(elastic: Se
 
 
 def test_what_tells_of_a_link_tells_its_standard_errors(elastic: SearchResult):
-    found = refit(elastic).steps[-1].model
+    found = refit_by_likelihood(elastic).steps[-1].model
     for name, value in SWINGING.items():
         estimate = found.estimates[name]
         assert 0 < estimate.std < 0.1 * value, name
