@@ -11,6 +11,8 @@ from pendulum_env.recording.vocabulary import UNITS
 DEGREE, TURN = UNITS["position"]["deg"], UNITS["position"]["rev"]  # [rad]
 SMOOTHING = 0.05  # [s] window of the second derivative
 CLEAR = 0.1  # of the misfit of radians, below which that of another unit tells the unit
+BETTER = 0.85  # the same, of gravity about a zero that is unknown, if its wave number is that of turns as well
+NEAR = 1.2  # ratio of wave numbers that are the same; those of radians and turns differ by 6.3
 WOUND = 10 * np.pi  # [rad] that a spring at a joint may be wound up and down, at the most
 
 
@@ -74,13 +76,20 @@ class AccelerationFit:
         x = factor * self.position
         return min(self.misfit(np.sin(x)), self.misfit(np.sin(x), np.cos(x)))
 
+    def has_wave_number(self, factor: float) -> bool:
+        """Return whether sin(f q + phase) explains the motion best with f near a factor, of half to twice of it."""
+        numbers = factor * np.geomspace(0.5, 2.0, 25)
+        best = numbers[np.argmin([self.misfit(np.sin(f * self.position), np.cos(f * self.position)) for f in numbers])]
+        return bool(1 / NEAR < best / factor < NEAR)
+
 
 def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = True) -> UnitSuspicion | None:
     """Tell whether an angle (N,) that was read as radians has another unit, by how gravity acts on it.
 
-    It is in turns where their misfit is a tenth of that of radians, with a spring as well or with neither. Degrees that
-    cover more than 2 pi are recognised by a smaller difference. Over up to 30 degrees the sine is straight, as is a
-    spring over radians that is wound as far: either may be meant.
+    It is in turns where their misfit is a tenth of that of radians, with a spring as well or with neither. Smaller
+    swings about an unknown zero bend the torque of gravity less: turns then leave less than radians do, and the wave
+    number of gravity is that of turns. Degrees that cover more than 2 pi are recognised by a smaller difference. Over
+    up to 30 degrees the sine is straight, as is a spring over radians that is wound as far: either may be meant.
 
     Args:
         position: uniformly sampled, in one segment.
@@ -93,10 +102,11 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
         return None
     if turns:
         q = fit.position
+        gravity, other = fit.misfit_in_unit(1.0), fit.misfit_in_unit(TURN)
         radians = min(fit.misfit(), fit.misfit(q), fit.misfit(q, np.sin(q)), fit.misfit(q, np.sin(q), np.cos(q)))
-        other = fit.misfit_in_unit(TURN)
-        if radians > 1e-3 * np.sqrt(len(q)) and other < CLEAR * radians:
-            share = f"{other / radians:.1%} of that in radians"
+        is_bent = other < BETTER * gravity and other < 1.05 * radians and fit.has_wave_number(TURN)
+        if radians > 1e-3 * np.sqrt(len(q)) and (other < CLEAR * radians or is_bent):
+            share = f"{other / max(radians, gravity):.1%} of that in radians"
             return UnitSuspicion("rev", f"gravity acts on position as on turns, with a residual of {share}")
     return _suspect_degrees(position, fit)
 

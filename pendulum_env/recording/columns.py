@@ -30,7 +30,7 @@ from pendulum_env.recording.vocabulary import (
     LABELS,
     LINEAR,
     MOTEUS,
-    MOTEUS_SIGNATURE,
+    MOTEUS_REGISTERS,
     MOTOR,
     NAMES,
     NO_TORQUE,
@@ -270,12 +270,12 @@ def describe_ambiguous_velocity(
 
 
 def _apply_moteus_units(columns: dict[str, Column], headers: Sequence[str]) -> dict[str, Column]:
-    """Set the units of a log of moteus, which are turns."""
-    if not MOTEUS_SIGNATURE <= {header.strip() for header in headers}:
+    """Set the units of a log of moteus, which are turns and turns per second."""
+    if len(MOTEUS_REGISTERS & {letters(header) for header in headers}) < 2:
         return columns
     return {
-        quantity: replace(column, unit=MOTEUS[column.header])
-        if column.unit is None and column.expression is None and column.header in MOTEUS
+        quantity: replace(column, unit=unit)
+        if column.unit is None and column.expression is None and (unit := MOTEUS.get(letters(column.header)))
         else column
         for quantity, column in columns.items()
     }

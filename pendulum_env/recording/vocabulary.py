@@ -66,8 +66,10 @@ ODRIVE = {
     "velestimate": ("velocity", "revs"),
     "torqueestimate": ("torque", "nm"),
 }
-MOTEUS = {"POSITION": "rev", "VELOCITY": "revs"}  # units of its columns, if a file has those of `MOTEUS_SIGNATURE`
-MOTEUS_SIGNATURE = frozenset(("MODE", "POSITION", "VELOCITY", "TORQUE", "FAULT"))
+MOTEUS = {"position": "rev", "velocity": "revs"}  # units of its columns, where two of `MOTEUS_REGISTERS` stand by them
+MOTEUS_REGISTERS = frozenset(
+    "mode fault qcurrent dcurrent absposition trajectorycomplete homestate rezerostate".split()
+)
 RAW = {  # factor to SI, of units of which a gain makes the quantity, by what the gain is
     "torque": dict.fromkeys(("a", "amp", "amps", "ampere", "amperes"), 1.0)
     | {"ma": 1e-3, "v": 1.0, "mv": 1e-3, "duty": 1.0, "pwm": 1.0, "%": 0.01, "percent": 0.01},

@@ -283,6 +283,24 @@ def test_degrees_by_gravity(write: Write) -> None:
     assert read_recording(write(swing | {"position_rad": np.degrees(q)})).position.max() > 50  # its name says radians
 
 
+def test_turns_about_an_unknown_zero_by_gravity(write: Write) -> None:
+    def two_sines(time: np.ndarray) -> np.ndarray:
+        return 4.5 * np.sin(2 * time) + 2.5 * np.sin(4.7 * time)
+
+    swing = driven(two_sines, lambda t, q, v: 9.81 * np.sin(q) + 0.2 * v + 0.4 * np.tanh(v / 0.02))
+    q = np.round(swing["position"] / (2 * np.pi) * 16384) / 16384  # [turns] that an encoder reads
+    assert np.ptp(q) < 0.4
+    swing["torque"] = swing["torque"] + np.random.default_rng(1).normal(0.0, 0.1, len(q))
+    assert read_recording(write(swing | {"position": 2 * np.pi * q + 0.9})).notes == ()  # radians about another zero
+    for zero in (0.0, 0.1387, -0.4):
+        path = write(swing | {"position": q + zero})
+        with pytest.raises(RecordingError, match="position:rev"):
+            read_recording(path)
+        assert np.ptp(read_recording(path, columns={"position": "position:rev"}).position) > 1.0
+    spring = driven(two_sines, lambda t, q, v: 3 * q + 9.81 * np.sin(q) + 0.2 * v, start=0.1)
+    assert read_recording(write(spring)).notes == ()
+
+
 TIME, HOURS = np.arange(2000) / 500.0, np.arange(20_000) / 10.0
 STEADY = {  # what accelerates so little tells nothing of gravity, and a wheel knows none
     "a steady turn": lambda: {"time": TIME, "position": 5 * TIME, "torque": np.cos(TIME)},

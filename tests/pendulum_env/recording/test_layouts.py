@@ -166,13 +166,25 @@ def test_a_unit_that_the_motion_excludes_is_refused_with_the_line_that_reads_it(
     check(read_recording(tmp_path / "run.npz", columns={"position": f"pos:{unit}"}))
 
 
-def test_names_of_moteus_are_turns(tmp_path: Path, run) -> None:
+@pytest.mark.parametrize(
+    "header",
+    [
+        "time,MODE,POSITION,VELOCITY,TORQUE,FAULT",
+        "timestamp,mode,position,velocity,torque,fault",
+        "t,Mode,Position,Velocity,Torque,Q_Current",
+        "timestamp,d_current,position,velocity,torque,q_current",
+    ],
+)
+def test_columns_of_moteus_are_turns(tmp_path: Path, run, header: str) -> None:
     turn = 2 * np.pi
     rows = [
-        [f"{t:.3f}", "10", f"{q / turn:.9f}", f"{v / turn:.6f}", f"{u:.2f}", "0"]
+        [f"{t:.3f}", "10", f"{0.2 * q / turn:.9f}", f"{0.2 * v / turn:.6f}", f"{u:.2f}", "0"]
         for t, q, v, u in zip(run["time"], run["position"], run["velocity"], run["torque"], strict=True)
     ]
-    check(read_recording(write(tmp_path / "run.csv", "time,MODE,POSITION,VELOCITY,TORQUE,FAULT", rows)))
+    recording = read_recording(write(tmp_path / "run.csv", header, rows))
+    assert recording.position == pytest.approx(0.2 * run["position"], abs=1e-6)
+    assert recording.velocity == pytest.approx(0.2 * run["velocity"], abs=1e-4)
+    assert any("position converted to rad" in note for note in recording.notes)
 
 
 @pytest.mark.parametrize("name", ["tau_est", "tauEst", "estimated_torque", "torque_est"])
