@@ -61,11 +61,11 @@ def read_mat(path: Path, find: Find) -> Table:
     return _table(dict(_flat("", {name: value for name, value in content.items() if not name.startswith("__")})), find)
 
 
-def _flat(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
     """Arrays in nested structures; signals of Simulink and dSPACE are named by their labels."""
     if isinstance(value, dict):
         label, values = (next((value[key] for key in keys if key in value), None) for keys in SIGNAL)
-        if isinstance(label, str) and label and isinstance(values, np.ndarray):
+        if isinstance(label, str) and label and hasattr(values, "shape"):
             yield from _flat(f"{name.rpartition('.')[0]}.{label.strip(QUOTES)}".lstrip("."), values)
             return
         for key, inner in value.items():
@@ -76,7 +76,7 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
     elif isinstance(value, list):
         for k, inner in enumerate(value[:WIDEST]):
             yield from _flat(f"{name}[{k}]", inner)
-    elif isinstance(value, np.ndarray) and value.size:
+    elif hasattr(value, "shape") and value.size:
         yield name, value
 
 
@@ -128,7 +128,8 @@ def is_data(given: object) -> bool:
 def read_hdf5(path: Path, find: Find) -> Table:
     """Datasets of HDF5, those in groups by their paths: `run/position`; none that lies in another file.
 
-    Of MATLAB 7.3, fields of structures are `run.position` as in older files; texts, names and sizes are no columns.
+    Of MATLAB 7.3, structures and their arrays are named as in older files: `run.position`, `out.signals[0].values[1]`.
+    Texts, names and sizes are no columns.
 
     Raises:
         RecordingError: as `read_npz`, or if h5py is not installed.
@@ -136,22 +137,66 @@ def read_hdf5(path: Path, find: Find) -> Table:
     need("h5py")
     import h5py
 
-    def below(group: Any, path: str) -> Iterator[tuple[str, Any]]:
-        for name in group:
-            if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
-                continue  # a reference of MATLAB, or a link
-            item = group[name]
-            if isinstance(item, h5py.Group):
-                yield from below(item, f"{path}{name}{separator}")
-            elif isinstance(item, h5py.Dataset) and item.shape is not None and not (item.external or item.is_virtual):
-                kind = item.attrs.get("MATLAB_class")
-                if kind is None or (kind not in (b"char", b"cell", b"function_handle") and name not in DESCRIPTIONS):
-                    yield path + name, item
-
     with path.open("rb") as start:
-        separator = "." if start.read(128).startswith(b"MATLAB 7.3") else "/"
+        is_matlab = start.read(128).startswith(b"MATLAB 7.3")
     with h5py.File(path, "r") as file:
-        return _table(dict(below(file, "")), find)
+        return _table(dict(_flat("", _matlab_value(file)) if is_matlab else _datasets(file, "")), find)
+
+
+def _datasets(group: Any, path: str) -> Iterator[tuple[str, Any]]:
+    for name, item in _members(group):
+        if hasattr(item, "keys"):
+            yield from _datasets(item, f"{path}{name}/")
+        else:
+            yield path + name, item
+
+
+def _members(group: Any) -> Iterator[tuple[str, Any]]:
+    """Groups and datasets of a group by name, without links and datasets that lie elsewhere."""
+    import h5py
+
+    for name in group:
+        if isinstance(group.get(name, getlink=True), h5py.HardLink):
+            item = group[name]
+            if isinstance(item, h5py.Group) or (isinstance(item, h5py.Dataset) and _is_whole(item)):
+                yield name, item
+
+
+def _is_whole(dataset: Any) -> bool:
+    return dataset.shape is not None and not (dataset.external or dataset.is_virtual)
+
+
+def _matlab_value(item: Any) -> Any:
+    """Value of MATLAB 7.3, as SciPy has those of older files; datasets of numbers are not read yet.
+
+    An array of structures is a group of fields, a cell is a dataset: they hold references to what they contain.
+    """
+    import h5py
+
+    if isinstance(item, h5py.Group):
+        fields = {name: own for name, own in _members(item) if name[0] != "#" and name not in DESCRIPTIONS}
+        arrays = {name: own for name, own in fields.items() if _has_references(own) and "MATLAB_class" not in own.attrs}
+        rows = zip(*(_referenced(own) for own in arrays.values()), strict=True)
+        structures = [dict(zip(arrays, row, strict=True)) for row in rows]
+        return structures or {name: _matlab_value(own) for name, own in fields.items()}
+    kind = item.attrs.get("MATLAB_class")
+    if "MATLAB_empty" in item.attrs or kind == b"function_handle" or not _is_whole(item):
+        return None
+    if kind == b"char":
+        return "".join(map(chr, item[()].flat))
+    if _has_references(item):
+        return _referenced(item)
+    return item[()].item() if item.size == 1 else item
+
+
+def _has_references(item: Any) -> bool:
+    import h5py
+
+    return isinstance(item, h5py.Dataset) and h5py.check_ref_dtype(item.dtype) is h5py.Reference
+
+
+def _referenced(item: Any) -> list[Any]:
+    return [_matlab_value(item.file[reference]) for reference in item[()].flat]
 
 
 def _table(stored: Mapping[str, Any], find: Find) -> Table:

@@ -191,3 +191,4 @@ def _names() -> Iterator[tuple[str, tuple[str, str | None, Rank]]]:
 
 NAMES = dict(_names()) | {name: ("time", unit, Rank.MEASURED) for name, unit in TICKS.items()}
 NAMES |= {name: (quantity, unit, Rank.MEASURED) for name, (quantity, unit) in ODRIVE.items()}
+NAMES |= {"taum": ("torque", None, Rank.MEASURED)}  # of the motor; with a unit it is `tau [mNm]`

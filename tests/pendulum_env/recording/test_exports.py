@@ -216,7 +216,7 @@ MATLAB: dict[str, tuple[dict[str, Any], dict[str, str]]] = {
 }
 
 
-@pytest.mark.parametrize("name", MATLAB)
+@pytest.mark.parametrize("name", list(MATLAB))
 def test_structures_of_matlab(tmp_path: Path, name: str) -> None:
     content, columns = MATLAB[name]
     scipy.io.savemat(tmp_path / "run.mat", content)
@@ -224,6 +224,66 @@ def test_structures_of_matlab(tmp_path: Path, name: str) -> None:
         with pytest.raises(RecordingError, match="say which with --columns"):
             read_recording(tmp_path / "run.mat")
     check(read_recording(tmp_path / "run.mat", columns=columns), TORQUE)
+
+
+def write_matlab_73(path: Path, content: dict[str, Any]) -> None:
+    """Write structures as MATLAB 7.3 does: arrays of structures and cells hold references, matrices are transposed."""
+    h5py = pytest.importorskip("h5py")
+
+    def put(group: Any, name: str, value: Any) -> Any:
+        if isinstance(value, dict):
+            own = group.create_group(name)
+            own.attrs["MATLAB_class"] = np.bytes_("struct")
+            for key, inner in value.items():
+                put(own, key, inner)
+            return own
+        if isinstance(value, np.ndarray) and value.dtype.names:
+            value = np.array([dict(zip(value.dtype.names, row, strict=True)) for row in value.tolist()], dtype=object)
+        if isinstance(value, np.ndarray) and value.dtype == object:
+            own = group.create_group(name)
+            own.attrs["MATLAB_class"] = np.bytes_("struct")
+            for key in value[0]:
+                links = own.create_dataset(key, (len(value), 1), dtype=h5py.ref_dtype)
+                for k, row in enumerate(value):
+                    links[k, 0] = put(file["#refs#"], str(len(file["#refs#"])), row[key]).ref
+            return own
+        is_text = isinstance(value, str)
+        array = np.array([[ord(sign)] for sign in value], np.uint16) if is_text else np.atleast_2d(value).T
+        own = group.create_dataset(name, data=array if array.size else np.zeros(2, np.uint64))
+        own.attrs["MATLAB_class"] = np.bytes_("char" if is_text else "double")
+        if not array.size:
+            own.attrs["MATLAB_empty"] = np.uint8(1)
+        return own
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file.create_group("#refs#")
+        for name, value in content.items():
+            put(file, name, value)
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file".ljust(128))
+
+
+SCOPES = np.array(
+    [
+        {"values": np.column_stack([0 * ANGLE, ANGLE]), "dimensions": 2.0, "label": "", "title": "theta_ref, theta"},
+        {"values": TORQUE[:, None], "dimensions": 1.0, "label": "tau_m", "title": ""},
+    ],
+    dtype=object,
+)
+MATLAB["scopes of several signals"] = (
+    {"out": {"time": TIME[:, None], "signals": SCOPES, "blockName": "rig/Scope"}, "Ts": 0.01},
+    {"position": "out.signals[0].values[1]"},
+)
+
+
+@pytest.mark.parametrize("name", MATLAB)
+def test_structures_of_matlab_73_are_read_as_those_of_older_files(tmp_path: Path, name: str) -> None:
+    content, columns = MATLAB[name]
+    write_matlab_73(tmp_path / "run.mat", content)
+    scipy.io.savemat(tmp_path / "old.mat", content)
+    recording, old = (read_recording(tmp_path / file, columns=columns) for file in ("run.mat", "old.mat"))
+    check(recording, TORQUE)
+    assert recording.series.keys() == old.series.keys()
 
 
 def test_nested_structures_are_read_from_memory() -> None:
