@@ -1,6 +1,7 @@
 """A diagnosis as data: laid out as promised, the same each time, and told while it is made."""
 
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -72,3 +73,12 @@ def test_progress_is_told_in_words_and_shares():
     assert told[-1] == ("done", 1.0)
     assert all(what and 0 <= share <= 1 for what, share in told)
     assert "screening stribeck" in dict(told)
+
+
+def test_the_evaluator_of_a_diagnosis_holds_the_model_of_each_candidate_and_is_not_pickled():
+    found = diagnose([recording("stribeck")], only=["stribeck", "quadratic_drag"])
+    for candidate in (one for one in found.candidates if one.terms):
+        fitted = found.evaluator.model(candidate.terms)
+        assert candidate.effect in {term.id for term in fitted.terms}
+    copy = pickle.loads(pickle.dumps(found))
+    assert copy.evaluator is None and copy.json() == found.json()

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from estimators.selection.physical import describe_violations, driving_friction
+from estimators.selection.errors import Errors, Step
+from estimators.selection.physical import confirmation_gates, describe_violations, driving_friction, objection
 from pendulum_env.arms.joints import coupled, placed
 from pendulum_env.physics import BASE, Model, Samples, Term, effect
 from pendulum_env.physics.actuation import ActuatorLag
@@ -88,3 +89,24 @@ def test_a_payload_may_overcome_dry_friction_but_a_stop_may_not_and_bristles_do_
     assert "dry friction of 8 N m" in told
     for force, wrong in ((0.1, []), (-0.1, ["presliding = -0.1 N m"])):
         assert describe_violations(Model.build([*BASE, bristles(0.01)], [0.1, 2.0, 0.1, 0.3, force]), {"": X}) == wrong
+
+
+@pytest.mark.parametrize(
+    ("torque", "position", "inertia", "failed"),
+    [
+        (0.5, 0.05, 0.1, None),
+        (0.5, 0.2, 0.1, "holdout_position"),
+        (2.0, 0.05, 0.1, "holdout_torque"),
+        (2.0, 0.2, 0.1, "holdout_position"),  # the first that fails is the last
+        (0.5, np.nan, 0.1, None),  # nothing was simulated
+        (0.5, 0.05, -0.1, "negative_inertia"),
+    ],
+)
+def test_a_step_meets_physical_bounds_and_held_out_errors_in_this_order(torque, position, inertia, failed):
+    before = Step(None, Model.build(BASE, [0.1, 2.0, 0.1, 0.1], 0.01), {"holdout": Errors(1.0, 0.1)})
+    model = Model.build([*BASE, effect("torque_offset")()], [inertia, 2.0, 0.1, 0.1, 0.2], 0.01)
+    after = Step("torque_offset", model, {"holdout": Errors(torque, position)})
+    gates = confirmation_gates(after, before, {"": X})
+    assert [gate.name for gate in gates if not gate.passed][:1] == ([] if failed is None else [failed])
+    assert all(gate.passed for gate in gates[:-1])
+    assert (objection(after, before, {"": X}) is None) == (failed is None)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from estimators.selection.candidates import screen_library
 from estimators.selection.criterion import Criterion
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, add_effect, add_pair, drop_effect, revise, swap_effect
@@ -17,6 +18,7 @@ from pendulum_env.physics.table import FrictionBySpeed
 
 BLOCKS = 20
 LIBRARY = {"D": effect("quadratic_drag"), "A": effect("viscous_asymmetry"), "O": effect("torque_offset")}
+BACKLASH = effect("backlash")
 LETTERS = {kind.id: letter for letter, kind in (LIBRARY | {"T": FrictionBySpeed}).items()}
 NOISE = 1000.0  # [nat] of gain from which the residual is noise
 
@@ -42,6 +44,7 @@ class ScoredEvaluator(ModelEvaluator):
         self.residuals = SimpleNamespace(
             joints=("",),
             is_noise=lambda terms: self.total(terms) >= NOISE,
+            relative_rms=lambda terms: 1.0,
             is_noise_at=lambda at, terms: self.total(terms) >= NOISE,
             explained_share=lambda after, before: (
                 (self.total(after) - self.total(before)) / max(NOISE - self.total(before), 1.0)
@@ -129,3 +132,33 @@ def test_pair_is_added_if_each_effect_needs_the_other(gains: dict, after: str | 
 def test_table_replaces_effects_that_imitate_it(gains: dict, before: str, after: str, has_table: bool):
     found = replace_by_table(state(ScoredEvaluator(gains, (FrictionBySpeed,)), before))
     assert (letters(found.terms), found.table is not None) == (after, has_table)
+
+
+@pytest.mark.parametrize(
+    ("gains", "before", "gate"),
+    [
+        ({"": NOISE}, "", "residual_over_noise"),  # nothing is left to explain
+        ({"D": NOISE}, "", "residual_over_noise"),  # a simpler effect explains all
+        ({"D": 500.0}, "D", "earlier_effects"),
+        ({}, "", None),
+    ],
+)
+def test_screening_keeps_why_a_transmission_was_not_tried(gains: dict, before: str, gate: str | None):
+    evaluator = ScoredEvaluator(gains)
+    evaluator.library[BACKLASH.id] = BACKLASH
+    terms, gates = screen_library(evaluator, state(evaluator, before).terms)[BACKLASH.id]
+    assert [(own.name, own.passed) for own in gates] == ([] if gate is None else [(gate, False)])
+    assert (terms is None) == (gate is not None)
+
+
+def test_gates_hold_gain_penalty_p_value_and_share_up_to_the_first_that_fails():
+    evaluator, found = ScoredEvaluator({"A": 1.0, "D": 100.0, "O": 900.0}), {}
+    for letter in "ADO":
+        gates = evaluator.gates(state(evaluator, letter).terms, BASE)
+        found[letter] = [(gate.name, gate.passed) for gate in gates]
+        assert gates[0].value == pytest.approx(evaluator.total(state(evaluator, letter).terms))
+        assert gates[0].limit == pytest.approx(np.log(len(LIBRARY)))  # one variant of each effect was tried
+    passed = [("gain", True), ("p_value", True)]
+    assert found["D"] == [*passed, ("explained_share", False)]
+    assert found["O"] == [*passed, ("explained_share", True)]
+    assert found["A"] == [("gain", False), ("p_value", False)]
