@@ -8,6 +8,7 @@ import numpy as np
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves, that_may_show, within_limits
 from estimators.checks.torque_constant import told
 from estimators.diagnosis.in_loop import Looped, with_back_emf
+from estimators.diagnosis.reasons import describe_rejection
 from estimators.diagnosis.result import CHANCE, Addition
 from estimators.diagnosis.setting import Setting
 from estimators.free_swings import known_by, known_values, relative_terms
@@ -20,7 +21,7 @@ from estimators.selection.data import PreparedData
 from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit_by_likelihood
-from estimators.selection.physical import objection
+from estimators.selection.physical import confirmation_gates
 from estimators.selection.search import SearchResult
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.joints import body_of, kind_at
@@ -99,7 +100,7 @@ def add(
     more = longer.model.terms[-1]
     start = Model.build((*shown.model.terms, more), np.append(shown.model.theta, np.zeros(len(more.columns))))
     *_, after = refit_by_likelihood(SearchResult(evaluator, [before, longer]), start).steps
-    against = objection(after, shown, evaluator.train.motions) or (
+    against = describe_rejection(confirmation_gates(after, shown, evaluator.train.motions)) or (
         None if is_hidden(more) else against
     )  # motion tells it
     shown, after = (replace(step, model=told(step.model, given.parts[0].data)) for step in (shown, after))
@@ -113,7 +114,7 @@ def _added_at_joint(
     evaluator = setting.evaluator(Preprocessed(tuple(recordings), tuple(holdout), terms=(*setting.base, kind)).parts)
     longer = _longer(evaluator, evaluator.base, kind)
     without, with_it = evaluator.fit_with_std(None, evaluator.base), evaluator.fit_with_std(kind.id, longer)
-    against = objection(with_it, without, evaluator.train.motions)
+    against = describe_rejection(confirmation_gates(with_it, without, evaluator.train.motions))
     if against is None and not evaluator.is_significant(longer, evaluator.base):
         against = CHANCE
     return Addition(without, with_it, evaluator.residuals.floors, against)
@@ -127,7 +128,7 @@ def _added_in_loop(
     servos = Looped.of(recordings, holdout, with_back_emf(setting, recordings) if rubs else setting)
     before, longer, against = _searched(servos.evaluator, kind)
     shown, after = servos.sharpened(before), servos.sharpened(longer)
-    against = objection(after, shown, servos.evaluator.train.motions) or against
+    against = describe_rejection(confirmation_gates(after, shown, servos.evaluator.train.motions)) or against
     shown, after = servos.readable(shown), servos.readable(after)
     return Addition(shown, after, servos.evaluator.residuals.floors, against, servos.given.doubt)
 

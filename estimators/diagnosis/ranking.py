@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from estimators.diagnosis.reasons import describe_rejection
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.regression.least_squares import outside
 from estimators.schemes.identifiability import Doubt
@@ -14,7 +15,7 @@ from estimators.selection.errors import Step, error_at
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.gates import Gate
 from estimators.selection.moves import without
-from estimators.selection.physical import confirmation_gates, describe_failure
+from estimators.selection.physical import confirmation_gates
 from estimators.selection.residuals import Terms
 from estimators.selection.score import Bootstrap, Gain
 from estimators.selection.search import SearchResult
@@ -54,7 +55,8 @@ def rank_effects(
             verdicts[longer[-1].id] = _rank_other(found, longer)
     for id, (_, gates) in sorted(library.items()):
         if id not in verdicts:
-            verdicts[id] = Candidate(id, 0.0, Verdict.REJECTED, 1.0, _not_tried(gates), gates=gates)
+            reason = describe_rejection(gates) or ""
+            verdicts[id] = Candidate(id, 0.0, Verdict.REJECTED, 1.0, reason, gates=gates)
     return doubted(by_verdict(verdicts.values()), doubts), groups
 
 
@@ -126,39 +128,13 @@ def _rank_other(found: SearchResult, longer: Terms) -> Candidate:
         reason, gates = f"these data hardly depend on it; it needs {term.description.informative_experiment}", [excited]
     else:
         verdict, gates = Verdict.REJECTED, [excited, *gates]
+        if all(gate.passed for gate in gates):
+            gates += _confirmation(evaluator, evaluator.fit_with_std(term.id, longer), found.steps[-1])
+        compared = "the selected effects" if len(found.steps) > 1 else "the base model"
+        reason = describe_rejection(gates, compared) or "others explain it better"
         if found.table is not None and term.kind == found.table.kind:
             reason = f"only imitates {found.table.told}, which the library does not have"
-        elif not gates[-1].passed:
-            reason = _unsupported(gates, "the selected effects" if len(found.steps) > 1 else "the base model")
-        else:
-            gates += _confirmation(evaluator, evaluator.fit_with_std(term.id, longer), found.steps[-1])
-            failed = [gate for gate in gates if not gate.passed]
-            reason = describe_failure(failed) if failed else "others explain it better"
     return Candidate(term.id, 0.5 * (1 - gain.p_value), verdict, ratio, reason, gain, variants, tuple(gates), longer)
-
-
-def _unsupported(gates: Sequence[Gate], where: str) -> str:
-    """Return why the data do not support an effect, from the gates of its gain and its explained share."""
-    known = {gate.name: gate for gate in gates}
-    if "explained_share" in known:
-        share = known["explained_share"]
-        return f"explains {max(0.0, share.value):.0%} of the residual, less than {share.limit:.0%}"
-    gain, p_value = known["gain"], known["p_value"]
-    std = "" if gain.std is None else f" ± {gain.std:.2g}"
-    numbers = f"gain of {gain.value:.3g}{std} nat over {where}"
-    return f"{numbers}: p = {p_value.value:.2g} with a penalty of {gain.limit:.2g} nat, limit {p_value.limit:.2g}"
-
-
-def _not_tried(gates: Sequence[Gate]) -> str:
-    """Return why an effect was not tried, from the gates of its screening."""
-    phrases = {
-        "residual_over_noise": "not tried: the residual is {:.2g} times the noise floor, which counts as noise",
-        "earlier_effects": "not tried: a transmission is tried only as the first effect",
-        "transmissions": "not tried: the model has a transmission already",
-        "variants": "not tried: these data offer no variant of it",
-    }
-    (gate, *_) = gates
-    return phrases[gate.name].format(gate.value) if gate.name in phrases else describe_failure(gates)
 
 
 def _confirmation(evaluator: ModelEvaluator, after: Step, before: Step) -> list[Gate]:

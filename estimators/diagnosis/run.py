@@ -36,7 +36,7 @@ from estimators.selection.criterion import Criterion
 from estimators.selection.data import fit_terms
 from estimators.selection.evaluator import ModelEvaluator, held_out_cost
 from estimators.selection.motion import is_misfit, refit_by_likelihood, refit_if_misfit
-from estimators.selection.physical import describe_violations
+from estimators.selection.physical import violations
 from estimators.selection.prepared import Data
 from estimators.selection.search import SearchResult, search
 from estimators.selection.tables import find_explaining_law
@@ -260,7 +260,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
         table = find_explaining_law(evaluator, steps[-1].model.terms, TABLES.values())
     kept = None if table is None else KEPT.format(table=table)
     asked = questions(evaluator, steps[-1].model.terms, groups, candidates, doubts)
-    if describe_violations(last, evaluator.train.motions) or not last.is_inertia_known:
+    if violations(last, evaluator.train.motions) or not last.is_inertia_known:
         asked = []  # the motion under another torque is unknown
     suggestion, hopeless, forbidden = suggest(evaluator, steps[-1].model, asked, setting.limits, left)
     if not last.is_inertia_known:

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.diagnosis.reasons import describe_violations
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import is_misfit
-from estimators.selection.physical import describe_violations
+from estimators.selection.physical import violations
 from estimators.selection.prepared import Comparable
 from estimators.selection.search import SearchResult
 from estimators.signals.motion import SLOWEST
@@ -20,7 +21,7 @@ from pendulum_env.words import listing
 def unexplained(found: SearchResult) -> list[Region]:
     """Regions that the final model leaves unexplained, in torque or else in free-running motion, fitted or held out."""
     evaluator, last = found.evaluator, found.steps[-1]
-    wrong = describe_violations(last.model, evaluator.train.motions)
+    wrong = describe_violations(violations(last.model, evaluator.train.motions))
     if wrong:
         text = (
             f"the best fit has {listing(wrong)}, which no body has: check the signs of torque and position, "

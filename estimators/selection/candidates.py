@@ -32,15 +32,15 @@ def screen_library(evaluator: ModelEvaluator, terms: Terms, excluded: Collection
     missing.sort(key=lambda effect: effect.kind == "transmission")
     found: dict[str, Screened] = {}
     for done, effect in enumerate(missing):
-        if effect.kind == "transmission" and (gate := _gate_of_transmission(evaluator, terms, found)) is not None:
+        gate = _gate_of_transmission(evaluator, terms, found) if effect.kind == "transmission" else None
+        if gate is not None:
             found[effect.id] = Screened(None, (gate,))
             continue
         evaluator.progress(f"screening {effect.id}", done / len(missing))
-        trial = screen_effect(evaluator, terms, effect)
-        wrong = () if trial is None else tuple(evaluator.violations(trial.terms))
-        if trial is None:
+        if (trial := screen_effect(evaluator, terms, effect)) is None:
             found[effect.id] = Screened(None, (Gate("variants", 0, 1, False),))
         else:
+            wrong = tuple(evaluator.violations(trial.terms))
             found[effect.id] = Screened(None if wrong else trial.terms, wrong)
     return found
 

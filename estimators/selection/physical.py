@@ -17,23 +17,6 @@ from pendulum_env.words import listing
 
 SELDOM = 0.1  # share of the samples at which friction may come out as negative
 CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where dry friction is evaluated, recorded or not
-PHRASES = {  # of violations, by the name of their gate; others are parameters
-    "negative_inertia": "negative inertia",
-    "driving_friction": "friction that drives",
-    "dry_friction": "dry friction of {gate.value:.2g} N m, more than the {gate.limit:.2g} N m that moved the joint",
-}
-
-
-def describe_violations(model: Model, motions: Mapping[str, Samples]) -> list[str]:
-    """Return phrases such as "negative inertia" for the physical bounds that a fitted model violates."""
-    return [_phrase(gate) for gate in violations(model, motions)]
-
-
-def _phrase(gate: Gate) -> str:
-    if gate.name in PHRASES:
-        return PHRASES[gate.name].format(gate=gate)
-    end = ", the most that it may be" if gate.value == gate.limit else ""
-    return f"{gate.name} = {gate.value:.3g} {gate.unit}{end}"
 
 
 def violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
@@ -170,23 +153,3 @@ def confirmation_gates(after: Step, before: Step, motions: Mapping[str, Samples]
         if not np.isnan([error, limit]).any() and gates[-1].passed and not (new.is_in_loop and unit == "N m"):
             gates.append(Gate(f"holdout_{name}", error, limit, error < limit, unit))
     return gates
-
-
-def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str | None:
-    """Return what rejects a larger model, in words; None if it passes all of `confirmation_gates`."""
-    failed = [gate for gate in confirmation_gates(after, before, motions) if not gate.passed]
-    return describe_failure(failed) if failed else None
-
-
-def describe_failure(failed: Sequence[Gate]) -> str:
-    """Return a phrase for the failed ones of `confirmation_gates`."""
-    gate = failed[0]
-    numbers = f"({gate.limit:.3g} -> {gate.value:.3g} {gate.unit})"
-    name, _, at = gate.name.partition("@")
-    phrases = {
-        "gravity_sign": "fits only with negative gravity: both terms cancel and imitate a third law",
-        "holdout_in_loop": f"does not lower the held-out error in the loop {numbers}",
-        "holdout_position": f"does not lower the held-out error of free-running simulation {numbers}",
-        "holdout_torque": f"does not lower the held-out torque error {f'of {at}' if at else numbers}",
-    }
-    return phrases.get(name) or f"would mean {listing([_phrase(own) for own in failed])}, which no body has"

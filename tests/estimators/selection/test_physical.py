@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from estimators.diagnosis.reasons import describe_rejection, describe_violations
 from estimators.selection.errors import Errors, Step
-from estimators.selection.physical import confirmation_gates, describe_violations, driving_friction, objection
+from estimators.selection.physical import confirmation_gates, driving_friction, violations
 from pendulum_env.arms.joints import coupled, placed
 from pendulum_env.physics import BASE, Model, Samples, Term, effect
 from pendulum_env.physics.actuation import ActuatorLag
@@ -19,13 +20,15 @@ def of(effect: Term) -> Model:
     return Model.build([*BASE, effect], [0.1, 2.0, 0.1, 0.1], [0.01] * 4)
 
 
+def phrases(model: Model, motions: dict[str, Samples]) -> list[str]:
+    return describe_violations(violations(model, motions))
+
+
 def test_a_lag_of_seconds_is_no_drives_but_what_a_user_bounds_may_lie_at_its_bound():
-    assert describe_violations(of(ActuatorLag(0.01)), {"": X}) == []
-    assert describe_violations(of(ActuatorLag(2.0)), {"": X}) == [
-        "actuator_lag.time_constant = 2 s, the most that it may be"
-    ]
+    assert phrases(of(ActuatorLag(0.01)), {"": X}) == []
+    assert phrases(of(ActuatorLag(2.0)), {"": X}) == ["actuator_lag.time_constant = 2 s, the most that it may be"]
     narrow = limited_term(ActuatorLag(0.01), {"actuator_lag.time_constant": (0.001, 0.01)})
-    assert describe_violations(of(narrow), {"": X}) == []
+    assert phrases(of(narrow), {"": X}) == []
 
 
 def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
@@ -33,10 +36,10 @@ def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
     terms = [placed(own, joint) for joint in ("elbow", "wrist") for own in BASE[2:]]
     motions = {"elbow": X, "wrist": X}
     little = [-0.0005, -0.001, 0.1, 0.1]
-    assert describe_violations(Model.build(terms, little), motions) == ["friction that drives"]
+    assert phrases(Model.build(terms, little), motions) == ["friction that drives"]
     both = [*terms, coupled("elbow,-wrist", True)()]
-    assert describe_violations(Model.build(both, [*little, 0.01, 0.2, 0.3]), motions) == []
-    wrong = describe_violations(Model.build(both, [*little, -5.0, 0.2, 0.3]), motions)
+    assert phrases(Model.build(both, [*little, 0.01, 0.2, 0.3]), motions) == []
+    wrong = phrases(Model.build(both, [*little, -5.0, 0.2, 0.3]), motions)
     assert wrong == ["coupling.inertia@elbow,-wrist = -5 kg m^2"]
 
 
@@ -71,24 +74,20 @@ def swinging(load: KnownLoad = UNLOADED) -> Samples:
 
 def test_dry_friction_may_be_what_gravity_or_a_load_overcame():
     theta = dict(zip(("inertia", "gravity", "viscous", "coulomb"), (0.1, 2.0, 0.01, 0.3), strict=True))
-    assert describe_violations(Model.build(BASE, list(theta.values())), {"": swinging()}) == []
+    assert phrases(Model.build(BASE, list(theta.values())), {"": swinging()}) == []
     light = Model.build(BASE, list((theta | {"gravity": 0.1}).values()))
-    (told,) = describe_violations(light, {"": swinging()})
+    (told,) = phrases(light, {"": swinging()})
     assert "dry friction of 0.3 N m, more than the 0.11 N m" in told
-    assert describe_violations(light, {"": swinging(KnownLoad(0.05, 1.0))}) == []
+    assert phrases(light, {"": swinging(KnownLoad(0.05, 1.0))}) == []
 
 
 def test_a_payload_may_overcome_dry_friction_but_a_stop_may_not_and_bristles_do_not_push():
     dropped, stopped, bristles = (effect(id) for id in ("payload_change", "hard_stop", "presliding"))
-    assert (
-        describe_violations(Model.build([*BASE, dropped(5.0)], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
-    )
-    (told,) = describe_violations(
-        Model.build([*BASE, stopped(-1.0, 1.0)], [0.1, 0.1, 0.01, 8.0, 100.0]), {"": swinging()}
-    )
+    assert phrases(Model.build([*BASE, dropped(5.0)], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
+    (told,) = phrases(Model.build([*BASE, stopped(-1.0, 1.0)], [0.1, 0.1, 0.01, 8.0, 100.0]), {"": swinging()})
     assert "dry friction of 8 N m" in told
     for force, wrong in ((0.1, []), (-0.1, ["presliding = -0.1 N m"])):
-        assert describe_violations(Model.build([*BASE, bristles(0.01)], [0.1, 2.0, 0.1, 0.3, force]), {"": X}) == wrong
+        assert phrases(Model.build([*BASE, bristles(0.01)], [0.1, 2.0, 0.1, 0.3, force]), {"": X}) == wrong
 
 
 @pytest.mark.parametrize(
@@ -109,4 +108,4 @@ def test_a_step_meets_physical_bounds_and_held_out_errors_in_this_order(torque, 
     gates = confirmation_gates(after, before, {"": X})
     assert [gate.name for gate in gates if not gate.passed][:1] == ([] if failed is None else [failed])
     assert all(gate.passed for gate in gates[:-1])
-    assert (objection(after, before, {"": X}) is None) == (failed is None)
+    assert (describe_rejection(gates) is None) == (failed is None)
