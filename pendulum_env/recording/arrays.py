@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from pendulum_env.reading import shown
 from pendulum_env.recording.clock import count_seconds
 from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.table import WIDEST, Find, Table, first_date, is_text, need, numbers
+from pendulum_env.recording.text import may_be_number, read_cells
 from pendulum_env.recording.vocabulary import INDICES
 
 NUMBER_TYPES = (pa.types.is_boolean, pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal)
@@ -93,7 +95,10 @@ def read_data(data: Any, find: Find) -> Table:
     if isinstance(data, np.ndarray) and data.dtype.names:
         return _table({name: data[name] for name in data.dtype.names}, find)
     if hasattr(data, "__arrow_c_stream__"):
-        table = pa.table(data)
+        try:
+            table = pa.table(data)
+        except (pa.ArrowInvalid, pa.ArrowTypeError):  # pandas: a column of texts and numbers
+            return read_data({name: data[name].to_numpy() for name in data.columns}, find)
     elif hasattr(data, "__dataframe__"):
         from pyarrow.interchange import from_dataframe  # takes a while to import
 
@@ -208,18 +213,21 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
     widths = {name: min(shape) if len(shape) == 2 else 1 for name, shape in sides.items()}
     places = [(name, k) for name, width in widths.items() if width <= WIDEST for k in range(width)]
     headers = [name if widths[name] == 1 else f"{name}[{k}]" for name, k in places]
-    wordy = [
-        k for k, (name, _) in enumerate(places) if stored[name].dtype.kind not in "iufO" or math.prod(sides[name]) < 2
-    ]
-    columns = find(headers, wordy=wordy)
     load = cache(lambda name: stored[name][()])
+
+    def is_number(name: str) -> bool:
+        kind = stored[name].dtype.kind
+        return kind in "iufO" or (kind == "U" and may_be_number(str(load(name).flat[0]), name))
+
+    wordy = [k for k, (name, _) in enumerate(places) if math.prod(sides[name]) < 2 or not is_number(name)]
+    columns = find(headers, wordy=wordy)
     values: dict[str, Array] = {}
-    date = None
+    date, texts = None, False
     for quantity, column in columns.items():
         name, k = places[column.index]
         shape, dtype = sides[name], stored[name].dtype
         dates, labels = quantity == "time" and dtype.kind in "mM", quantity == "segment" and dtype.kind in "UO"
-        if not (dates or labels or dtype.kind in "biufO") or len(shape) not in (1, 2):
+        if not (dates or labels or dtype.kind in "biufUO") or len(shape) not in (1, 2):
             raise RecordingError(
                 f"array {name!r} ({quantity}) has type {dtype} and shape {shape}: "
                 "store real numbers, one of each per sample"
@@ -231,7 +239,10 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
             array, date = count_seconds(array)
         if labels:
             array = np.unique(array.astype(str), return_inverse=True)[1]
-        values[quantity] = np.array(array, dtype=np.float64)  # the caller's stays as it is
+        if dtype.kind in "UO" and not labels and any(isinstance(cell, str) for cell in array):
+            values[quantity], texts = array, True
+        else:
+            values[quantity] = np.array(array, dtype=np.float64)  # the caller's stays as it is
     samples = {len(array) for quantity, array in values.items() if quantity != "time"}
     notes = []
     if samples == {len(values["time"]) - 1}:
@@ -240,7 +251,17 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
     if len({len(array) for array in values.values()}) > 1:
         lengths = ", ".join(f"{quantity} {len(array)}" for quantity, array in values.items())
         raise RecordingError(f"the arrays differ in length ({lengths}): store one value of each per sample")
+    if texts:
+        read = read_cells(headers, columns, {quantity: _cells(array) for quantity, array in values.items()})
+        return replace(read, notes=(*notes, *read.notes), date=read.date or date)
     return Table(headers, columns, values, tuple(notes), date)
+
+
+def _cells(values: NDArray[Any]) -> pa.ChunkedArray:
+    """Column of Arrow with the texts of an array, or its numbers."""
+    if values.dtype.kind not in "UO":
+        return pa.chunked_array([values])
+    return pa.chunked_array([[None if cell is None or cell != cell else str(cell) for cell in values]], pa.string())
 
 
 def read_parquet(path: Path, find: Find) -> Table:
@@ -262,32 +283,44 @@ def _arrow(schema: pa.Schema, first: Callable[..., Any], read: Callable[..., pa.
     vectors = [
         field.name for field in schema if isinstance(field.type, pa.ListType | pa.LargeListType | pa.FixedSizeListType)
     ]
-    row = first(vectors) if vectors else None
+    texts = [field.name for field in schema if is_text(field.type)]
+    row = first([*vectors, *texts]) if vectors or texts else None
     widths = {name: min(len(row[name][0].as_py() or ()), WIDEST) for name in vectors if row}
     places = [(name, k) for name in schema.names for k in (range(widths.get(name, 0)) if name in vectors else [None])]
     headers = [name if k is None else f"{name}[{k}]" for name, k in places]
     kinds = [schema.field(name).type for name, _ in places]
-    wordy = [k for k, kind in enumerate(kinds) if not _is_number(kind) and places[k][1] is None]
+
+    def is_word(name: str, kind: pa.DataType) -> bool:
+        cell = row[name][0].as_py() if row and is_text(kind) else None
+        return not (_is_number(kind) or (cell is not None and may_be_number(cell, name)))
+
+    wordy = [k for k, (name, place) in enumerate(places) if place is None and is_word(name, kinds[k])]
     columns = find(headers, wordy=wordy)
     table = read(list(dict.fromkeys(places[column.index][0] for column in columns.values())))
-    values, date = {}, None
-    for quantity, column in columns.items():
-        name, k = places[column.index]
-        series = table[name]
-        if k is not None:
-            import pyarrow.compute as pc  # takes a while to import
-
-            series = pc.list_element(series, k)
-        is_date = quantity == "time" and (pa.types.is_timestamp(series.type) or pa.types.is_duration(series.type))
-        is_label = quantity == "segment" and is_text(series.type)
-        if not (is_date or is_label or _is_number(series.type)):
+    found = {quantity: _series(table, *places[column.index]) for quantity, column in columns.items()}
+    for quantity, series in found.items():
+        if not (_is_number(series.type) or is_text(series.type) or (quantity == "time" and _is_date(series.type))):
             raise RecordingError(
-                f"column {column.header!r} ({quantity}) has type {series.type}: "
+                f"column {columns[quantity].header!r} ({quantity}) has type {series.type}: "
                 "store it as a floating-point number in SI"
             )
-        values[quantity] = numbers(series)
-        date = first_date(series) if is_date else date
-    return Table(headers, columns, values, date=date)
+    if any(is_text(series.type) for quantity, series in found.items() if quantity != "segment"):
+        return read_cells(headers, columns, found)
+    values = {quantity: numbers(series) for quantity, series in found.items()}
+    return Table(headers, columns, values, date=first_date(found["time"]))
+
+
+def _series(table: pa.Table, name: str, k: int | None) -> pa.ChunkedArray:
+    """A column of a table, or element k of a vector."""
+    if k is None:
+        return table[name]
+    import pyarrow.compute as pc  # takes a while to import
+
+    return pc.list_element(table[name], k)
+
+
+def _is_date(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_timestamp(kind) or pa.types.is_duration(kind))
 
 
 def _is_number(kind: pa.DataType) -> bool:

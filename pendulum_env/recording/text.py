@@ -3,7 +3,7 @@
 import csv
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,7 +18,7 @@ from pendulum_env.reading import shown
 from pendulum_env.recording.columns import Column, add_labels
 from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.expression import letters
-from pendulum_env.recording.table import Find, Table, need, numbers
+from pendulum_env.recording.table import Find, Table, is_text, need, numbers
 from pendulum_env.recording.vocabulary import HEADER, OPTIONAL, UNITS
 
 HEAD = 1 << 16  # bytes in which header and delimiter must show themselves
@@ -91,12 +91,24 @@ def read_excel(path: Path, find: Find) -> Table:
     return read_text(lambda: pa.BufferReader(content), find)
 
 
+def read_cells(headers: Sequence[str], columns: dict[str, Column], cells: Mapping[str, pa.ChunkedArray]) -> Table:
+    """Read columns of a table in memory, by quantity, as those of a text file: some of them hold text."""
+    text = {quantity: series.cast(pa.string()) for quantity, series in cells.items() if is_text(series.type)}
+    plain = {quantity: series for quantity, series in cells.items() if pa.types.is_timestamp(series.type)}
+    table = pa.table({quantity: numbers(series) for quantity, series in cells.items()} | plain | text)
+    file = pa.BufferOutputStream()
+    pacsv.write_csv(table, file, pacsv.WriteOptions(delimiter=";"))  # cells may have decimal commas
+    content, places = file.getvalue(), {q: replace(columns[q], index=k) for k, q in enumerate(table.column_names)}
+    found = read_text(lambda: pa.BufferReader(content), lambda *_, **__: places)
+    return replace(found, headers=headers, columns={quantity: columns[quantity] for quantity in found.columns})
+
+
 def read_text(opened: Opened, find: Find) -> Table:
     """The columns in need of a text, see `read_csv`."""
     opened = _tidied(opened)
     with opened() as stream:
         layout = _layout(stream.read(HEAD))
-    wordy = [k for k, cell in enumerate(layout.first) if not _may_be_number(cell, layout.headers[k])]
+    wordy = [k for k, cell in enumerate(layout.first) if not may_be_number(cell, layout.headers[k])]
     columns = add_labels(find(layout.headers, wordy=wordy), layout.headers, layout.first)
     notes = [f"{layout.above} rows below the header hold no samples: left out"] if layout.above else []
     if dated := _stamp(layout, columns["time"]):
@@ -162,7 +174,8 @@ def _values(opened: Opened, layout: Layout, columns: dict[str, Column]) -> dict[
     types = {names[column.index]: _cell_type(quantity, layout, column) for quantity, column in columns.items()}
     if stamp := _stamp(layout, columns["time"]):
         types[names[columns["time"].index]] = pa.timestamp("ns", tz="UTC" if stamp["zone"] else None)
-    if is_text := bool(CLOCK.fullmatch(first := layout.first[columns["time"].index]) or (stamp and "," in first)):
+    first = layout.first[columns["time"].index]
+    if is_spelt := bool(CLOCK.fullmatch(first) or (stamp and "," in first)):
         types[names[columns["time"].index]] = pa.string()
     try:
         with opened() as stream:
@@ -187,7 +200,7 @@ def _values(opened: Opened, layout: Layout, columns: dict[str, Column]) -> dict[
     except pa.ArrowInvalid as error:
         raise _refusal(str(error), layout, columns) from None
     values = dict(zip(columns, table.columns, strict=True))
-    if is_text:
+    if is_spelt:
         values["time"] = _seconds(values["time"])
     return {quantity: numbers(column) for quantity, column in values.items()}
 
@@ -215,7 +228,7 @@ def _cell_type(quantity: str, layout: Layout, column: Column) -> pa.DataType:
     return pa.string() if quantity == "segment" and first and not NUMBER.fullmatch(first) else pa.float64()
 
 
-def _may_be_number(cell: str, header: str) -> bool:
+def may_be_number(cell: str, header: str) -> bool:
     """Return whether a column may hold numbers, by its first cell; one without cells and name holds none."""
     return bool(NUMBER.fullmatch(cell.replace(",", "."))) if cell else bool(header.strip())
 

@@ -109,6 +109,35 @@ def test_labels_and_durations_of_tables(swing: Recording) -> None:
         np.testing.assert_allclose(recording.time, swing.time, rtol=0, atol=1e-6)
 
 
+def texts_of(columns: dict[str, np.ndarray], decimal: str = ".") -> dict[str, np.ndarray]:
+    return {name: np.array([str(v).replace(".", decimal) for v in values]) for name, values in columns.items()}
+
+
+def mixed(columns: dict[str, np.ndarray]) -> Any:
+    frame = pandas_frame(columns).astype(object)
+    frame.loc[3, "tau"] = str(frame.loc[3, "tau"])
+    return frame
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "comma", "mixed"])
+def test_text_cells_of_tables_are_read_as_those_of_a_file(tmp_path: Path, swing: Recording, kind: str) -> None:
+    stamps = np.datetime_as_string(np.datetime64("2026-03-01T12:00", "us") + np.round(1e6 * swing.time).astype(int))
+    columns = columns_of(swing, t=stamps)
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    text = "\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)])
+    (tmp_path / "run.csv").write_text(text + "\n")
+    make = {**KINDS, "comma": pa.table, "mixed": mixed}[kind]
+    words = columns if kind == "mixed" else texts_of(columns, "," if kind == "comma" else ".")
+    file, data = read_recording(tmp_path / "run.csv"), read_recording(make(words))
+    for quantity in ("time", "position", "torque"):
+        np.testing.assert_array_equal(getattr(data, quantity), getattr(file, quantity))
+    assert (data.start_date, len(data.notes)) == (file.start_date, len(file.notes))
+    if kind != "mixed":
+        words["tau"] = np.where(np.arange(len(swing)) == 7, "spoilt", words["tau"])
+        with pytest.raises(RecordingError, match=r"data row 8 .*'spoilt' as torque"):
+            read_recording(make(words))
+
+
 @pytest.mark.parametrize("kind", [float, np.datetime64])
 def test_an_index_of_time_is_the_time(swing: Recording, kind: type) -> None:
     time = swing.time if kind is float else np.datetime64("2026-01-01", "us") + np.round(1e6 * swing.time).astype(int)

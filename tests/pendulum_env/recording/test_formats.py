@@ -116,7 +116,7 @@ def put(**changes: np.ndarray | list):
         (
             "run.parquet",
             lambda path: pq.write_table(pa.table(signals() | {"torque": ["a"] * 1000}), path),
-            "column 'torque' .* has type string",
+            "data row 1 .* has 'a' as torque",
         ),
     ],
 )
