@@ -24,6 +24,7 @@ from benchmarks.parallel import each
 from benchmarks.scoring import rate, take_workers
 from estimators import align, diagnose
 from pendulum_env.recording import Recording
+from workbench.narrator.diagnosis import describe_alignment
 from workbench.terminal import Terminal
 
 Array = NDArray[np.float64]
@@ -117,9 +118,9 @@ def examine(case: Case, named: bool) -> Found:
     if named:
         diagnosis = diagnose([case.recording])
         found = diagnosis.alignments[0]
-        return Found(case, 1e3 * found.delay, 1e3 * found.lag, found.text or "", diagnosis.selected)
+        return Found(case, 1e3 * found.delay, 1e3 * found.lag, describe_alignment(found) or "", diagnosis.selected)
     found = align([case.recording])
-    return Found(case, 1e3 * found.delay, 1e3 * found.lag, found.text or "", None)
+    return Found(case, 1e3 * found.delay, 1e3 * found.lag, describe_alignment(found) or "", None)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

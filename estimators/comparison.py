@@ -11,6 +11,7 @@ import numpy as np
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves, that_may_show
 from estimators.checks.homogeneity import AGREEMENT, Disagreement, disagreements_with, misfits, own_fits
 from estimators.checks.torque_constant import unit_of
+from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import swing
 from estimators.in_loop.fit import in_loop
 from estimators.in_loop.rollouts import are_driven
@@ -28,13 +29,12 @@ from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.arms.recording import of_arms
 from pendulum_env.mistake import Mistake
-from pendulum_env.notebook import shown
+from pendulum_env.notebook import headline, shown
 from pendulum_env.physics import Model, ModelError
-from pendulum_env.physics.model import INERTIA_REMEDY
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
-from pendulum_env.words import json_per, percent
+from pendulum_env.words import json_per
 
 SCHEMA, ARM_SCHEMA = "pendulum-ident/comparison@1", "pendulum-ident/arm-comparison@1"
 SHOWN = 6  # regions where a model fails, shared by the joints
@@ -116,36 +116,14 @@ class Comparison:
         return self.model.torque_unit
 
     @property
-    def caveat(self) -> str | None:
-        """What is not counted in the error of free runs, in a sentence; None if all is."""
-        if not self.model.is_inertia_known:
-            return f"free-running position is unknown, as the inertia of the model is: {INERTIA_REMEDY}"
-        share = self.joint.unstable
-        if share == 0:
-            return None
-        told = f"in {percent(share)} of the one-second windows a small error grows tenfold, as with the arm upright"
-        return f"{told}: they {'are all there are' if share == 1 else 'are not counted in free run'}"
-
-    @property
-    def headline(self) -> str:
-        """The result in one sentence."""
-        errors, body = self.joint.errors, body_of(self.model.terms)
-        times, at = max((errors.joints[at] / max(floor, 1e-300), at) for at, floor in self.joint.floors.items())
-        unit, where = (self.torque_unit, "") if body is None else (body.worded(at, NEWTON_METRE), f" at {at}")
-        told = f"the model is off by {errors.joints[at]:.3g} {unit}{where}, {times:.2g} times what noise leaves"
-        return told if np.isnan(errors.position_rms) else f"{told}, and by {errors.position_rms:.3g} rad in free run"
-
-    @property
     def is_torque_logged(self) -> bool:
         """Whether torque was logged in one of the recordings, and is not what a controller asked for."""
         return self.data is None or _is_logged(self.data.recordings)
 
     @property
-    def told_in_loop(self) -> str | None:
-        """Errors in the loop in a sentence; None where nobody knows the controller."""
-        error = self.joint.errors
-        told = f"simulated from its goals alone, the model is off by {error.in_loop:.3g} rad on average"
-        return told if error.is_in_loop else None
+    def headline(self) -> str:
+        """The result in one sentence."""
+        return headline(self)
 
     def __repr__(self) -> str:
         return f"<Comparison: {self.headline}>"
@@ -251,8 +229,8 @@ def _fails(prepared: PreparedData, left: Array, at: str, most: int) -> list[Regi
     error = prepared.data.errors(left)[at]
     if found or error <= AGREEMENT.misfits * max(floor, prepared.data.negligible(at)):
         return found
-    text = "more is left than noise leaves, but at no one position, velocity or torque"
-    return [replace(everywhere(text, prepared.data.part(at).samples, error, floor), at=at)]
+    cause = Finding(Kind.NOWHERE, {"residual": Quantity(error, unit=NEWTON_METRE), "times": Quantity(error / floor)})
+    return [everywhere(cause, prepared.data.part(at).samples, error, floor, at)]
 
 
 def of_joints(errors: Errors, floors: Mapping[str, float], body: Body) -> list[JSON]:
@@ -305,5 +283,8 @@ def in_units_of(model: Model, recordings: Sequence[Recording]) -> Preprocessed:
         constant = TorqueConstant(known.value, known.std, unit)
     given = Preprocessed.of(recordings, constant=constant, known=inertia)
     if given.doubt is not None:
-        raise IdentificationError(f"the model is in N m, but {given.doubt}")
+        raise IdentificationError(
+            f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: record "
+            "under known loads that differ, or identify the model with a torque constant"
+        )
     return given

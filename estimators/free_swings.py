@@ -24,10 +24,6 @@ from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA
 from pendulum_env.words import listing
 
 NONE = Load(0.0, 0.0)
-RELATIVE = (
-    "no torque is applied: every parameter is relative to the inertia, which is 1; --fix inertia=VALUE "
-    '(`fixed={"inertia": VALUE}` in Python) makes them absolute'
-)
 
 
 def swing(recording: Recording, inertia: float, torque_unit: str) -> Recording:

@@ -16,7 +16,8 @@ import numpy as np
 from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align_each
 from estimators.checks.torque_constant import torque_constant, unit_of
-from estimators.free_swings import RELATIVE, fitted_inertia, scale_swings, swing
+from estimators.findings import Finding, Kind
+from estimators.free_swings import fitted_inertia, scale_swings, swing
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData, with_impacts
@@ -25,7 +26,6 @@ from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
-from pendulum_env.words import listing
 
 HELD_OUT = 0.3  # end of each recording that is held out when no recording is
 MOTION = 0.5  # of the motion, that has to come before what is held out of the end of recordings
@@ -41,7 +41,7 @@ class Preprocessed:
     Attributes:
         recordings: to fit; in N m where their known loads tell the torque constant, else in the unit of the log.
         holdout: to check on; if there are none, the end of each recording to fit is.
-        doubt: why the torque constant is not known, in a sentence; None if it is, or nobody asks.
+        doubt: why the torque constant is unknown; None if it is known, or torque was logged.
         alignments: time between torque and motion in each recording, fitted ones first; torque that was logged late or
             filtered is corrected by it. Empty before anybody looked.
         window_share: length of the windows, relative to the length that the noise asks for.
@@ -51,7 +51,7 @@ class Preprocessed:
 
     recordings: tuple[Recording, ...]
     holdout: tuple[Recording, ...] = ()
-    doubt: str | None = None
+    doubt: Finding | None = None
     alignments: tuple[Alignment, ...] = ()
     window_share: float = 1.0
     impacts_beside: tuple[Term, ...] | None = None
@@ -109,7 +109,7 @@ class Preprocessed:
                 "the inertia with --fix inertia=VALUE, and torque in N m"
             )
         fitted, unseen = (_swings(part, inertia or 1.0, unit) for part in (recordings, holdout))
-        return cls(fitted, unseen, None if inertia else RELATIVE)
+        return cls(fitted, unseen, None if inertia else Finding(Kind.RELATIVE_TO_INERTIA))
 
     @classmethod
     def _in_newton_metres(
@@ -124,7 +124,7 @@ class Preprocessed:
                 f"torque is in {unit}, but the torque constant is of {constant.of}: convert the log"
             )
         found = constant or torque_constant(recordings)
-        if isinstance(found, str):
+        if isinstance(found, Finding):
             return cls(tuple(recordings), tuple(holdout), found)
         fitted, unseen = (tuple(_turned(one, found) for one in part) for part in (recordings, holdout))
         return cls(fitted, unseen)
@@ -208,16 +208,20 @@ class Preprocessed:
             for one, two in zip(self.alignments, other.alignments, strict=True)
         )
 
-    def timing_texts(self, is_late: bool) -> tuple[str, ...]:
-        """What was found of torque that is logged late, or of torque that acts late; with names where they differ."""
+    def timing(self, is_late: bool) -> tuple[Finding, ...]:
+        """Findings on torque that is logged late, or that acts late; with names of recordings where they differ."""
         every = zip((*self.recordings, *self.holdout), self.alignments, strict=bool(self.alignments))
-        said: dict[str, list[str]] = {}
+        found: list[Finding] = []
+        names: list[list[str]] = []
         for recording, one in every:
-            if one.is_late == is_late and one.text:
-                said.setdefault(one.text, []).append(recording.name)
+            if one.is_late != is_late or (finding := one.finding) is None:
+                continue
+            if finding not in found:
+                found, names = [*found, finding], [*names, []]
+            names[found.index(finding)].append(recording.name)
         if all(one is self.alignments[0] for one in self.alignments):
-            return tuple(said)
-        return tuple(f"{listing(names)}: {text}" for text, names in said.items())
+            return tuple(found)
+        return tuple(replace(one, recordings=tuple(own)) for one, own in zip(found, names, strict=True))
 
 
 def _swings(recordings: Sequence[Recording], inertia: float, torque_unit: str) -> tuple[Recording, ...]:

@@ -45,6 +45,16 @@ def shown(result: object) -> str:
     return show(result)
 
 
+@singledispatch
+def headline(result: object) -> str:
+    """A result in one sentence, registered as `shown`."""
+    import_module(NARRATOR)
+    narrate = headline.dispatch(type(result))
+    if narrate is headline.dispatch(object):
+        raise TypeError(f"there is no headline of a {type(result).__name__}")
+    return narrate(result)
+
+
 def markup(content: object) -> Html:
     """What is given, as markup: text is escaped."""
     return content if isinstance(content, Html) else Html(escape(str(content)))

@@ -126,12 +126,15 @@ def along(text: str) -> str:
 
 
 def json_per(data: Any, torque_unit: str) -> Any:
-    """Plain data for JSON with every text as `per` has it."""
+    """Plain data for JSON with every unit as `per` has it."""
     if isinstance(data, dict):
-        return {key: json_per(value, torque_unit) for key, value in data.items()}
+        return {
+            key: per(value, torque_unit) if key == "unit" and isinstance(value, str) else json_per(value, torque_unit)
+            for key, value in data.items()
+        }
     if isinstance(data, list):
         return [json_per(value, torque_unit) for value in data]
-    return per(data, torque_unit) if isinstance(data, str) else data
+    return data
 
 
 def typeset(text: str) -> str:

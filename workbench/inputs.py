@@ -33,6 +33,7 @@ from pendulum_env.recording.record import WARNING
 from pendulum_env.recording.study import format_of, named_twice, read_as, read_sources
 from pendulum_env.words import listing, plus_minus
 from workbench.mistakes import InputError
+from workbench.narrator.findings import describe_late
 from workbench.robot import RobotFile, held_text, straying
 from workbench.terminal import Terminal
 
@@ -196,13 +197,13 @@ def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Termina
     """
     if given.constant is not None:
         terminal.say(given.constant.text)
-    terminal.torque_unit = given.unit
     align = align if all(own.has_logged_torque for own in given.recordings) else None
     timed = given if align is None else given.timed()
     if align and not timed.has_moved:
         terminal.say("no torque shows to be logged late: taken as it was logged")
-    for text in timed.timing_texts(True):
-        terminal.say(f"{text}: corrected" if align else f"warning: {text}: correct it with --align", style="yellow")
+    for finding in timed.timing(True):
+        text = describe_late(finding, "It is corrected." if align else "Correct it with --align.")
+        terminal.say(text if align else f"warning: {text}", style="yellow")
     return timed if align else given
 
 

@@ -8,6 +8,14 @@ from pendulum_env.physics import Estimate
 from pendulum_env.physics.model import short_name
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import Table, number_text
+from workbench.narrator.diagnosis import (
+    describe_disagreement,
+    describe_region,
+    describe_unexplained,
+    headline,
+    next_step,
+    remarks,
+)
 from workbench.narrator.results import Part, ends, of_diagnosis
 from workbench.terminal import Terminal
 
@@ -40,14 +48,22 @@ def tell_diagnosis(
     if found.body is not None:
         added = [term.id for term in found.model.terms if term.id in found.selected]
         estimates = {name: own for id in added for name, own in found.model.of(id).items()}
+    step = next_step(found)
     lines = [*found.laws, errors_line(found)]
     lines += parameters_line(estimates, bool(found.unexplained))
     first = found.unexplained[:1] if found.body is None else found.unexplained  # of an arm, one a joint
-    lines += [f"left: {found.told_of(region)}" for region in first if region.text != found.next_step]
-    lines += [f"{one.text}, and is not fitted: diagnose it on its own" for one in found.disagreements]
-    lines += [f"note: {remark}" for remark in found.remarks[: None if verbose else 2]]
-    terminal.heading(found.headline)
-    for line in (*lines, f"next: {found.next_step}"):
+    lines += [
+        f"left: {describe_unexplained(found, region)}"
+        for region in first
+        if describe_region(region, found.torque_unit) != step
+    ]
+    lines += [
+        f"{describe_disagreement(one, found.torque_unit)} It is not fitted: diagnose it on its own."
+        for one in found.disagreements
+    ]
+    lines += [f"note: {remark}" for remark in remarks(found)[: None if verbose else 2]]
+    terminal.heading(headline(found))
+    for line in (*lines, f"next: {step}"):
         terminal.say(line)
     if verbose:
         tell(of_diagnosis(found, every, ALL), terminal)
@@ -72,8 +88,9 @@ def errors_line(found: Diagnosis) -> str:
         return f"error held out: {', '.join(falls)}"
     if last.is_in_loop:
         return f"error held out: in the loop {fall(first.in_loop, last.in_loop, 'rad')} (encoder alone {floor:.2g})"
+    torque = fall(first.torque_rms, last.torque_rms, found.torque_unit)
     return (
-        f"error held out: torque {fall(first.torque_rms, last.torque_rms, 'N m')} (noise alone {floor:.3g}), "
+        f"error held out: torque {torque} (noise alone {floor:.3g}), "
         f"free-running position {fall(first.position_rms, last.position_rms, 'rad')}"
     )
 

@@ -13,8 +13,6 @@ from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from pendulum_env.words import per
-
 PLAIN_WIDTH = 1000  # characters; a pipe has no width of its own, and lines are better not broken there
 
 
@@ -28,19 +26,15 @@ class Terminal:
                 stream.reconfigure(errors="replace")  # a sign that the terminal lacks must not end a diagnosis
         self._out = _console(stderr=False, quiet=quiet)
         self._err = _console(stderr=True, quiet=quiet)
-        self.torque_unit = "N m"  # or that of a current, in which all that is said of torque is then
-
-    def _said(self, text: str) -> str:
-        return per(text, self.torque_unit)
 
     def heading(self, text: str) -> None:
         """Start a new part."""
         self._out.print()
-        self._out.print(self._said(text), style="bold")
+        self._out.print(text, style="bold")
 
     def say(self, text: str, style: str | None = None) -> None:
         """Print a paragraph; brackets in it are brackets."""
-        self._out.print(self._said(text), style=style)
+        self._out.print(text, style=style)
 
     def table(self, headers: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[str] = ()) -> None:
         """Print rows under headers: the first column and those named in `left` flush left, the others right.
@@ -49,7 +43,6 @@ class Terminal:
         """
         flush_left = {0, *(headers.index(header) for header in left)}
         words = headers.index(left[-1]) if left else None  # a column whose cells may be broken
-        headers, rows = [*map(self._said, headers)], [[*map(self._said, row)] for row in rows]
         table = Table(box=box.SIMPLE_HEAD if self._out.is_terminal else None, pad_edge=False, header_style="bold")
         for place, header in enumerate(headers):
             justify: JustifyMethod = "left" if place in flush_left else "right"

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
+from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.criterion import Criterion
 from estimators.signals.channel import Channel
 from pendulum_env._typing import JSON, Array
@@ -57,7 +58,7 @@ class Alignment:
     Attributes:
         channel: the law; neither delay nor lag if torque and motion are not apart.
         delay_std, lag_std: standard errors of its delay and lag [s], zero of what is not free.
-        rival: the other of delay and filter in words, where it explains as much.
+        rival: the other of delay and filter, where it explains as much.
         gain: parameter of the first column, and its standard error.
         density: log predictive density of each stretch (2, C) [nat], if what is left acts as torque, and if it is
             noise of the log, which the channel's filter raises.
@@ -66,7 +67,7 @@ class Alignment:
     channel: Channel
     delay_std: float
     lag_std: float
-    rival: str | None = None
+    rival: Channel | None = None
     gain: tuple[float, float] = field(default=(0.0, 0.0), compare=False, repr=False)
     density: Array = field(default_factory=lambda: np.zeros((2, 0)), compare=False, repr=False)
 
@@ -153,37 +154,27 @@ class Alignment:
         own: dict[str, Any] = {quantity: values[rows] for quantity, values in recording.series.items()}
         own |= {"torque": np.concatenate(torque).reshape(shape), "is_moved": True}
         starts = tuple(np.cumsum([0, *map(len, kept[:-1])]).tolist())
-        return replace(recording, **own, starts=starts, notes=(*recording.notes, f"aligned: {self.text}"))
+        return replace(recording, **own, starts=starts, notes=(*recording.notes, f"aligned: {self._moved}"))
 
     @property
-    def as_rival(self) -> str:
-        """A delay or a filter alone in words, where another law predicts no better."""
-        if self.delay:
-            return f"by a delay of {1e3 * abs(self.delay):.3g} ms"
-        law = "through a low-pass filter with a time constant" if self.is_late else "with a lag"
-        return f"{law} of {1e3 * abs(self.lag):.3g} ms"
+    def _moved(self) -> str:
+        """`delay 9.9 ms`, `lag 3 ms`: the parts of the law that was corrected."""
+        parts = [f"{name} {1e3 * size:.3g} ms" for name, size in (("delay", self.delay), ("lag", self.lag)) if size]
+        return "half a sample" if self.is_half else ", ".join(parts)
 
     @property
-    def text(self) -> str | None:
-        """What was found, in a sentence; None if nothing was."""
+    def finding(self) -> Finding | None:
+        """What was found; None if torque and motion are in time; sampled torque may have no delay of its own."""
         if not self.is_found:
             return None
-        delay, lag = _estimate(abs(self.delay), self.delay_std), _estimate(abs(self.lag), self.lag_std)
-        either = f" (or {self.rival}: more steps of torque would tell)" if self.rival else ""
-        if self.is_late:
-            found = [
-                *([f"logged {'half a sample' if self.is_half else delay} late"] if self.delay else []),
-                *([f"logged through a low-pass filter with a time constant of {lag}"] if self.lag else []),
-            ]
-            kind = ": it was sampled like the position and not held until the next sample, as where rows are left out"
-            return f"torque is {' and '.join(found)}{kind if self.channel.is_sampled else ''}{either}"
-        after = f"{delay} after it is logged, not counting the half sample that holding it takes"
-        law = f"to act {after}" if self.delay else f"to act with a lag of {lag}"
-        return (
-            f"torque seems {law}{either}: the drive does that (dead_time, actuator_lag), or the log is ahead of the "
-            "position, which is the same law; or the joint yields, or its law is another; current or torque measured "
-            "at the motor would tell"
-        )
+        numbers = {"delay": Quantity(abs(self.delay), self.delay_std, "s")} if self.delay and not self.is_half else {}
+        numbers |= {"lag": Quantity(abs(self.lag), self.lag_std, "s")} if self.lag else {}
+        if self.rival is not None:
+            law = "rival_delay" if self.rival.delay else "rival_lag"
+            numbers[law] = Quantity(abs(self.rival.delay or self.rival.lag), unit="s")
+        if not self.is_late:
+            return Finding(Kind.ACTS_LATE, numbers)
+        return Finding(Kind.TORQUE_SAMPLED if self.channel.is_sampled else Kind.TORQUE_LATE, numbers)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON; a standard error that is not known is null."""
@@ -192,14 +183,7 @@ class Alignment:
             "delay": {"value": self.delay, "std": errors[0], "unit": "s"},
             "lag": {"value": self.lag, "std": errors[1], "unit": "s"},
             "sampled": self.channel.is_sampled,
-            "text": self.text,
         }
 
 
 NO_ALIGNMENT = Alignment(Channel(), np.inf, np.inf)  # of recordings that are too short to tell
-
-
-def _estimate(value: float, std: float) -> str:
-    """Value and standard error in ms, the latter to one digit: `9.90 ± 0.04 ms`."""
-    digits = min(3, max(0, -int(np.floor(np.log10(max(1e3 * std, 1e-3))))))
-    return f"{1e3 * value:.{digits}f} ± {1e3 * std:.{digits}f} ms"

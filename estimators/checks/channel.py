@@ -274,7 +274,7 @@ class ChannelFits:
                 return both
         is_filter = lag.predicts_better(delay) and lag.stands(none) and abs(lag.lag) >= self.period
         law, other = (lag, delay) if is_filter else (delay, lag)
-        return law if law.excels(other) or not other.stands(none) else replace(law, rival=other.as_rival)
+        return law if law.excels(other) or not other.stands(none) else replace(law, rival=other.channel)
 
     def raised(self, channel: Channel) -> float:
         """By how much the channel's filter raises white noise of the log in the windows, at most."""

@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import least_squares, solve
 from pendulum_env.recording import Recording
@@ -30,38 +31,14 @@ class FeedbackSettings:
 ANSWER = FeedbackSettings()
 
 
-@dataclass(frozen=True)
-class Feedback:
-    """How torque answers the motion.
-
-    Attributes:
-        recording: its name.
-        gain: change of torque per unexpected change of position, from a sample to the next [N m/rad]; below zero.
-        has_reference: whether what the controller followed was recorded.
-    """
-
-    recording: str
-    gain: float
-    has_reference: bool
-
-    @property
-    def text(self) -> str:
-        """What it means for estimates, in a sentence."""
-        remedy = (
-            "`identify` and `diagnose` with --instruments reference keep it out of the base model"
-            if self.has_reference
-            else "record the controller's reference as well (column `reference`), or a torque that is planned"
-        )
-        return (
-            f"{self.recording}: torque answers the motion ({self.gain:.2g} N m/rad from sample to sample), so that a "
-            f"controller's reaction to noise and to what the model lacks may be taken for physics: {remedy}"
-        )
-
-
-def feedback(recordings: Sequence[Recording]) -> list[Feedback]:
-    """Recordings in which torque answers the motion."""
-    found = ((recording, _gain(recording)) for recording in recordings)
-    return [Feedback(r.name, gain, r.reference is not None) for r, gain in found if gain is not None]
+def feedback(recordings: Sequence[Recording]) -> list[Finding]:
+    """Find recordings in which torque answers the motion: by an unexpected change of position, sample to sample."""
+    found = []
+    for recording in recordings:
+        if (gain := _gain(recording)) is not None:
+            kind = Kind.FEEDBACK if recording.reference is None else Kind.FEEDBACK_WITH_REFERENCE
+            found.append(Finding(kind, {"gain": Quantity(gain, unit="N m/rad")}, recordings=(recording.name,)))
+    return found
 
 
 def _gain(recording: Recording) -> float | None:

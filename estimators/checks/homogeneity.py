@@ -9,19 +9,21 @@ moved the parameter by. In the same way recordings are compared with a model tha
 Source: Cochran, Biometrics 10(1), 1954, for pooled estimates and the statistic Q of what is left between groups.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
 
+from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import information, solve
 from estimators.selection.regression import Regression
 from estimators.weak_form.dataset import Dataset
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Column, Model, Term
+from pendulum_env.recording.record import NEWTON_METRE
 
 
 @dataclass(frozen=True)
@@ -50,19 +52,6 @@ class Difference:
     others: float
     std: float
 
-    @property
-    def share(self) -> float:
-        """Difference relative to the value of the others."""
-        return (self.value - self.others) / max(abs(self.others), 1e-300)
-
-    @property
-    def text(self) -> str:
-        """`inertia 12 % higher`."""
-        if abs(self.share) > 1:  # of a parameter near zero
-            return f"{self.parameter} {self.value:.3g} instead of {self.others:.3g} {self.unit}"
-        percent = float(f"{100 * abs(self.share):.2g}")
-        return f"{self.parameter} {percent:g} % {'higher' if self.share > 0 else 'lower'}"
-
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         return {"name": self.parameter, "value": self.value, "others": self.others, "std": self.std, "unit": self.unit}
@@ -77,22 +66,26 @@ class Disagreement:
         name: of the recording.
         others: names of the recordings that agree with one another; none if it is a model that it disagrees with.
         differences: parameters that differ, the surest first; none if no parameters fit the recording.
-        reason: what it looks like, in words, where that says more than the differences.
+        kind: of the finding: parameters differ, one factor scales the torque, a sign is turned round, or nothing fits.
+        numbers: the factor, or the residual and how many times the noise floor that is.
     """
 
     recording: int
     name: str
     others: tuple[str, ...]
     differences: tuple[Difference, ...]
-    reason: str | None = None
+    kind: Kind = Kind.OUTLIER_RECORDING
+    numbers: Mapping[str, Quantity] = field(default_factory=dict)
 
     @property
-    def text(self) -> str:
-        """One sentence for people."""
-        one = f"'{self.others[0]}'" if self.others else "the model"
-        others = "the others" if len(self.others) > 1 else one
-        what = self.reason or ", ".join(difference.text for difference in self.differences)
-        return f"recording {self.recording} ({self.name}) disagrees with {others}: {what}"
+    def finding(self) -> Finding:
+        """The same as a finding; the first of its recordings disagrees with the rest."""
+        numbers = {"number": Quantity(self.recording)} | dict(self.numbers)
+        for own in self.differences:
+            numbers[own.parameter] = Quantity(own.value, own.std, own.unit)
+            numbers[f"others.{own.parameter}"] = Quantity(own.others, unit=own.unit)
+        names = tuple(own.parameter for own in self.differences)
+        return Finding(self.kind, numbers, names, recordings=(self.name, *self.others))
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -101,7 +94,7 @@ class Disagreement:
             "name": self.name,
             "others": list(self.others),
             "parameters": [difference.json() for difference in self.differences],
-            "text": self.text,
+            "kind": str(self.kind),
         }
 
 
@@ -163,10 +156,10 @@ class Own:
             for j, column in ((j, self.columns[j]) for j in sorted(told, key=lambda j: -abs(gap[j]) / std[j]))
         )
 
-    def reason(self, other: Known) -> str | None:
-        """What the torque of a recording looks like if all its parameters differ by one factor."""
+    def kind(self, other: Known) -> tuple[Kind, dict[str, Quantity]]:
+        """Return how a recording differs, with the factor if all its parameters differ by one."""
         if self.is_turned:
-            return "torque or position has the opposite sign in it"
+            return Kind.TURNED_ROUND, {}
         weight = np.linalg.pinv(self.known.covariance + other.covariance, hermitian=True)
         scale = float(other.theta @ weight @ other.theta)
         factor = float(other.theta @ weight @ self.known.theta) / max(scale, 1e-300)
@@ -174,10 +167,10 @@ class Own:
         gap, std = self._gap(scaled)
         alike = np.abs(gap) <= np.maximum(AGREEMENT.practical * np.abs(scaled.theta), self.sure * std)
         if len(gap) < 2 or not alike.all() or abs(factor - 1) <= AGREEMENT.practical:
-            return None
+            return Kind.OUTLIER_RECORDING, {}
         if self.is_free and factor > 0:
-            return f"its inertia is {1 / factor:.3g} times that there"
-        return f"its torque is {factor:.3g} times what the same motion takes there"
+            return Kind.SCALED_INERTIA, {"factor": Quantity(1 / factor)}
+        return Kind.SCALED_TORQUE, {"factor": Quantity(factor)}
 
     def _gap(self, other: Known) -> tuple[Array, Array]:
         """By how much each parameter is larger, and the standard error of that (P,)."""
@@ -216,7 +209,7 @@ def disagreements_with(model: Model, fits: Sequence[Own]) -> tuple[Disagreement,
 def _differing(fits: Sequence[Own], known: Known, others: tuple[str, ...]) -> tuple[Disagreement, ...]:
     """Those of the fits that differ from what is known."""
     return tuple(
-        Disagreement(fit.number, fit.name, others, told, fit.reason(known))
+        Disagreement(fit.number, fit.name, others, told, *fit.kind(known))
         for fit in fits
         if (told := fit.differences(known))
     )
@@ -228,11 +221,10 @@ def misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
     poor = [fit for fit in fits if fit.times > AGREEMENT.misfits]
     if len(others) < len(poor):
         return ()
-    why = "so that something was changed, or an effect shows there only"
-    left = [f"{fit.rms:.2g} N m are left, {fit.times:.2g} times the noise" for fit in poor]
+    left = [{"residual": Quantity(fit.rms, unit=NEWTON_METRE), "times": Quantity(fit.times)} for fit in poor]
     return tuple(
-        Disagreement(fit.number, fit.name, others, (), f"no parameters fit it ({text}), {why}")
-        for fit, text in zip(poor, left, strict=True)
+        Disagreement(fit.number, fit.name, others, (), Kind.MISFIT, numbers)
+        for fit, numbers in zip(poor, left, strict=True)
     )
 
 

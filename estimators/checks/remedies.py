@@ -1,17 +1,17 @@
-"""What a fit says of columns that were read wrongly, with the option that reads them rightly, ready to paste."""
+"""Columns that were read wrongly, by a fit to them, with the option that reads them rightly."""
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.equations import IdentificationError
 from estimators.selection.physical import driving_friction, is_significantly_negative, significant_sign
 from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import Column, Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.origin import Origin
-from pendulum_env.recording.record import NEWTON_METRE, WARNING
-from pendulum_env.words import listing
+from pendulum_env.recording.record import NEWTON_METRE
 
 # takes the load torque out of the balance: its parameter is 0, or -2 if the sensor has the opposite sign
 LOAD_TORQUE = Column("load_torque", "1", force=lambda x: -1.0 * x.load.torque)
@@ -19,33 +19,29 @@ UPRIGHT_TURNS = 3.0  # that a joint makes at most, if its zero may be upright
 UPRIGHT_SHARE = 0.05  # of the RMS torque, the least gravity of a joint whose zero may be upright
 
 
-def remedies(model: Model, recordings: Sequence[Recording], ambiguous: Sequence[Sequence[str]] = ()) -> list[str]:
-    """A word on columns that were read wrongly, by what a fit to them says, or their units; else on what no joint has.
+def remedies(model: Model, recordings: Sequence[Recording], ambiguous: Sequence[Sequence[str]] = ()) -> list[Finding]:
+    """Find columns that were read wrongly, by a fit to them; else friction that no joint has.
 
     Args:
         model: that was fitted.
         recordings: to which.
-        ambiguous: groups of effects of which nobody knows which one it is.
+        ambiguous: groups of effects that these data cannot tell apart.
     """
-    notes = dict.fromkeys(note for recording in recordings for note in recording.notes)
-    units = [note.removeprefix(WARNING) for note in notes if note.startswith(WARNING)]
     columns = [] if any("gravity_tilt" in group for group in ambiguous) else wrong_columns(model, recordings)
-    return [*units, *(columns or driving_friction(model))]
+    return columns or driving_friction(model)
 
 
-def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
-    """A word on parameters that say that a column of the recordings has another sign, or another zero.
+def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Finding]:
+    """Find a column of the recordings that has another sign, or another zero, by parameters of a fit.
 
-    What is known to hang on the joint besides tells where down is.
+    Known loads on the joint also show where down is.
     """
     if _is_load_torque_turned(model, recordings):
-        told = (
-            "the motion follows load_torque with the opposite sign: it should be positive where it drives the joint on"
-        )
-        return [told + _remedy(recordings, lambda origin: origin.turned("load_torque"))]
+        options = _remedies(recordings, lambda origin: origin.turned("load_torque"))
+        return [Finding(Kind.LOAD_TORQUE_TURNED, remedies=options)]
     if is_significantly_negative(model, "inertia"):
-        told = "inertia came out negative: torque and position have opposite signs, turn one of them round"
-        return [told + _remedy(recordings, lambda origin: origin.turned("torque"))]
+        options = _remedies(recordings, lambda origin: origin.turned("torque"))
+        return [Finding(Kind.INERTIA_NEGATIVE, parameters=("inertia",), remedies=options)]
     gravity, tilt = (model.estimates.get(name) for name in ("gravity", "gravity_tilt"))
     carried = {0.0 if recording.load is None else recording.load.gravity for recording in recordings}
     if gravity is None or gravity.std == 0:  # where a user has fixed it, nothing is found
@@ -56,16 +52,16 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
         angle = float(np.arctan2(tilt.value, down))
         error = float(np.hypot(tilt.std * down, gravity.std * tilt.value)) / (down**2 + tilt.value**2)
         digits = int(np.clip(-np.floor(np.log10(max(np.degrees(error), 1e-9))), 0, 3))
-        off = f"{abs(np.degrees(angle)):.{digits}f} ± {np.degrees(error):.{digits}f} degrees"
-        told = f"your zero is {off} off, or the base is tilted by as much (gravity_tilt)"
-        return [told + _remedy(recordings, lambda origin: origin.shifted(angle, digits))]
+        options = _remedies(recordings, lambda origin: origin.shifted(angle, digits))
+        numbers = {"angle": Quantity(angle, error, "rad")}
+        return [Finding(Kind.ZERO_SHIFTED, numbers, ("gravity", "gravity_tilt"), remedies=options)]
     if is_significantly_negative(model, "gravity") and down < 0:
         if "spring.stiffness" in model.estimates:
-            return ["gravity came out negative beside a spring: the two cancel, and neither is what it is called"]
+            return [Finding(Kind.GRAVITY_BESIDE_SPRING, parameters=("gravity", "spring.stiffness"))]
         if not _can_be_upright(down, recordings):
             return []
-        told = "gravity came out negative: position 0 seems to be the upright position, it should hang down"
-        return [told + _remedy(recordings, lambda origin: origin.shifted(np.pi, 0))]
+        options = _remedies(recordings, lambda origin: origin.shifted(np.pi, 0))
+        return [Finding(Kind.ZERO_UPRIGHT, parameters=("gravity",), remedies=options)]
     return []
 
 
@@ -90,8 +86,8 @@ def _can_be_upright(gravity: float, recordings: Sequence[Recording]) -> bool:
     return turns <= UPRIGHT_TURNS and abs(gravity) >= UPRIGHT_SHARE * torque
 
 
-def turned_round(model: Model, recordings: Sequence[Recording]) -> str | None:
-    """What to do if every parameter of the base model came out negative, as where the torque is logged turned round."""
+def turned_round(model: Model, recordings: Sequence[Recording]) -> Finding | None:
+    """Find torque that is logged turned round: every parameter of the base model is negative."""
     known = [name for name in ("inertia", "gravity", "viscous", "coulomb") if name in model.estimates]
     clear = sum(is_significantly_negative(model, name) for name in known)
     if (
@@ -103,12 +99,10 @@ def turned_round(model: Model, recordings: Sequence[Recording]) -> str | None:
     return wrong_columns(model, recordings)[0]
 
 
-def _remedy(recordings: Sequence[Recording], mended: Callable[[Origin], str | None]) -> str:
-    """How to read the recordings rightly, those alike together; nothing where nobody knows their columns."""
-    names: dict[str, list[str]] = {}
+def _remedies(recordings: Sequence[Recording], mended: Callable[[Origin], str | None]) -> dict[str, tuple[str, ...]]:
+    """Return options that read the recordings rightly, with the names of recordings; empty for unknown columns."""
+    names: dict[str, tuple[str, ...]] = {}
     for recording in recordings:
         if recording.origin is not None and (option := mended(recording.origin)) is not None:
-            names.setdefault(option, []).append(recording.name)
-    if len(names) == 1:
-        return f": read it with {next(iter(names))} instead"
-    return "".join(f"; read {listing(own)} with {option} instead" for option, own in names.items())
+            names[option] = (*names.get(option, ()), recording.name)
+    return names

@@ -18,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.checks.channel import DRIVEN, NONE, ChannelFits, is_brake
+from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import as_read
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData, fit_terms
@@ -25,10 +26,8 @@ from estimators.weak_form.dataset import Dataset
 from pendulum_env.physics import Estimate, Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
-from pendulum_env.words import plus_minus
 
 LEAST = 5.0  # standard errors that the constant has to be from none
-LOGGED = {"A": "a current", "V": "a voltage", "duty": "a duty cycle"}
 
 
 def unit_of(recordings: Sequence[Recording]) -> str:
@@ -81,8 +80,8 @@ def widened(model: Model, constant: TorqueConstant, here: Model, there: Model) -
     return replace(model, estimates=estimates, torque_constant=known)
 
 
-def torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | str:
-    """Torque constant from recordings of a current under known loads, or in a sentence why there is none.
+def torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | Finding:
+    """Return the torque constant from recordings of a current under known loads, or why it is unknown.
 
     A recording of which no load is known counts as one without a load.
 
@@ -92,67 +91,47 @@ def torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | str:
     unit = unit_of(recordings)
     loads = [recording.load or NONE for recording in recordings]
     by_load_torque = any(recording.has_varying_load for recording in recordings)
-    name = "torque constant" if unit == "A" else "torque gain"
-    unknown = f"the {name} is not known, and every parameter is per {unit}"
     if len(set(loads)) < 2 and not by_load_torque:
-        hung = "known loads that differ are needed" if loads[0] == NONE else "all recordings have the same load"
-        return (
-            f"{unknown}: the log has {LOGGED.get(unit, unit)} for the torque, and {hung}; record with another known "
-            "load, or without any, and give `load` in the study; or log the torque at the output as `load_torque`"
-        )
+        return unknown_constant(Kind.LOADS_UNKNOWN if loads[0] == NONE else Kind.LOADS_EQUAL, unit)
     fits = ChannelFits.of(recordings)
     if fits is None:
-        return f"{unknown}: too little of the motion is clear of the ends of the recordings; record longer"
+        return unknown_constant(Kind.CONSTANT_TOO_SHORT, unit)
     moved = {loads[k] for k in np.unique(fits.data.recording_of_window[fits.rows])}
     if len(moved) < 2 and not by_load_torque:
-        return (
-            f"{unknown}: of {len(set(loads))} known loads only one was moved; move the joint under each of them, clear "
-            "of stick"
-        )
+        return unknown_constant(Kind.ONE_LOAD_MOVED, unit, loads=Quantity(len(set(loads))))
     is_plain = driven(fits.data) > DRIVEN or is_brake(fits.data)
     share, std = (fits if is_plain else fits.rubbing()).delayed.gain  # 1/K
     if abs(share) <= LEAST * std:
-        return (
-            f"{unknown}: its inverse is {plus_minus(share, std)} {unit}/(N m) by the known loads; take loads that "
-            "differ more, or move further"
-        )
+        return unknown_constant(Kind.CONSTANT_UNCERTAIN, unit, inverse=Quantity(share, std, f"{unit}/(N m)"))
     if share < 0:
-        return (
-            f"{unknown}: it would be negative, {plus_minus(1 / share, std / share**2)} N m/{unit}; turn "
-            f"{'load_torque, ' if by_load_torque else ''}torque or position round with a minus sign"
-        )
+        turned = ("load_torque",) if by_load_torque else ()
+        negative = Quantity(1 / share, std / share**2, f"{NEWTON_METRE}/{unit}")
+        return replace(unknown_constant(Kind.CONSTANT_NEGATIVE, unit, torque_constant=negative), parameters=turned)
     return TorqueConstant(1 / share, std / share**2, unit, len(moved), by_load_torque)
 
 
-def of_the_drive(model: Model, constant: TorqueConstant, data: Dataset) -> list[str]:
-    """What a torque constant leaves open, in sentences.
+def unknown_constant(kind: Kind, unit: str, **numbers: Quantity) -> Finding:
+    """Return why the torque constant of what was logged in a unit is unknown."""
+    return Finding(kind, {"torque_constant": Quantity(np.nan, unit=f"{NEWTON_METRE}/{unit}")} | numbers)
+
+
+def of_the_drive(model: Model, constant: TorqueConstant, data: Dataset) -> list[Finding]:
+    """Find what a torque constant leaves open.
 
     Args:
         model: in N m, by it.
         constant: that was found.
         data: what it was fitted to.
     """
-    said = []
-    share = driven(data)
-    name = "torque constant" if constant.of == "A" else "torque gain"
+    found, share = [], driven(data)
     if share > DRIVEN or is_brake(data):
-        cause = (
-            "the load torque opposes the motion nearly always"
-            if is_brake(data)
-            else (f"the motor pushes along the motion {share:.0%} of the time")
-        )
-        said.append(
-            f"{cause}: what its gears lose of its torque and the "
-            f"{name} are one number, of which {constant.value:.4g} {constant.unit} is the product; a weight that is "
-            "let down slowly, so that it turns the motor, would tell them apart"
-        )
+        kind = Kind.LOAD_BRAKES if is_brake(data) else Kind.GEAR_LOSS_UNKNOWN
+        known = Quantity(constant.value, constant.std, constant.unit)
+        found.append(Finding(kind, {"share": Quantity(share), "torque_constant": known}))
     if constant.of != "A" and "viscous" in model.estimates:
         most = model.estimates["viscous"].value / constant.value
-        said.append(
-            f"the log has {LOGGED[constant.of]}: back-EMF, {name} times k_e q', is part of the viscous friction, and "
-            f"k_e is {most:.3g} {constant.of} s/rad at most"
-        )
-    return said
+        found.append(Finding(Kind.BACK_EMF, {"back_emf": Quantity(most, unit=f"{constant.of} s/rad")}))
+    return found
 
 
 def driven(data: Dataset) -> float:

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.diagnosis.ranking import rank_effects
-from estimators.diagnosis.result import KEPT, MENDED, UNNAMED, Diagnosis
+from estimators.diagnosis.result import Diagnosis, corrected
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.unexplained import fit_that, held_out
+from estimators.findings import Finding, Kind
 from estimators.preprocessing import Preprocessed
 from estimators.schemes.identifiability import untold_of_arm
 from estimators.selection.data import PreparedData
@@ -23,11 +24,7 @@ from estimators.selection.tables import find_explaining_law
 from estimators.signals.residual import Region, everywhere
 from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.windows import in_a_row
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import kind_at, links_of
-from pendulum_env.words import listing
-
-PERHAPS_CARRIED = "; or, if the arm carried something there, `compare MODEL.json --payload` tells what"
+from pendulum_env.arms.joints import links_of
 
 
 def examine_arm(given: Preprocessed, setting: Setting) -> Diagnosis:
@@ -42,6 +39,9 @@ def examine_arm(given: Preprocessed, setting: Setting) -> Diagnosis:
     candidates, groups = rank_effects(found, found.terms)
     by_law = ([table for table in evaluator.tables if table.at == at] for at in left)
     tables = tuple(id for laws in by_law if (id := find_explaining_law(evaluator, found.terms, laws)) is not None)
+    forbidden = what_is_open(groups, tables, bool(left or unseen))
+    if unseen and not left:
+        forbidden = fit_that(evaluator, Kind.FIT_HELD_OUT_OR_PAYLOAD if given.holdout else Kind.FIT_HELD_OUT)
     *others, last = found.steps
     model = last.model.biased() if left or unseen else last.model
     seen = (in_a_row([w.samples for w in evaluator.train.data.part(at).windows]) for at in body.joints)
@@ -54,13 +54,8 @@ def examine_arm(given: Preprocessed, setting: Setting) -> Diagnosis:
         ambiguous=tuple(groups),
         unexplained=where_it_stands_out(evaluator, found.terms, left, unseen),
         floors=evaluator.residuals.floors,
-        advice=(
-            *driving_friction(model),
-            *(f"{text}: {MENDED}" for text in given.timing_texts(True)),
-        ),
-        forbidden=fit_that(evaluator) + PERHAPS_CARRIED * bool(given.holdout)
-        if unseen and not left
-        else what_is_open(groups, tables, bool(left or unseen), body),
+        findings=(*driving_friction(model), *corrected(given)),
+        forbidden=forbidden,
         tables=tables,
         data=given.fresh(model.terms),
         left=left | unseen,
@@ -100,29 +95,21 @@ def where_it_stands_out(
     Of the joints `unseen`, where that is in held-out data.
     """
     regions = []
-    for part, residual, places, prefix in (
-        (evaluator.train, evaluator.regression.residual(terms), joints, ""),
-        (
-            evaluator.holdout,
-            evaluator.residuals.holdout_residual(terms),
-            unseen,
-            f"in what was held out ({held_out(evaluator)})",
-        ),
+    for part, residual, places, names in (
+        (evaluator.train, evaluator.regression.residual(terms), joints, ()),
+        (evaluator.holdout, evaluator.residuals.holdout_residual(terms), unseen, held_out(evaluator)),
     ):
         assert isinstance(part, PreparedData)
         for at in places:
-            region = next(iter(part.stand_out(residual, at, most=1)), replace(everywhere(""), at=at))
-            nowhere = ", at no one speed, angle or time" if prefix else ""
-            regions.append(replace(region, text=f"{prefix} {region.text}".strip() if region.text else prefix + nowhere))
+            region = next(iter(part.stand_out(residual, at, most=1)), everywhere(at=at))
+            regions.append(replace(region, held_out=names))
     return tuple(regions)
 
 
-def what_is_open(groups: Sequence[tuple[str, ...]], tables: Sequence[str], is_left: bool, body: Body) -> str | None:
-    """What would settle what is open at joints, or that nothing would; None if nothing is open."""
+def what_is_open(groups: Sequence[tuple[str, ...]], tables: Sequence[str], is_left: bool) -> Finding | None:
+    """Return what would settle what is open at joints, or that nothing would; None if nothing is open."""
     if groups:
-        reveal = kind_at(groups[0][-1], body).description.informative_experiment
-        return f"{listing(groups[0])} look the same in these data; to tell them apart: {reveal}"
+        return Finding(Kind.TIED, effects=groups[0])
     if tables:
-        first, *others = tables
-        return KEPT.format(table=first) + (f" (so would {listing(others)})" if others else "")
-    return UNNAMED if is_left else None
+        return Finding(Kind.TABLE_HELPS, effects=tuple(tables))
+    return Finding(Kind.NO_EFFECT_OPEN) if is_left else None

@@ -18,10 +18,10 @@ import numpy as np
 
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.diagnosis.suggestion import RATE, Aim, Suggestion
+from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import known_values, swing
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import least_squares
-from estimators.schemes.identifiability import Doubt
 from estimators.schemes.six import give
 from estimators.selection.candidates import best_variant
 from estimators.selection.evaluator import ModelEvaluator
@@ -34,7 +34,6 @@ from pendulum_env.physics import Model, Samples, Term, simulate
 from pendulum_env.physics.terms import ids, untested_range
 from pendulum_env.plant import paper_plant, typical
 from pendulum_env.recording import Recording
-from pendulum_env.words import listing
 
 USUAL = 6.0  # [N m], the paper's peak torque: what a motor is trusted with unless it is known to give more
 
@@ -75,12 +74,10 @@ class Limits:
     usual: float = USUAL
 
     @property
-    def text(self) -> str:
-        """`0.5 N m, 2 rad/s and the recorded angles`."""
-        bounds = ((self.torque, "N m"), (self.angle, "rad"), (self.speed, "rad/s"))
-        told = [f"{bound:.3g} {unit}" for bound, unit in bounds if bound and np.isfinite(bound)]
-        recorded = [name for name, bound in (("angles", self.angle), ("speeds", self.speed)) if bound is None]
-        return listing([*told, *([f"the recorded {listing(recorded)}"] if recorded else [])])
+    def quantities(self) -> dict[str, Quantity]:
+        """Bounds that were given, by name; without torque where none may be applied."""
+        bounds = {"torque": (self.torque or None, "N m"), "angle": (self.angle, "rad"), "speed": (self.speed, "rad/s")}
+        return {name: Quantity(own, unit=unit) for name, (own, unit) in bounds.items() if own is not None}
 
     def reach(self, recordings: Sequence[Recording]) -> tuple[float, float]:
         """Lowest and highest angle that a motion may go to [rad]; a joint that turned may turn as far either way.
@@ -138,7 +135,7 @@ def questions(
     terms: Sequence[Term],
     groups: Sequence[tuple[str, ...]],
     candidates: Sequence[Candidate],
-    doubts: Sequence[Doubt],
+    doubts: Sequence[Finding],
 ) -> list[Question]:
     """What a diagnosis leaves open."""
     pairs = [(id, selected) for selected, *alike in groups for id in alike]
@@ -181,7 +178,7 @@ def suggest(
     asked: Sequence[Question],
     limits: Limits,
     left: Sequence[Region] = (),
-) -> tuple[Suggestion | None, list[Aim], str | None]:
+) -> tuple[Suggestion | None, list[Aim], Finding | None]:
     """The experiment that settles most of what is open, and goes to the angle where most is left unexplained.
 
     Args:
@@ -193,7 +190,7 @@ def suggest(
 
     Returns:
         It, if there is one; what no torque up to the usual settles, whatever the limits; and what only the limits keep
-        from being settled, in one sentence.
+        from being settled.
     """
     if not asked:
         return None, [], None
@@ -217,15 +214,12 @@ def suggest(
         return None, [], None
     _, hopeless = _choose(evaluator, runs, unsettled)
     aims = [question.aim for question in hopeless]
-    forbidden = [question.aim.text for question in unsettled if question.aim not in aims]
+    forbidden = [question.aim for question in unsettled if question.aim not in aims]
     if not forbidden:
         return suggestion, aims, None
-    there = "" if place is None else f" and go to {np.degrees(place):.0f} degrees, where most is left,"
-    text = (
-        f"no experiment within {limits.text} would {listing(forbidden, 'or')}{there}: allow more "
-        f"({'--max-angle, --max-speed' if is_free else '--max-angle, --max-speed, --max-torque'}) if the rig bears it"
-    )
-    return suggestion, aims, text
+    numbers = limits.quantities | ({} if place is None else {"place": Quantity(place, unit="rad")})
+    pairs = tuple((aim.effect, aim.instead) for aim in forbidden)
+    return suggestion, aims, Finding(Kind.BEYOND_LIMITS, numbers, pairs=pairs)
 
 
 def _choose(

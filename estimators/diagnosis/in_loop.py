@@ -14,10 +14,11 @@ from functools import cached_property
 import numpy as np
 
 from estimators.checks.remedies import remedies
-from estimators.checks.torque_constant import widened
+from estimators.checks.torque_constant import unknown_constant, widened
 from estimators.diagnosis.ranking import rank_effects
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
+from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.prepared import InLoop
 from estimators.in_loop.rollouts import FINE, Rollouts
@@ -40,7 +41,6 @@ from pendulum_env.physics.terms import ids
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
-LEFT = "check the drive's gains and limits, and record under more gains: no effect that was tried explains what is left"
 MADE_UP = "predicts no better with shorter steps of the integrator: it made up for long ones"
 
 
@@ -182,8 +182,8 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         ambiguous=tuple(groups),
         unexplained=tuple(left),
         floors=servos.train.data.encoder,
-        advice=(*remedies(model, recordings, groups), *filter(None, doubts)),
-        forbidden=LEFT if left else None,
+        findings=(*remedies(model, recordings, groups), *filter(None, doubts)),
+        forbidden=Finding(Kind.CHECK_DRIVE) if left else None,
         torque_unit=given.unit,
         torque_constant=given.constant,
         data=given,
@@ -210,21 +210,19 @@ def _beside_torque(found: Diagnosis, setting: Setting) -> Diagnosis:
     return found
 
 
-def _of_rate(model: Model, recordings: Sequence[Recording]) -> str | None:
-    """What is said where a controller may see the speed so late that this passes for inertia."""
+def _of_rate(model: Model, recordings: Sequence[Recording]) -> Finding | None:
+    """Return a finding where a controller may see the speed so late that this passes for inertia."""
     drives = [own.drive for own in recordings if own.drive is not None and own.drive.rate is None]
     gains = [(drive.kp if drive.acts_on_speed else drive.kd) * (drive.gain or 1.0) for drive in drives]
     off = max(gains, default=0.0) / (2 * LOOP.seldom)
     if off <= model.estimates["inertia"].std:
         return None
-    return (
-        "if the drive takes its speed from two looks at its encoder, say how often it looks (`rate`): at "
-        f"{LOOP.seldom:g} looks a second, inertia is {off:.2g} {model.estimates['inertia'].unit} more than is said here"
-    )
+    inertia = Quantity(off, unit=model.estimates["inertia"].unit)
+    return Finding(Kind.SPEED_RATE_UNKNOWN, {"rate": Quantity(LOOP.seldom, unit="Hz"), "inertia": inertia})
 
 
-def _of_scale(recordings: Sequence[Recording]) -> str | None:
-    """What is said where torque that was logged is another multiple of what the drive asks for than one."""
+def _of_scale(recordings: Sequence[Recording]) -> Finding | None:
+    """Return a finding where the logged torque is not the torque that the drive asks for, but a multiple of it."""
     told = [own for own in recordings if own.has_logged_torque and own.drive and own.torque_unit == own.drive.unit]
     if not told:
         return None
@@ -234,10 +232,7 @@ def _of_scale(recordings: Sequence[Recording]) -> str | None:
     share = float(logged @ asked / max(asked @ asked, np.finfo(float).tiny))
     if abs(share - 1.0) < LOOP.scale:
         return None
-    return (
-        f"the torque that was logged is {share:.2f} times what the drive, as it is described, asks for, and all "
-        "parameters are by the drive: check its gains and limit, and the unit of the torque's column"
-    )
+    return Finding(Kind.TORQUE_SCALED, {"factor": Quantity(share)})
 
 
 def _timed(model: Model, servos: InLoop) -> Model:
@@ -263,10 +258,7 @@ def _calibrated(recordings: Sequence[Recording], holdout: Sequence[Recording]) -
     every = (*recordings, *holdout)
     if any(own.drive is not None and own.drive.ki and own.torque_unit != NEWTON_METRE for own in every):
         unit = recordings[0].torque_unit
-        doubt = (
-            f"every parameter is per {unit}: what a controller with an integral asked for is not known well enough to "
-            "find its gain from known loads; give the drive a gain"
-        )
+        doubt = unknown_constant(Kind.INTEGRAL_CONTROLLER, unit)
         return Preprocessed(tuple(recordings), tuple(holdout), doubt)
     return Preprocessed.of(recordings, holdout)
 
@@ -330,7 +322,8 @@ def unexplained(found: SearchResult, train: InLoop) -> list[Region]:
     sizes = np.array([np.mean(np.abs(left[data.recording_of == k])) for k in range(len(data.recordings))])
     worst = int(np.argmax(sizes))
     error, floor = float(np.mean(np.abs(left))), of_one(data.encoder)
-    most = f", most of it in {data.recordings[worst].name} ({sizes[worst]:.2g} rad)" if len(sizes) > 1 else ""
-    times = f"{error / floor:.2g} times the encoder's noise"
-    text = f"simulated from its goal, the servo is off by {error:.2g} rad, {times}{most}"
-    return [everywhere(text, evaluator.train.samples, error, floor)]
+    numbers = {"error": Quantity(error, unit="rad"), "times": Quantity(error / floor)}
+    if len(sizes) > 1:
+        numbers["worst"] = Quantity(sizes[worst], unit="rad")
+    cause = Finding(Kind.SERVO_OFF, numbers, recordings=(data.recordings[worst].name,))
+    return [everywhere(cause, evaluator.train.samples, error, floor)]

@@ -8,8 +8,8 @@ import numpy as np
 
 from estimators.diagnosis.reasons import describe_rejection
 from estimators.diagnosis.result import Candidate, Verdict
+from estimators.findings import Finding
 from estimators.regression.least_squares import outside
-from estimators.schemes.identifiability import Doubt
 from estimators.selection.candidates import screen_library, screen_replacements
 from estimators.selection.errors import Step, error_at
 from estimators.selection.evaluator import ModelEvaluator
@@ -29,7 +29,7 @@ SAME = 1e-6  # of a torque, numerical difference of equal laws
 
 
 def rank_effects(
-    found: SearchResult, final: Terms, doubts: Sequence[Doubt] = ()
+    found: SearchResult, final: Terms, doubts: Sequence[Finding] = ()
 ) -> tuple[list[Candidate], list[tuple[str, ...]]]:
     """Return the verdict on each effect of the library, and groups that these data cannot tell apart.
 
@@ -60,11 +60,11 @@ def rank_effects(
     return doubted(by_verdict(verdicts.values()), doubts), groups
 
 
-def doubted(candidates: Sequence[Candidate], doubts: Sequence[Doubt]) -> list[Candidate]:
+def doubted(candidates: Sequence[Candidate], doubts: Sequence[Finding]) -> list[Candidate]:
     """Return candidates, where an effect that imitates a term of the model in these data is not rejected."""
-    alike = {doubt.rivals[0]: doubt.text for doubt in doubts if doubt.rivals is not None}
+    alike = dict(doubt.rivals for doubt in doubts if doubt.rivals is not None)
     return by_verdict(
-        replace(one, verdict=Verdict.NOT_EXCITED, reason=alike[one.effect])
+        replace(one, verdict=Verdict.NOT_EXCITED, reason=f"imitates {alike[one.effect]} in these data")
         if one.verdict is Verdict.REJECTED and one.effect in alike
         else one
         for one in candidates

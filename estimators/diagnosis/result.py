@@ -1,17 +1,15 @@
 """Results of a diagnosis, with the probability of each effect, and of an addition, with errors before and after it."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
-
-import numpy as np
 
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.comparison import of_joints
-from estimators.diagnosis.likeness import likenesses
 from estimators.diagnosis.suggestion import Suggestion
+from estimators.findings import Finding, Kind
 from estimators.prediction import Prediction, predictions
 from estimators.preprocessing import Preprocessed
 from estimators.selection.criterion import Criterion
@@ -25,20 +23,14 @@ from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.mistake import Mistake
-from pendulum_env.notebook import shown
+from pendulum_env.notebook import headline, shown
 from pendulum_env.physics import Model
-from pendulum_env.physics.term import loads
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
-from pendulum_env.words import along, json_per, listing, name, opening
+from pendulum_env.words import json_per
 
 SCHEMA, ARM_SCHEMA = "pendulum-ident/diagnosis@1", "pendulum-ident/arm-diagnosis@2"
-SETTLED = "nothing is left open that an experiment would settle"
 CHANCE = "lowers the held-out errors by no more than chance would"
-SURE = 3.0  # times its standard errors, from which a table has a shape
-KEPT = "keep that law as a table, which also says what it looks like: `pendulum-ident add MODEL.json {table} ...`"
-MENDED = "this diagnosis has corrected it, other steps do where that is asked for (--align)"
-UNNAMED = "no effect of the library is open, so that no experiment would name what is left"
 
 
 class Verdict(StrEnum):
@@ -98,13 +90,6 @@ class Detectable:
     unit: str = "rad"
     between: tuple[float, float] | None = None
 
-    @property
-    def text(self) -> str:
-        """`above 0.05 N m`, `between -1.2 and 0.9 rad`."""
-        if self.between is not None:
-            return "between {:.3g} and {:.3g} rad".format(*self.between)
-        return f"above {self.above:.2g}{'' if self.unit == '1' else ' ' + self.unit}"
-
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         return asdict(self) | {"between": None if self.between is None else list(self.between)}
@@ -119,10 +104,10 @@ class Diagnosis:
         candidates: every effect of the library, selected ones first.
         ambiguous: groups of effects that these data cannot tell apart.
         unexplained: regions whose residual no candidate explains, empty when the noise floor is reached; of an arm one
-            of each joint that leaves more than noise, without a text where it stands out nowhere.
+            of each joint that leaves more than noise, everywhere where it stands out nowhere.
         floors: torque error that measurement noise alone gives at each joint [N m]; in the loop the mean distance
             that the encoder alone gives [rad].
-        advice: experiments that would settle what is open, in words.
+        findings: on data and model, first those that count most.
         suggestion: the experiment that would settle most of what is open, None if nothing is, or none would.
         forbidden: why no experiment settles what is open or left, above all the limits of the rig; None if nothing is.
         tables: what would keep a function that explains what is left, and that no effect is: one, or one of each joint.
@@ -144,9 +129,9 @@ class Diagnosis:
     ambiguous: tuple[tuple[str, ...], ...]
     unexplained: tuple[Region, ...]
     floors: Mapping[str, float]
-    advice: tuple[str, ...]
+    findings: tuple[Finding, ...]
     suggestion: Suggestion | None = None
-    forbidden: str | None = None
+    forbidden: Finding | None = None
     tables: tuple[str, ...] = ()
     inseparable: tuple[tuple[str, ...], ...] = ()
     disagreements: tuple[Disagreement, ...] = ()
@@ -212,65 +197,17 @@ class Diagnosis:
         return bool(self.candidates or self.left)
 
     @property
-    def headline(self) -> str:
-        """The result in one sentence: `Stribeck friction is missing`; of an arm `Missing: stribeck@elbow`."""
-        if self.body is not None and self.searched:
-            return self._headline_of_arm
-        found = [listing([name(id) for id in group], "or") for group in self.effects]
-        if found:
-            rest = ", and more that no known effect explains" if self.unexplained else ""
-            return f"{opening(listing(found))} {'is' if len(found) == 1 else 'are'} missing{rest}"
-        if not self.searched:
-            where = listing([at for at in dict.fromkeys(region.at for region in self.unexplained) if at])
-            missing = f"Something is missing {f'at {where}' if where else 'in this model'}"
-            return missing if self.unexplained else "The model explains what was measured"
-        if self.unexplained:
-            return "Something is missing, and no known effect explains it"
-        return "Nothing is missing"
-
-    @property
-    def _headline_of_arm(self) -> str:
-        where = listing(list(self.left))
-        if self.selected:
-            more = f", and more at {where} that no known effect explains" if where else ""
-            return f"Missing: {listing(self.selected)}{more}"
-        if self.left:
-            return f"Something is missing at {where}, and no known effect explains it"
-        return "No effect of the library is missing at any joint"
-
-    def told_of(self, region: Region) -> str:
-        """What is left unexplained in a region, in words; of an arm at its joint, with how much that is."""
-        if self.body is None or region.at not in self.left:
-            return region.text
-        left = f"{self.left[region.at]:.2g} {self.body.worded(region.at, NEWTON_METRE)} at {region.at}"
-        return f"{left}; {region.text}" if region.text else left
-
-    @property
-    def next_step(self) -> str:
-        """The experiment worth doing, or why there is none, in one sentence."""
-        if self.suggestion is not None or self.forbidden is not None:
-            return self.suggestion.text if self.suggestion is not None else str(self.forbidden)
-        if self.inseparable:
-            return f"no torque would tell {' from '.join(self.inseparable[0])}"
-        return SETTLED
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Advice besides the next step, after what the logged torque says otherwise."""
-        said = [] if self.contradiction is None else [self.contradiction]
-        return (*said, *(text for text in self.advice if text != self.next_step))
-
-    @property
-    def contradiction(self) -> str | None:
-        """What the torque of a servo calls for by itself, in a sentence, if that is not what the loop calls for."""
+    def is_contradicted(self) -> bool:
+        """Whether the torque of a servo calls for other effects by itself than the loop does."""
         alone = self.by_torque
         if alone is None or has_link(self.model.terms):  # torque alone is not searched for those
-            return None
-        if len(alone) == len(self.effects) and all({*group} & {*alone} for group in self.effects):
-            return None
-        theirs, ours = (listing([name(id) for id in one]) or "nothing" for one in (alone, self.selected))
-        said = f"by the logged torque alone, regressed on the motion: {theirs}; in the loop: {ours}"
-        return f"{said}; a simulation does what the loop says"
+            return False
+        return not (len(alone) == len(self.effects) and all({*group} & {*alone} for group in self.effects))
+
+    @property
+    def headline(self) -> str:
+        """The result in one sentence: `Stribeck friction is missing`; of an arm `Missing: stribeck@elbow`."""
+        return headline(self)
 
     def __repr__(self) -> str:
         return f"<Diagnosis: {self.headline}>"
@@ -297,22 +234,27 @@ class Diagnosis:
             "ambiguous": [list(group) for group in self.ambiguous],
             "unexplained": {
                 "present": bool(self.unexplained),
-                "where": "; ".join(region.text for region in self.unexplained) or None,
+                "where": "; ".join(region.kind for region in self.unexplained) or None,
             },
             "regions": [region.json() for region in self.unexplained],
             "noise_floor": {"torque_rms": self.noise_floor},
-            "advice": list(self.advice),
+            "findings": self._findings,
             "suggestion": self.suggestion.json() if self.suggestion is not None else None,
-            "forbidden": self.forbidden,
             "table": next(iter(self.tables), None),
             "inseparable": [list(group) for group in self.inseparable],
             "disagreements": [disagreement.json() for disagreement in self.disagreements],
             "alignments": [alignment.json() for alignment in self.alignments],
             "detectable": [one.json() for one in self.detectable],
-            "by_torque": None if self.by_torque is None else {"effects": [*self.by_torque], "says": self.contradiction},
+            "by_torque": None if self.by_torque is None else {"effects": [*self.by_torque]},
         }
-        worded = ("candidates", "unexplained", "regions", "advice", "forbidden", "disagreements", "detectable")
+        worded = ("candidates", "regions", "findings", "disagreements", "detectable")
         return data | json_per({key: data[key] for key in worded}, self.torque_unit)
+
+    @property
+    def _findings(self) -> list[JSON]:
+        """All findings for JSON, with what forbids an experiment last."""
+        last = [] if self.forbidden is None or self.forbidden in self.findings else [self.forbidden]
+        return [finding.json() for finding in (*self.findings, *last)]
 
     def _json_of_arm(self, body: Body) -> JSON:
         ends = {"before": self.steps[0], "after": self.steps[-1]}
@@ -323,25 +265,23 @@ class Diagnosis:
             "candidates": [candidate.json() for candidate in self.candidates],
             "errors": {name: of_joints(step.errors["holdout"], self.floors, body) for name, step in ends.items()},
             "unexplained": dict(self.left),
-            "regions": {region.at: region.json() for region in self.unexplained if region.text},
+            "regions": {
+                region.at: region.json() for region in self.unexplained if region.is_profiled or region.held_out
+            },
             "tables": list(self.tables),
             "alignments": [alignment.json() for alignment in self.alignments],
-            "advice": list(self.advice),
+            "findings": self._findings,
             "model": self.model.json(),
         }
 
 
-def looks(step: Step) -> str | None:
-    """The formulas that a table which was added comes nearest to, in a sentence; None of an effect."""
-    tables = step.model.tables
-    if step.added not in tables:
-        return None
-    table, curve = tables[step.added]
-    if np.mean(curve.value**2) < (SURE * np.median(curve.std)) ** 2:  # at an end they may be large
-        return f"{step.added} looks like no formula: its standard errors are nearly as large as itself"
-    near = [along(one.text) if table.slides else one.text for one in likenesses(table, curve)]
-    nearest = f"{listing(near, 'or')} of its shape" if near else "no formula that is known here"
-    return f"{step.added} looks like {nearest}"
+def corrected(given: Preprocessed) -> list[Finding]:
+    """Findings on torque that was logged late, and that a diagnosis has corrected."""
+    kinds = {
+        Kind.TORQUE_LATE: Kind.TORQUE_LATE_CORRECTED,
+        Kind.TORQUE_SAMPLED: Kind.TORQUE_SAMPLED_CORRECTED,
+    }
+    return [replace(finding, kind=kinds[finding.kind]) for finding in given.timing(True)]
 
 
 @dataclass(frozen=True, repr=False)
@@ -361,30 +301,7 @@ class Addition:
     after: Step
     floors: Mapping[str, float]
     objection: str | None = None
-    doubt: str | None = None
-
-    @property
-    def text(self) -> str:
-        """Whether the effect earns its place, in a sentence: only data that it was not fitted to can tell."""
-        if self.objection is not None:
-            return f"{self.after.added} {self.objection}: these recordings give no reason to keep it"
-        old, new = self.before.errors["holdout"], self.after.errors["holdout"]
-        if self.is_in_loop:
-            return (
-                f"{self.after.added} lowers the held-out error in the loop to {new.in_loop / old.in_loop:.1%} of before"
-            )
-        if new.shares:
-            joint = next(iter(loads((self.after.added or "").partition("@")[2])))
-            share = new.joints[joint] / old.joints[joint]
-            return f"{self.after.added} lowers the held-out torque error of {joint} to {share:.1%} of before"
-        torque, position = new.torque_rms / old.torque_rms, new.position_rms / old.position_rms
-        falls = f"torque to {torque:.1%}{'' if np.isnan(position) else f', position to {position:.1%}'} of before"
-        return f"{self.after.added} lowers the held-out errors: {falls}"
-
-    @property
-    def looks_like(self) -> str | None:
-        """The formulas that a table which was added comes nearest to, in a sentence; None of an effect."""
-        return looks(self.after) if self.objection is None else None
+    doubt: Finding | None = None
 
     @property
     def is_in_loop(self) -> bool:
@@ -405,7 +322,7 @@ class Addition:
         return self.after.model
 
     def __repr__(self) -> str:
-        return f"<Addition: {self.text}>"
+        return f"<Addition: {headline(self)}>"
 
     def _repr_html_(self) -> str:
         return shown(self)

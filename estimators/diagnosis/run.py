@@ -22,10 +22,11 @@ from estimators.diagnosis.arm import examine_arm
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.in_loop import diagnose_in_loop
 from estimators.diagnosis.ranking import rank_effects
-from estimators.diagnosis.result import KEPT, MENDED, UNNAMED, Diagnosis
+from estimators.diagnosis.result import Diagnosis, corrected
 from estimators.diagnosis.sensitivity import detectable
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.unexplained import of_held_out, unexplained
+from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import known_values, relative_terms
 from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
@@ -48,7 +49,6 @@ from pendulum_env.arms.joints import body_of
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds
-from pendulum_env.physics.model import INERTIA_REMEDY
 from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.terms import ids, untested_range
 from pendulum_env.recording import Recording
@@ -177,13 +177,13 @@ def _with_channel(found: Diagnosis, given: Preprocessed) -> Diagnosis:
         torque_unit=given.unit,
         torque_constant=constant,
         alignments=given.alignments,
-        advice=(
+        findings=(
             *wrong,
             *filter(None, [given.doubt]),
             *(of_the_drive(found.model, constant, given.parts[0].data) if constant is not None else ()),
             *_of_timing(given, found),
-            *(loop.text for loop in feedback(given.recordings)),
-            *(text for text in found.advice if text not in wrong),
+            *feedback(given.recordings),
+            *(own for own in found.findings if own not in wrong),
         ),
     )
 
@@ -217,20 +217,20 @@ def _of_one_plant(given: Preprocessed, setting: Setting) -> Diagnosis:
     )
 
 
-def _of_timing(given: Preprocessed, found: Diagnosis) -> list[str]:
-    """What is said of the time between torque and motion: what was corrected, and what the drive may have done.
+def _of_timing(given: Preprocessed, found: Diagnosis) -> list[Finding]:
+    """Findings on the time between torque and motion: what was corrected, and what the drive may have done.
 
     The latter is asked again beside the effects that were found, and not at all where they explain everything: then
     what looked like a delay of the drive was theirs.
     """
-    corrected = [f"{text}: {MENDED}" for text in given.timing_texts(True)]
+    moved = corrected(given)
     named = {id for group in found.effects for id in group}
     if named & {"dead_time", "actuator_lag"}:
-        return [*corrected, *given.timing_texts(False)]
-    if not (found.unexplained and given.timing_texts(False)):
-        return corrected
+        return [*moved, *given.timing(False)]
+    if not (found.unexplained and given.timing(False)):
+        return moved
     beside = [term for term in found.model.terms if term.id in found.selected]
-    return [*corrected, *given.timed(beside).timing_texts(False)]
+    return [*moved, *given.timed(beside).timing(False)]
 
 
 def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
@@ -258,36 +258,29 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     table = found.table.id if found.table is not None and found.table.id in TABLES else None
     if left and table is None:
         table = find_explaining_law(evaluator, steps[-1].model.terms, TABLES.values())
-    kept = None if table is None else KEPT.format(table=table)
+    kept = None if table is None else Finding(Kind.TABLE_HELPS, effects=(table,))
     asked = questions(evaluator, steps[-1].model.terms, groups, candidates, doubts)
     if violations(last, evaluator.train.motions) or not last.is_inertia_known:
         asked = []  # the motion under another torque is unknown
     suggestion, hopeless, forbidden = suggest(evaluator, steps[-1].model, asked, setting.limits, left)
     if not last.is_inertia_known:
-        forbidden = f"the motion of an experiment cannot be predicted without the inertia: {INERTIA_REMEDY}"
+        forbidden = Finding(Kind.INERTIA_UNKNOWN)
     elif left and not asked:
-        forbidden = held_out or kept or UNNAMED
+        forbidden = held_out or kept or Finding(Kind.NO_EFFECT_OPEN)
     would_show = (
         () if left or len(final) > len(evaluator.base) else detectable(evaluator, tuple(final), evaluator.library)
     )
-    experiments = [evaluator.library[group[-1]].description.informative_experiment for group in groups]
-    look_alike = [
-        f"{' and '.join(group)} look the same in these data; to tell them apart: {experiment}"
-        for group, experiment in zip(groups, experiments, strict=True)
-    ]
     return Diagnosis(
         steps=tuple(steps),
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=tuple(left),
         floors=evaluator.residuals.floors,
-        advice=(
-            *look_alike,
+        findings=(
+            *(Finding(Kind.TIED, effects=group) for group in groups),
             *_of_little(first.train.data),
-            *(doubt.text for doubt in doubts),
-            *filter(None, (untested_range(term, *first.train.reach()) for term in steps[-1].model.terms)),
-            *([suggestion.text] if suggestion else []),
-            *([forbidden] if forbidden else []),
+            *doubts,
+            *_untested(steps[-1].model.terms, *first.train.reach()),
             *([kept] if kept and kept != forbidden else []),
         ),
         detectable=would_show,
@@ -302,12 +295,12 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
 
 def _mislogged(given: Preprocessed, evaluator: ModelEvaluator) -> Diagnosis | None:
     """What is said of torque that is logged turned round, if it is: no effect is named before that is mended."""
-    text = turned_round(fit_terms(evaluator.train, evaluator.base)[0], given.recordings)
-    if text is None:
+    cause = turned_round(fit_terms(evaluator.train, evaluator.base)[0], given.recordings)
+    if cause is None:
         return None
     step = evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))
-    region = Region("time", 0.0, float(evaluator.train.samples.time.max()), 0.0, 0.0, text)
-    return Diagnosis((step,), (), (), (region,), evaluator.residuals.floors, (text,), forbidden=text, data=given)
+    region = Region("time", 0.0, float(evaluator.train.samples.time.max()), 0.0, 0.0, is_profiled=False, cause=cause)
+    return Diagnosis((step,), (), (), (region,), evaluator.residuals.floors, (cause,), forbidden=cause, data=given)
 
 
 def _looked_closer(
@@ -333,8 +326,13 @@ def _looked_closer(
     return rough, given
 
 
-def _of_little(fitted: Data) -> list[str]:
-    """A caveat where little of the motion tells anything."""
+def _of_little(fitted: Data) -> list[Finding]:
+    """Return a finding where few stretches of motion are clear of stick."""
     count = len(fitted.weights)
-    text = "stretches of motion are clear of stick and reversals: much may be missing that does not show"
-    return [f"only {count} {text}, record longer, faster or wider motion"] if count < PLENTY else []
+    return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < PLENTY else []
+
+
+def _untested(terms: Sequence[Term], low: float, high: float) -> list[Finding]:
+    """Find terms that were tested between two angles [rad] only."""
+    ends = {"low": Quantity(low, unit="rad"), "high": Quantity(high, unit="rad")}
+    return [Finding(Kind.UNTESTED_RANGE, ends, effects=(term.id,)) for term in terms if untested_range(term, low, high)]

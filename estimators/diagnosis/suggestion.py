@@ -28,11 +28,6 @@ class Aim:
     effect: Text
     instead: Text | None = None
 
-    @property
-    def text(self) -> str:
-        """`tell spring from gravity_tilt`, `show spring if it is there`."""
-        return f"tell {self.effect} from {self.instead}" if self.instead else f"show {self.effect} if it is there"
-
 
 @dataclass(frozen=True)
 class Suggestion:
@@ -56,23 +51,6 @@ class Suggestion:
     peak_speed: float
     release: float | None = None
 
-    @property
-    def text(self) -> str:
-        """The experiment in one sentence."""
-        aims = ", ".join(aim.text for aim in self.settles)
-        if self.signal is None:
-            return (
-                f"to {aims}: let the joint go at rest at {self.release:.3g} rad and record {self.seconds:g} s without "
-                f"torque, with up to {self.peak_speed:.2g} rad/s to be expected"
-            )
-        low, high = np.degrees(self.reach)
-        kind = signal_json(self.signal)["kind"].replace("_", " ")
-        return (
-            f"to {aims}: record {self.seconds:g} s of {kind} torque up "
-            f"to {self.peak_torque:.2g} N m, with angles from {low:.0f} to {high:.0f} degrees and up to "
-            f"{self.peak_speed:.2g} rad/s to be expected (`record --excitation suggested` plays it)"
-        )
-
     def samples(self) -> tuple[Array, Array]:
         """Times (N,) [s] and torques (N,) [N m] of the experiment."""
         time = np.arange(round(self.seconds * RATE)) / RATE
@@ -89,7 +67,6 @@ class Suggestion:
         """Plain dictionary for JSON."""
         drive = {"signal": signal_json(self.signal)} if self.signal is not None else {"release": self.release}
         return {
-            "text": self.text,
             "settles": [{"effect": aim.effect, "instead": aim.instead} for aim in self.settles],
             "seconds": self.seconds,
             "peak_torque": self.peak_torque,

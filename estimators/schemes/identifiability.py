@@ -1,14 +1,15 @@
-"""What a recording cannot tell, said by name instead of returned as a number."""
+"""Findings on parameters that recordings do not determine, in place of numbers that mean nothing."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import compress
 
 import numpy as np
 
+from estimators.findings import Finding, Kind, Quantity
 from estimators.schemes.six import GUARD, scheme
 from estimators.signals.measurements import Measurements
-from pendulum_env._typing import JSON, Array, Mask
+from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.joints import DRAWS, links_of
 from pendulum_env.physics import BASE, Estimate, Model, Term
 
@@ -25,55 +26,31 @@ class IdentifiabilitySettings:
 
 
 TELLING = IdentifiabilitySettings()
-NOISE_ALONE = "the torque is noise alone: read the file without it (--columns torque=none)"
 PLACES = 50  # instants at which the joints' inertia is looked at
 
 
-@dataclass(frozen=True)
-class Doubt:
-    """Something that the data cannot tell.
-
-    Attributes:
-        text: one sentence that names it, and the experiment that would help.
-        withheld: parameters of the model that are no numbers because of it.
-        rivals: ids of an effect and of the term of the model that it would pass for.
-    """
-
-    text: str
-    withheld: tuple[str, ...] = ()
-    rivals: tuple[str, str] | None = None
-
-    def json(self) -> JSON:
-        """Plain dictionary for JSON."""
-        return {"text": self.text, "withheld": list(self.withheld)}
-
-
-def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term]) -> tuple[Doubt, ...]:
+def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term]) -> tuple[Finding, ...]:
     """What recordings, taken together, cannot tell about the parameters of the terms; empty if all is well."""
     names = [column.name for term in terms for column in term.columns]
     clear = [m.clear(GUARD) for m in measurements]
     velocity = np.concatenate([m.velocity[use] for m, use in zip(measurements, clear, strict=True)])
     if not len(velocity):
-        return (
-            Doubt("the joint hardly moves: nothing can be identified, record wider or faster motion", tuple(names)),
-        )
+        return (Finding(Kind.NO_MOTION, parameters=tuple(names)),)
 
-    doubts = []
+    doubts: list[Finding] = []
     is_free = not any(m.held.any() for m in measurements)
     if not is_free and not any(is_driven(m) for m in measurements):
-        doubts.append(Doubt(f"{NOISE_ALONE}: only ratios of parameters are known", tuple(names)))
+        doubts.append(Finding(Kind.TORQUE_IS_NOISE, parameters=tuple(names)))
     forwards = float(np.mean(velocity > 0))
     if not TELLING.one_sided < forwards < 1 - TELLING.one_sided:
         constants = ("coulomb", "torque_offset", "coulomb_asymmetry")
-        text = "velocity never changes sign: coulomb and torque_offset cannot be told apart, record both directions"
-        doubts.append(Doubt(text, tuple(name for name in constants if name in names), ("torque_offset", "coulomb")))
+        withheld = tuple(name for name in constants if name in names)
+        doubts.append(Finding(Kind.ONE_DIRECTION, parameters=withheld, effects=("torque_offset", "coulomb")))
     furthest = max(float(np.abs(m.position).max()) for m in measurements)
     if furthest < TELLING.small:
-        text = (
-            f"position stays small, within {furthest:.2g} rad: gravity and a spring look the same, record wider swings"
-        )
         alike = ("gravity", "spring.stiffness")
-        doubts.append(Doubt(text, alike if set(alike) <= set(names) else (), ("spring", "gravity")))
+        withheld, angle = alike if set(alike) <= set(names) else (), Quantity(furthest, unit="rad")
+        doubts.append(Finding(Kind.SMALL_ANGLES, {"angle": angle}, withheld, ("spring", "gravity")))
     everywhere = [scheme("dynamic").regression(m, terms).equations.phi for m in measurements]
     phi = np.concatenate([phi[use] for phi, use in zip(everywhere, clear, strict=True)])
     acts = np.any([np.any(phi, axis=0) for phi in everywhere], axis=0)
@@ -84,7 +61,7 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
     return (*doubts, *(doubt for doubt in inseparable(phi, names, acts) if not said.issuperset(doubt.withheld)))
 
 
-def untold(model: Model, measurements: Sequence[Measurements], doubts: Sequence[Doubt] = ()) -> tuple[Doubt, ...]:
+def untold(model: Model, measurements: Sequence[Measurements], doubts: Sequence[Finding] = ()) -> tuple[Finding, ...]:
     """Parameters of the base that a model does not tell, fitted to recordings that hardly depend on them.
 
     An error is large if it is more torque, at the speeds that were seen and at any angle, than was recorded; that of
@@ -101,12 +78,8 @@ def untold(model: Model, measurements: Sequence[Measurements], doubts: Sequence[
     for term in BASE:
         told = model.estimates.get(term.id)
         if term.id not in said and told is not None and not is_told(told, large[term.id]):
-            best = replace(told, is_unknown=False)
-            text = (
-                f"{term.id} cannot be told, the best fit has {best}: these data hardly depend on it alone; what tells "
-                f"it: {term.description.informative_experiment}, at more frequencies than here"
-            )
-            found.append(Doubt(text, (term.id,)))
+            best = Quantity(told.value, told.std, told.unit)
+            found.append(Finding(Kind.UNIDENTIFIABLE, {term.id: best}, (term.id,)))
     return tuple(found)
 
 
@@ -157,21 +130,18 @@ def is_driven(m: Measurements) -> bool:
     return bool(y @ y > 1e-18 * len(y) and left @ left < TELLING.followed * (y @ y))
 
 
-def inseparable(phi: Array, names: Sequence[str], acts: Mask) -> list[Doubt]:
+def inseparable(phi: Array, names: Sequence[str], acts: Mask) -> list[Finding]:
     """Columns of the regressor (R, P) of which some add up to nothing, and those that never act (P,).
 
     What acts only where the joint turns round, as a stop does, acts nowhere clear of that.
     """
     size = np.linalg.norm(phi, axis=0)
     silent = [name for name, does in zip(names, acts, strict=True) if not does]
-    doubts = [
-        Doubt(f"{name} never acts in these recordings: record motion that reaches it", (name,)) for name in silent
-    ]
+    doubts = [Finding(Kind.NEVER_ACTS, parameters=(name,)) for name in silent]
     acting = np.flatnonzero(size)
     scaled = phi[:, acting] / size[acting]
     squares, directions = np.linalg.eigh(scaled.T @ scaled)
     for direction in directions.T[squares < TELLING.alike**2]:
         group = tuple(names[acting[j]] for j in np.flatnonzero(np.abs(direction) > 0.1))
-        listed = f"{', '.join(group[:-1])} and {group[-1]}"
-        doubts.append(Doubt(f"{listed} cannot be told apart: they act alike in these recordings", group))
+        doubts.append(Finding(Kind.INDISTINGUISHABLE, parameters=group))
     return doubts

@@ -15,14 +15,13 @@ from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
 from estimators.checks.remedies import wrong_columns
 from estimators.checks.torque_constant import told
+from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import known_values, relative_terms
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import Joints, for_arms, measure_arm, series
 from estimators.schemes.fitting import Identified, Segments, fitted, regressions, stack
 from estimators.schemes.identifiability import (
-    NOISE_ALONE,
-    Doubt,
     identifiability,
     inseparable,
     is_driven,
@@ -62,7 +61,7 @@ class Identification(Mapping[str, Identified]):
 
     Attributes:
         schemes: results by id of the scheme.
-        doubts: what the recordings cannot tell, and what was changed because of them.
+        findings: parameters that the recordings do not determine, and what seems wrong with recordings or model.
         recordings: names.
         ends: seconds of recording taken in at the end of each recording; empty where nobody has counted [s].
         torque_unit: `N m`, or that of a current in whose stead parameters are per unit of it.
@@ -71,7 +70,7 @@ class Identification(Mapping[str, Identified]):
     """
 
     schemes: Mapping[str, Identified]
-    doubts: tuple[Doubt, ...]
+    findings: tuple[Finding, ...]
     recordings: tuple[str, ...]
     ends: tuple[float, ...] = ()
     torque_unit: str = NEWTON_METRE
@@ -98,7 +97,7 @@ class Identification(Mapping[str, Identified]):
         first, *_ = models = [one.model for one in self.schemes.values()]
         disputed = {name for model in models for name, estimate in model.estimates.items() if estimate.is_biased}
         terms = relative_terms(first.terms, self.torque_unit)
-        unknown = {name for doubt in self.doubts for name in doubt.withheld}
+        unknown = {name for finding in self.findings for name in finding.withheld}
         model = self.fitted(lambda data: fit_terms(PreparedData(data), terms)[0])
         inertia = model.estimates.get("inertia")
         if inertia is not None and abs(inertia.value) <= SURE * inertia.std:
@@ -133,7 +132,7 @@ class Identification(Mapping[str, Identified]):
             "recordings": list(self.recordings),
             "torque_unit": self.torque_unit,
             "torque_constant": self.torque_constant.json() if self.torque_constant is not None else None,
-            "doubts": json_per([doubt.json() for doubt in self.doubts], self.torque_unit),
+            "findings": json_per([finding.json() for finding in self.findings], self.torque_unit),
             "schemes": {id: result.json() for id, result in self.schemes.items()},
         }
 
@@ -149,7 +148,7 @@ def identify(
     """Fit the linear parameters of the terms to recordings, one set for all, by each scheme.
 
     Parameters are those of the joint without the known loads of the recordings. Where a current was logged, these tell
-    the torque constant; where they do not, parameters are per ampere, and a doubt says why.
+    the torque constant; where they do not, parameters are per ampere, and a finding says why.
 
     Of an arm, they are the base parameters of its links and those of what acts at its joints. A sample in which a joint
     sticks is left out of the row of that joint alone, and joints with less noise count more.
@@ -188,7 +187,9 @@ def _of_pendulum(
     segments = _measure_joints(recordings, terms)
     measurements = [m for own in segments for (m,) in own]
     if not (all(own.is_free for own in recordings) or any(is_driven(m) for m in measurements)):
-        raise IdentificationError(f"{_names(recordings)}: {NOISE_ALONE}")
+        raise IdentificationError(
+            f"{_names(recordings)}: the torque is noise alone: read the file without it (--columns torque=none)"
+        )
     chosen, slowed = _at_rate(schemes, segments)
     doubts = (*identifiability(measurements, terms), *slowed)
     results = _by_schemes(chosen, segments, terms, recordings, regressions(terms))
@@ -201,18 +202,18 @@ def _of_pendulum(
     else:
         results = {id: own.per(given.unit) for id, own in results.items()}
     results, doubts = _withheld(results, measurements, doubts)
-    mistakes = wrong_columns(first, recordings) or [f"{text}, run diagnose" for text in driving_friction(first)]
+    mistakes = wrong_columns(first, recordings) or driving_friction(first)
     data = None
     with suppress(IdentificationError):  # windows need more motion than some schemes
         data = prepare(recordings)
         mistakes = [*mistakes, *_mistakes(given, own_fits([data], terms), terms)]
         if not mistakes:
-            mistakes, results = _lacking(results, PreparedData(data), terms)
+            mistakes, results = _missing(results, PreparedData(data), terms)
     unknown = (given.doubt,) if given.doubt is not None else ()
     ends = tuple(np.cumsum([sum(len(m) * m.period for (m,) in own) for own in segments]).tolist())
     return Identification(
         results,
-        (*doubts, *(Doubt(text) for text in (*unknown, *mistakes))),
+        (*doubts, *unknown, *mistakes),
         tuple(recording.name for recording in recordings),
         ends,
         given.unit,
@@ -243,14 +244,13 @@ def _of_arm(
     alike = {name for doubt in doubts for name in doubt.withheld}
     unknown = dict(zip(results, untold_of_arm([one.model for one in results.values()], *seen), strict=True))
     if alone := sorted(frozenset.intersection(*unknown.values()) - alike):  # by no scheme; others show no number for it
-        text = f"{listing(alone)} cannot be told: these data hardly depend on {'it' if len(alone) == 1 else 'them'}"
-        doubts.append(Doubt(f"{text}, move all joints faster, wider and together", tuple(alone)))
+        doubts.append(Finding(Kind.UNIDENTIFIABLE, parameters=tuple(alone)))
     results = {id: replace(one, model=one.model.withholding(unknown[id] | alike)) for id, one in results.items()}
-    doubts += (Doubt(f"{text}, run diagnose") for text in driving_friction(next(iter(results.values())).model))
+    doubts += driving_friction(next(iter(results.values())).model)
     with suppress(IdentificationError):
         prepared = PreparedData.of_arm(of_arms(recordings), terms)
-        lacking, results = _lacking(results, prepared, terms)
-        doubts += map(Doubt, lacking)
+        missing, results = _missing(results, prepared, terms)
+        doubts += missing
     return Identification(results, tuple(doubts), tuple(recording.name for recording in recordings))
 
 
@@ -263,19 +263,18 @@ def _measure_joints(recordings: Sequence[Recording], terms: Sequence[Term]) -> S
     return [[(remember(m, terms),) for m in measure_segments(recording)] for recording in recordings]
 
 
-def _at_rate(schemes: Sequence[Regressor], segments: Segments) -> tuple[tuple[Regressor, ...], tuple[Doubt, ...]]:
-    """Schemes whose filters these samples allow, and a doubt where one had to be slowed down."""
+def _at_rate(schemes: Sequence[Regressor], segments: Segments) -> tuple[tuple[Regressor, ...], tuple[Finding, ...]]:
+    """Schemes whose filters these samples allow, and a finding where one had to be slowed down."""
     rate = min(joints[0].rate for own in segments for joints in own)
     slowed = tuple(_slowed(scheme, rate) for scheme in schemes)
     if slowed == tuple(schemes):
         return slowed, ()
-    text = f"at {rate:.4g} Hz the filters would pass everything: their cutoff is lowered to {rate:.4g} rad/s"
-    return slowed, (Doubt(text),)
+    return slowed, (Finding(Kind.FILTER_SLOWED, {"rate": Quantity(rate, unit="Hz")}),)
 
 
 def _withheld(
-    results: dict[str, Identified], measurements: Sequence[Measurements], doubts: tuple[Doubt, ...]
-) -> tuple[dict[str, Identified], tuple[Doubt, ...]]:
+    results: dict[str, Identified], measurements: Sequence[Measurements], doubts: tuple[Finding, ...]
+) -> tuple[dict[str, Identified], tuple[Finding, ...]]:
     """Results without the numbers that the recordings cannot tell, and doubts that say so.
 
     What no scheme tells is said; a scheme that alone does not tell a parameter shows no number for it.
@@ -318,31 +317,28 @@ def _by_schemes(
     return results
 
 
-def _mistakes(given: Preprocessed, fits: Sequence[Own], terms: Sequence[Term]) -> list[str]:
-    """What seems to be wrong with the recordings themselves: torque out of time, another plant."""
-    timed, remedy = given.timed(), "correct it with --align (`Preprocessed.of(recordings).timed()` in Python)"
+def _mistakes(given: Preprocessed, fits: Sequence[Own], terms: Sequence[Term]) -> list[Finding]:
+    """Find what seems wrong with the recordings themselves: torque out of time, a controller, another plant."""
+    timed = given.timed()
     return [
-        *(f"{text}: {remedy}" for text in timed.timing_texts(True)),
-        *(loop.text for loop in feedback(given.recordings)),
-        *(timed.timing_texts(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
-        *(
-            f"{one.text}: leave it out, or find out what was changed"
-            for one in disagreements(fits, only_if_all_fit=True)
-        ),
-        *(one.text for one in misfits(fits)),
+        *timed.timing(True),
+        *feedback(given.recordings),
+        *(timed.timing(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
+        *(one.finding for one in disagreements(fits, only_if_all_fit=True)),
+        *(one.finding for one in misfits(fits)),
     ]
 
 
-def _lacking(
+def _missing(
     results: dict[str, Identified], prepared: PreparedData, terms: Sequence[Term]
-) -> tuple[list[str], dict[str, Identified]]:
+) -> tuple[list[Finding], dict[str, Identified]]:
     """Test whether the terms explain the recordings: by the residual, and by the agreement of the schemes.
 
     Schemes share the noise, so that their estimates differ by less than independent ones. A missing effect biases each
     of them differently.
 
     Returns:
-        One line where an effect is missing, and the results, with the estimates marked on which the schemes disagree.
+        A finding where an effect is missing, and the results, with the estimates marked on which the schemes disagree.
     """
     data, floors = prepared.data, prepared.floors
     left = data.errors(prepared.regression.residual(terms))
@@ -350,20 +346,13 @@ def _lacking(
     times = {at: error / max(floors[at], 1e-300) for at, error in left.items() if error > least[at]}
     gaps = sorted(_gaps(list(results.values())))
     disputed = {name: gap for gap, name in gaps if gap > APART}  # of each name the largest
-    found = (
-        [f"the residual is {'up to ' * (len(times) > 1)}{_at_most(times, 'times the noise floor')}"] if times else []
-    )
-    found += [f"the schemes disagree by up to {_at_most(disputed, 'standard errors')}"] if disputed else []
-    if not found:
+    numbers = {"residual": Quantity(max(times.values()))} if times else {}
+    numbers |= {"disagreement": Quantity(max(disputed.values()))} if disputed else {}
+    joints, names = (tuple(sorted(filter(None, own), key=lambda one: -own[one])) for own in (times, disputed))
+    if not numbers:
         return [], results
     marked = {id: replace(own, model=own.model.biased(disputed)) for id, own in results.items()}
-    return [f"the model is incomplete: {listing(found)}: run diagnose"], marked
-
-
-def _at_most(sizes: Mapping[str, float], of: str) -> str:
-    """The largest of some sizes in words, and their names, the largest first; that of a pendulum's joint is none."""
-    names = listing(sorted(filter(None, sizes), key=lambda name: -sizes[name]))
-    return f"{max(sizes.values()):.2g} {of}{f' ({names})' * bool(names)}"
+    return [Finding(Kind.INCOMPLETE, numbers, names, joints=joints)], marked
 
 
 def _gaps(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:

@@ -123,7 +123,7 @@ class PreparedData:
         own, least, body = residual[self.data.where(at)], self.data.negligible(at), body_of(self.base)
         found = stand_out(self.data.part(at).samples, own, self.floors[at], axes, most)
         return [
-            replace(region, at=at, text=region.text if body is None else body.worded(at, region.text))
+            replace(region, at=at, slides=body is not None and at in body.sliding)
             for region in found
             if abs(region.residual) > least
         ]

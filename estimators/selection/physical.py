@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.findings import Finding, Kind
 from estimators.selection.errors import Step
 from estimators.selection.gates import Gate
 from estimators.weak_form.nonlinear import continuous
@@ -13,7 +14,6 @@ from pendulum_env.physics import Column, Model, NonlinearParameter, Samples, Ter
 from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import LOAD, loads
 from pendulum_env.physics.terms import forms
-from pendulum_env.words import listing
 
 SELDOM = 0.1  # share of the samples at which friction may come out as negative
 CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where dry friction is evaluated, recorded or not
@@ -101,15 +101,15 @@ def parameters_at_upper_limit(terms: Sequence[Term]) -> list[tuple[Term, Nonline
     return found
 
 
-def driving_friction(model: Model) -> list[str]:
-    """Return a sentence on dry or viscous friction that is significantly negative, whatever outweighs it.
+def driving_friction(model: Model) -> list[Finding]:
+    """Find dry or viscous friction that is significantly negative, whatever outweighs it.
 
     Beside a table of friction, both are only parts of friction, and have any sign.
     """
     tables = any(isinstance(term, Table) and term.kind == "dissipative" for term in model.terms)
     names = [name for name in model.estimates if name.split("@")[0] in ("viscous", "coulomb")]
     wrong = [name for name in names if is_significantly_negative(model, name) and not tables]
-    return [f"{listing(wrong)} came out negative, and no friction drives: it has another law"] if wrong else []
+    return [Finding(Kind.FRICTION_NEGATIVE, parameters=tuple(wrong))] if wrong else []
 
 
 def is_significantly_negative(model: Model, name: str) -> bool:

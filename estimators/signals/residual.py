@@ -1,10 +1,11 @@
 """Where a model fails: regions of angle, velocity, torque, time and frequency whose residual stands out of noise."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.findings import Finding
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Samples
 
@@ -21,7 +22,6 @@ class RegionSettings:
     fine: int = 4  # times as many bins over a turn: what repeats along it repeats often
     share: float = 0.03  # of what the first finding tells, that another has to
     stands_out: float = 5.0  # standard errors
-    countable: float = 100.0  # standard errors, above which their number says nothing more to people
 
 
 REGIONS = RegionSettings()
@@ -49,27 +49,57 @@ class Profile:
 
 @dataclass(frozen=True)
 class Region:
-    """A stretch of one axis in which the residual stands out, in numbers and words; of an arm, at a joint."""
+    """A stretch of one axis in which the residual stands out.
+
+    Attributes:
+        axis: position, velocity, torque, time or frequency.
+        low, high: ends of the stretch.
+        residual: mean [N m]; for frequency the amplitude.
+        significance: in standard errors of the noise.
+        unit: of the axis.
+        at: joint of an arm.
+        slides: whether the joint slides: units are then N and m.
+        is_profiled: whether the stretch is one of a profile; else nothing stands out at one place.
+        held_out: names of recordings, if the residual is that of held-out data alone.
+        cause: a finding that says more than the stretch.
+    """
 
     axis: str
     low: float
     high: float
-    residual: float  # mean [N m]
-    significance: float  # in standard errors of the noise
-    text: str
+    residual: float
+    significance: float
+    unit: str = ""
     at: str = ""
+    slides: bool = False
+    is_profiled: bool = True
+    held_out: tuple[str, ...] = ()
+    cause: Finding | None = None
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether the residual is the same at all times."""
+        return self.axis == "time" and not self.unit
+
+    @property
+    def kind(self) -> str:
+        """Kind of its cause, or the axis on which it stands out."""
+        return str(self.cause.kind) if self.cause is not None else self.axis
 
     def json(self) -> JSON:
         """Plain dictionary for JSON; null stands for no limit."""
-        limits = {"low": self.low, "high": self.high}
-        data = asdict(self) | {name: limit if np.isfinite(limit) else None for name, limit in limits.items()}
-        return {name: value for name, value in data.items() if name != "at"}
+        low, high = (limit if np.isfinite(limit) else None for limit in (self.low, self.high))
+        data = {"axis": self.axis, "low": low, "high": high, "residual": self.residual}
+        cause = self.cause.json() if self.cause is not None else None
+        return data | {"significance": self.significance, "cause": cause}
 
 
-def everywhere(text: str, x: Samples | None = None, size: float = 0.0, floor: float = 1.0) -> Region:
-    """Region of all recorded speeds, or of any: what is left is at no one place."""
+def everywhere(
+    cause: Finding | None = None, x: Samples | None = None, size: float = 0.0, floor: float = 1.0, at: str = ""
+) -> Region:
+    """Return the region of all recorded speeds, or of any: the residual is at no one place."""
     fast = np.inf if x is None else float(np.abs(x.velocity).max())
-    return Region("velocity", -fast, fast, size, size / floor, text)
+    return Region("velocity", -fast, fast, size, size / floor, "rad/s", at, is_profiled=False, cause=cause)
 
 
 def turns(position: Array) -> bool:
@@ -190,21 +220,6 @@ def _regions(item: Profile) -> list[Region]:
         mean = float(np.average(item.mean[part], weights=weight))
         sigma = abs(mean) * float(np.sqrt(weight.sum()))
         low, high = float(item.edges[part[0]]), float(item.edges[part[-1] + 1])
-        regions.append(Region(item.axis, low, high, mean, sigma, _in_words(item, low, high, mean, sigma)))
+        unit = item.unit if len(item.mean) > 1 else ""  # a constant has none
+        regions.append(Region(item.axis, low, high, mean, sigma, unit))
     return sorted(regions, key=lambda region: -region.significance)
-
-
-def _in_words(item: Profile, low: float, high: float, residual: float, significance: float) -> str:
-    if item.axis == "frequency":
-        place = f"around {0.5 * (low + high):.3g} Hz"
-        return f"{place} the residual oscillates by {residual:.3g} N m ({_chance(significance)})"
-    is_constant = len(item.mean) == 1
-    place = "everywhere" if is_constant else f"for {SYMBOLS[item.axis]} from {low:.3g} to {high:.3g} {item.unit}"
-    side = "more" if residual > 0 else "less"
-    return (
-        f"{place} the joint needs {abs(residual):.3g} N m {side} torque than the model says ({_chance(significance)})"
-    )
-
-
-def _chance(significance: float) -> str:
-    return f"{significance:.0f} standard errors" if significance <= REGIONS.countable else "far beyond chance"

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from estimators.findings import Kind
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics import BASE
@@ -32,8 +33,8 @@ def mixed() -> Preprocessed:
 def test_each_recording_is_timed_by_itself_where_they_differ():
     in_time, behind = mixed().alignments
     assert not in_time.is_found and behind.delay == pytest.approx(LATE / mixed().recordings[1].rate, rel=0.05)
-    (text,) = mixed().timing_texts(True)
-    assert text.startswith("moving, late: torque is logged")
+    (finding,) = mixed().timing(True)
+    assert finding.recordings == ("moving, late",) and finding.kind is Kind.TORQUE_LATE
 
 
 def test_held_out_recordings_tell_the_timing_of_the_log_too():
@@ -46,8 +47,8 @@ def test_held_out_recordings_tell_the_timing_of_the_log_too():
 def test_what_is_said_of_recordings_goes_with_them_when_others_are_left_out():
     assert mixed().without([]) is mixed()
     left = mixed().without([2])
-    assert left.timing_texts(True) == () and not left.has_moved
-    assert mixed().without([1]).timing_texts(True)[0].startswith("torque is logged")
+    assert left.timing(True) == () and not left.has_moved
+    assert mixed().without([1]).timing(True)[0].recordings == ()
 
 
 def test_data_that_come_from_another_process_are_prepared_again_alike(bouncing):
@@ -61,7 +62,7 @@ def test_data_that_come_from_another_process_are_prepared_again_alike(bouncing):
 
 def test_a_torque_constant_that_is_known_is_not_asked_of_loads():
     current = replace(recording("moving"), torque_unit="A")
-    assert "known loads that differ are needed" in Preprocessed.of([current]).doubt
+    assert Preprocessed.of([current]).doubt.kind is Kind.LOADS_UNKNOWN
     known = Preprocessed.of([current], [current], TorqueConstant(2.0, 0.1, "A"))
     assert known.doubt is None and known.unit == "N m" and known.constant.value == 2.0
     for one in (*known.recordings, *known.holdout):

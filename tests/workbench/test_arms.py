@@ -106,10 +106,12 @@ def test_torque_of_an_arm_that_is_logged_late_is_corrected_where_that_is_asked_f
     done(*of_arm(folder, "identify", "plain.csv", *scheme, "-o", "intime.json"))
     for command in (("identify", "late.csv", *scheme), ("compare", "intime.json", "late.csv")):
         assert "ms late" not in done(*of_arm(folder, *command))
-        delay = re.search(r"logged (\d+\.\d+) ± \S+ ms late: corrected", done(*of_arm(folder, *command, "--align")))
+        delay = re.search(
+            r"logged (\d+\.\d+) ± \S+ ms late\. It is corrected", done(*of_arm(folder, *command, "--align"))
+        )
         assert float(delay[1]) == pytest.approx(1e3 * samples / late.rate, rel=0.05)
     files = ("intime.json", "spring@elbow", "late.csv", "--align")
-    assert "late: corrected" in done(*of_arm(folder, "add", *files))
+    assert "late. It is corrected" in done(*of_arm(folder, "add", *files))
     errors = []
     for align in ((), ("--align",)):
         done(*of_arm(folder, "compare", "intime.json", "late.csv", "--json", "errors.json", *align))

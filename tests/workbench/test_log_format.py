@@ -134,9 +134,9 @@ def test_what_a_diagnosis_says_of_columns_can_be_pasted(bench, tmp_path, done):
     page = tmp_path / "report.html"
     log = ["diagnose", str(bench / "monday.csv"), "--holdout", str(bench / "tuesday.csv")]
     option = ["--columns", "time=clock:ms,position=-Winkel [deg],torque=-i:A*0.5"]
-    for told in ("opposite signs", "your zero is 20.0"):
+    for told in ("opposite signs", "zero of the position is 20.0"):
         (line, *_) = (line for line in done(*log, *option, "--report", page).splitlines() if told in line)
-        pasted = re.search(r"read it with (--columns .*) instead$", line)[1]
+        pasted = re.search(r"Read it with (--columns .*) instead\.$", line)[1]
         assert pasted in html.unescape(page.read_text(encoding="utf-8"))
         option = shlex.split(pasted)
     assert "Nothing is missing" in done(*log, *option, "-o", tmp_path / "m.json")
@@ -197,7 +197,7 @@ def test_without_loads_that_differ_nothing_is_said_in_newton_metres(weighed, tmp
     ):
         told.append(done(*command))
     for k in (0, 2, 3):
-        assert "the torque constant is not known, and every parameter is per A" in told[k]
+        assert "The torque constant is unknown, and every parameter is per A" in told[k]
     assert "inertia [A s^2]" in told[0] and "torque [A]" in told[1] and "torque, fitted [A]" in told[2]
     written = [file.read_text() for file in tmp_path.glob("*.json")]
     shown = re.sub(r'<script type="application/gzip".*?</script>', "", page.read_text(), flags=re.S)

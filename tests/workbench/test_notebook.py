@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from estimators import add, compare, diagnose, identify
+from estimators.findings import Finding, Kind
 from estimators.signals.residual import Region
 from estimators.wrappers import EstimateParameters, EstimateParametersVector
 from pendulum_env.backends import record
@@ -16,9 +17,10 @@ from pendulum_env.notebook import BLUE, Curve, plot
 from pendulum_env.physics import Model, effects
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import Recording
-from pendulum_env.words import opening, plus_minus
+from pendulum_env.words import plus_minus
 from tests.feeding import played
 from tests.terms import CubicDamping
+from workbench.narrator.diagnosis import describe_region, headline
 
 HOSTILE = "</div><script>alert('1')</script>&\"{{ 7 * 7 }}"
 PENDULUM = "pendulum_env/DirectDrivePendulum-v0"
@@ -97,7 +99,7 @@ def test_every_estimate_is_shown_with_its_error_and_every_region(results):
     several = EstimateParametersVector(gym.make_vec(PENDULUM, num_envs=3), schemes=["dynamic"]).reset(seed=0)[1]
     assert "of the first of 3 pendulums" in shown(several["estimates"])
     regions, text = results["comparison"].regions, shown(results["comparison"])
-    assert regions and all(opening(region.text) in text for region in regions)
+    assert regions and all(describe_region(region) in text for region in regions)
 
 
 def test_withheld_estimates_are_no_numbers(runs):
@@ -106,28 +108,28 @@ def test_withheld_estimates_are_no_numbers(runs):
     assert "coulomb" in found["dynamic"].withheld
     value = found["dynamic"].model.estimates["coulomb"]
     assert plus_minus(value.value, value.std) not in shown(found["dynamic"])
-    assert "unknown" in shown(found["dynamic"]) and "velocity never changes sign" in shown(found)
+    assert "unknown" in shown(found["dynamic"]) and "The velocity never changes sign" in shown(found)
 
 
 def test_diagnosis_tells_what_is_missing_how_the_errors_fall_and_what_is_open(results):
     found = results["diagnosis"]
-    region = Region("position", 0.1, 0.2, 0.05, 9.0, "for q from 0.1 rad the joint needs <more>")
-    text = shown(replace(found, unexplained=(region,), advice=("record wider swings",)))
+    region = Region("position", 0.1, 0.2, 0.05, 9.0, "rad")
+    text = shown(replace(found, unexplained=(region,), findings=(Finding(Kind.ONE_DIRECTION),)))
     assert text.startswith("Stribeck friction is missing, and more that no known effect explains")
     for step in found.steps:
         assert f"{step.errors['holdout'].torque_rms:.4g}" in text
     assert all(candidate.effect in text for candidate in found.candidates)
-    assert "the joint needs <more>" in text and "Record wider swings" in text
+    assert "For q from 0.1 to 0.2 rad the joint needs 0.05 N m more torque" in text and "Record both directions" in text
 
 
 def test_headline_says_no_more_than_was_looked_for(results):
     found = results["diagnosis"]
     base = replace(found, steps=found.steps[:1])
-    region = Region("position", 0.1, 0.2, 0.05, 9.0, "for q from 0.1 rad")
-    assert base.headline == "Nothing is missing"
-    assert replace(base, unexplained=(region,)).headline == "Something is missing, and no known effect explains it"
-    assert replace(base, candidates=()).headline == "The model explains what was measured"
-    assert replace(base, candidates=(), unexplained=(region,)).headline == "Something is missing in this model"
+    region = Region("position", 0.1, 0.2, 0.05, 9.0, "rad")
+    assert headline(base) == "Nothing is missing"
+    assert headline(replace(base, unexplained=(region,))) == "Something is missing, and no known effect explains it"
+    assert headline(replace(base, candidates=())) == "The model explains what was measured"
+    assert headline(replace(base, candidates=(), unexplained=(region,))) == "Something is missing in this model"
 
 
 def test_laws_of_users_are_escaped():

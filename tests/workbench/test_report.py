@@ -9,6 +9,7 @@ import pytest
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
 from estimators.figure import broken, numbers, thin
+from estimators.findings import Finding, Kind
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.signals.residual import Region, profiles, stand_out
@@ -25,7 +26,7 @@ from workbench.report.numbers import of_models
 from workbench.report.page import SECTIONS
 
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
-REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "for q from 0.1 to 0.2 rad the joint needs <more>")
+REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "rad", held_out=("<run>",))
 
 
 @pytest.fixture(scope="module")
@@ -115,13 +116,13 @@ def test_open_questions_are_told(diagnosis):
         diagnosis,
         ambiguous=(("stribeck", "presliding"),),
         unexplained=(REGION,),
-        advice=("slower motion would separate them",),
+        findings=(Finding(Kind.ONE_DIRECTION),),
         candidates=(*diagnosis.candidates, silent),
     )
     text = told(uncertain)
     assert "Stribeck friction or presliding is missing, and more that no known effect explains" in text
-    assert "For q from 0.1 to 0.2 rad the joint needs <more>" in text
-    assert "Slower motion would separate them." in text
+    assert "In the held-out data (<run>): for q from 0.1 to 0.2 rad the joint needs 0.05 N m more torque" in text
+    assert "Record both directions." in text
     assert "A hard stop: it needs wider swings." in text
     heavier = Disagreement(2, "friday", ("monday",), (Difference("inertia", "kg m^2", 0.099, 0.09, 0.001),))
     disagreeing = told(replace(diagnosis, disagreements=(heavier,)))

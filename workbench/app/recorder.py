@@ -21,6 +21,7 @@ from workbench.app.session import Session
 from workbench.app.state import Loaded, State
 from workbench.cli import parse
 from workbench.mistakes import InputError
+from workbench.narrator.diagnosis import diagnosis_json
 from workbench.terminal import Terminal
 
 DIAGNOSIS = "diagnosis.json"
@@ -89,7 +90,7 @@ def start_suggested(session: Session) -> None:
     if state.diagnosis is None or state.diagnosis.suggestion is None or plant is None:
         raise InputError("there is no experiment to record: only a simulated pendulum can be recorded from here")
     folder = session.place()
-    write_whole(folder / DIAGNOSIS, json.dumps(state.diagnosis.json()))
+    write_whole(folder / DIAGNOSIS, json.dumps(diagnosis_json(state.diagnosis)))
     words = ("--excitation=suggested", f"--diagnosis={folder / DIAGNOSIS}", f"--seed={1 + len(state.loaded)}")
     start(session, {free_name(state): (*plant, *words)}, folder=folder)
 

@@ -14,10 +14,11 @@ from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.torque_constant import told
 from estimators.diagnosis.addition import fit
 from estimators.diagnosis.result import Addition, Diagnosis
+from estimators.findings import Finding
 from estimators.free_swings import known_values, relative_terms
 from estimators.preprocessing import Preprocessed, parted
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.identifiability import Doubt, identifiability
+from estimators.schemes.identifiability import identifiability
 from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData
@@ -35,6 +36,7 @@ from pendulum_env.recording.record import PER_INERTIA
 from pendulum_env.recording.study import named_twice
 from workbench.app.uploads import safe_name
 from workbench.mistakes import InputError
+from workbench.narrator.findings import describe
 from workbench.options import ids as effects_of
 from workbench.options import known as values_of
 from workbench.options import ranges
@@ -152,7 +154,7 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
     terms, _ = within_limits(terms, {}, **asked.limits)
     given = Preprocessed.of(train, holdout, known=known_values(terms))
     if given.doubt is not None and given.unit != PER_INERTIA:
-        raise InputError(f"{given.doubt}; or give the gain itself")
+        raise InputError(f"{describe(given.doubt)} Or give the gain itself.")
     timed = given.timed()
     own = timed if is_aligned else given
     base = fit(*own.parts, relative_terms(terms, own.unit))
@@ -178,7 +180,7 @@ def unexplained(prepared: PreparedData, model: Model) -> tuple[Region, ...]:
     for at in data.joints:
         structure = data.part(at).structure(residual[data.where(at)], felt[at])
         if not Criterion().is_noise(structure, prepared.floors[at]):
-            regions += prepared.stand_out(residual, at) or [replace(everywhere(""), at=at)]
+            regions += prepared.stand_out(residual, at) or [everywhere(at=at)]
     return tuple(regions)
 
 
@@ -353,7 +355,7 @@ class State:
         return replace(self, grown=self.ladder[:-1]) if self.added else self
 
     @cached_property
-    def doubts(self) -> tuple[Doubt, ...]:
+    def doubts(self) -> tuple[Finding, ...]:
         """What the fitted recordings cannot tell about the model's parameters."""
         if self.body is not None:
             return ()
@@ -388,8 +390,8 @@ class State:
         if found is not None:
             left = found.unexplained if self.added == self.called else unexplained(data.parts[0], self.model)
             return replace(found, steps=self.ladder, unexplained=left)
-        left, doubts = unexplained(data.parts[0], self.model), tuple(doubt.text for doubt in self.doubts)
-        return Diagnosis(self.ladder, (), (), left, data.parts[0].floors, doubts, data=data)
+        left = unexplained(data.parts[0], self.model)
+        return Diagnosis(self.ladder, (), (), left, data.parts[0].floors, self.doubts, data=data)
 
     @cached_property
     def case(self) -> Case:

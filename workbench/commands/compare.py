@@ -27,6 +27,7 @@ from workbench.inputs import (
     wrote,
 )
 from workbench.mistakes import InputError
+from workbench.narrator.diagnosis import comparison_json
 from workbench.narrator.results import Part, of_comparison
 from workbench.options import KINDS, READING, ROBOT, declare
 from workbench.story import tell
@@ -79,7 +80,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     payload, is_asked = None, arguments.payload is not None
     if asked.body is not None:
         payload = carried(arguments, asked, recordings, terminal)
-    write_json(arguments.json, found.json() | ({"payload": payload.json()} if payload is not None and is_asked else {}))
+    write_json(
+        arguments.json,
+        comparison_json(found) | ({"payload": payload.json()} if payload is not None and is_asked else {}),
+    )
     write_page(arguments.report, terminal, "workbench.report:render_comparison", found)
     tell(of_comparison(found), terminal)
     if payload is not None and is_asked:

@@ -8,6 +8,7 @@ from estimators.diagnosis.run import diagnose
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from workbench.inputs import opened, write_json, write_model, write_page, wrote
+from workbench.narrator.diagnosis import diagnosis_json
 from workbench.options import LIMITS, READING, ROBOT, declare, number
 from workbench.story import MORE, tell_diagnosis
 from workbench.terminal import Terminal
@@ -58,7 +59,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     has_signal = found.suggestion is not None and found.suggestion.signal is not None
     if arguments.experiment is not None and found.suggestion is not None and has_signal:
         write_whole(arguments.experiment, found.suggestion.csv())
-    write_json(arguments.json, found.json())
+    write_json(arguments.json, diagnosis_json(found))
     write_page(arguments.report, terminal, "workbench.report:render", found, arguments.line)
     hint = MORE if arguments.report is None else ""
     tell_diagnosis(found, terminal, arguments.verbose or arguments.all, arguments.all, hint)

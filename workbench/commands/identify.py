@@ -9,6 +9,7 @@ from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, Model
 from workbench.inputs import opened, write_json, write_model, wrote
+from workbench.narrator.diagnosis import identification_json, warnings
 from workbench.narrator.results import TRUST, schemes_table
 from workbench.options import LIMITS, READING, ROBOT, declare
 from workbench.terminal import Terminal
@@ -50,13 +51,15 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         terminal.say(f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters")
         for parameter in (own for own in body.base if len(own.parts) > 1):
             terminal.say(f"  {parameter.name} stands for {parameter.text}")
-    write_json(arguments.json, found.json() | ({"nearest_body": nearest.json()} if nearest is not None else {}))
+    write_json(
+        arguments.json, identification_json(found) | ({"nearest_body": nearest.json()} if nearest is not None else {})
+    )
     terminal.heading("Estimates ± standard errors")
     terminal.table(*schemes_table(found, model if arguments.instruments else None))
     if body is not None and len(found.schemes) > 1:
         terminal.say(TRUST)
-    for doubt in found.doubts:
-        terminal.say(f"warning: {doubt.text}", style="yellow")
+    for text in warnings(found):
+        terminal.say(f"warning: {text}", style="yellow")
     if nearest is not None:
         terminal.say(f"{one.scheme}: {nearest.text}")
     if model is not None:

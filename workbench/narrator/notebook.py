@@ -27,8 +27,12 @@ from pendulum_env.notebook import (
     shown,
     table,
 )
+from pendulum_env.notebook import headline as headlines
 from pendulum_env.recording.record import TorqueConstant
 from pendulum_env.words import Table, listing, opening, per, unit
+from workbench.narrator import comparison
+from workbench.narrator.addition import describe_addition
+from workbench.narrator.diagnosis import advice, headline, next_step, remarks, warnings
 from workbench.narrator.results import (
     TRUST,
     Part,
@@ -45,24 +49,28 @@ SETTLED = 0.25  # share of a recording after which estimates are in the picture
 COLORS = (BLUE, ORANGE, GREEN)
 
 
+headlines.register(Comparison, comparison.headline)
+headlines.register(Diagnosis, headline)
+headlines.register(Addition, describe_addition)
+
+
 @shown.register
 def show_identification(found: Identification) -> str:
     """Estimates of the schemes side by side, how they settle, and what the recordings cannot tell."""
     results = list(found.schemes.values())
-    shown = card(
+    return card(
         f"Estimates from {listing(found.recordings)}",
         *_constant(found.torque_constant),
         table(schemes_table(found)),
         note("± is one standard error of noise: where schemes differ by more, the model lacks something."),
         note(TRUST if found.of_arm else ""),
-        bullets(f"warning: {doubt.text}" for doubt in found.doubts),
+        bullets(f"warning: {text}" for text in warnings(found)),
         folded(
             "how the estimates settle",
             legend((r.scheme, _curve(r, 0, k)) for k, r in enumerate(results)),
             *_settling(results),
         ),
     )
-    return per(shown, found.torque_unit)
 
 
 @shown.register
@@ -70,13 +78,12 @@ def show_identified(found: Identified) -> str:
     """Estimates of one scheme and how they settle."""
     rows = [(name, e.text, e.unit) for name, e in found.model.estimates.items()]
     used, all_of_them = found.used
-    shown = card(
+    return card(
         f"Estimates by the scheme {found.scheme}",
         table(Table(("parameter", "estimate", "unit"), rows, left=("unit",))),
         note(f"residual {found.residual_rms:.3g} {found.unit}, {used} of {all_of_them} samples used"),
         *_settling([found]),
     )
-    return per(shown, found.model.torque_unit)
 
 
 def _settling(results: Sequence[Identified]) -> list[Html]:
@@ -89,7 +96,7 @@ def _settling(results: Sequence[Identified]) -> list[Html]:
         middle = float(np.median([curve.values[-1] for curve in curves]))
         settled = np.concatenate([curve.values[late] for curve in curves])
         reach = 1.6 * max(float(np.abs(settled - middle).max()), 0.005 * abs(middle), 1e-12)
-        label = f"{column.name} [{unit(column.unit) or '1'}] over {time[-1]:.3g} s"
+        label = f"{column.name} [{unit(per(column.unit, results[0].model.torque_unit)) or '1'}] over {time[-1]:.3g} s"
         plots.append(plot(label, time, curves, span=(middle - reach, middle + reach)))
     return plots
 
@@ -105,44 +112,46 @@ def show_comparison(found: Comparison) -> str:
     """Errors of a model, and where it fails."""
     plots = [
         plot(
-            f"{'amplitude of the' if item.axis == 'frequency' else 'mean'} residual torque [N m] "
-            f"over {item.axis}, {item.edges[0]:.3g} to {item.edges[-1]:.3g} {item.unit}",
+            f"{'amplitude of the' if item.axis == 'frequency' else 'mean'} residual torque [{found.torque_unit}] "
+            f"over {item.axis}, {item.edges[0]:.3g} to {item.edges[-1]:.3g} {per(item.unit, found.torque_unit)}",
             0.5 * (item.edges[1:] + item.edges[:-1]),
             [Curve(item.mean, ORANGE)],
             noise=2 * item.error,
         )
         for item in found.profiles
     ]
-    shown = card(
-        opening(found.headline),
+    return card(
+        comparison.headline(found),
         *_constant(found.torque_constant),
         *_parts(of_comparison(found, is_drawn=True)),
         *plots,
         note("The band is two standard errors of noise." if plots else ""),
     )
-    return per(shown, found.torque_unit)
 
 
 @shown.register
 def show_diagnosis(found: Diagnosis) -> str:
     """The story of a diagnosis: what is missing, how far the errors fall, parameters, ranking, what stays open."""
     laws = tuple(found.laws)
-    advice = (found.next_step, *found.remarks) if found.candidates else found.advice
+    texts = (next_step(found), *remarks(found)) if found.candidates else tuple(advice(found))
     parts = [
-        *disagreeing(found.disagreements),
+        *disagreeing(found.disagreements, found.torque_unit),
         *sorted(of_diagnosis(found), key=lambda part: not part.brief),
-        *([Part("What to do next", [advice])] if advice else []),
+        *([Part("What to do next", [texts])] if texts else []),
     ]
-    shown = card(found.headline, *_constant(found.torque_constant), bullets(laws), *_parts(parts))
-    return per(shown, found.torque_unit)
+    return card(headline(found), *_constant(found.torque_constant), bullets(laws), *_parts(parts))
 
 
 @shown.register
 def show_addition(found: Addition) -> str:
     """Errors before and after, what follows from them, and the parameters."""
-    noise = note(noise_text(floor, found.is_in_loop) if np.isfinite(floor := of_one(found.floors)) else "")
+    noise = note(
+        noise_text(floor, found.is_in_loop, found.model.torque_unit)
+        if np.isfinite(floor := of_one(found.floors))
+        else ""
+    )
     title = f"The model with {found.after.added}"
-    return per(card(title, noise, *_parts(of_addition(found))), found.after.model.torque_unit)
+    return card(title, noise, *_parts(of_addition(found)))
 
 
 def _constant(constant: TorqueConstant | None) -> tuple[Html, ...]:

@@ -19,7 +19,16 @@ from pendulum_env.arms.joints import body_of
 from pendulum_env.physics import Model
 from pendulum_env.physics.model_card import parameters_table
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.words import BIASED, Table, bar, listing, number_text
+from pendulum_env.words import BIASED, Table, bar, listing, number_text, per
+from workbench.narrator.addition import describe_addition, describe_table
+from workbench.narrator.comparison import caveat, errors_in_loop
+from workbench.narrator.diagnosis import (
+    describe_detectable,
+    describe_disagreement,
+    describe_region,
+    describe_unexplained,
+)
+from workbench.narrator.findings import describe
 
 RUNNERS_UP = 5  # rejected candidates that are shown
 SCORE = (
@@ -48,20 +57,21 @@ class Part(NamedTuple):
 
 def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[Part]:
     """A diagnosis, with the candidates that matter or every one; `how` the others are shown."""
+    unit = found.torque_unit
     if found.body is not None:
         table = joints_table(ends(found.steps), found.floors, found.body)
         errors = Part(f"Torque errors on held-out data, {CLEAR}", [table])
     else:
-        noise = noise_text(found.noise_floor, found.is_in_loop)
-        errors = Part("Errors", [errors_table(found.steps), fit_text(found.steps), noise])
+        noise = noise_text(found.noise_floor, found.is_in_loop, unit)
+        errors = Part("Errors", [errors_table(found.steps, unit), fit_text(found.steps), noise])
     parts = [
         errors,
         Part("Parameters", [parameters_table(found.model), *([BIASED] if found.unexplained else [])]),
-        judged(found.candidates, every, how),
+        judged(found.candidates, every, how, unit),
     ]
     if found.detectable:
-        parts.append(Part("What would have shown", [detectable_table(found.detectable)], brief=False))
-    if left := tuple(map(found.told_of, found.unexplained)):
+        parts.append(Part("What would have shown", [detectable_table(found.detectable, unit)], brief=False))
+    if left := tuple(describe_unexplained(found, region) for region in found.unexplained):
         parts.append(Part("Left unexplained", [left]))
     return parts
 
@@ -71,35 +81,45 @@ def ends(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors, Errors]:
     return steps[0].errors[part], steps[-1].errors[part]
 
 
-def judged(candidates: Sequence[Candidate], every: bool, how: str = "") -> Part:
+def judged(candidates: Sequence[Candidate], every: bool, how: str = "", unit: str = NEWTON_METRE) -> Part:
     """The candidates that matter or every one, with the meaning of their score, and the gates that they met."""
-    ranking, more = candidates_table(candidates, every)
+    ranking, more = candidates_table(candidates, every, unit)
     shown = {row[0] for row in ranking.rows}
-    gates = [(one.effect, *gate.cells) for one in candidates if one.effect in shown for gate in one.gates]
+    gates = [
+        (one.effect, *(per(cell, unit) for cell in gate.cells))
+        for one in candidates
+        if one.effect in shown
+        for gate in one.gates
+    ]
     table = Table(("effect", "gate", "value", "limit", "result"), gates, left=("gate", "result"))
     more_text = [f"and {more}{how}"] if more else []
     return Part("Candidates", [ranking, *more_text, SCORE, *([table] if gates else [])], brief=False)
 
 
-def disagreeing(found: Sequence[Disagreement]) -> list[Part]:
+def disagreeing(found: Sequence[Disagreement], unit: str = NEWTON_METRE) -> list[Part]:
     """Recordings that show another plant than the others, if there are any."""
-    return [Part("Recordings that disagree", [tuple(one.text for one in found)])] if found else []
+    return (
+        [Part("Recordings that disagree", [tuple(describe_disagreement(one, unit) for one in found)])] if found else []
+    )
 
 
 def of_addition(found: Addition) -> list[Part]:
     """Errors before and after, what follows from them, and the parameters."""
-    sentences = [found.text, *([found.looks_like] if found.looks_like is not None else [])]
+    sentences = [
+        per(describe_addition(found), found.model.torque_unit),
+        *filter(None, [describe_table(found.after) if found.objection is None else None]),
+    ]
     if found.left > FAR_ABOVE:
         sentences.append(
             f"what is left is {found.left:.1f} times the noise floor: something else is missing, `diagnose` ranks what"
         )
     if found.doubt is not None:
-        sentences.append(f"warning: {found.doubt}")
+        sentences.append(f"warning: {describe(found.doubt, found.model.torque_unit)}")
     title, steps, parameters = "the model refitted without and with the effect", (found.before, found.after), []
     parameters = [Part("Parameters", [parameters_table(found.model)])]
     body = body_of(found.model.terms)
     if body is None:
-        return [Part(f"Errors, {title}", [errors_table(steps), *sentences]), *parameters]
+        return [Part(f"Errors, {title}", [errors_table(steps, found.model.torque_unit), *sentences]), *parameters]
     fitted, unseen = (joints_table(ends(steps, part), found.floors, body) for part in ("train", "holdout"))
     return [
         Part(f"Torque errors on fitted data, {title}", [fitted]),
@@ -111,12 +131,13 @@ def of_addition(found: Addition) -> list[Part]:
 def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
     """Errors of a model, and where it fails: a profile as a table, unless it is drawn."""
     body, several = body_of(found.model.terms), len(found.distances)
-    texts = [f"{region.at}: {region.text}" if region.at else region.text for region in found.regions]
+    regions = [(own.at, describe_region(own, found.torque_unit)) for own in found.regions]
+    texts = [f"{at}: {text}" if at else text for at, text in regions]
     where: list[Table | str | tuple[str, ...]] = [tuple(texts)]
     axes = [region.axis for region in found.regions if region.axis != "frequency"]
     profile = next((item for axis in axes for item in found.profiles if item.axis == axis), None)
     if profile is not None and not is_drawn:
-        where.append(profile_table(profile))
+        where.append(profile_table(profile, found.torque_unit))
     if len(found.regions) > 1:
         where.append("regions of different quantities may be of the same moments")
     if found.regions:
@@ -131,7 +152,7 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
             f"nothing in torque stands out of the noise, but free runs err by {error}: something acts near turns or at "
             "rest, `diagnose` tells what may"
         )
-    in_words = [text for text in (found.told_in_loop, found.caveat) if text]
+    in_words = [text for text in (errors_in_loop(found), caveat(found)) if text]
     title = f"Errors of the model with {listing([term.id for term in found.model.terms])}"
     table = distances_table(found)
     if body is not None:
@@ -139,7 +160,7 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
         table = joints_table((found.joint.errors,), found.joint.floors, body, ("torque error",))
     return [
         Part(title, [table, *in_words]),
-        *disagreeing(found.disagreements),
+        *disagreeing(found.disagreements, found.torque_unit),
         Part(f"Where, all {several} recordings together" if several > 1 else "Where", where),
     ]
 
@@ -161,13 +182,14 @@ def joints_table(
     return Table(("joint", *headers, "noise floor", "unit", "of its torque"), rows, left=("unit",))
 
 
-def errors_table(steps: Sequence[Step]) -> Table:
+def errors_table(steps: Sequence[Step], torque_unit: str = NEWTON_METRE) -> Table:
     """Errors step by step, with a bar that shrinks; ratios are held-out errors over the base's."""
     base = steps[0].errors["holdout"]
     kinds = ["in_loop"] if base.is_in_loop else ["torque_rms", "position_rms"]
     headers, rows = ["model"], [["as it was" if step.added is None else f"+ {step.added}"] for step in steps]
     for kind in kinds:
         what, unit = ERRORS[kind]
+        unit = per(unit, torque_unit)
         headers += [f"{what}, fitted [{unit}]", f"{what}, held out [{unit}]", "ratio"]
         for row, step in zip(rows, steps, strict=True):
             train, holdout = (getattr(step.errors[part], kind) for part in ("train", "holdout"))
@@ -189,7 +211,9 @@ def fit_text(steps: Sequence[Step]) -> str:
     return f"fit of what was held out: torque {torque}, position {position}"
 
 
-def candidates_table(candidates: Sequence[Candidate], every: bool = False) -> tuple[Table, str]:
+def candidates_table(
+    candidates: Sequence[Candidate], every: bool = False, unit: str = NEWTON_METRE
+) -> tuple[Table, str]:
     """The candidates that matter, or all, and in words which ones are not shown; empty if none.
 
     Those that matter are all but the less likely of those left out.
@@ -197,7 +221,9 @@ def candidates_table(candidates: Sequence[Candidate], every: bool = False) -> tu
     settled = [c for c in candidates if c.verdict in (Verdict.SELECTED, Verdict.AMBIGUOUS)]
     rest = [c for c in candidates if c not in settled]
     shown, hidden = (rest, []) if every else (rest[:RUNNERS_UP], rest[RUNNERS_UP:])
-    rows = [(c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", c.reason) for c in (*settled, *shown)]
+    rows = [
+        (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", per(c.reason, unit)) for c in (*settled, *shown)
+    ]
     blind = [c.effect for c in hidden if c.verdict is Verdict.NOT_EXCITED]
     worse = len(hidden) - len(blind)
     parts = [f"{worse} more that are no better"] if worse else []
@@ -205,9 +231,13 @@ def candidates_table(candidates: Sequence[Candidate], every: bool = False) -> tu
     return Table(("effect", "verdict", "score", "reason"), rows, left=("verdict", "reason")), " and ".join(parts)
 
 
-def detectable_table(found: Sequence[Detectable]) -> Table:
+def detectable_table(found: Sequence[Detectable], unit: str = NEWTON_METRE) -> Table:
     """From which size on effects would have shown."""
-    return Table(("effect", "would have shown"), [(one.effect, one.text) for one in found], left=("would have shown",))
+    return Table(
+        ("effect", "would have shown"),
+        [(one.effect, describe_detectable(one, unit)) for one in found],
+        left=("would have shown",),
+    )
 
 
 def schemes_of_arm(found: Identification) -> Table:
@@ -233,16 +263,18 @@ def schemes_table(found: Identification, by_instruments: Model | None = None) ->
         values = [result.model.estimates[name].text for name in names]
         rows.append((id, *values, f"{result.residual_rms:.3g} {result.unit}"))
     if by_instruments is not None:
-        shown = by_instruments.withholding({name for doubt in found.doubts for name in doubt.withheld})
+        shown = by_instruments.withholding({name for own in found.findings for name in own.withheld})
         rows.append(("instruments", *(shown.estimates[name].text for name in names), ""))
-    return Table(("scheme", *(f"{column.name} [{column.unit}]" for column in columns), "residual"), rows)
+    return Table(
+        ("scheme", *(f"{column.name} [{per(column.unit, found.torque_unit)}]" for column in columns), "residual"), rows
+    )
 
 
-def noise_text(floor: float, in_loop: bool = False) -> str:
+def noise_text(floor: float, in_loop: bool = False, unit: str = NEWTON_METRE) -> str:
     """What noise alone would leave [N m], or [rad] in the loop, and how that is known, in a sentence."""
     if in_loop:
         return f"the encoder alone would leave {floor:.2g} rad"
-    return f"measurement noise alone, judged by the scatter from sample to sample, would leave {floor:.3g} N m"
+    return f"measurement noise alone, judged by the scatter from sample to sample, would leave {floor:.3g} {unit}"
 
 
 def kin(scheme: str, otherwise: int = 0) -> tuple[int, bool]:
@@ -260,7 +292,10 @@ def distances_table(found: Comparison) -> Table:
     """Errors of a model on every recording, and on all together if there are several."""
     distances = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances
     return Table(
-        (*_DISTANCES, *(_IN_LOOP if found.joint.errors.is_in_loop else ())),
+        (
+            *(header.replace(NEWTON_METRE, found.torque_unit) for header in _DISTANCES),
+            *(_IN_LOOP if found.joint.errors.is_in_loop else ()),
+        ),
         [
             (
                 item.name,
@@ -276,14 +311,16 @@ def distances_table(found: Comparison) -> Table:
     )
 
 
-def profile_table(profile: Profile) -> Table:
+def profile_table(profile: Profile, unit: str = NEWTON_METRE) -> Table:
     """Mean residual over one quantity, with bars to either side of zero."""
     largest = float(np.abs(profile.mean).max()) or 1.0
     rows = [
         (f"{low:.3g} to {high:.3g}", f"{mean:.3g}", _to_either_side(mean / largest))
         for (low, high), mean in zip(pairwise(profile.edges), profile.mean.tolist(), strict=True)
     ]
-    return Table((f"{SYMBOLS[profile.axis]} [{profile.unit}]", "mean residual [N m]", ""), rows, left=("",))
+    return Table(
+        (f"{SYMBOLS[profile.axis]} [{per(profile.unit, unit)}]", f"mean residual [{unit}]", ""), rows, left=("",)
+    )
 
 
 def _to_either_side(share: float, width: int = 12) -> str:

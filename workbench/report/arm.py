@@ -13,6 +13,7 @@ from estimators.weak_form.dataset import NEGLIGIBLE
 from pendulum_env.arms.joints import body_of, links_of
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import percent
+from workbench.narrator.diagnosis import describe_region, headline, next_step
 from workbench.report.case import Case, Drawn, ends
 from workbench.report.failures import key, profile_figure
 from workbench.report.numbers import of_models
@@ -27,7 +28,7 @@ def sections(case: Case) -> list[Section]:
     found, models = case.diagnosis, ends(case.diagnosis.steps, case.first)
     measured = "held-out data" if found.searched else "the recordings compared with"
     return [
-        joints(models, measured, found.headline, found.floors, found if found.searched else None),
+        joints(models, measured, headline(found), found.floors, found if found.searched else None),
         strips(models, case.data.parts[0]),
         *([ranked(found.candidates)] if found.candidates else []),
         parameters(models),
@@ -51,7 +52,7 @@ def joints(
         "rows": list(zip(*(of_joints(step.errors["holdout"], floors, body) for _, _, step in models), strict=True)),
         "laws": [(own.id, own.law, final.of(own.id)) for own in final.terms if own.id in selected],
         "unexplained": [(joint, size, body.worded(joint, NEWTON_METRE)) for joint, size in left],
-        "next_step": found.next_step if found is not None else "",
+        "next_step": next_step(found) if found is not None else "",
     }
     return Section("joints", "Result", headline, content)
 
@@ -74,7 +75,7 @@ def strips(models: Sequence[Drawn], prepared: PreparedData) -> Section:
             for drawn in zip(*maps, strict=True)
         ]
         standing_out = [
-            {"label": label, "regions": [region.text for region in own]}
+            {"label": label, "regions": [describe_region(region) for region in own]}
             for (label, _), own in zip(curves, regions, strict=True)
         ]
         found.append({"joint": joint, "figures": figures, "regions": standing_out})

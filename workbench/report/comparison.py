@@ -12,6 +12,7 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.words import opening
+from workbench.narrator.diagnosis import describe_region, headline, next_step, remarks
 from workbench.report.case import Case
 from workbench.report.section import Section
 
@@ -124,5 +125,5 @@ def of_diagnosis(case: Case) -> Section:
     models = [("base model", found.steps[0].model)]
     if len(found.steps) > 1:
         models.append(("with what was found", found.model))
-    left = [region.text for region in found.unexplained]
-    return loop(found.headline, models, recordings, left, [found.next_step, *found.remarks])
+    left = [describe_region(region) for region in found.unexplained]
+    return loop(headline(found), models, recordings, left, [next_step(found), *remarks(found)])

@@ -17,6 +17,8 @@ from estimators.selection.errors import Step
 from pendulum_env import words
 from pendulum_env.arguments import check_order
 from pendulum_env.files import write_whole
+from workbench.narrator.comparison import caveat, errors_in_loop, headline
+from workbench.narrator.diagnosis import describe_detectable, describe_disagreement, describe_region, warnings
 from workbench.report import arm
 from workbench.report.case import Case
 from workbench.report.comparison import comparison, loop, of_diagnosis
@@ -49,6 +51,8 @@ def _environment() -> Environment:
     )
     names = ("name", "opening", "listing", "number", "unit", "typeset", "value_and_error", "percent")
     environment.filters |= {name: getattr(words, name) for name in names}
+    narrators = (caveat, describe_detectable, describe_disagreement, describe_region, warnings)
+    environment.filters |= {function.__name__: function for function in narrators}
     return environment
 
 
@@ -131,11 +135,11 @@ def render_comparison(compared: Comparison) -> str:
     case = Case(found, first="model")  # nothing is added to it
     if found.body is not None:
         return _whole(case, arm.sections(case), "comparison with")
-    headline = words.opening(compared.headline).replace(" N m", "\u00a0N\u00a0m").replace(" rad", "\u00a0rad")
-    distances = Section("distances", "Result", headline, {"compared": compared})
+    title = headline(compared).replace(" N m", "\u00a0N\u00a0m").replace(" rad", "\u00a0rad")
+    distances = Section("distances", "Result", title, {"compared": compared})
     sections = [distances, comparison(case), failures(case), parameters(case)]
-    if compared.told_in_loop is not None:
-        sections.insert(1, loop(compared.told_in_loop, [("model", compared.model)], case.data.recordings))
+    if (error := errors_in_loop(compared)) is not None:
+        sections.insert(1, loop(error, [("model", compared.model)], case.data.recordings))
     return _whole(case, sections, "comparison with")
 
 

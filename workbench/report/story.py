@@ -14,6 +14,8 @@ from estimators.simulation.free_running import SECONDS
 from estimators.weak_form.windows import Windows
 from pendulum_env.physics import nameable
 from pendulum_env.words import listing, name, number
+from workbench.narrator.diagnosis import advice, headline, next_step, remarks
+from workbench.narrator.findings import aim
 from workbench.report.case import Case
 from workbench.report.section import Section
 
@@ -40,7 +42,7 @@ def story(case: Case) -> Section:
         "findings": [finding(diagnosis, effect) for effect in diagnosis.selected],
         "unexplained": diagnosis.unexplained,
         "disagreements": diagnosis.disagreements,
-        "advice": [diagnosis.next_step, *diagnosis.remarks] if diagnosis.candidates else diagnosis.advice,
+        "advice": [next_step(diagnosis), *remarks(diagnosis)] if diagnosis.candidates else advice(diagnosis),
         "not_excited": [c for c in diagnosis.candidates if c.verdict is Verdict.NOT_EXCITED],
         "noise_floor": diagnosis.noise_floor,
         "reached": diagnosis.steps[-1].errors["holdout"].torque_rms / diagnosis.noise_floor,
@@ -48,7 +50,7 @@ def story(case: Case) -> Section:
         "held_out": held_out(case),
         "torque_constant": constant.text if constant is not None else None,
     }
-    return Section("story", "Result", diagnosis.headline, content)
+    return Section("story", "Result", headline(diagnosis), content)
 
 
 def changes(diagnosis: Diagnosis) -> list[Change]:
@@ -137,7 +139,11 @@ def next_experiment(case: Case) -> Section | None:
     )
     low, high = np.degrees(suggestion.reach)
     expected = f"angles from {low:.0f} to {high:.0f} degrees and speeds up to {suggestion.peak_speed:.2g} rad/s"
-    content = {"figure": figure, "expected": expected, "aims": [aim.text for aim in suggestion.settles]}
+    content = {
+        "figure": figure,
+        "expected": expected,
+        "aims": [aim(own.effect, own.instead) for own in suggestion.settles],
+    }
     return Section("next", "What next", "The next experiment", content)
 
 

@@ -13,6 +13,7 @@ from benchmarks.six_joint import Hidden
 from benchmarks.two_link import TwoLink
 from estimators import add, compare, diagnose, identify
 from estimators.diagnosis.result import Verdict
+from estimators.findings import Finding, Kind
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.joints import arm_base
@@ -22,6 +23,8 @@ from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import Stribeck, TemperatureDependentFriction
 from pendulum_env.physics.potential import Cogging, Spring
 from tests.two_link import recorded
+from workbench.narrator.addition import describe_table
+from workbench.narrator.diagnosis import describe_unexplained, headline
 
 SOME = {"stribeck": Stribeck, "cogging": Cogging}
 
@@ -88,11 +91,11 @@ def test_a_payload_in_what_is_held_out_alone_is_left_at_the_joints_that_feel_it(
     heavy = replace(TwoLink(), mass=(1.2, 1.1), inertia=(0.02, 0.012))
     found = diagnose(recorded(seed=0), recorded(heavy, seed=4), arm_base(body), library=SOME)
     assert found.selected == () and set(found.left) == {"shoulder", "elbow"}
-    assert all(region.text.startswith("in what was held out (run 4)") for region in found.unexplained)
-    assert found.next_step.startswith("what was fitted is explained, and what was held out (run 4) is not")
-    assert "--payload" in found.next_step and found.model.estimates["viscous@elbow"].is_biased
+    assert all(region.held_out == ("run 4",) for region in found.unexplained)
+    assert found.forbidden == Finding(Kind.FIT_HELD_OUT_OR_PAYLOAD, recordings=("run 4",))
+    assert found.model.estimates["viscous@elbow"].is_biased
     same = diagnose(recorded(seed=0), recorded(seed=1), arm_base(body), library=SOME)
-    assert not same.left and not same.remarks and "held out" not in same.next_step
+    assert not same.left and not same.findings and same.forbidden is None
 
 
 def test_an_effect_is_named_at_its_joint_and_the_error_falls(six):
@@ -129,19 +132,21 @@ def test_noise_of_an_encoder_that_is_not_white_is_left_unexplained(body):
     noisy = replace(run, position=run.position + 4e-3 * wander / wander.std())
     base = arm_base(body)
     plain, found = (diagnose(recording, (), base, library={"stribeck": Stribeck}) for recording in (run, noisy))
-    assert plain.left == {} and plain.remarks == found.remarks == ()
-    assert found.selected == () and found.headline.startswith("Something is missing at")
+    assert plain.left == {} and plain.findings == found.findings == ()
+    assert found.selected == () and headline(found).startswith("Something is missing at")
 
 
 def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(six, tmp_path):
     recording = six_joint.simulate(6, Hidden("cable", 2, share=0.6), seconds=12.0)
     found = diagnose(recording, (), arm_base(six), library={"stribeck": Stribeck})
     assert found.selected == () and "elbow" in found.left
-    assert found.tables == ("torque_by_angle@elbow",) and "add MODEL.json torque_by_angle@elbow" in found.next_step
+    assert found.tables == ("torque_by_angle@elbow",) and found.forbidden == Finding(
+        Kind.TABLE_HELPS, effects=found.tables
+    )
     (place,) = (one for one in found.unexplained if one.at == "elbow")
-    assert place.axis == "position" and re.match(r"[\d.]+ N m at elbow; ", found.told_of(place))
+    assert place.axis == "position" and re.match(r"[\d.]+ N m at elbow; ", describe_unexplained(found, place))
     added = add(found.model, "torque_by_angle@elbow", recording)
-    assert added.objection is None and added.looks_like is not None
+    assert added.objection is None and describe_table(added.after) is not None
     after = error_at("elbow", added.after)
     assert after < 0.5 * error_at("elbow", added.before)
     assert after < 1.3 * compare(found.model, six_joint.simulate(1, seconds=5.0)).joint.errors.joints["elbow"]

@@ -5,6 +5,7 @@ import pytest
 
 from benchmarks.two_link import Multisine, TwoLink
 from estimators import compare, identify
+from estimators.findings import Kind
 from estimators.regression.equations import IdentificationError
 from estimators.schemes import six
 from estimators.schemes.balance import for_arms
@@ -19,6 +20,7 @@ from pendulum_env.physics import BASE, Model, ModelError
 from pendulum_env.recording import Recording
 from tests.pendulum_env.arms.test_body import chain, written
 from tests.two_link import recorded
+from workbench.narrator.comparison import headline
 
 ARM = TwoLink()
 RATE = 1000.0
@@ -115,7 +117,7 @@ def test_results_show_themselves_joint_by_joint(found, recording):
     assert "errors, times the least" in page and "coulomb@elbow" in page
     compared = compare(found["filtered_dynamic"].model, recording)
     page = compared._repr_html_()
-    assert compared.headline[1:] in page and "Torque errors" in page and "nan" not in page
+    assert headline(compared)[1:] in page and "Torque errors" in page and "nan" not in page
 
 
 def test_recordings_of_another_plant_are_refused(recording, body):
@@ -157,7 +159,8 @@ def test_a_parameter_that_the_motion_does_not_show_is_unknown(body, truth, tmp_p
     found = identify(run, arm_base(body), ("dynamic", "filtered_dynamic"))
     own = found["filtered_dynamic"]
     assert own.withheld == {"Iyy@shoulder", "Iyy@elbow", "mz@shoulder"}  # a slow pendulum is a spring against inertia
-    assert found.doubts[0].text.startswith("Iyy@elbow, Iyy@shoulder and mz@shoulder cannot be told")
+    assert found.findings[0].kind is Kind.UNIDENTIFIABLE
+    assert found.findings[0].parameters == ("Iyy@elbow", "Iyy@shoulder", "mz@shoulder")
     assert own.json()["theta"]["Iyy@elbow"]["value"] is None
     assert own.json()["theta"]["mz@elbow"]["value"] == pytest.approx(truth[body.names.index("mz@elbow")], rel=0.1)
     own.model.save(tmp_path / "arm.json")

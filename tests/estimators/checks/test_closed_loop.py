@@ -5,6 +5,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import identify
 from estimators.checks.closed_loop import feedback
+from estimators.findings import Kind
 from pendulum_env.recording import Recording
 from tests.cases import recorded
 
@@ -21,9 +22,9 @@ def test_a_controller_is_told_with_the_gain_by_which_it_answers():
     recording = run("pd_loop")
     (found,) = feedback([recording])
     # 12 N m/rad, and 1.2 N m s/rad on a velocity filtered at 30 Hz, of which a sample passes 1 - exp(-2 pi 30 / 500)
-    assert found.gain == pytest.approx(-(12 + 1.2 * 500 * 0.314), rel=0.2)
-    assert "run 1: torque answers the motion" in found.text
-    assert any("answers the motion" in doubt.text for doubt in identify([recording]).doubts)
+    assert found.numbers["gain"].value == pytest.approx(-(12 + 1.2 * 500 * 0.314), rel=0.2)
+    assert found.kind is Kind.FEEDBACK and found.recordings == ("run 1",)
+    assert any(own.kind is Kind.FEEDBACK for own in identify([recording]).findings)
 
 
 @pytest.mark.parametrize("excitation", PLANNED)

@@ -8,6 +8,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, random_case, simulate
 from estimators import compare, identify
 from estimators.checks.homogeneity import Known, Own, disagreements, misfits, own_fits, pool
+from estimators.findings import Kind
 from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
@@ -66,10 +67,9 @@ def test_the_one_recording_with_a_heavier_payload_is_named_and_measured(heavier)
     differences = {d.parameter: d for d in one.differences}
     assert differences.keys() == {"inertia", "gravity"}
     for difference in differences.values():
-        assert difference.share == pytest.approx(0.1, abs=0.01)
+        assert difference.value / difference.others == pytest.approx(1.1, abs=0.01)
         assert abs(difference.value - 1.1 * difference.others) < 4 * difference.std + 0.005 * difference.others
-    assert f"recording {heavier + 1} (run {heavier}) disagrees with the others" in one.text
-    assert "% higher" in one.text
+    assert one.finding.kind is Kind.OUTLIER_RECORDING and one.finding.recordings[0] == f"run {heavier}"
 
 
 @pytest.mark.slow
@@ -146,8 +146,8 @@ def test_a_recording_whose_torque_is_turned_round_is_named_whatever_else_is_miss
     runs[which] = turned(runs[which])
     (one,) = disagreements(own_fits([prepare(runs)], BASE), only_if_all_fit=True)
     assert (one.recording, one.others) == (which + 1, (f"run {1 - which}",))
-    assert one.text.endswith("torque or position has the opposite sign in it")
-    assert one.text in " ".join(doubt.text for doubt in identify(runs, schemes="energy").doubts)
+    assert one.kind is Kind.TURNED_ROUND
+    assert one.finding in identify(runs, schemes="energy").findings
 
 
 def test_recordings_that_are_all_turned_round_agree():
@@ -160,17 +160,17 @@ def test_a_torque_in_other_units_is_told_from_another_plant():
     runs[1] = replace(runs[1], torque=2 * runs[1].torque)
     (one,) = disagreements(own_fits([prepare(runs)], BASE), only_if_all_fit=True)
     assert one.recording == 2
-    assert "its torque is 2 times" in one.text
+    assert one.kind is Kind.SCALED_TORQUE and one.numbers["factor"].value == pytest.approx(2, rel=1e-3)
 
 
 @pytest.mark.slow
 def test_a_recording_that_no_parameters_fit_is_named_beside_good_ones():
     runs = recorded([PLANT] * 3)
     runs[2] = replace(runs[2], position=runs[2].position + 0.3)  # of another encoder zero
-    doubts = " ".join(doubt.text for doubt in identify(runs, schemes="energy").doubts)
-    assert "recording 3 (run 2) disagrees with the others: no parameters fit it" in doubts
+    found = identify(runs, schemes="energy").findings
+    assert [own.recordings[0] for own in found if own.kind is Kind.MISFIT] == ["run 2"]
     assert compare(identify(runs[:2], schemes="energy")["energy"].model, runs).disagreements[0].name == "run 2"
-    assert identify(runs[:2], schemes="energy").doubts == ()
+    assert identify(runs[:2], schemes="energy").findings == ()
 
 
 def test_comparison_names_the_recordings_of_another_plant_than_the_models():
@@ -180,7 +180,7 @@ def test_comparison_names_the_recordings_of_another_plant_than_the_models():
     (one,) = found.disagreements
     assert (one.recording, one.name, one.others) == (2, "run 2", ())
     assert {d.parameter for d in one.differences} == {"inertia", "gravity"}
-    assert one.text.startswith("recording 2 (run 2) disagrees with the model: ")
+    assert one.finding.recordings == ("run 2",)
     assert found.json()["disagreements"] == [one.json()]
     rubbing = recorded([RUBBING] * 3)  # what lacks an effect is of no other plant
     assert compare(identify(rubbing[0], schemes="energy")["energy"].model, rubbing).disagreements == ()

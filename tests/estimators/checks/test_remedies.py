@@ -8,6 +8,7 @@ import pytest
 
 from estimators import identify
 from estimators.checks.remedies import wrong_columns
+from estimators.findings import Kind
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model
@@ -28,32 +29,31 @@ def run() -> Recording:
 @pytest.mark.parametrize("off", [20.0, -3.0, 170.0])
 def test_a_wrong_zero_is_told_in_degrees_with_what_mends_it(run, off):
     moved = replace(run, position=run.position + np.radians(off))
-    (told,) = (doubt.text for doubt in identify([moved], TERMS, "energy").doubts if "zero" in doubt.text)
-    size, error = map(float, re.match(r"your zero is ([\d.]+) ± ([\d.]+) degrees off", told).groups())
+    (shifted,) = (own for own in identify([moved], TERMS, "energy").findings if own.kind is Kind.ZERO_SHIFTED)
+    size, error = np.degrees(abs(shifted.numbers["angle"].value)), np.degrees(shifted.numbers["angle"].std)
     assert size == pytest.approx(abs(off), abs=5 * error + 0.01) and 0 < error < 0.5
-    mended = float(re.search(r"read it with --columns position=ang_deg:deg([+-][\d.]+) instead$", told)[1])
+    (option,) = shifted.remedies
+    mended = float(re.fullmatch(r"--columns position=ang_deg:deg([+-][\d.]+)", option)[1])
     assert mended == pytest.approx(-off, abs=5 * error + 0.01)
 
 
 def test_an_upright_zero_and_a_turned_sign_are_told_with_what_mends_them(run):
     upright = replace(run, position=run.position + np.pi)
     turned = replace(run, torque=-run.torque)
-    for wrong, remedy in ((upright, "position=ang_deg:deg+180"), (turned, "torque=-tau")):
-        (told,) = (doubt.text for doubt in identify([wrong], schemes="energy").doubts if "negative" in doubt.text)
-        assert told.endswith(f": read it with --columns {remedy} instead")
-        (plain,) = (
-            doubt.text
-            for doubt in identify([replace(wrong, origin=None)], schemes="energy").doubts
-            if "negative" in doubt.text
-        )
-        assert told.startswith(plain) and "--columns" not in plain  # nobody knows its columns
+    for wrong, kind, remedy in (
+        (upright, Kind.ZERO_UPRIGHT, "position=ang_deg:deg+180"),
+        (turned, Kind.INERTIA_NEGATIVE, "torque=-tau"),
+    ):
+        for recording, options in ((wrong, [f"--columns {remedy}"]), (replace(wrong, origin=None), [])):
+            (found,) = (own for own in identify([recording], schemes="energy").findings if own.kind is kind)
+            assert [*found.remedies] == options
 
 
 def test_files_with_other_columns_are_told_apart(run):
     other = replace(run, name="other", origin=Origin(find_columns(["t", "q", "u"])))
     found = identify([run], schemes="energy")["energy"].model
-    (told,) = wrong_columns(negative(found), [run, other])
-    assert told.endswith("with --columns torque=-tau instead; read other with --columns torque=-u instead")
+    (turned,) = wrong_columns(negative(found), [run, other])
+    assert turned.remedies == {"--columns torque=-tau": (run.name,), "--columns torque=-u": ("other",)}
 
 
 def negative(model: Model) -> Model:

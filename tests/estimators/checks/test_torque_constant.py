@@ -11,6 +11,7 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.checks.torque_constant import of_the_drive, torque_constant
 from estimators.comparison import compare
 from estimators.diagnosis.addition import add
+from estimators.findings import Kind
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import identify
@@ -21,6 +22,7 @@ from pendulum_env.physics import simulate as fly
 from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import TorqueConstant
 from tests.cases import diagnosed
+from workbench.narrator.comparison import headline
 
 K = 0.873  # [N m/A]
 UNLOADED = {"inertia": 0.03, "gravity": 0.6, "viscous": 0.15, "coulomb": 0.25}
@@ -120,8 +122,8 @@ def test_what_a_voltage_and_a_motor_that_always_drives_leave_open_is_said():
     always = replace(run, torque=np.sign(np.gradient(run.position)), torque_unit="V")
     model = Model.build(BASE, list(UNLOADED.values()))
     one_number, back_emf = of_the_drive(model, TorqueConstant(0.5, 0.01, "V", 2), prepare([always]))
-    assert "along the motion 100% of the time" in one_number and "torque gain are one number" in one_number
-    assert "k_e is 0.3 V s/rad at most" in back_emf  # 0.15 N m s/rad of viscous friction over 0.5 N m/V
+    assert one_number.kind is Kind.GEAR_LOSS_UNKNOWN and one_number.numbers["share"].value == 1.0
+    assert back_emf.numbers["back_emf"].value == pytest.approx(0.3)  # 0.15 N m s/rad of viscous friction over 0.5 N m/V
     assert of_the_drive(model, TorqueConstant(0.5, 0.01, "A", 2), prepare([run])) == []
 
 
@@ -149,36 +151,34 @@ def test_standard_errors_of_the_torque_constant_are_honest():
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.8
 
 
-def test_without_loads_that_differ_all_is_in_amperes_and_a_sentence_says_why():
+def test_without_loads_that_differ_all_is_in_amperes_and_a_finding_says_why():
     one, other = (replace(recording, load=LOADS[3]) for recording in bench(loads=(LOADS[3],), seed=0)[:1] * 2)
     for runs, why in (
-        ([one, other], "have the same load"),
-        ([replace(one, load=None)], "known loads that differ are needed"),
+        ([one, other], Kind.LOADS_EQUAL),
+        ([replace(one, load=None)], Kind.LOADS_UNKNOWN),
     ):
-        text = torque_constant(runs)
-        assert text.startswith("the torque constant is not known, and every parameter is per A") and why in text
         found = identify(runs)
-        assert text in [doubt.text for doubt in found.doubts]
+        assert torque_constant(runs).kind is why and why in [finding.kind for finding in found.findings]
         assert found.torque_constant is None and found.torque_unit == "A"
         for result in found.schemes.values():
             assert [e.unit for e in result.model.estimates.values()] == ["A s^2", "A", "A s/rad", "A"]
             gravity = result.model.estimates["gravity"].value
             assert gravity == pytest.approx((UNLOADED["gravity"] + LOADS[3].gravity) / K, rel=0.02)
         assert [found[id].unit for id in ("dynamic", "energy", "filtered_power")] == ["A", "A rad", "A rad/s"]
-        assert "N m" not in json.dumps(found.json())
+        assert "N m" not in json.dumps(found.json()).replace("N m/A", "")
 
 
 def test_what_tells_no_torque_constant_is_said():
     light, heavy = runs = bench(loads=(LOADS[0], LOADS[6]))
     still = replace(heavy, position=np.zeros(len(heavy)), velocity=None)
-    assert "only one was moved" in torque_constant([light, still])
+    assert torque_constant([light, still]).kind is Kind.ONE_LOAD_MOVED
     more = torque_constant([*runs, replace(still, load=LOADS[3])])
     assert more.value == pytest.approx(torque_constant(runs).value, rel=1e-3)
     barely = Load(LOADS[3].inertia + 1e-5, LOADS[3].gravity + 1e-3)
     first, second = bench(loads=(LOADS[3], LOADS[3]))
-    assert "take loads that differ more" in torque_constant([first, replace(second, load=barely)])
-    text = torque_constant([replace(run, torque=-run.torque) for run in runs])
-    assert "it would be negative" in text and "minus sign" in text
+    assert torque_constant([first, replace(second, load=barely)]).kind is Kind.CONSTANT_UNCERTAIN
+    turned = torque_constant([replace(run, torque=-run.torque) for run in runs])
+    assert turned.kind is Kind.CONSTANT_NEGATIVE and turned.numbers["torque_constant"].value < 0
     with pytest.raises(IdentificationError, match="torque is in A in load 0 and in N m in load 1: read all recordings"):
         identify([light, replace(heavy, torque_unit="N m")])
 
@@ -239,7 +239,7 @@ def test_a_model_turns_the_current_of_other_recordings_into_torque():
     found = compare(model, runs[2])
     assert found.torque_constant == TorqueConstant(K, 0.002, "A")
     assert found.joint.errors.torque_rms < 1.3 * found.joint.noise_floor
-    with pytest.raises(IdentificationError, match="the model is in N m, but the torque constant is not known"):
+    with pytest.raises(IdentificationError, match="the recordings are in A with an unknown torque constant"):
         compare(replace(model, torque_constant=None), runs[2])
     assert compare(replace(model, torque_constant=None), runs[:3]).torque_constant.loads == 3
 
@@ -250,6 +250,6 @@ def test_a_model_per_ampere_is_compared_with_currents_only(tmp_path):
     model.save(tmp_path / "model.json")
     assert Model.load(tmp_path / "model.json") == model
     found = compare(model, run)
-    assert found.torque_unit == "A" and "N m" not in found.headline + json.dumps(found.json())
+    assert found.torque_unit == "A" and "N m" not in headline(found) + json.dumps(found.json())
     with pytest.raises(ModelError, match="the model is per A, and the recordings are in N m: read them alike"):
         compare(model, in_newton_metres([run]))

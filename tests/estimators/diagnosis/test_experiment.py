@@ -10,6 +10,7 @@ from estimators import Diagnosis
 from estimators.diagnosis.experiment import DESIGN, Limits, Question, of_typical_size, suggest
 from estimators.diagnosis.result import Verdict
 from estimators.diagnosis.suggestion import Aim, Suggestion
+from estimators.findings import Finding, Kind
 from estimators.preprocessing import gather
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.signals.residual import Region
@@ -17,6 +18,7 @@ from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
 from tests import slow
 from tests.cases import diagnosed, recorded, recording
+from workbench.narrator.findings import limits_text
 
 RATE = 500.0
 FREELY = {"max_angle": np.inf, "max_speed": np.inf}
@@ -87,7 +89,7 @@ def test_what_no_torque_tells_apart_is_said_and_not_tried():
     assert found.ambiguous == (("torque_offset", "coulomb_asymmetry"),)
     assert found.inseparable == (("torque_offset", "coulomb_asymmetry"),)
     assert found.suggestion is None
-    assert any("the motor mounted the other way round" in text for text in found.advice)
+    assert Finding(Kind.TIED, effects=("torque_offset", "coulomb_asymmetry")) in found.findings
 
 
 def test_a_suggestion_says_what_to_expect_and_survives_json_and_what_it_asks_is_open_and_not_rejected_above():
@@ -96,7 +98,6 @@ def test_a_suggestion_says_what_to_expect_and_survives_json_and_what_it_asks_is_
     assert Aim("spring", "gravity") in suggestion.settles
     assert suggestion.peak_torque <= 6.0
     assert suggestion.reach[1] - suggestion.reach[0] > 1.0  # beyond the small angles
-    assert found.next_step == suggestion.text in found.advice and found.next_step not in found.remarks
     again = Suggestion.from_json(found.json()["suggestion"])
     time = np.linspace(0, suggestion.seconds, 999)
     np.testing.assert_array_equal(again.signal.signal(time), suggestion.signal.signal(time))
@@ -126,7 +127,7 @@ def test_unless_asked_an_experiment_stays_within_what_was_recorded(name):
     recording, _ = first(name)
     found = diagnosed([recording])
     if found.suggestion is None:
-        assert found.forbidden is not None and "the recorded angles and speeds" in found.next_step
+        assert found.forbidden is not None and not {"angle", "speed"} & found.forbidden.numbers.keys()
         return
     low, high = found.suggestion.reach
     assert high - low <= 2 * np.ptp(recording.position)
@@ -136,7 +137,9 @@ def test_unless_asked_an_experiment_stays_within_what_was_recorded(name):
 def test_nothing_is_suggested_for_what_no_effect_explains():
     found = diagnosed("cubic_damping")
     assert found.unexplained and found.suggestion is None
-    assert found.tables == ("friction_by_speed",) and "as a table" in found.next_step
+    assert found.tables == ("friction_by_speed",) and found.forbidden == Finding(
+        Kind.TABLE_HELPS, effects=("friction_by_speed",)
+    )
 
 
 def test_an_experiment_goes_where_most_is_left(evaluator):
@@ -144,8 +147,8 @@ def test_an_experiment_goes_where_most_is_left(evaluator):
     asked = [Question(Aim("spring"), BASE, of_typical_size(effects()["spring"]))]
     low, high = evaluator.train.reach()
 
-    def tried(place: float) -> tuple[Suggestion | None, str | None]:
-        left = [Region("position", place - 0.1, place + 0.1, 0.1, 9.0, "")]
+    def tried(place: float) -> tuple[Suggestion | None, Finding | None]:
+        left = [Region("position", place - 0.1, place + 0.1, 0.1, 9.0)]
         suggestion, _, forbidden = suggest(evaluator, model, asked, Limits(6.0), left)
         return suggestion, forbidden
 
@@ -154,21 +157,21 @@ def test_an_experiment_goes_where_most_is_left(evaluator):
         assert found is not None
         assert DESIGN.safe * low <= found.reach[0] <= place <= found.reach[1] <= DESIGN.safe * high
     found, forbidden = tried(high + 2.0)
-    assert found is None and f"go to {np.degrees(high + 2.0):.0f} degrees, where most is left" in str(forbidden)
+    assert found is None and forbidden.numbers["place"].value == pytest.approx(high + 2.0)
 
 
 @pytest.mark.parametrize(
     ("limits", "within"),
     [
-        ({"max_torque": 0.5, **FREELY}, "0.5 N m would"),
-        ({}, "6 N m and the recorded angles and speeds would"),
-        ({"max_angle": 0.3, "max_speed": 2.0}, "6 N m, 0.3 rad and 2 rad/s would"),
+        ({"max_torque": 0.5, **FREELY}, "0.5 N m"),
+        ({}, "6 N m and the recorded angles and speeds"),
+        ({"max_angle": 0.3, "max_speed": 2.0}, "6 N m, 0.3 rad and 2 rad/s"),
     ],
 )
 def test_limits_that_leave_no_experiment_are_said(limits, within):
     recording, _ = first("a spring at small angles")
     found = diagnosed([recording], **limits)
     assert found.suggestion is None and found.inseparable == ()
-    assert found.forbidden in found.advice
-    assert found.forbidden.startswith(f"no experiment within {within} tell spring from gravity: allow more")
+    assert found.forbidden.kind is Kind.BEYOND_LIMITS and found.forbidden.pairs == (("spring", "gravity"),)
+    assert limits_text(found.forbidden.numbers, "N m") == within
     assert first("a spring at small angles")[1].forbidden is None

@@ -10,6 +10,7 @@ from benchmarks import servos
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import add, compare, diagnose
 from estimators.arguments import within_limits
+from estimators.findings import Kind
 from estimators.in_loop.fit import fit, likelihood, linear
 from estimators.in_loop.rollouts import Rollouts, are_driven
 from estimators.simulation.output_error import Point
@@ -20,6 +21,7 @@ from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording, RecordingError, read_recording, read_study, write_recording
 from pendulum_env.servo.drive import Drive
 from workbench.cli import main
+from workbench.narrator.diagnosis import headline
 
 TRUE = {"inertia": 0.012, "gravity": 0.9, "viscous": 0.05, "coulomb": 0.08}
 FEW = [id for id in effects() if id in ("stribeck", "load_dependent_friction", "cogging", "viscous_asymmetry")]
@@ -74,7 +76,7 @@ def test_a_law_without_a_name_is_kept_as_a_table_of_a_servo():
 
 def test_parameters_come_back_from_goals_and_positions(plain):
     found = diagnose(plain[:2], plain[2:], only=FEW)
-    assert found.headline == "Nothing is missing" and found.is_in_loop
+    assert headline(found) == "Nothing is missing" and found.is_in_loop
     for name, value in TRUE.items():
         own = found.model.estimates[name]
         assert own.value == pytest.approx(value, rel=0.02)
@@ -141,7 +143,7 @@ def under_voltage(kp: float, seed: int, rubs: float = 0.0, pressed: float = 0.0)
 
 def test_what_a_motor_brakes_is_told_from_viscous_friction_where_the_gear_rubs_under_its_torque(rubbed):
     found = diagnose(rubbed[:2], rubbed[2:], only=("load_dependent_friction",))
-    assert found.headline == "Load dependent friction is missing"
+    assert headline(found) == "Load dependent friction is missing"
     for name, value in {**TRUE, "back_emf": 0.25, "load_dependent_friction": 0.25}.items():
         own = found.model.estimates[name]
         assert abs(own.value - value) < 4 * own.std and own.std < 0.1 * max(value, 0.25)
@@ -170,7 +172,7 @@ def test_error_falls_where_what_hides_is_added_and_not_where_nothing_does(presse
     right, wrong = (add(MODEL, "load_dependent_friction", own[:2], own[2:]) for own in (pressed, plain))
     assert right.objection is None and wrong.objection is not None
     first, last = (step.errors["holdout"].in_loop for step in (right.before, right.after))
-    assert last < 0.3 * first and "in the loop" in right.text and right.left < 3
+    assert last < 0.3 * first and right.is_in_loop and right.left < 3
 
 
 def test_errors_of_a_comparison_are_those_of_whole_recordings(plain):
@@ -340,17 +342,17 @@ def test_torque_that_was_logged_and_speaks_of_another_effect_than_the_loop_is_sa
     found = diagnose(logs[:2], logs[2:], only=FEW)
     assert not found.selected
     assert found.json()["by_torque"]["effects"] == (["cogging"] if ripple else [])
-    said = [text for text in found.remarks if "motion: cogging torque; in the loop: nothing; a sim" in text]
-    assert len(said) == bool(ripple) == (found.contradiction is not None)
+    assert found.is_contradicted == bool(ripple)
     softer = [replace(own, drive=replace(own.drive, kp=0.75 * own.drive.kp)) for own in logs]
-    wrong = diagnose(softer[:2], softer[2:], only=["stribeck"]).advice
-    assert any("is 1.33 times what the drive, as it is described, asks for" in text for text in wrong)
+    wrong = diagnose(softer[:2], softer[2:], only=["stribeck"]).findings
+    (scaled,) = (own for own in wrong if own.kind is Kind.TORQUE_SCALED)
+    assert scaled.numbers["factor"].value == pytest.approx(1 / 0.75, rel=0.01)
 
 
 def test_a_drive_that_acts_on_the_speed_is_asked_how_often_it_looks(plain):
     def asked(rate: float | None, kd: float) -> bool:
         damped = [replace(own, drive=replace(own.drive, rate=rate, kd=kd)) for own in plain[:2]]
-        return any("say how often it looks" in text for text in diagnose(damped, only=["stribeck"]).advice)
+        return any(own.kind is Kind.SPEED_RATE_UNKNOWN for own in diagnose(damped, only=["stribeck"]).findings)
 
     assert asked(None, 0.03) and not asked(None, 1e-6) and not asked(1000.0, 0.03)
 

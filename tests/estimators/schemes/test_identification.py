@@ -1,5 +1,4 @@
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.diagnosis.run import diagnose
+from estimators.findings import Kind
 from estimators.regression.equations import IdentificationError
 from estimators.schemes import six
 from estimators.schemes.identification import identify
@@ -22,6 +22,7 @@ from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording, read_recording
 from tests import slow
 from tests.cases import PLANT, THETA, TRUTH, recorded
+from workbench.narrator.diagnosis import headline
 
 PRACTICE = Path(__file__).parents[3] / "../shared/practice"
 
@@ -108,8 +109,8 @@ def test_several_recordings_share_one_set_of_parameters():
 
 def test_slow_sampling_lowers_the_filters_and_says_so():
     found = identify(recorded(PLANT, Experiment(rate=50.0, seconds=20.0, counts=None, torque_noise=0.0)))
-    (doubt,) = found.doubts
-    assert doubt.text == "at 50 Hz the filters would pass everything: their cutoff is lowered to 50 rad/s"
+    (finding,) = found.findings
+    assert finding.kind is Kind.FILTER_SLOWED and finding.numbers["rate"].value == pytest.approx(50.0)
     for scheme in SCHEMES:
         np.testing.assert_allclose(found[scheme.id].model.theta, TRUTH, rtol=0.03)
 
@@ -130,11 +131,10 @@ def test_what_the_terms_lack_is_said_in_one_line_and_nothing_where_they_lack_not
     plants = {"whole": paper_plant(), "lacking": hide(paper_plant(), "stribeck=0.45")}
     runs = {name: record(plant, excitation("paper", 1), 15, rng=1) for name, plant in plants.items()}
     found = {name: identify(run) for name, run in runs.items()}
-    missing = {name: [d.text for d in own.doubts if "incomplete" in d.text] for name, own in found.items()}
+    missing = {name: [one for one in own.findings if one.kind is Kind.INCOMPLETE] for name, own in found.items()}
     assert missing["whole"] == []
-    (line,) = missing["lacking"]
-    assert re.search(r"the residual is [\d.]+ times the noise floor and the schemes disagree by up to ", line)
-    assert line.endswith("run diagnose")
+    (incomplete,) = missing["lacking"]
+    assert incomplete.numbers.keys() == {"residual", "disagreement"} and "coulomb" in incomplete.parameters
     biased = {
         name: {
             parameter
@@ -146,8 +146,8 @@ def test_what_the_terms_lack_is_said_in_one_line_and_nothing_where_they_lack_not
     }
     assert biased["whole"] == set() and "coulomb" in biased["lacking"] and "inertia" not in biased["lacking"]
     assert found["lacking"].windows.estimates["coulomb"].is_biased
-    (line,) = (d.text for d in identify(runs["lacking"], schemes="energy").doubts)  # which differs from none
-    assert "noise" in line and "disagree" not in line
+    (alone,) = identify(runs["lacking"], schemes="energy").findings  # which differs from none
+    assert alone.numbers.keys() == {"residual"}
 
 
 def test_torque_that_was_asked_of_an_open_motor_did_not_act():
@@ -158,7 +158,7 @@ def test_torque_that_was_asked_of_an_open_motor_did_not_act():
     run = Recording("run", time, position, asked, enabled=enabled)
     assert not run.torque[enabled == 0].any() and run.torque[enabled == 1] == pytest.approx(asked[enabled == 1])
     assert identify(run)["dynamic"].model.theta == pytest.approx(theta, rel=0.01, abs=1e-3)
-    assert diagnose(run, only=["stribeck"]).headline == "Nothing is missing"
+    assert headline(diagnose(run, only=["stribeck"])) == "Nothing is missing"
     short = run.slice(1450, 1510)
     assert len(cut(short, 0.04).centers) == 0  # the motor is off in half of it
 

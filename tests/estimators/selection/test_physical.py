@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from estimators.diagnosis.reasons import describe_rejection, describe_violations
+from estimators.diagnosis.reasons import describe_rejection
+from estimators.findings import Finding, Kind
 from estimators.selection.errors import Errors, Step
 from estimators.selection.physical import confirmation_gates, driving_friction, violations
 from pendulum_env.arms.joints import coupled, placed
@@ -20,15 +21,12 @@ def of(effect: Term) -> Model:
     return Model.build([*BASE, effect], [0.1, 2.0, 0.1, 0.1], [0.01] * 4)
 
 
-def phrases(model: Model, motions: dict[str, Samples]) -> list[str]:
-    return describe_violations(violations(model, motions))
-
-
 def test_a_lag_of_seconds_is_no_drives_but_what_a_user_bounds_may_lie_at_its_bound():
-    assert phrases(of(ActuatorLag(0.01)), {"": X}) == []
-    assert phrases(of(ActuatorLag(2.0)), {"": X}) == ["actuator_lag.time_constant = 2 s, the most that it may be"]
+    assert violations(of(ActuatorLag(0.01)), {"": X}) == []
+    (violated,) = violations(of(ActuatorLag(2.0)), {"": X})
+    assert (violated.name, violated.value, violated.limit) == ("actuator_lag.time_constant", 2.0, 2.0)
     narrow = limited_term(ActuatorLag(0.01), {"actuator_lag.time_constant": (0.001, 0.01)})
-    assert phrases(of(narrow), {"": X}) == []
+    assert violations(of(narrow), {"": X}) == []
 
 
 def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
@@ -36,34 +34,34 @@ def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
     terms = [placed(own, joint) for joint in ("elbow", "wrist") for own in BASE[2:]]
     motions = {"elbow": X, "wrist": X}
     little = [-0.0005, -0.001, 0.1, 0.1]
-    assert phrases(Model.build(terms, little), motions) == ["friction that drives"]
+    assert [own.name for own in violations(Model.build(terms, little), motions)] == ["driving_friction"]
     both = [*terms, coupled("elbow,-wrist", True)()]
-    assert phrases(Model.build(both, [*little, 0.01, 0.2, 0.3]), motions) == []
-    wrong = phrases(Model.build(both, [*little, -5.0, 0.2, 0.3]), motions)
-    assert wrong == ["coupling.inertia@elbow,-wrist = -5 kg m^2"]
+    assert violations(Model.build(both, [*little, 0.01, 0.2, 0.3]), motions) == []
+    (wrong,) = violations(Model.build(both, [*little, -5.0, 0.2, 0.3]), motions)
+    assert (wrong.name, wrong.value) == ("coupling.inertia@elbow,-wrist", -5.0)
 
 
 @pytest.mark.parametrize(
     ("terms", "theta", "std", "told"),
     [
-        (BASE, (2.0, 0.1, -0.2), 0.01, "coulomb came out negative"),
-        (BASE, (2.0, -0.2, -0.2), 0.01, "viscous and coulomb"),
+        (BASE, (2.0, 0.1, -0.2), 0.01, "coulomb"),
+        (BASE, (2.0, -0.2, -0.2), 0.01, "viscous coulomb"),
         (BASE, (2.0, 0.1, -0.031), 0.01, "coulomb"),
         (BASE, (2.0, 0.1, -0.029), 0.01, None),  # or it may be noise
         (BASE, (2.0, 0.1, -0.2), 0.0, None),  # or what was told
-        ([*BASE, effect("stribeck")()], (2.0, 0.1, -0.2, 0.5), 0.01, "coulomb came out negative"),
+        ([*BASE, effect("stribeck")()], (2.0, 0.1, -0.2, 0.5), 0.01, "coulomb"),
         ([*BASE, FrictionBySpeed()], (2.0, 0.1, -0.2, 0.5, 0.5, 0.5), 0.01, None),  # the table holds all of it
     ],
 )
 def test_friction_that_surely_drives_is_said_whatever_else_outweighs_it(terms, theta, std, told):
     found = driving_friction(Model.build(terms, [0.1, *theta], [0.01, 0.01, 0.01, std, *theta[3:]]))
-    assert found[0].startswith(told) if told else found == []
+    assert found == ([Finding(Kind.FRICTION_NEGATIVE, parameters=tuple(told.split()))] if told else [])
 
 
 def test_driving_friction_of_an_arm_is_said_with_its_joint():
     terms = [placed(own, joint) for joint in ("elbow", "wrist") for own in BASE[2:]]
     (told,) = driving_friction(Model.build(terms, [0.1, 0.2, -0.2, 0.1], 0.01))
-    assert told.startswith("viscous@wrist came out negative")
+    assert told == Finding(Kind.FRICTION_NEGATIVE, parameters=("viscous@wrist",))
 
 
 def swinging(load: KnownLoad = UNLOADED) -> Samples:
@@ -74,20 +72,22 @@ def swinging(load: KnownLoad = UNLOADED) -> Samples:
 
 def test_dry_friction_may_be_what_gravity_or_a_load_overcame():
     theta = dict(zip(("inertia", "gravity", "viscous", "coulomb"), (0.1, 2.0, 0.01, 0.3), strict=True))
-    assert phrases(Model.build(BASE, list(theta.values())), {"": swinging()}) == []
+    assert violations(Model.build(BASE, list(theta.values())), {"": swinging()}) == []
     light = Model.build(BASE, list((theta | {"gravity": 0.1}).values()))
-    (told,) = phrases(light, {"": swinging()})
-    assert "dry friction of 0.3 N m, more than the 0.11 N m" in told
-    assert phrases(light, {"": swinging(KnownLoad(0.05, 1.0))}) == []
+    (violated,) = violations(light, {"": swinging()})
+    assert violated.name == "dry_friction" and violated.value == pytest.approx(0.3)
+    assert violated.limit == pytest.approx(0.11, abs=0.005)
+    assert violations(light, {"": swinging(KnownLoad(0.05, 1.0))}) == []
 
 
 def test_a_payload_may_overcome_dry_friction_but_a_stop_may_not_and_bristles_do_not_push():
     dropped, stopped, bristles = (effect(id) for id in ("payload_change", "hard_stop", "presliding"))
-    assert phrases(Model.build([*BASE, dropped(5.0)], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
-    (told,) = phrases(Model.build([*BASE, stopped(-1.0, 1.0)], [0.1, 0.1, 0.01, 8.0, 100.0]), {"": swinging()})
-    assert "dry friction of 8 N m" in told
-    for force, wrong in ((0.1, []), (-0.1, ["presliding = -0.1 N m"])):
-        assert phrases(Model.build([*BASE, bristles(0.01)], [0.1, 2.0, 0.1, 0.3, force]), {"": X}) == wrong
+    assert violations(Model.build([*BASE, dropped(5.0)], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
+    (violated,) = violations(Model.build([*BASE, stopped(-1.0, 1.0)], [0.1, 0.1, 0.01, 8.0, 100.0]), {"": swinging()})
+    assert violated.name == "dry_friction" and violated.value == pytest.approx(8.0)
+    for force, wrong in ((0.1, []), (-0.1, [("presliding", -0.1)])):
+        found = violations(Model.build([*BASE, bristles(0.01)], [0.1, 2.0, 0.1, 0.3, force]), {"": X})
+        assert [(own.name, own.value) for own in found] == wrong
 
 
 @pytest.mark.parametrize(

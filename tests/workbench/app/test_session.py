@@ -50,6 +50,7 @@ from workbench.app.state import NOTHING, Asked, Loaded, State
 from workbench.app.uploads import safe_name, unpack
 from workbench.cli import main
 from workbench.mistakes import InputError
+from workbench.narrator.diagnosis import diagnosis_json
 from workbench.processes import Workers
 
 IDS = ["0" * 32, "1" * 32]
@@ -304,7 +305,7 @@ def late() -> Recording:
 def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(session, late):
     session.state = State((loaded(late),))
     said = str(data.show(session))
-    assert "Torque is logged " in said and "ms late" in said and "'do': 'align'" in said
+    assert "The torque is logged " in said and "ms late" in said and "'do': 'align'" in said
     before = session.state
     session.state = after = before.anew(is_aligned=True)
     assert "corrected in all that follows" in str(data.show(session))
@@ -589,7 +590,7 @@ def test_what_is_asked_for_gives_what_the_command_line_gives(asked):
     made = asked.state.model.estimates
     assert made["gravity"].value == 2.01 and made["viscous"].value <= 0.2
     comes_to_the_same(asked.state, "shell", "Python")
-    assert json.loads(Path("diagnosis.json").read_text()) == json.loads(json.dumps(found.json()))
+    assert json.loads(Path("diagnosis.json").read_text()) == json.loads(json.dumps(diagnosis_json(found)))
 
 
 def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(asked):

@@ -17,6 +17,7 @@ from workbench.app.session import Form, Session, Sessions, Stage
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
+from workbench.narrator.diagnosis import headline
 from workbench.narrator.results import ends
 from workbench.report.page import shared
 
@@ -137,7 +138,7 @@ def told(state: Work) -> tuple[str, str, list[Any]]:
             lead += [f" With {found} it would be ", _b(would, "N m"), "."]
         smaller, error = first.torque_rms / last.torque_rms, "torque error"
     if state.found or not state.added:
-        return kicker, diagnosis.headline, lead
+        return kicker, headline(diagnosis), lead
     if smaller < 1.05:  # times smaller, from which an error has become smaller
         return kicker, f"{opening(names)} hardly lowers the error", lead
     return kicker, f"With {names} the {error} is {number(smaller, 2)} times smaller", lead

@@ -8,7 +8,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from estimators.diagnosis.addition import add
-from estimators.diagnosis.result import Addition, looks
+from estimators.diagnosis.result import Addition
 from estimators.selection.errors import Step
 from pendulum_env.arms.joints import kind_at
 from pendulum_env.physics.library import addition
@@ -17,6 +17,7 @@ from workbench.app.parts import button, effects_to_choose, field, fragment, grap
 from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
 from workbench.mistakes import InputError
+from workbench.narrator.addition import describe_table
 from workbench.report.arm import joints
 from workbench.report.numbers import errors
 
@@ -49,8 +50,8 @@ def said(steps: Sequence[Step]) -> str:
         told.append(f"from {old} to {new} N m on {where} data")
     added = steps[-1].added or ""
     fall = f"With {name(added)} the torque error goes {listing(told)}."
-    shape = looks(steps[-1])
-    return fall if shape is None else f"{fall} It {shape.removeprefix(added).strip()}."
+    shape = describe_table(steps[-1])
+    return fall if shape is None else f"{fall} It {shape.removeprefix(added).strip()}"
 
 
 def calls(state: Work, busy: bool) -> Component:

@@ -25,6 +25,7 @@ from pendulum_env.words import number, opening
 from workbench.app.parts import LINKED, dropdown, effects_to_choose, field, graph, labelled, panel
 from workbench.app.session import Session, Sessions, Stage
 from workbench.app.state import State as Work
+from workbench.narrator.diagnosis import describe_region
 from workbench.report.arm import strips
 from workbench.report.case import Case, ends
 from workbench.report.comparison import position_figure, torque_figure
@@ -207,9 +208,9 @@ def _flown(case: Case, recording: Recording) -> Component:
 
 def _regions(points: Points, shown: int) -> Component:
     rows = [
-        html.Button(opening(region.text), id={"region": k}, n_clicks=0, type="button", className="link")
+        html.Button(opening(describe_region(region)), id={"region": k}, n_clicks=0, type="button", className="link")
         if region.axis != "frequency"
-        else opening(region.text)
+        else opening(describe_region(region))
         for k, region in enumerate(points.regions(shown))
     ]
     listed = html.Ul([html.Li(row) for row in rows], className="regions-list")

@@ -20,6 +20,8 @@ from workbench.app.parts import UNWRAP, aria, button, drop, field, graph, panel,
 from workbench.app.session import Action, Form, Session, Stage
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import MODEL, STUDY
+from workbench.narrator.diagnosis import describe_disagreement
+from workbench.narrator.findings import describe, describe_late
 from workbench.options import FORMATS
 from workbench.robot import held_text
 
@@ -151,8 +153,8 @@ def _telling(state: State) -> Component:
     known = [name(column.name) for term in terms for column in term.columns if column.name not in withheld]
     can = [] if state.trouble or not known else [html.P(["They tell ", html.Strong(listing(known)), "."])]
     texts = [state.trouble] if state.trouble else []
-    texts += [*(one.text for one in state.disagreements), *(doubt.text for doubt in state.doubts)]
-    cannot = html.Ul([html.Li(f"{opening(text)}.") for text in texts])
+    texts += [*map(describe_disagreement, state.disagreements), *map(describe, state.doubts)]
+    cannot = html.Ul([html.Li(opening(text)) for text in texts])
     nothing = html.P("Nothing in them stands in the way of the model's parameters.")
     return panel("What these recordings tell, and what not", *can, cannot if texts else nothing)
 
@@ -161,15 +163,15 @@ def timing(state: State) -> list[Component]:
     """What was found, in the words of the command line; nothing where torque and motion are in time."""
     if state.trouble:
         return []
-    late, acts = (state.prepared.timed.timing_texts(is_late) for is_late in (True, False))
+    late, acts = (state.prepared.timed.timing(is_late) for is_late in (True, False))
     if late and state.is_aligned:
-        said = [html.P(f"{opening(text)}: corrected in all that follows.") for text in late]
+        said = [html.P(describe_late(own, "It is corrected in all that follows.")) for own in late]
         press = [button("Take it as it was logged", "align-back")]
     elif late:
-        said = [html.P(f"{opening(text)}. {WHY}") for text in late]
+        said = [html.P(describe_late(own, WHY)) for own in late]
         press = [button("Correct it", "align", primary=True)]
     else:
-        said, press = [html.P(f"{opening(text)}.") for text in acts], []
+        said, press = [html.P(describe(own)) for own in acts], []
     return [panel("Torque and motion in time", *said, *press)] if said else []
 
 

@@ -18,6 +18,8 @@ from workbench.app.stages.add import calls
 from workbench.app.stages.data import timing
 from workbench.app.state import NOTHING, Asked
 from workbench.app.state import State as Work
+from workbench.narrator.diagnosis import headline
+from workbench.narrator.findings import aim
 from workbench.report.arm import joints
 from workbench.report.case import ends
 from workbench.report.story import ranked, story
@@ -41,7 +43,7 @@ def show(session: Session) -> list[Component]:
         return [*timing(state), search]
     kind = "story found" if state.told.selected else "story"
     if state.robot is not None:
-        result = joints(ends(state.ladder), "held-out data", found.headline, found.floors, found)
+        result = joints(ends(state.ladder), "held-out data", headline(found), found.floors, found)
     else:
         result = story(state.case)
     return [
@@ -84,7 +86,7 @@ def _next(state: Work, busy: bool) -> list[Component]:
     suggestion = state.diagnosis.suggestion if state.diagnosis is not None else None
     if suggestion is None or recorder.simulated(state) is None:
         return []
-    aims = listing([aim.text for aim in suggestion.settles])
+    aims = listing([aim(own.effect, own.instead) for own in suggestion.settles])
     what = f"The same simulated pendulum can play it now: {suggestion.seconds:g} s to {aims}."
     press = button("Record the next experiment", "record-next", primary=not state.found, disabled=busy)
     return [panel("The next experiment", html.P(what), press)]

@@ -25,6 +25,7 @@ from workbench.app.session import Session, Sessions, Stage
 from workbench.app.state import State, ids
 from workbench.app.uploads import MODEL, STUDY
 from workbench.mistakes import InputError
+from workbench.narrator.diagnosis import diagnosis_json
 from workbench.report import render
 
 PROGRAM, REPORT, EXPERIMENT = "pendulum-ident", "report.html", "experiment.csv"
@@ -181,13 +182,13 @@ def study(state: State) -> str:
         return file.read_text(encoding="utf-8")
 
 
-def _text(record: Any) -> str:
-    return json.dumps(record.json(), indent=1) + "\n"
+def _json(content: Any) -> str:
+    return json.dumps(content, indent=1) + "\n"
 
 
 def _model(state: State) -> str:
     fitted = [one.source for one in state.loaded if not one.held_out]
-    return _text(replace(state.model, log_format=format_of(fitted)))
+    return _json(replace(state.model, log_format=format_of(fitted)).json())
 
 
 def _experiment(state: State) -> str:
@@ -199,7 +200,7 @@ def _experiment(state: State) -> str:
 FILES: dict[str, tuple[str, Callable[[State], str]]] = {  # name and content of what any stage saves
     "report": (REPORT, lambda state: render(state.told, commands(state))),
     "model": (MODEL, _model),
-    "diagnosis": (DIAGNOSIS, lambda state: _text(state.told)),
+    "diagnosis": (DIAGNOSIS, lambda state: _json(diagnosis_json(state.told))),
     "experiment": (EXPERIMENT, _experiment),
     "study": (STUDY, study),
 }

@@ -1,0 +1,156 @@
+"""Findings on data, on a model or on the next step: a kind and numbers; the narrator of the workbench has the words."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from math import isfinite
+
+from pendulum_env._typing import JSON
+
+
+class Kind(StrEnum):
+    """Kind of a finding. Comments name the numbers that come with it."""
+
+    # parameters that the recordings do not determine
+    NO_MOTION = "no_motion"
+    TORQUE_IS_NOISE = "torque_is_noise"
+    ONE_DIRECTION = "one_direction"
+    SMALL_ANGLES = "small_angles"  # angle
+    NEVER_ACTS = "never_acts"
+    INDISTINGUISHABLE = "indistinguishable"
+    UNIDENTIFIABLE = "unidentifiable"  # the best fit, by name of the parameter
+    RELATIVE_TO_INERTIA = "relative_to_inertia"
+
+    # the torque constant of a drive: torque_constant
+    LOADS_UNKNOWN = "loads_unknown"
+    LOADS_EQUAL = "loads_equal"
+    CONSTANT_TOO_SHORT = "constant_too_short"
+    ONE_LOAD_MOVED = "one_load_moved"  # loads
+    CONSTANT_UNCERTAIN = "constant_uncertain"  # inverse
+    CONSTANT_NEGATIVE = "constant_negative"
+    INTEGRAL_CONTROLLER = "integral_controller"
+    GEAR_LOSS_UNKNOWN = "gear_loss_unknown"  # share of the motion that the motor drives
+    LOAD_BRAKES = "load_brakes"
+    BACK_EMF = "back_emf"  # back_emf
+
+    # time between torque and motion: delay, lag, rival_delay, rival_lag
+    TORQUE_LATE = "torque_late"
+    TORQUE_LATE_CORRECTED = "torque_late_corrected"
+    TORQUE_SAMPLED = "torque_sampled"
+    TORQUE_SAMPLED_CORRECTED = "torque_sampled_corrected"
+    ACTS_LATE = "acts_late"
+
+    # recordings
+    FEEDBACK = "feedback"  # gain
+    FEEDBACK_WITH_REFERENCE = "feedback_with_reference"  # gain
+    OUTLIER_RECORDING = "outlier_recording"  # number; of each parameter its value, and `others.` that of the others
+    SCALED_TORQUE = "scaled_torque"  # number, factor
+    SCALED_INERTIA = "scaled_inertia"  # number, factor
+    TURNED_ROUND = "turned_round"  # number
+    MISFIT = "misfit"  # number, residual, times
+    FEW_STRETCHES = "few_stretches"  # count
+    FILTER_SLOWED = "filter_slowed"  # rate
+    SPEED_RATE_UNKNOWN = "speed_rate_unknown"  # rate, inertia
+    TORQUE_SCALED = "torque_scaled"  # factor
+
+    # columns that were read with another sign or zero
+    LOAD_TORQUE_TURNED = "load_torque_turned"
+    INERTIA_NEGATIVE = "inertia_negative"
+    ZERO_SHIFTED = "zero_shifted"  # angle
+    ZERO_UPRIGHT = "zero_upright"
+
+    # the model
+    GRAVITY_BESIDE_SPRING = "gravity_beside_spring"
+    FRICTION_NEGATIVE = "friction_negative"
+    INCOMPLETE = "incomplete"  # residual in noise floors, disagreement of the schemes in standard errors
+    TIED = "tied"
+    UNTESTED_RANGE = "untested_range"  # low, high
+
+    # what a model leaves of the residual
+    IMPOSSIBLE = "impossible"  # violated bounds, by name of the gate or the parameter
+    TABLE_EXPLAINS = "table_explains"
+    NEAR_REVERSALS = "near_reversals"  # error
+    NOWHERE = "nowhere"  # residual, times
+    SERVO_OFF = "servo_off"  # error, times, worst
+
+    # what follows for the next step
+    TABLE_HELPS = "table_helps"
+    NO_EFFECT_OPEN = "no_effect_open"
+    FIT_HELD_OUT = "fit_held_out"
+    FIT_HELD_OUT_OR_PAYLOAD = "fit_held_out_or_payload"
+    INERTIA_UNKNOWN = "inertia_unknown"
+    BEYOND_LIMITS = "beyond_limits"  # torque, angle, speed, place
+    CHECK_DRIVE = "check_drive"
+
+
+WITHHOLDING = {
+    Kind.NO_MOTION,
+    Kind.TORQUE_IS_NOISE,
+    Kind.ONE_DIRECTION,
+    Kind.SMALL_ANGLES,
+    Kind.NEVER_ACTS,
+    Kind.INDISTINGUISHABLE,
+    Kind.UNIDENTIFIABLE,
+}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number with its standard error, zero where there is none, and its unit, empty of a pure number."""
+
+    value: float
+    std: float = 0.0
+    unit: str = ""
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON; null stands for a number that is unknown."""
+        value, std = (number if isfinite(number) else None for number in (self.value, self.std))
+        return {"value": value, "std": std, "unit": self.unit}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One finding.
+
+    Attributes:
+        kind: of the finding.
+        numbers: by name, see `Kind`; units are those of torque in N m.
+        parameters: names of the parameters concerned.
+        effects: ids of effects or terms concerned; of two that look the same, the effect and the term of the model.
+        recordings: names of the recordings concerned; empty where all are.
+        joints: of an arm, names of the joints concerned.
+        pairs: effects in question, each with the term of the model that it may be mistaken for, or none.
+        remedies: options that read recordings rightly, with the names of the recordings.
+    """
+
+    kind: Kind
+    numbers: Mapping[str, Quantity] = field(default_factory=dict)
+    parameters: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ()
+    recordings: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()
+    pairs: tuple[tuple[str, str | None], ...] = ()
+    remedies: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @property
+    def withheld(self) -> tuple[str, ...]:
+        """Parameters whose estimates are meaningless because of it."""
+        return self.parameters if self.kind in WITHHOLDING else ()
+
+    @property
+    def rivals(self) -> tuple[str, str] | None:
+        """An effect and the term of the model that it passes for in these data."""
+        return self.effects[:2] if self.kind in (Kind.ONE_DIRECTION, Kind.SMALL_ANGLES) else None  # type: ignore[return-value]
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {
+            "kind": str(self.kind),
+            "numbers": {name: number.json() for name, number in self.numbers.items()},
+            "parameters": [*self.parameters],
+            "effects": [*self.effects],
+            "recordings": [*self.recordings],
+            "joints": [*self.joints],
+            "pairs": [[*pair] for pair in self.pairs],
+            "remedies": {option: [*names] for option, names in self.remedies.items()},
+        }

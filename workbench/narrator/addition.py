@@ -1,0 +1,41 @@
+"""An added effect in words."""
+
+import numpy as np
+
+from estimators.diagnosis.likeness import likenesses
+from estimators.diagnosis.result import Addition
+from estimators.selection.errors import Step
+from pendulum_env.physics.term import loads
+from pendulum_env.words import along, listing
+
+SIGNIFICANT = 3.0  # times its standard errors, from which a table has a shape
+
+
+def describe_addition(found: Addition) -> str:
+    """State whether the effect lowers errors on data to which it was not fitted."""
+    if found.objection is not None:
+        return f"{found.after.added} {found.objection}: these recordings give no reason to keep it."
+    old, new = found.before.errors["holdout"], found.after.errors["holdout"]
+    if found.is_in_loop:
+        share = new.in_loop / old.in_loop
+        return f"{found.after.added} lowers the held-out error in the loop to {share:.1%} of before."
+    if new.shares:
+        joint = next(iter(loads((found.after.added or "").partition("@")[2])))
+        share = new.joints[joint] / old.joints[joint]
+        return f"{found.after.added} lowers the held-out torque error of {joint} to {share:.1%} of before."
+    torque, position = new.torque_rms / old.torque_rms, new.position_rms / old.position_rms
+    falls = f"torque to {torque:.1%}{'' if np.isnan(position) else f', position to {position:.1%}'} of before"
+    return f"{found.after.added} lowers the held-out errors: {falls}."
+
+
+def describe_table(step: Step) -> str | None:
+    """Name the formulas that an added table comes nearest to; None of an effect."""
+    tables = step.model.tables
+    if step.added not in tables:
+        return None
+    table, curve = tables[step.added]
+    if np.mean(curve.value**2) < (SIGNIFICANT * np.median(curve.std)) ** 2:  # at an end they may be large
+        return f"{step.added} looks like no formula: its standard errors are nearly as large as itself."
+    near = [along(one.text) if table.slides else one.text for one in likenesses(table, curve)]
+    nearest = f"{listing(near, 'or')} of its shape" if near else "no formula that is known here"
+    return f"{step.added} looks like {nearest}."

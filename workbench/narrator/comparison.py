@@ -1,0 +1,36 @@
+"""A comparison in words."""
+
+import numpy as np
+
+from estimators.comparison import Comparison
+from pendulum_env.arms.joints import body_of
+from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.words import percent
+from workbench.narrator.findings import GIVE_INERTIA
+
+
+def headline(found: Comparison) -> str:
+    """State the error of the model in one sentence."""
+    errors, body = found.joint.errors, body_of(found.model.terms)
+    times, at = max((errors.joints[at] / max(floor, 1e-300), at) for at, floor in found.joint.floors.items())
+    unit, where = (found.torque_unit, "") if body is None else (body.worded(at, NEWTON_METRE), f" at {at}")
+    text = f"The model is off by {errors.joints[at]:.3g} {unit}{where}, {times:.2g} times the noise floor"
+    return text if np.isnan(errors.position_rms) else f"{text}, and by {errors.position_rms:.3g} rad in free run"
+
+
+def caveat(found: Comparison) -> str | None:
+    """Name the windows that are not counted in the error of free runs; None if all are."""
+    if not found.model.is_inertia_known:
+        return f"The free-running position is unknown, as the inertia of the model is. {GIVE_INERTIA}"
+    share = found.joint.unstable
+    if share == 0:
+        return None
+    text = f"In {percent(share)} of the one-second windows a small error grows tenfold, as with the arm upright"
+    return f"{text}: there are no others." if share == 1 else f"{text}: these are not counted in free run."
+
+
+def errors_in_loop(found: Comparison) -> str | None:
+    """State the error in the loop; None where the controller is unknown."""
+    error = found.joint.errors
+    text = f"Simulated from its goals alone, the model is off by {error.in_loop:.3g} rad on average."
+    return text if error.is_in_loop else None

@@ -1,0 +1,214 @@
+"""A diagnosis in words: what to do next, what else was found, and the files that hold both, with texts."""
+
+import numpy as np
+
+from estimators.checks.alignment import Alignment
+from estimators.checks.homogeneity import Disagreement
+from estimators.comparison import Comparison
+from estimators.diagnosis.result import Detectable, Diagnosis
+from estimators.diagnosis.suggestion import Suggestion
+from estimators.findings import Finding, Kind
+from estimators.schemes.identification import Identification
+from estimators.signals.residual import SYMBOLS, Region
+from pendulum_env._typing import JSON
+from pendulum_env.excitation import signal_json
+from pendulum_env.recording.record import NEWTON_METRE, WARNING
+from pendulum_env.words import listing, name, opening, per
+from workbench.narrator.findings import aim, describe
+
+FOR_DIAGNOSE = {Kind.INCOMPLETE, Kind.FRICTION_NEGATIVE}  # findings of `identify` that a diagnosis follows up
+COUNTABLE = 100.0  # standard errors, above which their number says nothing more
+SLIDING = {"rad": "m", "rad/s": "m/s", "N m": "N"}
+OUTLIERS = {Kind.OUTLIER_RECORDING, Kind.SCALED_INERTIA, Kind.SCALED_TORQUE, Kind.TURNED_ROUND}
+
+
+def describe_region(region: Region, unit: str = NEWTON_METRE) -> str:
+    """Describe the residual in a region; empty of one that stands out nowhere, with nothing more to say."""
+    texts = [] if region.cause is None else [describe(region.cause, unit)]
+    if region.is_profiled:
+        texts.append(_describe_stretch(region, unit))
+    text = " ".join(texts)
+    if not region.held_out:
+        return text
+    where = f"In the held-out data ({listing(region.held_out)})"
+    return f"{where}: {text[:1].lower()}{text[1:]}" if text else f"{where}, at no one speed, angle or time."
+
+
+def _describe_stretch(region: Region, unit: str) -> str:
+    """Describe the residual in a stretch of a profile."""
+    quantity, force = ("force", "N") if region.slides else ("torque", unit)
+    axis_unit = per(SLIDING.get(region.unit, region.unit) if region.slides else region.unit, unit)
+    significance = f"{region.significance:.0f}" if region.significance <= COUNTABLE else f"more than {COUNTABLE:g}"
+    size, error = f"{abs(region.residual):.3g} {force}", f"({significance} standard errors)"
+    if region.axis == "frequency":
+        return f"Around {0.5 * (region.low + region.high):.3g} Hz the residual oscillates by {size} {error}."
+    place = f"For {SYMBOLS[region.axis]} from {region.low:.3g} to {region.high:.3g} {axis_unit}"
+    place = "Everywhere" if region.is_constant else place
+    side = "more" if region.residual > 0 else "less"
+    return f"{place} the joint needs {size} {side} {quantity} than the model says {error}."
+
+
+def describe_unexplained(found: Diagnosis, region: Region) -> str:
+    """Describe what a diagnosis leaves unexplained in a region; of an arm at its joint, with its size."""
+    text = describe_region(region, found.torque_unit)
+    if found.body is None or region.at not in found.left:
+        return text
+    left = f"{found.left[region.at]:.2g} {found.body.worded(region.at, NEWTON_METRE)} at {region.at}"
+    return f"{left}; {text}" if text else left
+
+
+def describe_disagreement(found: Disagreement, unit: str = NEWTON_METRE) -> str:
+    """Describe how a recording disagrees with the others."""
+    return describe(found.finding, unit)
+
+
+def describe_alignment(found: Alignment) -> str | None:
+    """Describe the time between torque and motion; None if they are in time."""
+    return None if found.finding is None else describe(found.finding)
+
+
+def describe_suggestion(found: Suggestion, unit: str = NEWTON_METRE) -> str:
+    """Describe a suggested experiment."""
+    aims = ", ".join(aim(own.effect, own.instead) for own in found.settles)
+    if found.signal is None:
+        return (
+            f"To {aims}: let the joint go at rest at {found.release:.3g} rad and record {found.seconds:g} s without "
+            f"torque, with up to {found.peak_speed:.2g} rad/s to be expected."
+        )
+    low, high = np.degrees(found.reach)
+    kind = signal_json(found.signal)["kind"].replace("_", " ")
+    return (
+        f"To {aims}: record {found.seconds:g} s of {kind} torque up to {found.peak_torque:.2g} {unit}, with angles "
+        f"from {low:.0f} to {high:.0f} degrees and up to {found.peak_speed:.2g} rad/s to be expected "
+        "(`record --excitation suggested` plays it)."
+    )
+
+
+def headline(found: Diagnosis) -> str:
+    """State the result in a phrase: `Stribeck friction is missing`; of an arm `Missing: stribeck@elbow`."""
+    if found.body is not None and found.searched:
+        return _headline_of_arm(found)
+    groups = [listing([name(id) for id in group], "or") for group in found.effects]
+    if groups:
+        rest = ", and more that no known effect explains" if found.unexplained else ""
+        return f"{opening(listing(groups))} {'is' if len(groups) == 1 else 'are'} missing{rest}"
+    if not found.searched:
+        where = listing([at for at in dict.fromkeys(region.at for region in found.unexplained) if at])
+        missing = f"Something is missing {f'at {where}' if where else 'in this model'}"
+        return missing if found.unexplained else "The model explains what was measured"
+    if found.unexplained:
+        return "Something is missing, and no known effect explains it"
+    return "Nothing is missing"
+
+
+def _headline_of_arm(found: Diagnosis) -> str:
+    where = listing(list(found.left))
+    if found.selected:
+        more = f", and more at {where} that no known effect explains" if where else ""
+        return f"Missing: {listing(found.selected)}{more}"
+    if found.left:
+        return f"Something is missing at {where}, and no known effect explains it"
+    return "No effect of the library is missing at any joint"
+
+
+def describe_detectable(found: Detectable, unit: str = NEWTON_METRE) -> str:
+    """Return the sizes that would have shown: `above 0.05 N m`, `between -1.2 and 0.9 rad`."""
+    if found.between is not None:
+        return "between {:.3g} and {:.3g} rad".format(*found.between)
+    return f"above {found.above:.2g}{'' if found.unit == '1' else ' ' + per(found.unit, unit)}"
+
+
+def next_step(found: Diagnosis) -> str:
+    """Name the experiment worth doing, or why there is none."""
+    if found.suggestion is not None:
+        return describe_suggestion(found.suggestion, found.torque_unit)
+    if found.forbidden is not None:
+        return _describe(found, found.forbidden)
+    if found.inseparable:
+        return f"No torque would tell {' from '.join(found.inseparable[0])}."
+    return "No further experiment is needed."
+
+
+def advice(found: Diagnosis) -> list[str]:
+    """List all that was found, and what follows for the next step."""
+    texts = []
+    if found.searched and found.body is None and found.data is not None:
+        notes = dict.fromkeys(note for recording in found.data.recordings for note in recording.notes)
+        texts = [note.removeprefix(WARNING) for note in notes if note.startswith(WARNING)]
+    texts += [_describe(found, finding) for finding in found.findings]
+    texts += [next_step(found)] if found.suggestion is not None else []
+    texts += [_describe(found, found.forbidden)] if found.forbidden is not None else []
+    return list(dict.fromkeys(texts))
+
+
+def remarks(found: Diagnosis) -> list[str]:
+    """List the advice besides the next step, after what the logged torque shows otherwise."""
+    first = [contradiction(found)] if found.is_contradicted else []
+    step = next_step(found)
+    return [*first, *(text for text in advice(found) if text != step)]
+
+
+def contradiction(found: Diagnosis) -> str:
+    """Compare the effects that the torque of a servo calls for by itself with those of the loop."""
+    theirs, ours = (listing([name(id) for id in own]) or "nothing" for own in (found.by_torque or (), found.selected))
+    return (
+        f"By the logged torque alone, regressed on the motion: {theirs}; in the loop: {ours}. A simulation follows the "
+        "loop."
+    )
+
+
+def warnings(found: Identification) -> list[str]:
+    """List what an identification found besides its estimates, with the next step."""
+    texts = []
+    for finding in found.findings:
+        text = describe(finding, found.torque_unit)
+        text += " Run `diagnose`." if finding.kind in FOR_DIAGNOSE else ""
+        text += " Leave it out, or find out what was changed." if finding.kind in OUTLIERS else ""
+        texts.append(text)
+    return texts
+
+
+def identification_json(found: Identification) -> JSON:
+    """Return the content of the file of `identify --json`: results, findings, and these in words as `doubts`."""
+    doubts = zip(warnings(found), found.findings, strict=True)
+    return found.json() | {"doubts": [{"text": text, "withheld": [*own.withheld]} for text, own in doubts]}
+
+
+def comparison_json(found: Comparison) -> JSON:
+    """Return the content of the file of `compare --json`: results, and recordings that disagree in words."""
+    data = found.json()
+    for own, region in zip(data["regions"], found.regions, strict=True):
+        own["text"] = describe_region(region, found.torque_unit)
+    for own, disagreement in zip(data.get("disagreements", ()), found.disagreements, strict=True):
+        own["text"] = describe_disagreement(disagreement, found.torque_unit)
+    return data
+
+
+def diagnosis_json(found: Diagnosis) -> JSON:
+    """Return the content of the file of `diagnose --json`: results, findings, and these in words."""
+    unit, data = found.torque_unit, found.json()
+    data["advice"] = advice(found)
+    data["forbidden"] = None if found.forbidden is None else _describe(found, found.forbidden)
+    for own, alignment in zip(data["alignments"], found.alignments, strict=True):
+        own["text"] = describe_alignment(alignment)
+    if found.body is not None:
+        for region in found.unexplained:
+            if region.at in data["regions"]:
+                data["regions"][region.at]["text"] = describe_region(region)
+        return data
+    for own, region in zip(data["regions"], found.unexplained, strict=True):
+        own["text"] = describe_region(region, unit)
+    data["unexplained"]["where"] = "; ".join(own["text"] for own in data["regions"]) or None
+    for own, disagreement in zip(data["disagreements"], found.disagreements, strict=True):
+        own["text"] = describe_disagreement(disagreement, unit)
+    if found.suggestion is not None:
+        data["suggestion"]["text"] = describe_suggestion(found.suggestion, unit)
+    if found.by_torque is not None:
+        data["by_torque"]["says"] = contradiction(found) if found.is_contradicted else None
+    for own in data["candidates"]:
+        own["reason"] = per(own["reason"], unit)
+    return data
+
+
+def _describe(found: Diagnosis, finding: Finding) -> str:
+    return describe(finding, found.torque_unit, found.model.terms)

@@ -1,0 +1,469 @@
+"""Sentences for findings, with numbers in the unit that is shown and the options of the command line."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from estimators.findings import Finding, Kind, Quantity
+from pendulum_env.physics import BASE, Term, nameable
+from pendulum_env.physics.terms import untested_range
+from pendulum_env.words import listing, number_text, opening, per, plus_minus
+
+LOGGED = {"A": "a current", "V": "a voltage", "duty": "a duty cycle"}
+OTHER_LOAD = (
+    "Record with another known load, or without any, and give `load` in the study; or log the torque at the output as "
+    "`load_torque`."
+)
+PHRASES = {  # of violated bounds, by the name of their gate; others are parameters
+    "negative_inertia": "a negative inertia",
+    "driving_friction": "friction that drives",
+    "dry_friction": "dry friction of {}, more than the torque that moved the joint",
+}
+GIVE_INERTIA = "Record faster reversals, or give its value (--fix inertia=VALUE)."
+LIMITS = {"torque": "N m", "angle": "rad", "speed": "rad/s"}
+
+
+def describe(finding: Finding, unit: str = "N m", terms: Sequence[Term] = ()) -> str:
+    """Describe a finding in one to three sentences.
+
+    Args:
+        finding: to describe.
+        unit: of the torque that is shown.
+        terms: of the model that the finding is about, for findings on untested motion.
+    """
+    if finding.kind is Kind.UNTESTED_RANGE:
+        term = next(term for term in terms if term.id == finding.effects[0])
+        low, high = (finding.numbers[end].value for end in ("low", "high"))
+        return f"{untested_range(term, low, high)}."
+    return DESCRIBED[finding.kind](finding, unit)
+
+
+def experiment(id: str) -> str:
+    """Return the experiment that shows an effect, or an effect at a joint; empty if the effect is in no library."""
+    known = {term.id: term.description for term in BASE} | {id: kind.description for id, kind in nameable().items()}
+    description = known.get(id.partition("@")[0])
+    return description.informative_experiment if description is not None else ""
+
+
+def measure(quantity: Quantity, unit: str, digits: int = 3) -> str:
+    """Return a number with its standard error, if it has one, and its unit where torque is in `unit`."""
+    value = plus_minus(quantity.value, quantity.std) if quantity.std else number_text(quantity.value, digits)
+    return f"{value} {per(quantity.unit, unit)}".rstrip()
+
+
+def milliseconds(quantity: Quantity) -> str:
+    """Return a time in ms, its standard error to one digit: `9.90 ± 0.04 ms`."""
+    value, std = 1e3 * abs(quantity.value), 1e3 * quantity.std
+    digits = min(3, max(0, -int(np.floor(np.log10(max(std, 1e-3)))))) if np.isfinite(std) else 3
+    return f"{value:.{digits}f} ± {std:.{digits}f} ms"
+
+
+def _unidentifiable(found: Finding, unit: str) -> str:
+    names, pronoun = listing(found.parameters), "it" if len(found.parameters) == 1 else "them"
+    if not found.numbers:
+        return (
+            f"{names} cannot be determined: these recordings hardly depend on {pronoun}. Move all joints faster, wider "
+            "and together."
+        )
+    best = ", ".join(measure(found.numbers[name], unit) for name in found.parameters)
+    return (
+        f"{names} cannot be determined: these recordings hardly depend on {pronoun} alone, and the best fit is {best}. "
+        f"Record {experiment(found.parameters[0])}, at more frequencies."
+    )
+
+
+def _constant(reason: Callable[[Finding], str]) -> Callable[[Finding, str], str]:
+    """Describe why a torque constant is unknown."""
+
+    def sentence(found: Finding, unit: str) -> str:
+        logged = found.numbers["torque_constant"].unit.partition("/")[2]
+        name = "torque constant" if logged == "A" else "torque gain"
+        return f"The {name} is unknown, and every parameter is per {logged}: {reason(found)}"
+
+    return sentence
+
+
+def _logged(found: Finding) -> str:
+    unit = found.numbers["torque_constant"].unit.partition("/")[2]
+    return LOGGED.get(unit, unit)
+
+
+def _uncertain(found: Finding) -> str:
+    logged, inverse = found.numbers["torque_constant"].unit.partition("/")[2], found.numbers["inverse"]
+    return (
+        f"the known loads give its inverse as {plus_minus(inverse.value, inverse.std)} {logged}/(N m). Take loads that "
+        "differ more, or move further."
+    )
+
+
+def _negative(found: Finding) -> str:
+    constant, load_torque = found.numbers["torque_constant"], "load_torque, " if found.parameters else ""
+    return (
+        f"the known loads give {plus_minus(constant.value, constant.std)} {constant.unit}, which is negative. Turn "
+        f"{load_torque}torque or position round with a minus sign."
+    )
+
+
+def _gear(cause: Callable[[Finding], str]) -> Callable[[Finding, str], str]:
+    """Describe why the losses of a gear are part of the torque constant."""
+
+    def sentence(found: Finding, unit: str) -> str:
+        constant = found.numbers["torque_constant"]
+        name = "torque constant" if constant.unit.endswith("/A") else "torque gain"
+        return (
+            f"{cause(found)}, so the losses of its gears and the {name} are one number, {constant.value:.4g} "
+            f"{constant.unit}. A weight that is let down slowly, and turns the motor, would tell them apart."
+        )
+
+    return sentence
+
+
+def _back_emf(found: Finding, unit: str) -> str:
+    constant = found.numbers["back_emf"]
+    logged = LOGGED[constant.unit.partition(" ")[0]]
+    return (
+        f"The log has {logged}: back-EMF is part of the viscous friction, and its constant k_e is at most "
+        f"{constant.value:.3g} {constant.unit}."
+    )
+
+
+def _of(found: Finding) -> str:
+    """Return the beginning of a sentence about some recordings."""
+    return f"{listing(found.recordings)}: the" if found.recordings else "The"
+
+
+def _late(remedy: str, is_sampled: bool = False) -> Callable[[Finding, str], str]:
+    """Describe torque that is logged late or filtered."""
+
+    def sentence(found: Finding, unit: str) -> str:
+        delay, lag = found.numbers.get("delay"), found.numbers.get("lag")
+        law = ["logged half a sample late"] if is_sampled and not delay else []
+        law += [f"logged {milliseconds(delay)} late"] if delay else []
+        law += [f"logged through a low-pass filter with a time constant of {milliseconds(lag)}"] if lag else []
+        how = ": it was sampled like the position, and not held until the next sample" if is_sampled else ""
+        return " ".join([f"{_of(found)} torque is {' and '.join(law)}{how}{_rival(found)}.", *filter(None, [remedy])])
+
+    return sentence
+
+
+def describe_late(finding: Finding, remedy: str) -> str:
+    """Describe torque that is logged late, with a remedy of one's own."""
+    return _late(remedy, is_sampled=finding.kind is Kind.TORQUE_SAMPLED)(finding, "N m")
+
+
+def _acts_late(found: Finding, unit: str) -> str:
+    delay = found.numbers.get("delay")
+    law = (
+        f"{milliseconds(delay)} after its time stamp"
+        if delay
+        else f"with a lag of {milliseconds(found.numbers['lag'])}"
+    )
+    return (
+        f"{_of(found)} torque acts {law}{_rival(found)}. Possible causes: the drive (dead_time, actuator_lag), early "
+        "time stamps, or a flexible joint. Log current or torque at the motor to distinguish them."
+    )
+
+
+def _rival(found: Finding) -> str:
+    """Return the other of delay and filter, where it explains as much."""
+    lag = "with a lag" if found.kind is Kind.ACTS_LATE else "through a low-pass filter with a time constant"
+    for name, law in (("rival_delay", "by a delay"), ("rival_lag", lag)):
+        if name in found.numbers:
+            size = f"{1e3 * abs(found.numbers[name].value):.3g} ms"
+            return f" (or {law} of {size}; more steps of torque would distinguish them)"
+    return ""
+
+
+def _feedback(remedy: str) -> Callable[[Finding, str], str]:
+    """Describe torque that answers the motion."""
+
+    def sentence(found: Finding, unit: str) -> str:
+        gain = measure(found.numbers["gain"], unit, 2)
+        return (
+            f"{_of(found)} torque answers the motion ({gain} between samples), so reactions of a controller may be "
+            f"taken for physics. {remedy}"
+        )
+
+    return sentence
+
+
+def _outlier(what: Callable[[Finding, str], str]) -> Callable[[Finding, str], str]:
+    """Describe a recording of another plant."""
+
+    def sentence(found: Finding, unit: str) -> str:
+        name, *others = found.recordings
+        one = f"'{others[0]}'" if others else "the model"
+        number = f"{found.numbers['number'].value:g}"
+        return (
+            f"Recording {number} ({name}) disagrees with {'the others' if len(others) > 1 else one}: "
+            f"{what(found, unit)}."
+        )
+
+    return sentence
+
+
+def _differences(found: Finding, unit: str) -> str:
+    parts = []
+    for name in found.parameters:
+        own, others = found.numbers[name], found.numbers[f"others.{name}"]
+        share = (own.value - others.value) / max(abs(others.value), 1e-300)
+        if abs(share) > 1:  # of a parameter near zero
+            parts.append(f"{name} {own.value:.3g} instead of {others.value:.3g} {per(own.unit, unit)}")
+        else:
+            percent = float(f"{100 * abs(share):.2g}")
+            parts.append(f"{name} {percent:g} % {'higher' if share > 0 else 'lower'}")
+    return ", ".join(parts)
+
+
+def _misfit(found: Finding, unit: str) -> str:
+    left, times = measure(found.numbers["residual"], unit, 2), found.numbers["times"].value
+    return (
+        f"no parameters fit it. The residual is {left}, {times:.2g} times the noise floor: something was changed, or "
+        "an effect shows there only"
+    )
+
+
+def _remedy(text: str, otherwise: str = "") -> Callable[[Finding, str], str]:
+    """Describe a column that was read wrongly, with the option that reads it rightly, ready to paste."""
+
+    def sentence(found: Finding, unit: str) -> str:
+        options = [
+            f"Read {'it' if len(found.remedies) == 1 else listing(names)} with {option} instead."
+            for option, names in found.remedies.items()
+        ]
+        return " ".join([f"{text}.", *(options or filter(None, [otherwise]))])
+
+    return sentence
+
+
+def _zero_shifted(found: Finding, unit: str) -> str:
+    angle = found.numbers["angle"]
+    size, error = abs(np.degrees(angle.value)), np.degrees(angle.std)
+    digits = int(np.clip(-np.floor(np.log10(max(error, 1e-9))), 0, 3))
+    text = (
+        f"The zero of the position is {size:.{digits}f} ± {error:.{digits}f} degrees off, or the base is tilted by "
+        "that angle (gravity_tilt)"
+    )
+    return _remedy(text)(found, unit)
+
+
+def _incomplete(found: Finding, unit: str) -> str:
+    parts = []
+    if "residual" in found.numbers:
+        size = f"{found.numbers['residual'].value:.2g} times the noise floor"
+        where = f" ({listing(found.joints)})" if found.joints else ""
+        parts.append(f"the residual is {'up to ' * (len(found.joints) > 1)}{size}{where}")
+    if "disagreement" in found.numbers:
+        size = f"{found.numbers['disagreement'].value:.2g} standard errors"
+        several = "up to " * (len(found.parameters) > 1)
+        parts.append(f"the schemes disagree on {listing(found.parameters)} by {several}{size}")
+    return f"The model is incomplete: {', and '.join(parts)}."
+
+
+def _impossible(found: Finding, unit: str) -> str:
+    numbers = {name: measure(found.numbers[name], unit) for name in found.parameters}
+    parts = [PHRASES.get(name, f"{name} = {{}}").format(number) for name, number in numbers.items()]
+    return (
+        f"The best fit is unphysical: it has {listing(parts)}. Check the signs of torque and position, or record a "
+        "motion of more than one frequency."
+    )
+
+
+def _servo_off(found: Finding, unit: str) -> str:
+    worst = found.numbers.get("worst")
+    most = "" if worst is None else f", most of it in {listing(found.recordings)} ({measure(worst, unit, 2)})"
+    return (
+        f"Simulated from its goal, the servo is off by {measure(found.numbers['error'], unit, 2)}, "
+        f"{found.numbers['times'].value:.2g} times the noise of the encoder{most}."
+    )
+
+
+def _tied(found: Finding, unit: str) -> str:
+    text = f"{listing(found.effects)} look the same in these data"
+    reveals = experiment(found.effects[-1])
+    return f"{text}. To tell them apart: {reveals}." if reveals else f"{text}."
+
+
+def _table_helps(found: Finding, unit: str) -> str:
+    first, *others = found.effects
+    more = f" {listing(others)} would keep others." if others else ""
+    return (
+        f"Keep the unknown law as a table, which also shows its shape: `pendulum-ident add MODEL.json {first} ...`."
+        f"{more}"
+    )
+
+
+def _fit_held_out(found: Finding, unit: str) -> str:
+    return f"The model explains the fitted data, but not the held-out data ({listing(found.recordings)}): fit both."
+
+
+def _fit_held_out_or_payload(found: Finding, unit: str) -> str:
+    carried = "If the arm carried something there, `compare MODEL.json --payload` identifies it."
+    return f"{_fit_held_out(found, unit)} {carried}"
+
+
+def _beyond_limits(found: Finding, unit: str) -> str:
+    aims = listing([aim(*pair) for pair in found.pairs], "or")
+    place = found.numbers.get("place")
+    there = "" if place is None else f" and go to {np.degrees(place.value):.0f} degrees, where most is left,"
+    options = "--max-angle, --max-speed" + ", --max-torque" * ("torque" in found.numbers)  # without it, a free swing
+    return (
+        f"No experiment within {limits_text(found.numbers, unit)} would {aims}{there}: allow more ({options}) if the "
+        "rig bears it."
+    )
+
+
+def limits_text(numbers: Mapping[str, Quantity], unit: str) -> str:
+    """Name the limits of an experiment: `0.5 N m, 2 rad/s and the recorded angles`."""
+    given = [measure(numbers[name], unit) for name in LIMITS if name in numbers and np.isfinite(numbers[name].value)]
+    recorded = [f"{name}s" for name in ("angle", "speed") if name not in numbers]
+    return listing([*given, *([f"the recorded {listing(recorded)}"] if recorded else [])])
+
+
+def aim(effect: str, instead: str | None) -> str:
+    """Describe what an experiment settles: `tell spring from gravity_tilt`, `show spring if it is there`."""
+    return f"tell {effect} from {instead}" if instead else f"show {effect} if it is there"
+
+
+CORRECT_IT = "Correct it with --align (`Preprocessed.of(recordings).timed()` in Python)."
+CORRECTED = "It is corrected here; other commands correct it with --align."
+PLANNED = "Record the reference of the controller as well (column `reference`), or a torque that is planned."
+INSTRUMENTS = "--instruments reference keeps them out of the base model of `identify` and `diagnose`."
+
+DESCRIBED: Mapping[Kind, Callable[[Finding, str], str]] = {
+    Kind.NO_MOTION: lambda found, unit: (
+        "The joint hardly moves, so no parameter can be identified. Record wider or faster motion."
+    ),
+    Kind.TORQUE_IS_NOISE: lambda found, unit: (
+        "The torque is noise alone, so only ratios of parameters are known. Read the file without it (--columns "
+        "torque=none)."
+    ),
+    Kind.ONE_DIRECTION: lambda found, unit: (
+        "The velocity never changes sign, so coulomb and torque_offset cannot be told apart. Record both directions."
+    ),
+    Kind.SMALL_ANGLES: lambda found, unit: (
+        f"The position stays small, within {measure(found.numbers['angle'], unit, 2)}: gravity and a spring look the "
+        "same. Record wider swings."
+    ),
+    Kind.NEVER_ACTS: lambda found, unit: (
+        f"{listing(found.parameters)} never acts in these recordings. Record motion that reaches it."
+    ),
+    Kind.INDISTINGUISHABLE: lambda found, unit: (
+        f"{listing(found.parameters)} cannot be told apart: they act alike in these recordings."
+    ),
+    Kind.UNIDENTIFIABLE: _unidentifiable,
+    Kind.RELATIVE_TO_INERTIA: lambda found, unit: (
+        "No torque is applied: every parameter is relative to the inertia, which is 1. A known value makes them "
+        'absolute (--fix inertia=VALUE, or `fixed={"inertia": VALUE}` in Python).'
+    ),
+    Kind.LOADS_UNKNOWN: _constant(
+        lambda found: (
+            f"the log has {_logged(found)} for the torque, and known loads that differ are needed. {OTHER_LOAD}"
+        )
+    ),
+    Kind.LOADS_EQUAL: _constant(
+        lambda found: (
+            f"the log has {_logged(found)} for the torque, and all recordings have the same load. {OTHER_LOAD}"
+        )
+    ),
+    Kind.CONSTANT_TOO_SHORT: _constant(
+        lambda found: "too little of the motion is clear of the ends of the recordings. Record longer."
+    ),
+    Kind.ONE_LOAD_MOVED: _constant(
+        lambda found: (
+            f"of {found.numbers['loads'].value:g} known loads only one was moved. Move the joint under each of them, "
+            "clear of stick."
+        )
+    ),
+    Kind.CONSTANT_UNCERTAIN: _constant(_uncertain),
+    Kind.CONSTANT_NEGATIVE: _constant(_negative),
+    Kind.INTEGRAL_CONTROLLER: _constant(
+        lambda found: (
+            "the torque of a controller with an integral is not known well enough to find its gain from known loads. "
+            "Give the drive a gain."
+        )
+    ),
+    Kind.GEAR_LOSS_UNKNOWN: _gear(
+        lambda found: f"The motor pushes along the motion {found.numbers['share'].value:.0%} of the time"
+    ),
+    Kind.LOAD_BRAKES: _gear(lambda found: "The load torque opposes the motion nearly always"),
+    Kind.BACK_EMF: _back_emf,
+    Kind.TORQUE_LATE: _late(CORRECT_IT),
+    Kind.TORQUE_LATE_CORRECTED: _late(CORRECTED),
+    Kind.TORQUE_SAMPLED: _late(CORRECT_IT, is_sampled=True),
+    Kind.TORQUE_SAMPLED_CORRECTED: _late(CORRECTED, is_sampled=True),
+    Kind.ACTS_LATE: _acts_late,
+    Kind.FEEDBACK: _feedback(PLANNED),
+    Kind.FEEDBACK_WITH_REFERENCE: _feedback(INSTRUMENTS),
+    Kind.OUTLIER_RECORDING: _outlier(_differences),
+    Kind.SCALED_TORQUE: _outlier(
+        lambda found, unit: f"its torque is {found.numbers['factor'].value:.3g} times what the same motion takes there"
+    ),
+    Kind.SCALED_INERTIA: _outlier(
+        lambda found, unit: f"its inertia is {found.numbers['factor'].value:.3g} times that there"
+    ),
+    Kind.TURNED_ROUND: _outlier(lambda found, unit: "torque or position has the opposite sign in it"),
+    Kind.MISFIT: _outlier(_misfit),
+    Kind.FEW_STRETCHES: lambda found, unit: (
+        f"Only {found.numbers['count'].value:g} stretches of motion are clear of stick and reversals, and many effects "
+        "would not show. Record longer, faster or wider motion."
+    ),
+    Kind.FILTER_SLOWED: lambda found, unit: (
+        f"At {found.numbers['rate'].value:.4g} Hz the filters would pass everything: their cutoff is lowered to "
+        f"{found.numbers['rate'].value:.4g} rad/s."
+    ),
+    Kind.SPEED_RATE_UNKNOWN: lambda found, unit: (
+        "If the drive computes its speed from two readings of its encoder, give the rate of the readings (`rate`). At "
+        f"{found.numbers['rate'].value:g} readings a second, the inertia is "
+        f"{measure(found.numbers['inertia'], unit, 2)} larger than stated here."
+    ),
+    Kind.TORQUE_SCALED: lambda found, unit: (
+        f"The logged torque is {found.numbers['factor'].value:.2f} times the torque that the described drive asks for, "
+        "and all parameters are by the drive. Check its gains and limit, and the unit of the torque column."
+    ),
+    Kind.LOAD_TORQUE_TURNED: _remedy(
+        "The motion follows load_torque with the opposite sign: a load torque that drives the joint is positive"
+    ),
+    Kind.INERTIA_NEGATIVE: _remedy(
+        "The inertia came out negative: torque and position have opposite signs", "Turn one of them round."
+    ),
+    Kind.ZERO_SHIFTED: _zero_shifted,
+    Kind.ZERO_UPRIGHT: _remedy(
+        "The gravity came out negative: position 0 seems to be the upright position, and must be the hanging one"
+    ),
+    Kind.GRAVITY_BESIDE_SPRING: lambda found, unit: (
+        "The gravity came out negative beside a spring: the two cancel, and neither is meaningful."
+    ),
+    Kind.FRICTION_NEGATIVE: lambda found, unit: (
+        f"{listing(found.parameters)} came out negative, and no friction drives: another law acts in its place."
+    ),
+    Kind.INCOMPLETE: _incomplete,
+    Kind.TIED: _tied,
+    Kind.IMPOSSIBLE: _impossible,
+    Kind.TABLE_EXPLAINS: lambda found, unit: (
+        f"{opening(found.effects[0])} would explain most of the residual, and no effect of the library is that law."
+    ),
+    Kind.NEAR_REVERSALS: lambda found, unit: (
+        "The torque fits where the joint moves freely, but free-running simulation errs by "
+        f"{measure(found.numbers['error'], unit, 2)}: something acts near reversals or at rest."
+    ),
+    Kind.NOWHERE: lambda found, unit: (
+        f"The residual is {measure(found.numbers['residual'], unit, 2)}, {found.numbers['times'].value:.2g} times the "
+        "noise floor, at no one speed, angle or time: something acts faster than the windows resolve, or rarely."
+    ),
+    Kind.SERVO_OFF: _servo_off,
+    Kind.TABLE_HELPS: _table_helps,
+    Kind.NO_EFFECT_OPEN: lambda found, unit: (
+        "No library effect explains the rest of the residual. Write your own effect, or keep a table."
+    ),
+    Kind.FIT_HELD_OUT: _fit_held_out,
+    Kind.FIT_HELD_OUT_OR_PAYLOAD: _fit_held_out_or_payload,
+    Kind.INERTIA_UNKNOWN: lambda found, unit: (
+        f"The motion of an experiment cannot be predicted without the inertia. {GIVE_INERTIA}"
+    ),
+    Kind.BEYOND_LIMITS: _beyond_limits,
+    Kind.CHECK_DRIVE: lambda found, unit: (
+        "No effect that was tried explains the residual. Check the gains and limits of the drive, and record under "
+        "more gains."
+    ),
+}
