@@ -27,6 +27,7 @@ class Bounds:
     fastest: float = 500.0  # [rad/s], of a bare motor; direct-drive arms reach some 40
     window: float = 0.02  # [s] over which speeds are taken: longer than encoder steps, shorter than a swing
     absurd: float = 1e20  # of any quantity: above time in nanoseconds since 1970, and most glitches, which are mended
+    current: float = 200.0  # [A], of the motor of a joint
     followed: float = 6 * np.pi  # [rad] by which a position may stay away from its goal
 
 
@@ -44,6 +45,17 @@ def refuse_absurd(values: Mapping[str, Array]) -> None:
                 f"{quantity} is {column[beyond[0]]:.3g} at data row {beyond[0] + 1} (header not counted), of which "
                 f"{most:g} is the most in SI units: repair or remove that row, or tell the column's unit"
             )
+
+
+def refuse_large_current(values: Array, origin: Origin) -> None:
+    """Refuse a torque column of amperes, by the user or by its name alone, that no motor of a joint draws."""
+    column = origin.columns["torque"]
+    most = float(np.nanquantile(np.abs(values), 0.99)) if np.isfinite(values).any() else 0.0
+    if column.is_current_by_guess and most > BOUNDS.current:
+        raise ColumnError(
+            f"the current of column {column.header!r} reaches {most:.4g}, too much in A: read it with "
+            f"{origin.in_unit('torque', 'mA')} if it is in mA, or give the unit in the name of the column"
+        )
 
 
 def refuse_too_few(time: Array) -> None:
@@ -137,6 +149,8 @@ def _in_degrees(origin: Origin) -> str:
 
 
 def _advise_unit(origin: Origin, unit: str) -> str:
+    if origin.are_counts:
+        return f"read it with {origin.in_counts()} if an encoder counts 4096 to a turn"
     name = {"deg": "degrees", "rev": "turns"}[unit]
     return f"read it with {origin.in_unit('position', unit)} if it is in {name}"
 

@@ -92,6 +92,13 @@ class Column:
         return self.unit is not None or (self.expression is not None and bool(self.expression.factors))
 
     @property
+    def is_current_by_guess(self) -> bool:
+        """Whether it is a current in amperes whose name tells no unit."""
+        if self.quantity != "torque" or self.unit not in (None, "a") or _unit_at_the_end(RAW["torque"], self.header):
+            return False
+        return self.unit == "a" or (_is_raw("torque", self.header) and _raw_unit_of(self.header) == "A")
+
+    @property
     def result_unit(self) -> str:
         """Unit of what comes out: SI, but for a torque whose gain is to be found."""
         if self.expression is None or not self.expression.is_gain_unknown:
@@ -144,7 +151,7 @@ def find_columns(
             without, or `none` for a torque; the others are found by their names.
         output: of a known controller that followed the reference: then the reference is needed, and torque is what
             the user names, or else a column of that output.
-        wordy: places of columns that hold no numbers.
+        wordy: places of columns that hold no numbers; they give way to others.
 
     Raises:
         ColumnError: if one is missing, if two fit the same quantity, or if one needs a gain that is not given.
@@ -164,7 +171,7 @@ def find_columns(
         if quantity in given:
             columns[quantity] = given[quantity]
             continue
-        candidates = _most_direct(fitting)
+        candidates = _most_direct([column for column in fitting if column.index not in wordy] or fitting)
         if quantity in SPARE:
             candidates = candidates[:1]
         if quantity == "time" and len(candidates) > 1 and len(positions) == 1:
@@ -180,7 +187,7 @@ def find_columns(
                 f"columns {names} could {'both' if len(candidates) == 2 else 'all'} be {quantity}: {CHOOSE}"
             )
         if candidates:
-            others = tuple(c.header for c in fitting if c not in candidates)
+            others = tuple(c.header for c in fitting if c not in candidates and c.index not in wordy)
             columns[quantity] = replace(candidates[0], passed_over=others)
     if "torque" not in {*columns, *unused} and "load_torque" in columns and output is None:
         if not _raw("torque", headers):  # else a motor drives the joint, too
@@ -200,7 +207,8 @@ def find_columns(
                 f"no column for the goal (goal, reference) among {_listed(headers)}: say which with --columns "
                 "reference=NAME (columns=...)"
             )
-        hints = [hint for quantity in missing for hint in _raw(quantity, headers)]
+        free = [header for k, header in enumerate(headers) if k not in used and k not in wordy]
+        hints = [hint for quantity in missing for hint in _in_unit(quantity, free) or _raw(quantity, headers)]
         line = ",".join([*(f"{q}={text}" for q, text in told.items()), *(f"{q}=NAME" for q in missing)])
         plain = (
             f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or say which with "
@@ -357,19 +365,35 @@ def _joints(headers: Sequence[str]) -> list[str]:
     return [joint for joint in joints if f"torque_{joint}" in plain]
 
 
+def _in_unit(quantity: str, headers: Sequence[str]) -> list[str]:
+    """Write how to name the columns of unknown names that have a unit of the quantity."""
+    fitting = [header.strip() for header in headers if _unit_at_the_end(UNITS[quantity], header)]
+    return [f"{shown(own, QUOTED)} has its unit: --columns {quantity}={shlex.quote(own)}" for own in fitting[:3]]
+
+
 def _raw(quantity: str, headers: Sequence[str]) -> list[str]:
-    """What to write if a column holds the quantity but for a gain, at most one."""
-    raw = [header.strip() for header in headers if _is_raw(quantity, header)][:1]
-    return [f"{shown(own, QUOTED)} needs a gain, as in --columns {_gain_example(quantity, own)}" for own in raw]
+    """Write how to name the columns that hold the quantity but for a gain: at most one of each unit, currents first."""
+    raw: dict[str, str] = {}
+    for header in headers:
+        if _is_raw(quantity, header):
+            raw.setdefault(_raw_unit_of(header) if quantity == "torque" else "", header.strip())
+    return [
+        f"{shown(own, QUOTED)} needs a gain, as in --columns {_gain_example(quantity, own)}"
+        for _, own in sorted(raw.items())
+    ]
 
 
 def _gain_example(quantity: str, header: str, of_arm: bool = False) -> str:
     """Write an example of a column with a gain, in the unit that its name tells."""
-    unit = _raw_unit(_unit_at_the_end(RAW["torque"], header) or letters(re.split(r"[\[(]", header)[0]))
+    unit, own = _raw_unit_of(header), _unit_at_the_end(RAW["torque"], header)
     text = GAINS[quantity] + (GAIN_TO_FIND if quantity == "torque" and not of_arm else "")
     if re.search(r"[\s'\"()\[\]]", header):  # a shell would take it apart
         text = re.sub(r"(\w+=)(\{0\}[^\s,]*)", lambda found: found[1] + shlex.quote(found[2]), text)
-    return text.format(header, unit, TORQUE_GAINS[unit])
+    return text.format(header, {"ma": "mA", "mv": "mV"}.get(own or "", unit), TORQUE_GAINS[unit])
+
+
+def _raw_unit_of(header: str) -> str:
+    return _raw_unit(_unit_at_the_end(RAW["torque"], header) or letters(re.split(r"[\[(]", header)[0]))
 
 
 def _raw_unit(text: str) -> str:
@@ -412,7 +436,7 @@ def named_column(quantity: str, text: str, headers: Sequence[str], of_arm: bool 
     raw = RAW.get(quantity, {})
     units = {**UNITS[quantity], **raw, **LINEAR.get(quantity, {})}
     try:
-        expression = parse(text, names, units)
+        expression = _parse_name(text, names, units)
     except UnknownColumnError as error:
         raise ColumnError(
             f"no column is named {str(error)!r}, which is to be {quantity}, among {_listed(headers)}"
@@ -441,6 +465,16 @@ def named_column(quantity: str, text: str, headers: Sequence[str], of_arm: bool 
     if expression.offset_unit is not None and letters(expression.offset_unit) in raw:
         raise ColumnError(f"the offset in {text.strip()!r} is added after the gain: give it in {SI[quantity]}")
     return Column(quantity, name, names.index(name), unit, expression=expression)
+
+
+def _parse_name(text: str, names: Sequence[str], units: Mapping[str, float]) -> Expression:
+    """Read an expression of a column, whose name may lack its unit in brackets where one column alone is meant."""
+    try:
+        return parse(text, names, units)
+    except UnknownColumnError:
+        bare = [re.split(r"\s*[\[(]", name)[0] for name in names]
+        expression = parse(text, [name for name in bare if bare.count(name) == 1], units)
+        return replace(expression, name=names[bare.index(expression.name)])
 
 
 def _unit_at_the_end(units: Mapping[str, float], name: str) -> str | None:

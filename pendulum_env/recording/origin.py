@@ -20,11 +20,13 @@ class Origin:
         columns: by quantity, as they were recognised or told.
         named: what the user said of columns, by quantity.
         is_file: whether it was a file; else a table in memory.
+        are_counts: whether position is whole numbers without a unit that cover more than 720.
     """
 
     columns: Mapping[str, Column]
     named: Mapping[str, str] = field(default_factory=dict)
     is_file: bool = True
+    are_counts: bool = False
 
     @property
     def slides(self) -> bool:
@@ -44,6 +46,11 @@ class Origin:
     def in_unit(self, quantity: str, unit: str) -> str:
         """With a column in another unit."""
         return self.paste(**{quantity: str(replace(self._as_it_is(quantity), unit=unit))})
+
+    def in_counts(self) -> str:
+        """With position in counts, of which a turn has 4096 as an example."""
+        expression = self._as_it_is("position")
+        return self.paste(position=str(replace(expression, unit="counts", factors=("/4096", *expression.factors))))
 
     def turned(self, quantity: str) -> str:
         """With a column of the other sign, what is added to it included."""

@@ -26,7 +26,7 @@ from pendulum_env.recording.arrays import is_data, read_data, read_hdf5, read_ma
 from pendulum_env.recording.bags import is_bag, read_bag
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.clock import count_on, find_unix_unit
-from pendulum_env.recording.columns import NONE, check_named, describe_ambiguous_velocity, find_columns
+from pendulum_env.recording.columns import NONE, Column, check_named, describe_ambiguous_velocity, find_columns
 from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import NEWTON_METRE, WARNING, Recording
@@ -53,6 +53,7 @@ READERS: dict[str, Callable[[Path, Find], Table]] = {
     ".db3": read_bag,
     ".dat": read_csv,
     ".lvm": read_csv,
+    ".log": read_csv,
 }
 RECIPES = {  # what helps where a format is not read
     ".npy": "name its columns: numpy.savez('run.npz', time=..., position=..., torque=...)",
@@ -61,7 +62,6 @@ RECIPES = {  # what helps where a format is not read
     ".arrow": "write it with pandas' to_parquet",
     ".json": "a recording is written with pandas' to_csv; of a model, `compare` and `diagnose` say how it fares",
     ".jsonl": "write it with pandas' to_csv",
-    ".log": "if it is text in columns, rename it to .csv; a log of robots in text lines is split by your own script",
     ".asc": "export it by python-can and cantools as CSV",
     ".wpilog": "export it by AdvantageScope: File, Export Data, Format CSV, Timestamps All Changes",
     ".hoot": "convert it by owlet to .wpilog, then export that by AdvantageScope as CSV",
@@ -242,7 +242,9 @@ def _recording(
     unix = None if columns["time"].is_unit_told else find_unix_unit(values["time"])
     if unix is not None:
         columns["time"] = replace(columns["time"], unit=unix)
-    origin = Origin(columns, named, is_file)
+    origin = Origin(columns, named, is_file, _are_counts(columns["position"], values["position"]))
+    if "torque" in values:
+        checks.refuse_large_current(values["torque"], origin)
     for quantity, column in columns.items():
         with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is left out like an empty cell
             values[quantity] *= column.scale
@@ -308,6 +310,12 @@ def _recording(
     if not jumps:  # of 2 pi, which tell the unit
         recording = replace(recording, notes=(*recording.notes, *_doubts(recording, origin)))
     return recording
+
+
+def _are_counts(column: Column, values: Array) -> bool:
+    """Return whether a position without a unit may be the counts of an encoder: whole numbers that cover over 720."""
+    finite = values[np.isfinite(values)]
+    return column.unit is None and len(finite) > 0 and bool(np.ptp(finite) > 720 and (finite == np.round(finite)).all())
 
 
 def _doubts(recording: Recording, origin: Origin) -> tuple[str, ...]:

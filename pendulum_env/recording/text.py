@@ -39,6 +39,10 @@ LABELLED = re.compile(rb"\b([A-Za-z_]\w*):(?=[-+.\d])")  # names before numbers,
 LABELLED_LINE = re.compile(rb"\s*[A-Za-z_]\w*:[-+.\deE]+(?:[,;\t ]+[A-Za-z_]\w*:[-+.\deE]+)+\s*")
 CLOCK = re.compile(r"\s*(?:\d+:)?\d{1,2}:\d{1,2}(?:[.,]\d+)?\s*")  # hours, minutes and seconds
 DAY = 86400.0  # [s]
+NAME_COLUMNS = (
+    "put a line above that names the {} columns of {} with their units, such as "
+    f"{HEADER} (in s, rad, N m) or time_ms,angle_deg,current_mA,pwm"
+)
 STAMP = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:[.,]\d{1,9})?)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*")
 
 
@@ -109,8 +113,10 @@ def read_text(opened: Opened, find: Find) -> Table:
     with opened() as stream:
         layout = _layout(stream.read(HEAD))
     wordy = [k for k, cell in enumerate(layout.first) if not may_be_number(cell, layout.headers[k])]
+    wordy += [k for k, cell in enumerate(layout.first) if not cell and k not in wordy and _is_empty(opened, layout, k)]
     columns = add_labels(find(layout.headers, wordy=wordy), layout.headers, layout.first)
-    notes = [f"{layout.above} rows below the header hold no samples: left out"] if layout.above else []
+    rows = "1 row below the header holds" if layout.above == 1 else f"{layout.above} rows below the header hold"
+    notes = [f"{rows} no samples: left out"] if layout.above else []
     if dated := _stamp(layout, columns["time"]):
         notes.append(f"time is counted from {dated[0].strip()}")
     try:
@@ -228,6 +234,19 @@ def _cell_type(quantity: str, layout: Layout, column: Column) -> pa.DataType:
     return pa.string() if quantity == "segment" and first and not NUMBER.fullmatch(first) else pa.float64()
 
 
+def _is_empty(opened: Opened, layout: Layout, place: int) -> bool:
+    """Return whether a column has no value in any row."""
+    column = Column("time", layout.headers[place], place, None)
+    try:
+        return bool(
+            np.isnan(
+                _values(opened, replace(layout, first=("",) * len(layout.headers)), {"time": column})["time"]
+            ).all()
+        )
+    except RecordingError:
+        return False
+
+
 def may_be_number(cell: str, header: str) -> bool:
     """Return whether a column may hold numbers, by its first cell; one without cells and name holds none."""
     return bool(NUMBER.fullmatch(cell.replace(",", "."))) if cell else bool(header.strip())
@@ -258,10 +277,15 @@ def _layout(head: bytes) -> Layout:
     content = content[_preamble([lines[number][1] for number in content]) :]
     first = content[0]
     line, start, data = lines[first][1], lines[first][0], content[1:]
+    probe = _cells(lines[content[-2]][1]) if len(content) > 2 else []
+    if len(probe) > 2 and not re.search(r"[,;\t]", line) and len(line.split()) != len(probe) and _is_numeric(probe):
+        line = lines[content[-2]][1]  # what stands above the table names none of its columns
+        raise RecordingError(f"the file has no header: {NAME_COLUMNS.format(len(probe), shown(line.strip(), 40))}")
     if _is_numeric(_cells(line)):  # no header, unless the comment above is one
         comments = [text.lstrip(" #") for _, text in lines[:first] if text.strip()]
         if not comments or len(_cells(comments[-1])) != len(_cells(line)):
-            raise RecordingError(f"the first row holds numbers instead of column names: put the header {HEADER} above")
+            what = NAME_COLUMNS.format(len(_cells(line)), shown(line.strip(), 40))
+            raise RecordingError(f"the first row holds numbers, the file has no header: {what}")
         line, start, data = comments[-1], lines[first - 1][0], content
     delimiter = _delimiter(line)
     headers = _cells(line)

@@ -8,12 +8,12 @@ from enum import IntEnum
 HEADER = "time,position,torque"  # the plain header, in s, rad and N m; velocity [rad/s] is optional
 
 ALIASES = {
-    "time": "time t timestamp timestamps stamp elapsed elapsedtime seconds secs sec tout xvalue",
+    "time": "time t timestamp timestamps stamp elapsed elapsedtime seconds secs sec tout xvalue zeit",
     "position": "position pos q theta θ angle ang phi φ angularposition jointposition jointangle jointpos "
-    "motorposition motorangle motorpos observationstate",
+    "motorposition motorangle motorpos observationstate winkel drehwinkel",
     "velocity": "velocity vel speed omega ω dq qd qdot dqdt dtheta thetadot thetad v angularvelocity angvel "
-    "jointvelocity jointvel motorvelocity motorvel",
-    "torque": "torque tau τ effort trq tq moment jointtorque motortorque appliedtorque",
+    "jointvelocity jointvel motorvelocity motorvel winkelgeschwindigkeit",
+    "torque": "torque tau τ effort trq tq moment jointtorque motortorque appliedtorque drehmoment couple",
     "reference": "reference positionreference referenceposition posref refpos qref refq qr thetaref refangle angleref "
     "setpoint positionsetpoint positioncmd positioncommand commandedposition poscmd qcmd thetacmd desiredposition "
     "positiondesired desiredangle posdes despos qdes thetades goalposition targetposition positiontarget qtarget "

@@ -95,14 +95,14 @@ ASKED: dict[str, tuple[str, str, dict[str, str]]] = {  # text, what is said, and
     "samples": (text("sample,angle,torque", range(800), ANGLE, TORQUE), "time=sample/RATE", {"time": "sample/200"}),
     "another language": (
         text("Zeit [s];Winkel [Grad];Moment [Nm]", TIME, DEGREES, TORQUE, sep=";"),
-        "--columns time=NAME,position=NAME",
-        {"time": "Zeit [s]", "position": "Winkel [Grad]:deg"},
+        "--columns position=NAME",
+        {"position": "Winkel [Grad]:deg"},
     ),
     "degrees without a unit": (
         text("Time (s),Angle,Torque", TIME, 20 * DEGREES, TORQUE), "position=Angle:deg", {"position": "Angle:deg/20"},
     ),
     "a symbol with a unit": (
-        text("t / s;phi / °;M / Nm", TIME, DEGREES, TORQUE, sep=";"), "torque=NAME", {"torque": "M / Nm"},
+        text("t / s;phi / °;M / Nm", TIME, DEGREES, TORQUE, sep=";"), "torque='M / Nm'", {"torque": "M / Nm"},
     ),
     "Dynamixel Wizard": (
         text("Time(ms),[ID:001] Present Position,[ID:001] Present Current", MILLIS, 1e6 * (1 + ANGLE / np.pi), TORQUE),
@@ -184,6 +184,68 @@ def test_times_of_day_go_on_after_midnight(tmp_path: Path) -> None:
     late = [(23 * 3600 + 3598 + t) % 86400 for t in TIME]
     times = [f"{int(t // 3600):02d}:{int(t % 3600 // 60):02d}:{t % 60:06.3f}" for t in late]
     check(read_recording(written(tmp_path, text("time,theta,tau", times, ANGLE, TORQUE), "")), TORQUE)
+
+
+LVM = "\t\r\n".join(
+    [
+        "LabVIEW Measurement", "Separator\tTab", "Decimal_Separator\t,", "X_Columns\tNo", "***End_of_Header***", "",
+        "Channels\t4\t\t\t", "Y_Unit_Label\tms\t°\tmNm\tV", "X0" + "\t0,0E+0" * 4, "***End_of_Header***\t\t\t",
+    ]
+)  # fmt: skip
+
+
+def test_empty_columns_give_way_and_units_in_brackets_need_not_be_told(tmp_path: Path) -> None:
+    def table(*names: str) -> Path:
+        cells = (MILLIS, DEGREES, 1e3 * TORQUE, TORQUE / 0.04)
+        rows = ["".join(f"\t{x:.9f}".replace(".", ",") for x in row) for row in zip(*cells, strict=True)]
+        header = "\t".join(["X_Value", *names, "Stellgröße [V]", "Comment"])
+        (tmp_path / "run.lvm").write_bytes("\r\n".join([LVM, header, *rows, ""]).encode("cp1252"))
+        return tmp_path / "run.lvm"
+
+    path = table("Zeit [ms]", "Winkel [°]", "Drehmoment [mNm]")
+    check(read_recording(path), TORQUE)
+    check(read_recording(path, columns={"time": "Zeit", "torque": "Drehmoment", "position": "Winkel"}), TORQUE)
+    check(read_recording(path, columns={"torque": "-Drehmoment*2"}), -2 * TORQUE)
+    path = table("Zeit [ms]", "phi2 [°]", "M [mNm]")
+    with pytest.raises(RecordingError, match=r"position='phi2 \[°\]'.* torque='M \[mNm\]'") as refusal:
+        read_recording(path)
+    assert "Stellgröße [V]:" not in str(refusal.value)
+    path = table("Zeit [ms]", "Drehmoment [°]", "Drehmoment [mNm]")
+    with pytest.raises(RecordingError, match="no column is named 'Drehmoment'"):
+        read_recording(path, columns={"torque": "Drehmoment"})
+
+
+def test_a_log_of_a_serial_monitor_without_names_is_asked_for_them(tmp_path: Path) -> None:
+    counts = np.round(ANGLE / (2 * np.pi) * 1920).astype(int)
+    rows = [f"{t:.0f},{n},{u:.0f},{1e3 * u:.1f}" for t, n, u in zip(MILLIS, counts, TORQUE, strict=True)]
+    content = "\n".join(["=~=~=~= PuTTY log 2024.05.21 14:03:12 =~=~=~=", *rows, "12"])
+    path = tmp_path / "run.log"
+    path.write_text(content)
+    with pytest.raises(RecordingError, match="the file has no header: put a line above that names the 4 columns"):
+        read_recording(path)
+    path.write_text("time_ms,enc_counts,pwm,current_mA\n" + content)
+    with pytest.raises(RecordingError, match=r"enc_counts:counts/4096.* torque=current_mA:mA\*.* torque=pwm:duty\*"):
+        read_recording(path)
+    read = read_recording(path, columns={"position": "enc_counts:counts/1920", "torque": "current_mA*0.5"})
+    assert read.position == pytest.approx(ANGLE, abs=np.pi / 1920 + 1e-9)
+    assert read.torque == pytest.approx(TORQUE / 2, abs=1e-4)
+
+
+@pytest.mark.parametrize("told", ["current*0.1", "current:A*0.1", "current:A*?"])
+def test_a_current_that_no_joint_draws_is_asked_for_its_unit(told: str) -> None:
+    log = {"time": TIME, "angle": ANGLE, "current": 1600 * np.cos(TIME)}
+    with pytest.raises(RecordingError, match="'torque': 'current:mA"):
+        read_recording(log, columns={"torque": told})
+    assert read_recording(log, columns={"torque": "current:mA*0.1"}).torque.max() == pytest.approx(0.16, rel=1e-3)
+    log["current [A]"] = log.pop("current")
+    assert read_recording(log, columns={"torque": "current*0.1"}).torque.max() == pytest.approx(160, rel=1e-3)
+
+
+def test_whole_numbers_that_jump_are_counts() -> None:
+    counts = np.round(16384 * (TIME / 3 % 1.0))
+    with pytest.raises(RecordingError, match="'position': 'angle:counts/4096'") as refusal:
+        read_recording({"time": TIME, "angle": counts, "torque": TORQUE})
+    assert "deg" not in str(refusal.value)
 
 
 def signals(key: str, values: str, *columns: tuple[str, np.ndarray]) -> np.ndarray:

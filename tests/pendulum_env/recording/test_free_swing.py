@@ -41,7 +41,7 @@ def test_a_file_without_torque_is_a_free_swing(tmp_path: Path, header: str) -> N
     assert any("free swing" in note for note in recording.notes)
 
 
-@pytest.mark.parametrize("name", ["m1", "Kraft", "Drehmoment", "ch3", "load [V]", "F (N)", "setpoint", "current", "S"])
+@pytest.mark.parametrize("name", ["m1", "Kraft", "Kraftmoment", "ch3", "load [V]", "F (N)", "setpoint", "current", "S"])
 def test_a_column_that_may_be_the_torque_is_asked_for(tmp_path: Path, name: str) -> None:
     file = table(tmp_path / "run.csv", f"time,angle,{name}", np.cos(TIME))
     with pytest.raises(RecordingError, match="--columns torque=none") as refusal:
