@@ -19,7 +19,7 @@ from agents.observer import COUNT, INPUTS
 from estimators.progress import Progress, no_progress
 from pendulum_env._typing import JSON, Array
 from pendulum_env.mistake import Mistake
-from pendulum_env.plant import PAPER
+from pendulum_env.plant import PAPER, Effects, list_effects
 
 SCHEMA = "pendulum-ident/evaluation@2"
 RESAMPLES = 2000
@@ -94,7 +94,7 @@ def compare_policies(
     constraint: str = "peak",
     plants: int = 40,
     seed: int = 0,
-    effects: Sequence[str] = (),
+    effects: Effects = (),
     spread: float = 0.3,
     max_speed: float | None = None,
     max_turns: float | None = None,
@@ -121,7 +121,7 @@ def compare_policies(
         constraint: of the torque, "peak" (6 N m) or "rms" (3 N m root mean square, 15 N m at most).
         plants: number of them.
         seed: of plants, noise and signals.
-        effects: hidden in the plants, as `stribeck=0.4`.
+        effects: hidden in the plants, as `stribeck=0.4` or `{"stribeck": 0.4}`.
         spread: relative half width within which the parameters of the plants are drawn.
         max_speed: beyond which no torque drives the arm on [rad/s].
         max_turns: to either side, beyond which no torque drives the arm outwards.
@@ -154,7 +154,7 @@ def compare_policies(
     limits = {"max_speed": max_speed, "max_turns": max_turns}
     task: dict[str, float] = {"spread": spread} | {name: one for name, one in limits.items() if one is not None}
     sizes = [min(PART, plants - first) for first in range(0, plants, PART)]
-    setting: dict[str, Any] = {"effects": tuple(effects), "task": task, "scheme_id": scheme}
+    setting: dict[str, Any] = {"effects": list_effects(effects), "task": task, "scheme_id": scheme}
     jobs = [
         partial(observe, make, constraint, size, seed=seed + 4 * FRESH * part, **setting)
         for make in contenders.values()
@@ -168,7 +168,7 @@ def compare_policies(
         progress(names[(len(done) - 1) // count], len(done) / len(jobs))
     outcomes = {name: Outcome.join(done[k * count : (k + 1) * count]) for k, name in enumerate(names)}
     settings: dict[str, object] = {"constraint": constraint, "plants": plants, "seed": seed, "scheme": scheme}
-    settings |= {"effects": list(effects), "spread": spread, **limits}
+    settings |= {"effects": [*setting["effects"]], "spread": spread, **limits}
     return PolicyComparison(outcomes, settings)
 
 

@@ -6,7 +6,7 @@ them. It never sees the plant.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.lookup import find, with_known_arguments
-from pendulum_env.plant import make_plant
+from pendulum_env.plant import Effects, make_plant
 from pendulum_env.rendering import MODES, Renderer
 from pendulum_env.vector_env import DirectDrivePendulumVector
 from pendulum_env.wrappers.randomize_plant import Spread
@@ -54,7 +54,7 @@ class ExcitationDesignVector(TaskVector):
         max_turns: float | None = None,
         seconds: float = EPISODE,
         spread: float = 0.3,
-        effects: Sequence[str] = (),
+        effects: Effects = (),
         counts: int = COUNTS,
         torque_noise: float = TORQUE_NOISE,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
@@ -68,7 +68,8 @@ class ExcitationDesignVector(TaskVector):
             max_turns: to either side, beyond which likewise no torque acts that drives it outwards.
             seconds: length of an episode.
             spread: relative half width within which the four parameters are drawn.
-            effects: hidden in the plants, as `stribeck=0.4`; the estimator does not know of them.
+            effects: hidden in the plants, as `stribeck=0.4` or `{"stribeck": 0.4}`; the estimator does not
+                know of them.
             counts: of the encoder per turn; 0 measures the angle exactly.
             torque_noise: standard deviation of the measured torque [N m].
             autoreset_mode: as of the pendulums.

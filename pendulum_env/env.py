@@ -25,7 +25,7 @@ from pendulum_env.interface import (
 from pendulum_env.lookup import find, with_known_arguments
 from pendulum_env.parameters import PlantAttribute, PlantParameters, Schedule, Values
 from pendulum_env.physics import Model
-from pendulum_env.plant import make_plant
+from pendulum_env.plant import Effects, make_plant
 from pendulum_env.rendering import MODES, Renderer
 
 OWN_PLANT = {"replay": "a replay plays the plant it was recorded with", "dm1015b": "the rig is the plant"}
@@ -66,7 +66,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         self,
         backend: str = "pymunk",
         *,
-        effects: str | Sequence[str] | None = (),
+        effects: Effects = (),
         theta: Mapping[str, float] | Sequence[float] | None = None,
         model: Model | str | Path | None = None,
         schedule: Schedule | None = None,
@@ -84,7 +84,8 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
 
         Args:
             backend: "pymunk", "mujoco" (extra `export`), "replay" or "dm1015b", the rig.
-            effects: hidden in the simulated plant, as `stribeck=0.4`; `pendulum-ident effects` lists them.
+            effects: hidden in the simulated plant, as `stribeck=0.4` or `{"stribeck": 0.4}`; `pendulum-ident effects`
+                lists them.
             theta: parameters of the plant that differ from the paper's, by name, or all four in order.
             model: an identified model or its file, as the plant.
             schedule: changes of the plant's parameters in every episode, by the time after the reset [s], as

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,7 +11,9 @@ import numpy as np
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Model, NonlinearParameter, Term, effect
 from pendulum_env.physics.library import MEASURED
-from pendulum_env.reading import LARGE
+from pendulum_env.reading import LARGE, shown
+
+Effects = str | Sequence[str] | Mapping[str, float | Mapping[str, float]] | None  # see `list_effects`
 
 PAPER: dict[str, float] = {  # the paper's Table 2, dynamic row
     "inertia": 0.0895,  # [kg m^2]
@@ -155,9 +157,41 @@ def _number(part: str, text: str) -> float:
     raise ValueError(f"'{part}' in '{text}' is not a number")
 
 
+def list_effects(effects: Effects) -> tuple[str, ...]:
+    """List effects to hide as texts, see `hide`.
+
+    Args:
+        effects: one text such as `stribeck=0.4`, several, `{"stribeck": 0.4}`, or `{"stribeck": {"stribeck": 0.4}}`
+            with parameters by name; None lists none.
+
+    Raises:
+        TypeError: if they are of another kind.
+    """
+    if isinstance(effects, str):
+        return (effects,)
+    if isinstance(effects, Mapping):
+        return tuple(_write_effect(id, size) for id, size in effects.items())
+    if not isinstance(effects, Iterable | None):
+        raise TypeError(f"effects is {shown(effects)}: give texts such as 'stribeck=0.4', or sizes by id")
+    for text in effects or ():
+        if not isinstance(text, str):
+            raise TypeError(f"an effect is {shown(text)}: give a text such as 'stribeck=0.4'")
+    return tuple(effects or ())
+
+
+def _write_effect(id: str, size: object) -> str:
+    try:
+        if isinstance(size, Mapping):
+            listed = ",".join(f"{name}={float(value)!r}" for name, value in size.items())
+            return f"{id}:{listed}" if listed else id
+        return f"{id}={float(size)!r}"  # type: ignore[arg-type]  # what is no number is refused
+    except (TypeError, ValueError):
+        raise TypeError(f"the size of {id} is {shown(size)}: give a number, or numbers by parameter") from None
+
+
 def make_plant(
     theta: Mapping[str, float] | Sequence[float] | None = None,
-    effects: str | Sequence[str] | None = (),
+    effects: Effects = (),
     model: Model | str | Path | None = None,
 ) -> Model:
     """Plant of an environment.
@@ -165,7 +199,7 @@ def make_plant(
     Args:
         theta: parameters that differ from the paper's, by name, or all four in the order inertia, gravity, viscous,
             coulomb.
-        effects: hidden in it, each as a text such as `stribeck=0.4`, see `hide`; None hides none.
+        effects: hidden in it, as `stribeck=0.4` or `{"stribeck": 0.4}`, see `list_effects`.
         model: an identified model or its file, instead of the paper's plant.
 
     Raises:
@@ -180,9 +214,7 @@ def make_plant(
         plant.refuse_unknown_inertia()
     else:
         plant = paper_plant(theta if theta is None or isinstance(theta, Mapping) else _named(theta))
-    for text in [effects] if isinstance(effects, str) else effects or ():
-        if not isinstance(text, str):
-            raise TypeError(f"an effect is given as a text such as 'stribeck=0.4', got {text!r}")
+    for text in list_effects(effects):
         plant = hide(plant, text)
     return plant
 

@@ -28,7 +28,7 @@ from pendulum_env.parameters import PlantAttribute, PlantParameters, Schedule, V
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.simulation import Balance, CommandLine, step
 from pendulum_env.physics.term import Memory
-from pendulum_env.plant import make_plant
+from pendulum_env.plant import Effects, make_plant
 
 Batch = NDArray[np.float32]
 Bools = NDArray[np.bool_]
@@ -53,7 +53,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         self,
         num_envs: int = 1,
         *,
-        effects: str | Sequence[str] | None = (),
+        effects: Effects = (),
         theta: Mapping[str, float] | Sequence[float] | None = None,
         model: Model | str | Path | None = None,
         schedule: Schedule | None = None,

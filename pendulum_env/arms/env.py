@@ -15,7 +15,7 @@ from pendulum_env.arms.world import SpatialBodies
 from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, is_beyond, warn_learner
 from pendulum_env.lookup import find, with_known_arguments
-from pendulum_env.plant import PAPER
+from pendulum_env.plant import PAPER, Effects
 from pendulum_env.rendering import MODES, Renderer
 from pendulum_env.words import listing
 
@@ -143,7 +143,7 @@ class PlanarArm(SimulatedArm):
         links: Sequence[Link] = TWO_LINK,
         *,
         joints: Sequence[str] | None = None,
-        effects: str | Sequence[str] = (),
+        effects: Effects = (),
         rate: float = 1000.0,
         substeps: int = 1,
         max_torque: float = MAX_TORQUE,
@@ -157,7 +157,7 @@ class PlanarArm(SimulatedArm):
         Args:
             links: from the base on, with friction at their joints.
             joints: names; `shoulder`, `elbow`, `wrist` and numbers by default.
-            effects: hidden at joints, as `stribeck@elbow=0.4`.
+            effects: hidden at joints, as `stribeck@elbow=0.4` or `{"stribeck@elbow": 0.4}`.
             rate: samples, and actions, per second [Hz].
             substeps: integration steps per sample.
             max_torque: bound of each joint's action [N m].
@@ -178,8 +178,7 @@ class PlanarArm(SimulatedArm):
                 f"an arm of {len(self.links)} links needs as many joints of different names, not {listing(joints)}"
             )
         sensor = Sensor(counts, torque_noise, find("velocity", velocity, VELOCITIES))
-        hidden = [effects] if isinstance(effects, str) else list(effects)
-        self.models = joint_models([(link.viscous, link.coulomb) for link in self.links], joints, hidden)
+        self.models = joint_models([(link.viscous, link.coulomb) for link in self.links], joints, effects)
         bodies = PlanarBodies(self.links, self.models, 1.0 / rate, int(substeps))
         super().__init__(joints, bodies, sensor, rate=rate, max_torque=max_torque)
         self.render_mode = render_mode
@@ -212,7 +211,7 @@ class SpatialArm(SimulatedArm):
         self,
         body: Body,
         *,
-        effects: Sequence[str] = (),
+        effects: Effects = (),
         rate: float = 1000.0,
         max_torque: float = MAX_TORQUE,
         counts: int = COUNTS,

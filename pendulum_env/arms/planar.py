@@ -17,7 +17,7 @@ from pendulum_env._typing import Array
 from pendulum_env.arms.joints import FRICTION, effect_at
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.simulation import Balance, CommandLine
-from pendulum_env.plant import PAPER, hide
+from pendulum_env.plant import PAPER, Effects, hide, list_effects
 from pendulum_env.recording.study import GRAVITY
 
 
@@ -63,7 +63,7 @@ def joint_names(count: int) -> tuple[str, ...]:
 def joint_models(
     friction: Sequence[tuple[float, float]],
     names: Sequence[str],
-    effects: Sequence[str] = (),
+    effects: Effects = (),
     sliding: Collection[str] = (),
 ) -> tuple[Model, ...]:
     """Friction of each joint, and the effects hidden there.
@@ -78,7 +78,7 @@ def joint_models(
         ValueError: if an effect, joint or parameter is unknown.
     """
     models = [Model.build(FRICTION, np.array(pair)) for pair in friction]
-    for text in effects:
+    for text in list_effects(effects):
         place = re.split("[=:]", text, maxsplit=1)[0]
         kind, joint = effect_at(place, names, sliding=sliding)
         at = list(names).index(joint)

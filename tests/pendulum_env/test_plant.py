@@ -1,9 +1,12 @@
-"""Plants, and effects hidden in them by text."""
+"""Plants, and effects hidden in them."""
 
+import gymnasium as gym
 import pytest
 
+from pendulum_env.arms.env import PlanarArm
 from pendulum_env.physics import Model, effects
-from pendulum_env.plant import hide, paper_plant, read_parameters, typical
+from pendulum_env.plant import hide, make_plant, paper_plant, read_parameters, typical
+from pendulum_env.registration import PENDULUM
 
 
 def test_values_in_order_by_name_and_typical_agree():
@@ -39,6 +42,34 @@ def test_values_in_order_by_name_and_typical_agree():
 def test_text_that_makes_no_effect_is_refused(text, match):
     with pytest.raises(ValueError, match=match):
         hide(paper_plant(), text)
+
+
+@pytest.mark.parametrize(
+    ("mapping", "text"),
+    [
+        ({"stribeck": 0.77}, "stribeck=0.77"),
+        ({"stribeck": 0.1 + 0.2}, f"stribeck={0.1 + 0.2!r}"),
+        ({"cogging": {"order": 14, "sin": 0.2}}, "cogging:order=14,sin=0.2"),
+        ({"stribeck": {}}, "stribeck"),
+    ],
+)
+def test_a_mapping_sets_sizes_or_parameters_of_effects(mapping, text):
+    plant = hide(paper_plant(), text)
+    assert make_plant(effects=mapping) == make_plant(effects=text) == make_plant(effects=[text]) == plant
+    assert gym.make(PENDULUM, effects=mapping).unwrapped.model == plant
+    assert gym.make_vec(PENDULUM, num_envs=2, effects=mapping).model == plant
+
+
+def test_a_mapping_hides_effects_at_the_joints_of_an_arm():
+    pytest.importorskip("pymunk")
+    text, mapping = (PlanarArm(effects=given).models for given in ("stribeck@elbow=0.3", {"stribeck@elbow": 0.3}))
+    assert text == mapping
+
+
+@pytest.mark.parametrize("given", [0.4, [0.4], {"stribeck": None}, {"stribeck": {"stribeck_velocity": "fast"}}])
+def test_effects_of_another_kind_are_refused(given):
+    with pytest.raises(TypeError, match="give"):
+        make_plant(effects=given)
 
 
 def test_a_stop_may_be_left_out():
