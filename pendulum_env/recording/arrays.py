@@ -85,12 +85,15 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 def read_data(data: Any, find: Find) -> Table:
     """The columns in need of a mapping of arrays, a structured array, or a table that Arrow understands.
 
+    Entries of a mapping that are None are left out.
+
     Raises:
         TypeError: if it is something else.
         RecordingError: as `read_npz` and `read_parquet`.
     """
     if isinstance(data, Mapping):
-        nested = ((str(name), value) for name, value in data.items() if not str(name).startswith("__"))
+        given = {str(name): value for name, value in data.items() if value is not None}
+        nested = ((name, value) for name, value in given.items() if not name.startswith("__"))
         return _table({path: own for name, value in nested for path, own in _arrays(name, value)}, find)
     if isinstance(data, np.ndarray) and data.dtype.names:
         return _table({name: data[name] for name in data.dtype.names}, find)

@@ -29,6 +29,7 @@ class Bounds:
     absurd: float = 1e20  # of any quantity: above time in nanoseconds since 1970, and most glitches, which are mended
     current: float = 200.0  # [A], of the motor of a joint
     followed: float = 6 * np.pi  # [rad] by which a position may stay away from its goal
+    same: float = 0.95  # correlation of two torques beyond which they may be one
 
 
 BOUNDS = Bounds()
@@ -171,6 +172,25 @@ def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
         raise ColumnError(
             f"the goal is {away:.3g} rad away from the position, as if in other units or from another zero: say them "
             f"as those of the position, {origin.in_unit('reference', 'deg')} for one"
+        )
+
+
+def refuse_torque_twice(recording: Recording, origin: Origin) -> None:
+    """Refuse a load torque that follows the torque and that the user has not named: it may be a sensor of the torque.
+
+    Both add up, so the torque of the motor would count twice.
+    """
+    if recording.load_torque is None or "load_torque" in origin.named:
+        return
+    moves = np.gradient(recording.position) != 0
+    pair = np.array([recording.torque[moves], recording.load_torque[moves]])
+    if moves.sum() < 2 or not np.ptp(pair, axis=1).all():
+        return
+    if (correlation := float(np.corrcoef(pair)[0, 1])) > BOUNDS.same:
+        raise ColumnError(
+            f"load_torque, from column {origin.columns['load_torque'].header!r}, follows torque ({correlation:.3f} "
+            f"correlated), and both would add up: read it with {origin.without('load_torque')} if it measures the "
+            f"torque of the motor, with {origin.confirmed('load_torque')} if another machine applies it"
         )
 
 

@@ -123,6 +123,8 @@ class Column:
             notes.append(f"torque is the commanded one, from column {self.header!r}")
         if self.quantity == "torque" and NAMES.get(letters(self.header), ("",))[0] == "load_torque":
             notes.append(f"torque is that of column {self.header!r}: the log has no other torque")
+        if self.quantity == "load_torque":
+            notes.append(f"column {self.header!r} is read as a load torque, which adds to torque")
         for other in self.passed_over:
             notes.append(f"{self.quantity} is taken from column {self.header!r}; {other!r} is there too")
         return tuple(notes)

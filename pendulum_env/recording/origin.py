@@ -52,6 +52,10 @@ class Origin:
         expression = self._as_it_is("position")
         return self.paste(position=str(replace(expression, unit="counts", factors=("/4096", *expression.factors))))
 
+    def confirmed(self, quantity: str) -> str:
+        """With a column named as the quantity that it was taken for."""
+        return self.paste(**{quantity: str(self._as_it_is(quantity))})
+
     def turned(self, quantity: str) -> str:
         """With a column of the other sign, what is added to it included."""
         old = self._as_it_is(quantity)

@@ -305,6 +305,7 @@ def _recording(
         recording = replace(recording, torque=torque, torque_unit=drive.unit, notes=(*recording.notes, logged))
     checks.refuse_too_short(recording, origin)
     checks.refuse_foreign_reference(recording, origin)
+    checks.refuse_torque_twice(recording, origin)
     if recording.velocity is not None:
         checks.refuse_foreign_velocity(recording, origin)
     if not jumps:  # of 2 pi, which tell the unit

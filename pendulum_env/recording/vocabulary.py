@@ -21,8 +21,8 @@ ALIASES = {
     "supply": "supply volts vbus busvoltage supplyvoltage batteryvoltage presentinputvoltage",
     "enabled": "enabled powered torqueenable torqueenabled",
     "temperature": "temperature temp motortemperature motortemp jointtemperature jointtemp presenttemperature",
-    "load_torque": "loadtorque torqueload tauload torquesensor sensortorque dynotorque torquedyno dynamometertorque "
-    "externaltorque torqueext tauext",
+    "load_torque": "loadtorque torqueload tauload dynotorque torquedyno dynamometertorque externaltorque torqueext "
+    "tauext",
     "segment": "segment segments episode episodeindex trial",
 }
 TICKS = {

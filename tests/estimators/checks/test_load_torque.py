@@ -15,7 +15,7 @@ from estimators.schemes.identification import identify
 from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import BASE, Column, KnownLoad, Model, Samples, Term, effect
 from pendulum_env.physics import simulate as fly
-from pendulum_env.recording import Recording, read_recording, read_study, write_recording
+from pendulum_env.recording import Recording, RecordingError, read_recording, read_study, write_recording
 from tests.cases import diagnosed
 from workbench.cli import main
 
@@ -196,17 +196,31 @@ def test_a_load_torque_on_an_uneven_clock_is_interpolated_at_its_instants(tmp_pa
     np.testing.assert_allclose(read.load_torque, np.sin(4.3 * (read.time + time[0])), atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    "name", ["load_torque", "torque_sensor", "tau_load", "dyno_torque", "torque_load", "tau_load_Nm"]
-)
+@pytest.mark.parametrize("name", ["load_torque", "tau_load", "dyno_torque", "torque_load", "tau_load_Nm"])
 def test_usual_names_of_a_load_torque_are_known(tmp_path, name):
     run = brake(seconds=2.0)
     motion = {"time": run.time, "q": run.position}
-    both = read_recording(write(tmp_path / "a.csv", **motion, tau=run.torque, **{name: 2 * run.torque}))
-    np.testing.assert_allclose(both.load_torque, 2 * both.torque, atol=1e-6)
+    both = read_recording(write(tmp_path / "a.csv", **motion, tau=run.torque, **{name: run.load_torque}))
+    np.testing.assert_allclose(both.load_torque, run.load_torque, atol=1e-6)
+    assert any(name in note for note in both.notes)
     alone = read_recording(write(tmp_path / "b.csv", **motion, **{name: run.torque}))
     np.testing.assert_allclose(alone.torque, run.torque, atol=1e-6)
     assert alone.load_torque is None and any(name in note for note in alone.notes)
+
+
+def test_a_torque_that_was_measured_twice_counts_once(tmp_path):
+    run = brake(amplitude=0.0, seconds=4.0)
+    motion = {"time": run.time, "q": run.position, "torque_cmd": run.torque}
+    sensor = run.torque + 0.01 * np.random.default_rng(0).standard_normal(len(run))
+    read = read_recording({**motion, "torque_sensor": sensor})
+    assert read.load_torque is None
+    inertia = identify([read], schemes=["dynamic"])["dynamic"].model.estimates["inertia"]
+    assert inertia.value == pytest.approx(0.03, rel=0.05)
+    path = write(tmp_path / "a.csv", **motion, load_torque=sensor)
+    with pytest.raises(RecordingError, match="load_torque=unused"):
+        read_recording(path)
+    assert read_recording(path, columns={"load_torque": "unused"}).load_torque is None
+    assert read_recording(path, columns={"load_torque": "load_torque"}).load_torque is not None
 
 
 def test_beside_a_current_a_load_torque_is_not_taken_for_the_torque(tmp_path):

@@ -75,6 +75,11 @@ def test_a_recording_of_arrays_without_torque_is_a_free_swing(tmp_path: Path) ->
     np.testing.assert_array_equal(read_recording(tmp_path / "swing.csv").position, ANGLE)
 
 
+def test_an_entry_of_none_is_no_column() -> None:
+    swing = read_recording({"time": TIME, "position": ANGLE, "torque": None, "velocity": None})
+    assert swing.is_free and swing.velocity is None
+
+
 def test_a_study_says_that_nothing_drives_the_joint(tmp_path: Path) -> None:
     table(tmp_path / "run.csv", "time,angle,m1", np.cos(TIME))
     (tmp_path / "study.toml").write_text('[columns]\ntorque = "none"\n[[recording]]\nfile = "run.csv"\n')
