@@ -5,16 +5,22 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
-from estimators.regression.equations import IdentificationError
+from estimators.regression.equations import Equations, IdentificationError
+from estimators.regression.least_squares import solve
 from estimators.selection.physical import driving_friction, is_significantly_negative, significant_sign
 from estimators.weak_form.dataset import prepare
-from pendulum_env.physics import Column, Model
+from pendulum_env.physics import BASE, Column, Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import NEWTON_METRE
 
 # takes the load torque out of the balance: its parameter is 0, or -2 if the sensor has the opposite sign
+# Of noise s in load l beyond the other columns it is -s^2 / (l^2 + s^2), or -(2 l^2 + s^2) / (l^2 + s^2): -1 at most
 LOAD_TORQUE = Column("load_torque", "1", force=lambda x: -1.0 * x.load.torque)
+TURNED_ERRORS = 5.0  # standard errors by which that parameter is less than -1
+TURNED_SHARE = 0.2  # of the square of the load beyond the other columns, the least that is no noise
+TURNED_BLOCK = 1.0  # [s] of residuals that may be correlated
+DEPENDENT = 1e5  # condition number of columns of which one is the sum of others
 UPRIGHT_TURNS = 3.0  # that a joint makes at most, if its zero may be upright
 UPRIGHT_SHARE = 0.05  # of the RMS torque, the least gravity of a joint whose zero may be upright
 
@@ -66,7 +72,10 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Finding
 
 
 def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> bool:
-    """Return whether the balance is better with the opposite sign of the load torque."""
+    """Return whether the balance needs the opposite sign of the load torque.
+
+    A load torque that other columns explain, as that of a viscous brake, shows no sign: only its noise remains.
+    """
     loaded = [one for one in recordings if one.has_varying_load and one.torque_unit == NEWTON_METRE]
     try:
         data = prepare(loaded) if loaded else None
@@ -74,9 +83,12 @@ def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> boo
         data = None
     if data is None:
         return False
-    equations = data.equations(model.terms)
+    base = {term.id for term in BASE}  # an effect that was added may imitate twice the load
+    equations = data.equations([term for term in model.terms if term.id in base])
     phi = np.column_stack([equations.phi, data.rows.column(LOAD_TORQUE, data.rows.samples)])
-    return bool(np.linalg.lstsq(phi, equations.y, rcond=None)[0][-1] < -1.0)
+    found = solve(Equations(phi, equations.y), data.weights, data.blocks(TURNED_BLOCK)[0])
+    excess = -1.0 - float(found.theta[-1])  # share of the load beyond the other columns that is no noise
+    return found.condition < DEPENDENT and excess > max(TURNED_SHARE, TURNED_ERRORS * float(found.std[-1]))
 
 
 def _can_be_upright(gravity: float, recordings: Sequence[Recording]) -> bool:

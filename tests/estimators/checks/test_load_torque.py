@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.checks.remedies import wrong_columns
 from estimators.comparison import compare
 from estimators.diagnosis.addition import add
 from estimators.findings import Kind
@@ -131,6 +132,20 @@ def test_the_opposite_sign_of_a_load_torque_is_reported(tmp_path):
         for found in (identify([recording], schemes=["dynamic"]), diagnosed([recording])):
             options = [option for finding in found.findings for option in finding.remedies]
             assert any("load_torque=-load_torque" in option for option in options) == is_wrong
+
+
+@pytest.mark.parametrize("law", ["viscous", "coulomb", "gravity"])
+def test_noise_of_a_sensor_does_not_turn_a_load_torque_that_the_model_explains(law):
+    share = 0.5 * JOINT[law]
+    about = Experiment(excitation="two_tone", scale=0.4, rate=500.0, torque_noise=0.005, seconds=10.0, seed=1)
+    ((run),) = simulate([(Plant(**JOINT | {law: JOINT[law] + share}), about)])
+    velocity = np.gradient(run.position, run.time)
+    columns = {"viscous": velocity, "coulomb": np.sign(velocity), "gravity": np.sin(run.position)}
+    for seed in range(4):
+        noise = 0.02 * np.random.default_rng(seed).standard_normal(len(run.time))
+        recording = Recording(run.time, run.position, run.torque, load_torque=noise - share * columns[law])
+        found = identify([recording], schemes=["dynamic"])
+        assert not wrong_columns(found["dynamic"].model, [recording])
 
 
 class Own(Term):
