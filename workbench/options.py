@@ -217,7 +217,7 @@ recordings RECORDING  {KINDS}; fitted jointly
 --model MODEL.json  start from its terms (default: the paper's four)
 --seed  of all random numbers (default 0)
 --report FILE.html  write a report with plots, one file to share
--v, --verbose  print errors, parameters and candidates as tables, and all remarks
+-v, --verbose  print errors, parameters, candidates and their gates as tables, and all remarks
 """
 
 
