@@ -17,21 +17,26 @@ from pendulum_env.physics import BASE, Model, Term, nameable
 from pendulum_env.physics.library import term
 from pendulum_env.physics.limits import Bounds, check_names, limited, limited_term, limits_of
 from pendulum_env.reading import shown
-from pendulum_env.recording import Recording, read_recording
+from pendulum_env.recording import Recording, Source, read_recording
 from pendulum_env.recording.arrays import is_data
+from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.storage import Readable, is_readable
+from pendulum_env.recording.study import parse_log_format
 
 Recordings = Recording | Readable | Sequence[Recording | Readable]
 Terms = str | Sequence[str | Term]
 
 
-def chosen_recordings(given: Recordings, *, empty: bool = False, body: Body | None = None) -> tuple[Recording, ...]:
+def chosen_recordings(
+    given: Recordings, *, empty: bool = False, body: Body | None = None, log_format: Mapping[str, Any] | None = None
+) -> tuple[Recording, ...]:
     """One recording, or several; time counts from the start of each: logs often have seconds since 1970.
 
     Args:
         given: a recording, what `read_recording` reads (a path, a data frame, a mapping of arrays), or several.
         empty: whether there may be none.
         body: of the arm that they are of; None of a pendulum.
+        log_format: of a model, by which files and tables are read; recordings stay as they are.
 
     Raises:
         TypeError: if it is something else, or a recording of an arm where its links are not known, or of a pendulum
@@ -40,7 +45,8 @@ def chosen_recordings(given: Recordings, *, empty: bool = False, body: Body | No
     """
     one = isinstance(given, Recording) or is_readable(given)
     sources = (given,) if one else listed(given)
-    several = [_recording(item, "" if one else f" {k + 1}", body) for k, item in enumerate(sources)]
+    format = parse_log_format(log_format or {})
+    several = [_recording(item, "" if one else f" {k + 1}", body, format) for k, item in enumerate(sources)]
     for item in several:
         if isinstance(item, ArmRecording) != (body is not None):
             raise TypeError(
@@ -54,7 +60,7 @@ def chosen_recordings(given: Recordings, *, empty: bool = False, body: Body | No
     return tuple(one if one.time[0] == 0.0 else replace(one, time=one.time - one.time[0]) for one in several)
 
 
-def _recording(given: object, number: str, body: Body | None) -> Recording:
+def _recording(given: Any, number: str, body: Body | None, format: Source) -> Recording:
     """A recording as it is, or read from a file or table; tables in memory are numbered."""
     if isinstance(given, Recording):
         return given
@@ -64,10 +70,18 @@ def _recording(given: object, number: str, body: Body | None) -> Recording:
             "Recording"
         )
     name = f"recording{number}" if is_data(given) else None
-    if body is None:
-        return read_recording(given, name=name)  # type: ignore[arg-type]
-    still = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
-    return read_arm_recording(given, body.joints, held=still, name=name)  # type: ignore[arg-type]
+    columns, unwrap = format.columns or None, format.unwrap
+    try:
+        if body is None:
+            read = read_recording(given, name=name, columns=columns, unwrap=unwrap, drive=format.drive)
+            return replace(read, load=format.load)
+        still = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
+        return read_arm_recording(given, body.joints, held=still, name=name, columns=columns, unwrap=unwrap)
+    except ColumnError as error:
+        if not columns:
+            raise
+        remedy = "it was read by the log_format of the model: give read_recording(source) of a log of another format"
+        raise ColumnError(f"{error}; {remedy}") from None
 
 
 def chosen_terms(given: Terms | Model | None) -> tuple[Term, ...]:

@@ -193,7 +193,7 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     check_order("compare(model, recordings)", (model, Model), (recordings, Recording))
     model = model_that_moves(model)
     body = body_of(model.terms)
-    recordings = in_units_of(model, chosen_recordings(recordings, body=body)).recordings
+    recordings = in_units_of(model, chosen_recordings(recordings, body=body, log_format=model.log_format)).recordings
     that_may_show({term.id: type(term) for term in model.terms if term.needs}, recordings)
     if body is not None:
         parts, together = [], PreparedData.of_arm(of_arms(recordings), model.terms)

@@ -30,7 +30,7 @@ from pendulum_env.plant import hide, paper_plant
 from pendulum_env.reading import Text, Unreadable, convert, read_json
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.record import WARNING
-from pendulum_env.recording.study import format_of, named_twice, read_as, read_sources
+from pendulum_env.recording.study import named_twice, read_as, read_sources
 from pendulum_env.words import listing, plus_minus
 from workbench.mistakes import InputError
 from workbench.narrator.findings import describe_late
@@ -296,10 +296,8 @@ def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> 
             raise InputError(f"{path}: is named for two outputs: name two files")
 
 
-def write_model(model: Model, path: str | None, fitted: Sequence[Source], terminal: Terminal) -> str | None:
+def write_model(model: Model, path: str | None, terminal: Terminal) -> str | None:
     """Write a model if that was asked for, and give its path; one that no command could read again is not written.
-
-    How the recordings were read that it was fitted to stands in it.
 
     No body is without inertia, but where a motion hardly tells it, a fit may come out so.
     """
@@ -313,7 +311,7 @@ def write_model(model: Model, path: str | None, fitted: Sequence[Source], termin
         )
         return None
     if path is not None:
-        replace(model, log_format=format_of(fitted)).save(path)
+        model.save(path)
     return path
 
 

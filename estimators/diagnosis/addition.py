@@ -31,6 +31,7 @@ from pendulum_env.physics.library import addition
 from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.terms import ids, is_hidden
 from pendulum_env.recording import Recording
+from pendulum_env.recording.study import format_of
 
 
 def fit(train: PreparedData, holdout: PreparedData, terms: Sequence[Term] = BASE) -> Step:
@@ -73,8 +74,8 @@ def add(
     check_order("add(model, id, recordings)", (model, Model), (id, Term), (recordings, Recording))
     model = model_that_moves(model)
     body = body_of(model.terms)
-    recordings = chosen_recordings(recordings, body=body)
-    holdout = chosen_recordings(holdout, empty=True, body=body)
+    recordings = chosen_recordings(recordings, body=body, log_format=model.log_format)
+    holdout = chosen_recordings(holdout, empty=True, body=body, log_format=model.log_format)
     if not isinstance(id, str):
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
     kind = addition(id) if body is None else kind_at(id, body)
@@ -86,9 +87,19 @@ def add(
     model, kind = replace(model, terms=terms), library[kind.id]
     setting = Setting(model.terms, library, progress=progress)
     if body is not None:
-        return _added_at_joint(recordings, holdout, setting, kind)
-    if are_driven([*recordings, *holdout]):
-        return _added_in_loop(recordings, holdout, setting, kind)
+        found = _added_at_joint(recordings, holdout, setting, kind)
+    elif are_driven([*recordings, *holdout]):
+        found = _added_in_loop(recordings, holdout, setting, kind)
+    else:
+        found = _added_by_torque(recordings, holdout, setting, kind, model)
+    return replace(found, after=found.after.with_log_format(format_of(recordings)))
+
+
+def _added_by_torque(
+    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, kind: type[Term], model: Model
+) -> Addition:
+    """An effect added to a joint, by its torque and its free runs."""
+    progress = setting.progress
     progress("reading the motion", 0.0)
     given = Preprocessed.of(recordings, holdout, known=known_values(model.terms))
     model = replace(model, terms=relative_terms(model.terms, given.unit))

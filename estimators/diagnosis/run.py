@@ -53,6 +53,7 @@ from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.terms import ids, untested_range
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.recording.study import format_of
 
 BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
 PLENTY = 40  # stretches of motion, below which little can be told
@@ -118,7 +119,8 @@ def diagnose(
     effects, limits = that_may_show(effects, fitted), Limits(max_torque, max_angle, max_speed)
     rng, progress = rng or np.random.default_rng(0), forward(progress)
     setting = Setting(terms, effects, criterion or Criterion(), rng, progress, limits, by_reference=by_reference)
-    return _examined(fitted, unseen, setting)
+    found = _examined(fitted, unseen, setting)
+    return replace(found, steps=(*found.steps[:-1], found.steps[-1].with_log_format(format_of(fitted))))
 
 
 def _examined(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Diagnosis:

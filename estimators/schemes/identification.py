@@ -45,6 +45,7 @@ from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.model import SURE
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
+from pendulum_env.recording.study import format_of
 from pendulum_env.words import json_per, listing
 
 SCHEMA, ARM_SCHEMA = "pendulum-ident/identification@1", "pendulum-ident/arm-identification@1"
@@ -115,7 +116,8 @@ class Identification(Mapping[str, Identified]):
             raise IdentificationError(
                 f"{names}: too little of the motion is clear of stick: record longer or faster motion"
             )
-        return told(fit(self.data), self.data, fit)
+        log_format = next(iter(self.schemes.values())).model.log_format
+        return replace(told(fit(self.data), self.data, fit), log_format=log_format)
 
     def __repr__(self) -> str:
         count = len(self.recordings)
@@ -173,9 +175,14 @@ def identify(
     terms, chosen = chosen_terms(terms), chosen_schemes(schemes)
     recordings = chosen_recordings(recordings, body=body_of(terms))
     terms, _ = within_limits(terms, {}, fixed, bounds)
-    if (body := body_of(terms)) is not None:
-        return _of_arm(recordings, terms, chosen, body)
-    return _of_pendulum(recordings, terms, chosen)
+    body, log_format = body_of(terms), format_of(recordings)
+    found = _of_pendulum(recordings, terms, chosen) if body is None else _of_arm(recordings, terms, chosen, body)
+    return replace(
+        found,
+        schemes={
+            id: replace(own, model=replace(own.model, log_format=log_format)) for id, own in found.schemes.items()
+        },
+    )
 
 
 def _of_pendulum(

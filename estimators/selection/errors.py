@@ -87,6 +87,10 @@ class Step:
     model: Model
     errors: Mapping[str, Errors]  # "train", "holdout"
 
+    def with_log_format(self, log_format: JSON) -> Step:
+        """Return the step with a model that has a log format."""
+        return replace(self, model=replace(self.model, log_format=log_format))
+
     def __repr__(self) -> str:
         added = "base model" if self.added is None else f"with {self.added}"
         return f"<Step: {added}, held out {self.errors['holdout']!r}>"

@@ -18,7 +18,7 @@ from pendulum_env.recording.columns import NONE, UNUSED, check_named, named_colu
 from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.recording.storage import Readable, label_of
+from pendulum_env.recording.storage import Readable, describe_reading, label_of
 from pendulum_env.recording.study import Source
 
 QUANTITIES = ("position", "torque")
@@ -143,6 +143,7 @@ def read_arm_recording(
         temperature=None if all(own is None for own in measured) else warm,
         starts=first.starts,
         start_date=first.start_date,
+        log_format=describe_reading(columns or {}, unwrap),
         names=tuple(joints),
         still={
             joint: _still(label_of(source), look, column) for joint, column in columns_of.items() if column != UNUSED

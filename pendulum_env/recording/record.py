@@ -1,6 +1,7 @@
 """The record that everything else works on: time, position and torque, uniformly sampled between gaps."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import wraps
@@ -132,6 +133,7 @@ class Recording:
     is_moved: bool = False  # whether its torque was moved in time, so that when it changed is known to a sample only
     origin: Origin | None = None  # the columns of its file, if it was read from one
     start_date: datetime | None = None  # of the first sample of its file, if the log has a date
+    log_format: Mapping[str, Any] = field(default_factory=dict)  # how it was read, in the words of a study
     name: str = field(default="recording", kw_only=True)
     is_checked: bool = field(default=False, kw_only=True)  # whether clock and unit of its arrays are known to be right
 

@@ -16,7 +16,7 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import JSON, Array
 from pendulum_env.arguments import check_order
 from pendulum_env.files import replacing
 from pendulum_env.mistake import one_line
@@ -151,6 +151,12 @@ def read_recording(
         return _recording(name, table, unwrap, drive, named, is_file)
     except RecordingError as error:
         raise type(error)(f"{label}: {error}") from error.__cause__
+
+
+def describe_reading(columns: Mapping[str, str], unwrap: bool = False, drive: Drive | None = None) -> JSON:
+    """Describe the arguments of `read_recording` in the words of a study, without those that are not given."""
+    given = {"columns": dict(columns), "unwrap": unwrap, "drive": drive and drive.told()}
+    return {key: value for key, value in given.items() if value}
 
 
 def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -294,6 +300,7 @@ def _recording(
         torque_unit=unit,
         drive=drive,
         origin=origin,
+        log_format=describe_reading(named, unwrap, drive),
         start_date=log.clock.date or (table.date and table.date + timedelta(seconds=log.clock.start)),
     )
     if drive is not None and "torque" not in columns:

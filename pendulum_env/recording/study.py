@@ -27,7 +27,7 @@ import os
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -42,7 +42,7 @@ from pendulum_env.reading import NonNegative, Number, Text, Unreadable, convert,
 from pendulum_env.recording.columns import refuse_unknown_quantity
 from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.record import Load, Recording
-from pendulum_env.recording.storage import read_recording
+from pendulum_env.recording.storage import describe_reading, read_recording
 from pendulum_env.servo.drive import Drive
 
 Role = Literal["fit", "holdout"]
@@ -87,10 +87,9 @@ class Source:
     @property
     def format(self) -> JSON:
         """How it is read, in the words of a study, as far as anything is said."""
-        load = None if self.load is None else {"inertia": self.load.inertia, "gravity": self.load.gravity}
-        drive = None if self.drive is None else self.drive.told()
-        said = (dict(self.columns), self.unwrap, load, drive)
-        return {key: value for key, value in zip(FORMAT, said, strict=True) if value}
+        load = None if self.load is None else asdict(self.load)
+        said = {**describe_reading(self.columns, self.unwrap, self.drive), "load": load}
+        return {key: said[key] for key in FORMAT if said.get(key)}
 
     def within_range(self, read: Callable[..., Sliced], *arguments: Hashable) -> Sliced:
         """The part that is asked for of `read(source, *arguments)`, which has the whole file.
@@ -131,11 +130,17 @@ def _of_one_joint(source: Source) -> Recording:
         raise ColumnError(said) from None
 
 
-def format_of(sources: Iterable[Source]) -> JSON:
-    """What is said alike of all sources: how the next log of the same machine is to be read."""
-    formats = [source.format for source in sources]
+def format_of(recordings: Sequence[Recording]) -> JSON:
+    """Collect how recordings were read, as far as it is alike: how the next log of the same machine is to be read."""
+    loads = ({} if own.load is None else {"load": asdict(own.load)} for own in recordings)
+    formats: list[JSON] = [{**own.log_format, **load} for own, load in zip(recordings, loads, strict=True)]
     alike = (key for key in FORMAT if formats and all(other.get(key) == formats[0].get(key) for other in formats))
     return {key: formats[0][key] for key in alike if key in formats[0]}
+
+
+def parse_log_format(log_format: Mapping[str, Any]) -> Source:
+    """Read the log format of a model as a source of no file; raises ValueError if it makes no sense."""
+    return _source(Path(), convert({"file": "log", **log_format}, _Recording), {}, {})
 
 
 def read_as(source: Source, format: Mapping[str, Any], said_by: str) -> Source:
@@ -148,7 +153,7 @@ def read_as(source: Source, format: Mapping[str, Any], said_by: str) -> Source:
     if source.of_study or not unsaid:
         return source
     try:
-        told = _source(Path(), convert({"file": "log", **{key: format[key] for key in unsaid}}, _Recording), {}, {})
+        told = parse_log_format({key: format[key] for key in unsaid})
     except ValueError as error:
         raise StudyError(f"{said_by}, log_format: {error}") from None
     return replace(source, **{key: getattr(told, key) for key in unsaid}, said_by=said_by)

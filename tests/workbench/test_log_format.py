@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators import add, compare, identify
 from pendulum_env.physics import Model
-from pendulum_env.recording import read_recording
+from pendulum_env.recording import RecordingError, read_recording
 from workbench.cli import main
 
 COLUMNS = "time=clock:ms,position=-Winkel [deg]-20,torque=i:A*0.5"
@@ -204,3 +205,19 @@ def test_without_loads_that_differ_nothing_is_said_in_newton_metres(weighed, tmp
     assert len(written) == 4
     for text in (*told, *written, shown):
         assert not NEWTON_METRE.search(text)
+
+
+def test_python_reads_the_next_log_as_the_command_line(bench, monkeypatch):
+    monkeypatch.chdir(bench)
+    columns = {"time": "clock:ms", "position": "-Winkel [deg]-20", "torque": "i:A*0.5"}
+    found = identify(read_recording("monday.csv", columns=columns)).windows
+    assert found.log_format == Model.load("model.json").log_format == {"columns": columns}
+    model = Model.load("model.json")
+    data = np.loadtxt("tuesday.csv", delimiter=",", skiprows=1).T
+    table = dict(zip(("clock", "Winkel [deg]", "i"), data, strict=True))
+    errors = [compare(model, own).errors for own in ("tuesday.csv", table, read_recording(table, columns=columns))]
+    assert errors[0].torque_rms == pytest.approx(errors[1].torque_rms) == pytest.approx(errors[2].torque_rms)
+    assert add(model, "torque_offset", "tuesday.csv").after.model.log_format == {"columns": columns}
+    assert compare(model, read_recording("plain-tuesday.csv")).errors.torque_rms < 0.1
+    with pytest.raises(RecordingError, match="log_format of the model"):
+        compare(model, "plain-tuesday.csv")

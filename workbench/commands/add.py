@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
         added = add(asked.model, arguments.effect, given.recordings, given.holdout, progress, **limits)
     tell(of_addition(added), terminal)
-    wrote([write_model(added.after.model, arguments.output, asked.fitted, terminal)], terminal)
+    wrote([write_model(added.after.model, arguments.output, terminal)], terminal)
 
 
 def _effect(text: str) -> str:

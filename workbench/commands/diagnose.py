@@ -67,5 +67,5 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         why = "there is no experiment" if found.suggestion is None else "the experiment has no torque"
         terminal.say(f"{arguments.experiment} is not written: {why}")
         outputs[0] = None
-    outputs[-1] = write_model(found.model, arguments.output, asked.fitted, terminal)
+    outputs[-1] = write_model(found.model, arguments.output, terminal)
     wrote(outputs, terminal)

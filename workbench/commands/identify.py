@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if nearest is not None:
         terminal.say(f"{one.scheme}: {nearest.text}")
     if model is not None:
-        outputs[1] = write_model(model, arguments.output, asked.fitted, terminal)
+        outputs[1] = write_model(model, arguments.output, terminal)
     wrote(outputs, terminal)
     if outputs[1] is not None and model is not None:
         terminal.say(f"{outputs[1]} has {_name_fit(found, arguments)}")

@@ -187,7 +187,7 @@ def _json(content: Any) -> str:
 
 
 def _model(state: State) -> str:
-    fitted = [one.source for one in state.loaded if not one.held_out]
+    fitted = [one.recording for one in state.loaded if not one.held_out]
     return _json(replace(state.model, log_format=format_of(fitted)).json())
 
 
