@@ -1,4 +1,4 @@
-"""Checks of a user's own effect before it joins the library: its texts, its columns, and a trial of each law."""
+"""Checks of a user's own effect before it joins the library: its texts, its columns, and its laws."""
 
 import re
 from collections.abc import Callable, Iterable
@@ -11,20 +11,23 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake, told
+from pendulum_env.physics.base import BASE
 from pendulum_env.physics.description import Description
-from pendulum_env.physics.term import Column, Kind, NonlinearParameter, Samples, Term
+from pendulum_env.physics.term import ROOM, Column, Kind, NonlinearParameter, Samples, Term, zero
 from pendulum_env.reading import shown
 
 T = TypeVar("T")
 TEXTS = ("title", "signature", "informative_experiment", "typical_size", "omission")  # of a description
 LAWS = ("mass", "force", "dry", "potential", "loss")
+STEP, CLOSE = 1e-5, 1e-4  # of the angle, to differentiate a potential [rad], and share by which a force may differ
 
 
 def check_effect(kind: type[Term]) -> None:
     """Check the class of an effect; each law is evaluated on a made-up motion.
 
     Raises:
-        Mistake: naming the class, and the field or the law that is wrong.
+        Mistake: naming the class, and the field or the law that is wrong: one that fails, has no torque, is a base
+            term's, contradicts its potential, or is called dissipative and gains energy.
     """
     if not (isinstance(kind, type) and issubclass(kind, Term)):
         raise Mistake(f"{shown(kind)} is no effect: register a subclass of Term")
@@ -46,6 +49,7 @@ def check_effect(kind: type[Term]) -> None:
                 f"'{parameter.name}: float = ...', and put @register above @dataclass(frozen=True)"
             )
     check_variants(f"{name}()", lambda x: (kind(),))
+    _check_torque(kind())
     if hasattr(kind, "grid"):  # of an effect for an earlier release
         check_variants(f"grid of {name}", lambda x: kind.grid(x, x.torque))
 
@@ -88,6 +92,47 @@ def _try_laws(term: Term, x: Samples) -> None:
             for law in LAWS:
                 if (function := getattr(column, law)) is not None:
                     _try_law(f"{law} of column '{column.name}' of {name}", function, x)
+            _check_potential(f"column '{column.name}' of {name}", column, x)
+
+
+def _check_potential(of: str, column: Column, x: Samples) -> None:
+    """Refuse a force that is not the slope of the potential plus the loss."""
+    if (potential := column.potential) is not None:
+        ahead, behind = (potential(replace(x, position=x.position + step)) for step in (STEP, -STEP))
+        slope, force = np.subtract(ahead, behind) / (2 * STEP), np.subtract(column.force(x), column.loss(x))
+        if np.max(np.abs(force - slope)) > CLOSE * max(np.max(np.abs(force)), np.max(np.abs(slope))):
+            missing = column.force is zero and column.loss is zero
+            wrong = "has a potential U but no force" if missing else "has a force that is not dU/dq + loss"
+            raise Mistake(f"{of} {wrong}: give force = dU/dq of its potential, plus its loss if it has one")
+
+
+def _check_torque(term: Term) -> None:
+    """Refuse no torque, the law of a base term, and dissipation of a wrong sign, on independent random quantities."""
+    name, columns = type(term).__name__, (*term.columns, *term.fixed)
+    position, velocity, torque, warmth = np.random.default_rng(0).uniform(-20.0, 20.0, (4, 300))
+    x = Samples(np.linspace(0.0, 100.0, 300), position, velocity, torque, temperature=ROOM + warmth)
+    if term.remembers:
+        x = replace(x, memory=term.known_by(term.start(x)))
+    torques = _tried(f"columns of {name}", lambda: [_torque_parts(column, x) for column in columns])
+    if term.nonlinear_parameters:  # which may switch its torque off, as a stop at infinity
+        has_torque = any(law is not zero for own in columns for law in (own.mass, own.force, own.dry))
+    else:
+        has_torque = any(map(np.any, torques))
+    if not has_torque and type(term).delay is Term.delay and type(term).lead is Term.lead:
+        raise Mistake(f"{name} has no torque: give it columns with a mass, force or dry that is not zero")
+    for column, own in zip(columns, torques, strict=True):
+        power = _tried(f"columns of {name}", partial(column.power, x))
+        if term.kind == "dissipative" and np.max(power) <= 0 > np.min(power):
+            raise Mistake(f"column '{column.name}' of {name} gains energy in every motion: change its sign")
+        for base in (base for known in BASE for base in known.columns if not term.remembers):
+            other = _torque_parts(base, x)
+            if np.any(own) and np.allclose(own, np.vdot(own, other) / np.vdot(other, other) * other):
+                raise Mistake(f"column '{column.name}' of {name} has the law of '{base.name}': leave it out")
+
+
+def _torque_parts(column: Column, x: Samples) -> Array:
+    """Mass, force and dry friction of a column (3, N)."""
+    return np.array([np.broadcast_to(getattr(column, law)(x), x.time.shape) for law in LAWS[:3]], dtype=float)
 
 
 def _try_law(of: str, law: Callable[[Samples], Any], x: Samples) -> None:

@@ -103,8 +103,8 @@ class Column:
         force: torque that is a smooth function of time, position, velocity and commanded torque.
         dry: magnitude of set-valued dry friction; at rest it balances anything up to this.
         of_torque: whether it scales with the commanded torque: such a column can explain torque by torque, not motion.
-        potential: stored energy U with force = dU/dq + loss, where there is one; without it, all of the force's work is
-            dissipated.
+        potential: stored energy U of a column whose `force` is dU/dq + loss; it adds no torque by itself. Without it,
+            all of the force's work is dissipated.
         loss: the part of the force whose work is dissipated, where there is a potential.
         least: smallest value that a body can have, whatever else it has; minus infinity where friction of one kind may
             make up for another.
@@ -176,8 +176,14 @@ class Term:
     """One physical effect; its dataclass fields are its nonlinear parameters.
 
     This is the one base class of the physics: it holds the defaults that most effects share, so that a user's own
-    effect is an id, a law and its columns. Overridden are `columns`, and where needed `fixed`; a term whose torque
-    depends on the past overrides `start` and `advance` too, and finds its state in `Samples.memory`.
+    effect needs `id`, `law`, `kind` and `columns` only. Overridden are `columns`, and where needed `fixed`; a term
+    whose torque depends on the past overrides `start` and `advance` too, and finds its state in `Samples.memory`.
+
+    Attributes:
+        id: letters, digits and underscores; parameters are named `id` or `id.part`.
+        law: added to the torque that the motion needs, as a text.
+        kind: "inertial", "potential", "dissipative", "actuation", "time-varying", "transmission" or "sensor".
+        columns: one `Column` for each linear parameter, with a `mass`, a `force` or a `dry`.
     """
 
     id: ClassVar[str]

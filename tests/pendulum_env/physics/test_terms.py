@@ -295,6 +295,16 @@ def test_a_class_that_is_written_again_takes_its_own_place_under_any_id():
         ({"columns": (Column("drag", "1"),)}, "a column of CubicDamping is named 'drag'"),
         ({"columns": (Column("cubic_damping", "1", dry=lambda x: x.speed),)}, "dry of column .* of CubicDamping: Attr"),
         ({"columns": (Column("cubic_damping", "1", mass=lambda x: 1 / (0 * x.time)),)}, "mass of .* is not finite"),
+        ({"columns": ()}, "CubicDamping has no torque"),
+        ({"columns": (Column("cubic_damping", "1", force=lambda x: 0 * x.velocity),)}, "CubicDamping has no torque"),
+        ({"columns": (Column("cubic_damping", "1", potential=lambda x: np.cos(x.position)),)}, "no force: give force"),
+        (
+            {"columns": (Column("cubic_damping", "1", potential=lambda x: x.position, force=lambda x: x.position),)},
+            "a force that is not dU/dq",
+        ),
+        ({"columns": (Column("cubic_damping", "1", force=lambda x: -(x.velocity**3)),)}, "gains energy"),
+        ({"columns": (Column("cubic_damping", "1", force=lambda x: 2 * x.velocity),)}, "has the law of 'viscous'"),
+        ({"columns": (Column("cubic_damping", "1", dry=lambda x: 1.0),)}, "has the law of 'coulomb'"),
         ({"start": lambda self, x: (x.position,), "advance": lambda *_: ()}, "advance of CubicDamping"),
     ],
 )
