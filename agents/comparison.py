@@ -20,9 +20,11 @@ from estimators.progress import Progress, no_progress
 from pendulum_env._typing import JSON, Array
 from pendulum_env.mistake import Mistake
 from pendulum_env.plant import PAPER, Effects, list_effects
+from pendulum_env.reading import shown
 
 SCHEMA = "pendulum-ident/evaluation@2"
 RESAMPLES = 2000
+EXCESS = 1.05  # action beyond which it is no rounding error of a full one
 PART = 160  # plants at most that are simulated together; how many workers there are changes nothing
 Statistic = Callable[[Array, Array], float]
 
@@ -44,6 +46,18 @@ class PolicyComparison:
     def baseline(self) -> str:
         """The policy that all others are compared with, the first."""
         return next(iter(self.outcomes))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Causes of figures that say nothing about the choice of torque, one sentence each."""
+        notes = []
+        for name, own in self.outcomes.items():
+            if still := int(np.sum(own.speed == 0)):
+                plants = "" if still == len(own.speed) else f" on {still} of {len(own.speed)} plants"
+                notes.append(f"{name} never moves the joint{plants}: nothing can be estimated there")
+            if (most := float(own.action.max())) > EXCESS:
+                notes.append(f"{name} asks for up to {most:.1f} times the peak torque: actions are shares of it")
+        return tuple(notes)
 
     def records(self) -> list[dict[str, Any]]:
         """One dictionary for each policy, medians over the plants.
@@ -70,7 +84,13 @@ class PolicyComparison:
         """Quartiles of all figures, and gains over the baseline with intervals; infinite figures are null."""
         base = self.outcomes[self.baseline]
         policies = {name: _policy_json(outcome, base) for name, outcome in self.outcomes.items()}
-        return {"schema": SCHEMA, **self.settings, "baseline": self.baseline, "policies": policies}
+        return {
+            "schema": SCHEMA,
+            **self.settings,
+            "baseline": self.baseline,
+            "policies": policies,
+            "notes": [*self.notes],
+        }
 
     def __str__(self) -> str:
         header = [f"error at {moment:g} s [%]" for moment in MOMENTS] + ["1 % after [s]", f"gain over {self.baseline}"]
@@ -81,10 +101,11 @@ class PolicyComparison:
         ]
         widest = max(map(len, ("policy", *self.outcomes)))
         lines = zip(("policy", *self.outcomes), (header, *rows), strict=True)
-        return "\n".join(
+        table = (
             f"{name:{widest}}  " + "  ".join(f"{cell:>{len(title)}}" for cell, title in zip(cells, header, strict=True))
             for name, cells in lines
         )
+        return "\n".join((*table, *self.notes))
 
 
 def compare_policies(
@@ -141,7 +162,12 @@ def compare_policies(
         >>> found.outcomes["chirp"].parameter_errors.shape
         (500, 2, 4)
     """
-    policies = policies or {}
+    policies = {} if policies is None else policies
+    if not isinstance(policies, Mapping):
+        raise Mistake(f"policies is {shown(policies)}: give a dictionary of policies by name")
+    for name, policy in policies.items():
+        if isinstance(policy, str):
+            raise Mistake(f"policy {name} is the text {policy!r}: give names of baselines by baselines=[...]")
     if taken := [name for name in policies if name in baselines]:
         raise Mistake(f"a policy and a baseline are both called {taken[0]}: rename the policy")
     if plants < 1:
@@ -173,8 +199,9 @@ def compare_policies(
 
 
 def information_ratio(policy: Array, base: Array) -> float:
-    """Median of (det M / det M_base)^(1/4), of log determinants on the same plants."""
-    return float(np.median(np.exp((policy - base) / COUNT)))
+    """Median of (det M / det M_base)^(1/4), of log determinants on the same plants; NaN where neither moves."""
+    with np.errstate(invalid="ignore"):
+        return float(np.median(np.exp((policy - base) / COUNT)))
 
 
 def improvement(policy: Array, base: Array) -> float:
@@ -187,7 +214,8 @@ def interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) ->
     """Bootstrap interval of 95 % over plants, the same plants for both."""
     picks = np.random.default_rng(seed).integers(len(policy), size=(RESAMPLES, len(policy)))
     values = [statistic(policy[pick], base[pick]) for pick in picks]
-    low, high = np.quantile(values, [0.025, 0.975])
+    with np.errstate(invalid="ignore"):  # of infinite values
+        low, high = np.quantile(values, [0.025, 0.975])
     return float(low), float(high)
 
 

@@ -46,6 +46,7 @@ class Outcome:
     torque: Array  # (T, N), commanded [N m]
     position: Array  # (T, N), at the end of each tick [rad]
     speed: Array  # (N,), largest |q'| [rad/s]
+    action: Array  # (N,), largest |action| of the policy [share of the peak torque], before it is clipped to 1
     seconds_per_action: float  # computing time that the policy took for all plants together [s]
 
     @cached_property
@@ -99,13 +100,14 @@ def observe(
     steps, held = env.observer.ticks, env.observer.held
     errors = np.empty((steps, plants, COUNT))
     torque, position, learnt = np.empty((3, steps, plants))
-    speed, information = np.zeros(plants), np.zeros((plants, COUNT, COUNT))
+    speed, asked, information = np.zeros(plants), np.zeros(plants), np.zeros((plants, COUNT, COUNT))
     state: State = None
     acting = 0.0
     for k in range(steps):
         begun = time.thread_time()  # what other workers do is not the policy's
         action, state = policy.predict(observation, state, np.full(plants, k == 0), deterministic=True)
         acting += time.thread_time() - begun
+        asked = np.maximum(asked, np.abs(action[:, 0]))
         observation, _, _, _, info = env.step(action)
         for j in range(held):
             now = np.full(plants, (k * held + j + 1) / RATE)
@@ -118,7 +120,7 @@ def observe(
     bound = np.full((len(MOMENTS), plants), np.nan)
     if not effects:
         bound = cramer_rao(truth, np.repeat(torque, held, axis=0))
-    return Outcome(errors, learnt, bound, torque, position, speed, acting / steps)
+    return Outcome(errors, learnt, bound, torque, position, speed, asked, acting / steps)
 
 
 def cramer_rao(truth: Array, torque: Array) -> Array:

@@ -66,6 +66,19 @@ def test_records_are_the_medians_of_the_errors():
     assert found.json()["policies"]["mine"]["error"]["2 s"][1] == pytest.approx(mine["error_2s"])
 
 
+def test_a_policy_that_moves_no_joint_or_asks_for_more_than_the_peak_is_noted():
+    policies = {
+        "still": answers(lambda batch: np.zeros((batch, 1))),
+        "strong": answers(lambda batch: np.full((batch, 1), -6.0)),
+        "full": answers(lambda batch: np.ones((batch, 1))),
+    }
+    found = compare_policies(policies, [], plants=2)
+    assert np.all(found.outcomes["still"].speed == 0) and np.all(found.outcomes["strong"].action == 6.0)
+    still, strong = found.notes
+    assert still.startswith("still never moves the joint") and "strong asks for up to 6.0 times" in strong
+    assert all(note in str(found) for note in found.notes) and found.json()["notes"] == [still, strong]
+
+
 @pytest.mark.parametrize("algorithm", [A2C, SAC])
 def test_a_model_of_stable_baselines_acts_as_its_file(algorithm, tmp_path):
     env = gym.make(DESIGN)
@@ -98,6 +111,9 @@ def test_a_policy_that_does_not_fit_is_refused():
         (({}, ["two_tone"]), "did you mean two-tone"),
         (({"two-tone": torque},), "both called two-tone"),
         (({}, []), "nothing to compare"),
+        (([torque],), "give a dictionary"),
+        ((torque,), "give a dictionary"),
+        (({"mine": "two-tone"},), "baselines="),
     ):
         with pytest.raises(ValueError, match=why):
             compare_policies(*arguments)

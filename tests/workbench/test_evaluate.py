@@ -65,7 +65,9 @@ def test_processes_give_the_same_figures(done, policy):
 def test_what_a_policy_never_reaches_is_told_without_a_number(capsys):
     def outcome(log_det: float, error: float) -> Outcome:
         none = np.zeros((500, 4))
-        return Outcome(np.full((500, 4, 4), error), none + log_det, np.full((3, 4), 1e-4), none, none, np.ones(4), 1e-3)
+        return Outcome(
+            np.full((500, 4, 4), error), none + log_det, np.full((3, 4), 1e-4), none, none, np.ones(4), np.ones(4), 1e-3
+        )
 
     outcomes = {"two-tone": outcome(0, 2e-3), "a": outcome(4, 1e-3), "b": outcome(2, 2e-2)}
     setting = {"plants": 4, "constraint": "peak", "scheme": "energy", "effects": (), "spread": 0.3}

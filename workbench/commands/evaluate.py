@@ -107,6 +107,8 @@ def show(report: JSON, terminal: Terminal) -> None:
     table(first["gain"], lambda figures: map(_gain, figures["gain"].values()))
     terminal.heading("What it takes")
     table(("peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision for all [ms]"), _use)
+    for note in report["notes"]:
+        terminal.say(note)
     if PLANNER in policies and SHIPPED in policies:
         agent, planner = policies[SHIPPED], policies[PLANNER]
         share = agent["gain"]["information"]["ratio"] / planner["gain"]["information"]["ratio"]
