@@ -19,6 +19,7 @@ from pendulum_env.interface import (
     VELOCITIES,
     check_positive,
     is_beyond,
+    read_start,
     spaces,
     warn_learner,
 )
@@ -176,9 +177,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             raise ValueError(f"the {type(self.backend).__name__} backend starts as it is: reset it without options")
         if self._running:
             self.backend.disable()
-        position, velocity = (float(options.get(name, 0.0)) for name in ("position", "velocity"))
-        if not math.isfinite(position + velocity):
-            raise ValueError(f"a pendulum cannot start at {position:g} rad with {velocity:g} rad/s: give numbers")
+        position, velocity = map(float, read_start(options, ()))
         self.plant.reset(options.get("theta"), options.get("schedule"))
         self._update_plant()
         start = Start(position, velocity, self.np_random, clear)

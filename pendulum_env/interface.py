@@ -1,10 +1,14 @@
 """What one pendulum and many have in common towards Gymnasium: spaces, and what their arguments may be."""
 
+from collections.abc import Mapping
+from numbers import Real
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
+from pendulum_env._typing import Array
+from pendulum_env.reading import shown
 from pendulum_env.registration import DESIGN
 
 MAX_TORQUE = 15.0  # [N m], of the DM1015B
@@ -36,8 +40,28 @@ def check_positive(of: str, **values: float) -> None:
         ValueError: naming the number and what it is of.
     """
     for what, value in values.items():
-        if not 0 < value < np.inf or (what in WHOLE and value != int(value)):
-            raise ValueError(f"{what} of {of} cannot be {value:g}: give a positive number")
+        is_number = isinstance(value, Real)
+        if not is_number or not 0 < value < np.inf or (what in WHOLE and value != int(value)):
+            given = f"{value:g}" if is_number else shown(value)
+            raise ValueError(f"{what} of {of} cannot be {given}: give a positive number")
+
+
+def read_start(options: Mapping[str, Any], shape: tuple[int, ...]) -> list[Array]:
+    """Read `position` [rad] and `velocity` [rad/s] from the options of a reset, 0 by default, of that shape each.
+
+    Raises:
+        ValueError: if one is no finite number, or has another shape.
+    """
+    start = []
+    for name in ("position", "velocity"):
+        try:
+            start.append(np.array(np.broadcast_to(np.asarray(options.get(name, 0.0), dtype=float), shape)))
+        except (TypeError, ValueError):
+            start.append(np.full(shape, np.nan))
+        if not np.isfinite(start[-1]).all():
+            wanted = f"a number{', or one for each of the pendulums' * bool(shape)}"
+            raise ValueError(f"{name} of a reset cannot be {shown(options[name])}: give {wanted}")
+    return start
 
 
 def note_identifier(env: Any) -> None:

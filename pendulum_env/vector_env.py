@@ -21,6 +21,7 @@ from pendulum_env.interface import (
     VELOCITIES,
     check_positive,
     is_beyond,
+    read_start,
     spaces,
 )
 from pendulum_env.lookup import find, with_known_arguments
@@ -129,11 +130,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         options = options or {}
         for name in options:
             find("option of reset", name, RESET_OPTIONS)
-        position, velocity = (
-            np.full(self.num_envs, options.get(name, 0.0), dtype=float) for name in ("position", "velocity")
-        )
-        if not np.isfinite(position + velocity).all():
-            raise ValueError("pendulums start at positions and velocities that are numbers")
+        position, velocity = read_start(options, (self.num_envs,))
         self.steps = np.zeros(self.num_envs, dtype=np.int64)
         self._ended = self._nobody
         self.plant.reset(options.get("theta"), options.get("schedule"))

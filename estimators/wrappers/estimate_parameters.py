@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium as gym
 import numpy as np
@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from estimators.online import Estimates, JointState, OnlineEstimator, SchemeEstimate, SchemeEstimates
 from estimators.schemes.six import Scheme
 from estimators.wrappers.measuring import Measuring, MeasuringVector, measured, repeated
-from estimators.wrappers.options import Names, make
+from estimators.wrappers.options import EstimatorOptions, Names, make
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Term
 
@@ -55,7 +55,7 @@ class EstimateParameters(Measuring):
         rate: float | None = None,
         in_observation: bool = False,
         robot: str | None = None,
-        **options: Any,
+        **options: Unpack[EstimatorOptions],
     ) -> None:
         """Wrap an environment whose `info` carries `time`, `position` and `torque`.
 
@@ -126,7 +126,7 @@ class EstimateParametersVector(MeasuringVector):
         *,
         rate: float | None = None,
         in_observation: bool = False,
-        **options: Any,
+        **options: Unpack[EstimatorOptions],
     ) -> None:
         """Wrap a vector environment; the arguments are those of `EstimateParameters`."""
         self.estimator = make(env, schemes, terms, rate, options)

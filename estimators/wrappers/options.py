@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypedDict, cast
 
 import gymnasium as gym
 
@@ -28,6 +28,17 @@ from pendulum_env.recording.record import NEWTON_METRE
 
 Names = str | Sequence[str | Scheme | JointState]
 AnyEnv = gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]
+
+
+class EstimatorOptions(TypedDict, total=False):
+    """Options of `OnlineEstimator` that a wrapper passes on; None is the default."""
+
+    forgetting: float | None
+    random_walk: float | Sequence[float] | None
+    prior: float | None
+    counts: int | None
+    smoothing: Smoothing | None
+    recursion: str | None
 
 
 def chosen_online(names: Names) -> tuple[Scheme | JointState, ...]:
@@ -172,18 +183,21 @@ def make(
     schemes: Names,
     terms: Sequence[str | Term] | None,
     rate: float | None,
-    options: dict[str, Any],
+    options: EstimatorOptions,
     robot: str | None = None,
 ) -> OnlineEstimator:
     """Estimator for an environment, or for each of a vector; see `OnlineEstimator` for the options.
 
     Raises:
-        ValueError: as `Plant` does.
+        ValueError: as `Plant` does, or if there is no such option.
     """
+    own = ("schemes", "terms", "rate", "in_observation", *EstimatorOptions.__annotations__)
+    for name in options:
+        find("argument", name, dict.fromkeys(own))
     plant = Plant.of(env, rate, robot)
     known: dict[str, Any] = {"batch": plant.batch}
     noise = position_noise_of(env)
     if noise is not None and options.get("counts") is None:
         known |= {"smoothing": plant.smoothing, "position_noise": noise}
-    options = known | {name: value for name, value in options.items() if value is not None}
-    return OnlineEstimator(plant.rate, plant.terms(terms), chosen_online(schemes), **options)
+    known |= {name: value for name, value in options.items() if value is not None}
+    return OnlineEstimator(plant.rate, plant.terms(terms), chosen_online(schemes), **known)

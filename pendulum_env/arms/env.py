@@ -107,7 +107,10 @@ class SimulatedArm(gym.Env[Observation, Action]):
         return observation, 0.0, False, False, info
 
     def _numbers(self, name: str, values: Any) -> Array:
-        array = np.asarray(values, dtype=float)
+        try:
+            array = np.asarray(values, dtype=float)
+        except (TypeError, ValueError):
+            array = np.empty(0)
         if array.shape != (len(self.joints),) or not np.isfinite(array).all():
             raise ValueError(f"{name} of an arm with {len(self.joints)} joints needs as many numbers, got {values}")
         return array

@@ -203,6 +203,7 @@ def test_an_identified_model_can_be_the_plant(tmp_path):
         ({"theta": [1.0, 2.0]}, ValueError, "theta has 2 values, it needs 4"),
         ({"theta": {"mass": 1.0}}, ValueError, "unknown parameter 'mass'"),
         ({"rate": 0.0}, ValueError, "rate of a pendulum cannot be 0"),
+        ({"rate": "200"}, ValueError, "rate of a pendulum cannot be '200': give a positive number"),
         ({"substeps": 1.5}, ValueError, "substeps of a pendulum cannot be 1.5"),
         ({"counts": -1}, ValueError, "numbers from zero on"),
         ({"counts": float("nan")}, ValueError, "numbers from zero on"),
@@ -227,7 +228,14 @@ def test_bad_actions_and_options_are_refused():
     for action in (3.0, np.zeros((1, 2)), np.zeros(2), np.zeros(0), np.array([np.nan])):
         with pytest.raises(ValueError, match=r"the action is .*it needs \(1,\), a torque in N m"):
             env.step(action)
-    for options in ({"position": np.nan}, {"theta": {"inertia": -1.0}}, {"theta": {"gravity": np.inf}}, {"positon": 1}):
+    for options in (
+        {"position": np.nan},
+        {"position": "up"},
+        {"velocity": [1.0, 2.0]},
+        {"theta": {"inertia": -1.0}},
+        {"theta": {"gravity": np.inf}},
+        {"positon": 1},
+    ):
         with pytest.raises(ValueError, match="did you mean position" if "positon" in options else "cannot"):
             env.reset(options=options)
 
