@@ -13,7 +13,7 @@ import numpy as np
 from estimators.arguments import Recordings, Terms, chosen_recordings, chosen_terms, within_limits
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
-from estimators.checks.remedies import wrong_columns
+from estimators.checks.remedies import far_zero, wrong_columns
 from estimators.checks.torque_constant import told
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import known_values, relative_terms
@@ -209,13 +209,17 @@ def _of_pendulum(
     else:
         results = {id: own.per(given.unit) for id, own in results.items()}
     results, doubts = _withheld(results, measurements, doubts)
-    mistakes = wrong_columns(first, recordings) or driving_friction(first)
+    mistakes = wrong_columns(first, recordings)
     data = None
     with suppress(IdentificationError):  # windows need more motion than some schemes
         data = prepare(recordings)
-        mistakes = [*mistakes, *_mistakes(given, own_fits([data], terms), terms)]
-        if not mistakes:
-            mistakes, results = _missing(results, PreparedData(data), terms)
+        mistakes = mistakes or far_zero(data, terms, recordings)
+    mistakes = mistakes or driving_friction(first)
+    with suppress(IdentificationError):
+        if data is not None:
+            mistakes = [*mistakes, *_mistakes(given, own_fits([data], terms), terms)]
+            if not mistakes:
+                mistakes, results = _missing(results, PreparedData(data), terms)
     unknown = (given.doubt,) if given.doubt is not None else ()
     ends = tuple(np.cumsum([sum(len(m) * m.period for (m,) in own) for own in segments]).tolist())
     return Identification(

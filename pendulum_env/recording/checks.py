@@ -33,6 +33,12 @@ class Bounds:
 
 
 BOUNDS = Bounds()
+VELOCITY_FACTORS = (  # slope of position over velocity, if one of them has another unit than the other
+    ("position", "deg", 180 / np.pi),
+    ("velocity", "deg/s", np.pi / 180),
+    ("velocity", "rev/s", 2 * np.pi),
+    ("velocity", "rpm", 2 * np.pi / 60),
+)
 UNWRAP = "read it with --unwrap (unwrap=True)"  # what mends a wrapped angle, on the command line and in Python
 
 
@@ -214,21 +220,11 @@ def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
     if correlation < 0:
         turned = origin.turned("velocity")
         raise ColumnError(f"velocity has the opposite sign of the slope of position: read it with {turned}")
-    if 40 < ratio < 80:
-        raise ColumnError(
-            f"position changes {ratio:.3g} times as fast as velocity says, as if in degrees: "
-            f"read it with {origin.in_unit('position', 'deg')}"
-        )
-    if 40 < 1 / ratio < 80:
-        raise ColumnError(
-            f"velocity is {1 / ratio:.3g} times the slope of position, as if in degrees per second: "
-            f"read it with {origin.in_unit('velocity', 'deg/s')}"
-        )
-    for unit, factor in (("rev/s", 2 * np.pi), ("rpm", 2 * np.pi / 60)):
-        if 0.95 < ratio / factor < 1.05:
+    for quantity, unit, factor in VELOCITY_FACTORS:
+        if 0.9 < ratio / factor < 1.1 or (unit[:3] == "deg" and 0.7 < ratio / factor < 1.4):
             raise ColumnError(
-                f"velocity is {1 / ratio:.3g} times the slope of position, as if in {unit}: read it with "
-                f"{origin.in_unit('velocity', unit)}"
+                f"velocity is {1 / ratio:.3g} times the slope of position, as if {quantity} were in {unit}: read it "
+                f"with {origin.in_unit(quantity, unit)}"
             )
     if not 0.5 < ratio < 2:
         raise ColumnError(f"velocity is {1 / ratio:.3g} times the slope of position: {remedy}")

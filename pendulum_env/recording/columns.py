@@ -228,6 +228,8 @@ def find_columns(
             said = ",".join(f"{quantity}={text}" for quantity, text in {**told, "torque": NONE}.items())
             hints = hints or ["say which with --columns torque=NAME (columns=...)"]
             hints[-1] += f", or --columns {shlex.quote(said)} if nothing drives the joint"
+        elif "torque" in missing and len(joints) < 2:
+            hints = [*(hints or [plain]), f"write torque={NONE} if nothing drives the joint"]
         raise ColumnError(
             f"no column for {', '.join(missing)} among {_listed(headers)}: " + ("; ".join(hints) or plain)
         )

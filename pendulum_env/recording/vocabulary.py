@@ -9,7 +9,7 @@ HEADER = "time,position,torque"  # the plain header, in s, rad and N m; velocity
 
 ALIASES = {
     "time": "time t timestamp timestamps stamp elapsed elapsedtime seconds secs sec tout xvalue zeit",
-    "position": "position pos q theta θ angle ang phi φ angularposition jointposition jointangle jointpos "
+    "position": "position pos q theta θ θr angle ang phi φ angularposition jointposition jointangle jointpos "
     "motorposition motorangle motorpos observationstate winkel drehwinkel",
     "velocity": "velocity vel speed omega ω dq qd qdot dqdt dtheta thetadot thetad v angularvelocity angvel "
     "jointvelocity jointvel motorvelocity motorvel winkelgeschwindigkeit",

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.integrate
 
 from estimators import identify
 from estimators.checks.remedies import wrong_columns
@@ -35,6 +36,30 @@ def test_a_wrong_zero_is_told_in_degrees_with_what_mends_it(run, off):
     (option,) = shifted.remedies
     mended = float(re.fullmatch(r"--columns position=ang_deg:deg([+-][\d.]+)", option)[1])
     assert mended == pytest.approx(-off, abs=5 * error + 0.01)
+
+
+def free_swing(off: float) -> Recording:
+    """A swing let go at 70 degrees, of g/I = 30 1/s^2, by SciPy, with the zero off by an angle [deg]."""
+
+    def slope(_: float, state: np.ndarray) -> list[float]:
+        q, v = state
+        return [v, -30.0 * np.sin(q) - 0.08 * v - 0.1 * np.tanh(v / 1e-2)]
+
+    time = np.arange(1500) / 120.0
+    q = scipy.integrate.solve_ivp(slope, (0, 13), [1.22, 0.0], t_eval=time, rtol=1e-8, atol=1e-8).y[0]
+    q = q + np.radians(off + np.random.default_rng(1).normal(0.0, 0.02, len(q)))
+    return Recording(time, q, origin=Origin(find_columns(["t", "ang_deg"])))
+
+
+@pytest.mark.parametrize(("free", "off"), [(False, 50.0), (True, -89.0), (True, 1.0)])
+def test_a_zero_that_is_off_is_found_without_a_tilt_in_the_model(run, free, off):
+    moved = free_swing(off) if free else replace(run, position=run.position + np.radians(off))
+    (shifted,) = (own for own in identify([moved], schemes="energy").findings if own.kind is Kind.ZERO_SHIFTED)
+    assert np.degrees(shifted.numbers["angle"].value) == pytest.approx(-off, abs=0.5)
+    (option,) = shifted.remedies
+    assert float(re.fullmatch(r"--columns position=ang_deg:deg([+-][\d.]+)", option)[1]) == pytest.approx(-off, abs=0.5)
+    right = free_swing(0.0) if free else run
+    assert Kind.ZERO_SHIFTED not in {own.kind for own in identify([right], schemes="energy").findings}
 
 
 def test_an_upright_zero_and_a_turned_sign_are_told_with_what_mends_them(run):

@@ -340,13 +340,17 @@ def test_a_spring_is_not_taken_for_degrees(write: Write, bent: float) -> None:
         ({"position": 115}, "faster than any arm: read it with --columns position=position:deg if it is"),
         ({"position": 0}, "position is 0 rad in every row"),
         ({"time": 1e3}, "2 s pass between samples.* read it with --columns time=time:ms"),
-        ({"velocity": 57.3}, "as if in degrees per second: read it with --columns velocity=velocity:deg/s"),
+        ({"velocity": 57.3}, "as if velocity were in deg/s: read it with --columns velocity=velocity:deg/s"),
         ({"velocity": -1}, "opposite sign of the slope of position: read it with --columns velocity=-velocity"),
         ({"velocity": 6}, "is 6 times the slope of position: mend it, or do without .*: --columns velocity=unused"),
-        ({"velocity": 0.5 / np.pi}, "as if in rev/s: read it with --columns velocity=velocity:rev/s"),
-        ({"velocity": 30 / np.pi}, "as if in rpm: read it with --columns velocity=velocity:rpm"),
+        ({"velocity": 0.5 / np.pi}, "as if velocity were in rev/s: read it with --columns velocity=velocity:rev/s"),
+        ({"velocity": 30 / np.pi}, "as if velocity were in rpm: read it with --columns velocity=velocity:rpm"),
         ({"velocity": 0}, r"does not follow the slope of position \(0.00 correlated\)"),
-        ({"position": 10, "velocity": 10 / 57.3}, "as if in degrees: read it with --columns position=position:deg"),
+        ({"velocity": 0.47 / np.pi}, "as if velocity were in rev/s: read it with --columns velocity=velocity:rev/s"),
+        (
+            {"position": 10, "velocity": 10 / 57.3},
+            "as if position were in deg: read it with --columns position=position:deg",
+        ),
     ],
 )
 def test_a_column_in_another_unit_is_refused_with_what_mends_it(

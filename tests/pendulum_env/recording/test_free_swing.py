@@ -26,6 +26,7 @@ HARMLESS: dict[str, tuple[np.ndarray | list[str], ...]] = {
     "Time (s),Angle (rad),Acceleration (m/s^2)": (np.arange(600),),
     "time,angle,sample_number": (np.arange(600),),
     "time,angle,comment": (["ok", *["late"] * 599],),
+    "t,θr,x,y": (np.sin(ANGLE), -np.cos(ANGLE)),
     "time,angle,x,y": (np.sin(ANGLE), -np.cos(ANGLE)),
     "time,angle,Light [lx]": (np.arange(600),),
     "time,angle,temperature": (np.full(600, 21.0),),
@@ -50,6 +51,12 @@ def test_a_column_that_may_be_the_torque_is_asked_for(tmp_path: Path, name: str)
     for said in ("none", None):
         recording = read_recording(file, columns={"torque": said})
         assert not recording.torque.any() and any("free swing" in note for note in recording.notes)
+
+
+def test_no_torque_is_offered_where_the_position_is_asked_for_too(tmp_path: Path) -> None:
+    file = table(tmp_path / "run.csv", "time,p1,m1", np.cos(TIME))
+    with pytest.raises(RecordingError, match=r"no column for position, torque.* torque=none"):
+        read_recording(file)
 
 
 def test_the_line_that_is_offered_keeps_what_was_said(tmp_path: Path) -> None:
