@@ -25,6 +25,8 @@ class CleaningSettings:
     same: float = 1e-6  # of the usual step of time, up to which it stands still
     alike: float = 0.25  # of a step, up to which others are the same motion
     moved_on: float = 1.5  # times the step from row to row that a lost column makes across its empty cells
+    away: float = 0.2  # sine of the angle from the equilibrium at which a joint at rest is held
+    held: float = 0.1  # [s] twice the shortest rest of a joint that is held
     least_steps: int = 20  # steps by its least change, from which a column that is always written repeats values, too
 
 
@@ -193,6 +195,23 @@ def ordered(log: Log) -> None:
     if not new.all():
         log.notes.append(f"time repeats that of the row before in {rows_of(log.rows[~new])}: left out")
         log.keep(new)
+
+
+def leave_out_hold(log: Log, position: Array) -> None:
+    """Leave out samples of a free swing before its release: rest away from both equilibria is no free motion.
+
+    From rest at an angle, position (N,) leaves by a t^2 / 2 at first: of the times at which it has moved by d and by
+    9 d follows the time of the release. The joint swings about its equilibrium, the median.
+    """
+    time = log.values["time"] - log.values["time"][0]
+    moved = np.abs(position - np.median(position[: max(3, len(position) // 500)])) / np.ptp(position)
+    if abs(np.sin(position[0] - np.median(position))) < CLEANING.away:
+        return
+    near, far = (float(time[np.argmax(moved > share)]) for share in (0.01, 0.09))
+    release = (3 * near - far) / 2
+    if release > max(CLEANING.held, far - release) / 2:
+        log.notes.append(f"position is held until {release:.2f} s: left out, for the swing is free from there on")
+        log.keep(time >= release)
 
 
 def start_from_zero(log: Log) -> None:

@@ -280,6 +280,8 @@ def _recording(
     cleaning.finite(log, checks.BOUNDS.fewest)
     cleaning.follow_on(log)
     cleaning.ordered(log)
+    if drive is None and not log.values["torque"].any() and np.ptp(log.values["position"]) > 0:
+        cleaning.leave_out_hold(log, turns())
     cleaning.start_from_zero(log)
     cleaning.sound(log, turns())
     checks.refuse_too_few(log.values["time"])

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.integrate
 
 from pendulum_env.arms.recording import ArmRecording, read_arm_recording
 from pendulum_env.recording import Recording, RecordingError, read_recording, read_study, write_recording
@@ -57,6 +58,22 @@ def test_no_torque_is_offered_where_the_position_is_asked_for_too(tmp_path: Path
     file = table(tmp_path / "run.csv", "time,p1,m1", np.cos(TIME))
     with pytest.raises(RecordingError, match=r"no column for position, torque.* torque=none"):
         read_recording(file)
+
+
+@pytest.mark.parametrize(("start", "hold"), [(1.3, 0.62), (2.8, 0.3), (1.3, 0.0), (3.12, 0.0), (2.9, 0.0)])
+def test_rest_before_the_release_is_left_out(start: float, hold: float) -> None:
+    def slope(_: float, state: np.ndarray) -> list[float]:
+        return [state[1], -30.0 * np.sin(state[0]) - 0.1 * state[1] - 0.1 * np.tanh(state[1] / 0.01)]
+
+    time = np.arange(1200) / 120.0
+    q = scipy.integrate.solve_ivp(slope, (0, 10), [start, 0.0], t_eval=time, rtol=1e-8).y[0]
+    q = np.append(np.full(round(hold * 120), start), q) + np.random.default_rng(1).normal(
+        0, 5e-4, len(q) + round(hold * 120)
+    )
+    recording = read_recording({"time": np.arange(len(q)) / 120.0, "position": q})
+    lost = (len(q) - len(recording)) / 120.0
+    assert lost == pytest.approx(hold, abs=0.05)
+    assert any("held" in note for note in recording.notes) == (hold > 0)
 
 
 def test_the_line_that_is_offered_keeps_what_was_said(tmp_path: Path) -> None:
