@@ -52,7 +52,7 @@ class Prediction:
             A servo with a drive is simulated over the whole recording from its goal. An arm is not simulated.
             `position_rms` leaves out seconds in which a small error grows tenfold.
         is_counted: samples at which `torque_rms` takes the residual, half a window apart (N,).
-        is_held_out: samples that the model was not fitted to (N,).
+        is_held_out: samples that the model was not fitted to (N,); None in a comparison, which fits nothing.
         units: unit of the torque by joint; the joint of a pendulum has an empty name.
         is_in_loop: whether the controller of a servo is simulated along, so that the motion is predicted first of all.
     """
@@ -64,7 +64,7 @@ class Prediction:
     predicted_torque: Array
     simulated_position: Array
     is_counted: Mask
-    is_held_out: Mask
+    is_held_out: Mask | None
     units: Mapping[str, str]
     is_in_loop: bool = False
 
@@ -134,6 +134,8 @@ def predictions(model: Model, data: Preprocessed) -> tuple[Prediction, ...]:
     seen = data.recordings if is_same else (*data.recordings, *data.holdout)
     is_driven = body_of(model.terms) is None and are_driven(seen)
     found = [replace(_without_values(model, recording), is_in_loop=is_driven) for recording in seen]
+    if is_same:
+        found = [replace(own, is_held_out=None) for own in found]
     with suppress(*[IdentificationError] * is_driven):  # a servo may move too little for a regression of its torque
         fitted, unseen = data.parts
         _predict(model, fitted, found[: len(data.recordings)], False)
@@ -177,7 +179,8 @@ def _predict(model: Model, prepared: PreparedData, found: Sequence[Prediction], 
         _write(own, [w], torque, residual)
         begin, joint = _place(own, w)
         _by_joint(own.is_counted)[begin + w.centers, joint] = True
-        own.is_held_out[begin + w.first : begin + w.stop] |= is_held_out
+        if own.is_held_out is not None:
+            own.is_held_out[begin + w.first : begin + w.stop] |= is_held_out
     simulated = prepared.segments if model.is_inertia_known else ()
     for own, segments in zip(found, simulated, strict=False):
         _simulate(model, segments, own.simulated_position)

@@ -349,7 +349,8 @@ def _missing(
     of them differently.
 
     Returns:
-        A finding where an effect is missing, and the results, with the estimates marked on which the schemes disagree.
+        A finding where an effect is missing, and the results, with the estimates marked on which the schemes disagree;
+        of a single scheme, all estimates.
     """
     data, floors = prepared.data, prepared.floors
     left = data.errors(prepared.regression.residual(terms))
@@ -362,7 +363,9 @@ def _missing(
     joints, names = (tuple(sorted(filter(None, own), key=lambda one: -own[one])) for own in (times, disputed))
     if not numbers:
         return [], results
-    marked = {id: replace(own, model=own.model.biased(disputed)) for id, own in results.items()}
+    marked = {
+        id: replace(own, model=own.model.biased(disputed if len(results) > 1 else None)) for id, own in results.items()
+    }
     return [Finding(Kind.INCOMPLETE, numbers, names, joints=joints)], marked
 
 

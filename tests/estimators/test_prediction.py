@@ -47,7 +47,7 @@ def test_errors_are_those_of_the_counted_samples(exact, paper_run, wrong):
         assert rms(own.residual[own.is_counted]) == pytest.approx(distance.errors.torque_rms, rel=1e-9)
         assert rms(own.residual[np.isfinite(own.residual)]) == pytest.approx(distance.errors.torque_rms, rel=0.05)
         assert rms(missed(own)) == pytest.approx(distance.errors.position_rms, rel=0.1)
-        assert not own.is_held_out.any()
+        assert own.is_held_out is None
     assert found.errors == found.joint.errors
 
 

@@ -146,6 +146,9 @@ def test_what_the_terms_lack_is_said_in_one_line_and_nothing_where_they_lack_not
     }
     assert biased["whole"] == set() and "coulomb" in biased["lacking"] and "inertia" not in biased["lacking"]
     assert found["lacking"].windows.estimates["coulomb"].is_biased
+    for name, run in runs.items():  # a single scheme: no other shows which estimates are biased
+        (alone,) = identify(run, schemes="energy").values()
+        assert {estimate.is_biased for estimate in alone.model.estimates.values()} == {name == "lacking"}
     (alone,) = identify(runs["lacking"], schemes="energy").findings  # which differs from none
     assert alone.numbers.keys() == {"residual"}
 
