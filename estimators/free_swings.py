@@ -4,7 +4,8 @@ The inertia I is known, or it is 1. Then its torque stands for that of a motor,
 
     -I q'' = mgl sin q + b q' + fc sgn q' + ...
 
-With I = 1 all torques are divided by the inertia: gravity and Coulomb friction are in rad/s^2, viscous friction in 1/s.
+Another known parameter scales all of them, the inertia too. With I = 1 all torques are divided by the inertia: gravity
+and Coulomb friction are in rad/s^2, viscous friction in 1/s.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +22,7 @@ from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import limited_term
 from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA
-from pendulum_env.words import listing
+from pendulum_env.words import listing, per
 
 NONE = Load(0.0, 0.0)
 
@@ -45,28 +46,39 @@ def known_by(model: Model, fixed: Mapping[str, float] | None) -> dict[str, float
     return ({"inertia": inertia.value} if inertia is not None else {}) | dict(fixed or {})
 
 
-def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) -> float:
-    """Return the inertia [kg m^2] of free swings: known, or by another known parameter of the base; 0 if none is.
-
-    An inertia of 1 is that of parameters relative to it.
+def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) -> float | None:
+    """Return the inertia [kg m^2] of free swings: known, or by another known parameter of the base; None if none is.
 
     Raises:
-        IdentificationError: if the recordings hold too little motion, or their known loads differ and nothing else is
-            known.
+        IdentificationError: if the recordings hold too little motion, or do not show the parameter that is known, or if
+            their known loads differ and the inertia is not known.
     """
-    if (inertia := known.get("inertia", 1.0)) != 1.0:
+    if (inertia := known.get("inertia")) is not None:
         return inertia
-    others = [k for k, term in enumerate(BASE) if k and known.get(term.id)]
-    if others:
-        return float(abs(known[BASE[others[0]].id] / _ratios(recordings)[others[0]]))
+    names = listing([recording.name for recording in recordings])
     loads = list(dict.fromkeys(recording.load or NONE for recording in recordings))
     if len(loads) > 1:
-        names, inertia = listing([recording.name for recording in recordings]), _inertia_by_loads(recordings, loads)
         raise IdentificationError(
             f"{names}: no torque is applied, and their known loads differ: fix the inertia of the joint without load, "
-            f"--fix inertia={inertia:.4g} by these loads"
+            f"--fix inertia={_inertia_by_loads(recordings, loads):.4g} by these loads"
         )
-    return 0.0
+    if (name := _scaling_parameter(known)) is None:
+        return None
+    ratio = dict(zip((term.id for term in BASE), _ratios(recordings).tolist(), strict=True))[name]
+    total = known[name] + (loads[0].gravity if name == "gravity" else 0.0)
+    if total * ratio <= 0 or (inertia := total / ratio - loads[0].inertia) <= 0:
+        raise IdentificationError(
+            f"{names}: the free motion has a {name} of {ratio:.3g} times the inertia, which contradicts {name} = "
+            f"{known[name]:g}: fix another parameter, --fix inertia=VALUE"
+        )
+    return inertia
+
+
+def _scaling_parameter(known: Mapping[str, float]) -> str | None:
+    """Return the known parameter of the base, other than the inertia, that scales free swings; None if none does."""
+    if "inertia" in known:
+        return None
+    return next((term.id for term in BASE if known.get(term.id)), None)
 
 
 def _inertia_by_loads(recordings: Sequence[Recording], loads: Sequence[Load]) -> float:
@@ -81,9 +93,9 @@ def _inertia_by_loads(recordings: Sequence[Recording], loads: Sequence[Load]) ->
 
 
 def _ratios(recordings: Sequence[Recording]) -> Array:
-    """Return the parameters of the base (4,) over the inertia."""
-    data = prepare([swing(recording, 1.0, PER_INERTIA) for recording in recordings])
-    return Regression(data).solve(relative_terms(BASE, PER_INERTIA))
+    """Return the parameters of the base (4,) over the inertia, both with the known load."""
+    swings = [swing(recording, 1.0, PER_INERTIA) for recording in recordings]
+    return Regression(prepare(swings)).solve(swing_terms(BASE, swings))
 
 
 def fitted_inertia(recordings: Sequence[Recording]) -> float:
@@ -94,17 +106,55 @@ def fitted_inertia(recordings: Sequence[Recording]) -> float:
         return 0.0
 
 
-def relative_terms(terms: Sequence[Term], torque_unit: str) -> tuple[Term, ...]:
-    """Return terms whose inertia is 1 where torque is relative to it; other terms as they are.
+def swing_terms(terms: Sequence[Term], recordings: Sequence[Recording]) -> tuple[Term, ...]:
+    """Return terms as they are fitted to free swings, with the inertia that scales them; other terms as they are.
+
+    A regression of the inertia on a small known torque would attenuate it by the noise of the acceleration. The known
+    parameter is therefore free, and `restore_known` scales the model to it.
 
     Raises:
         IdentificationError: if there is no inertia among the terms.
     """
-    if torque_unit != PER_INERTIA:
+    known = known_values(terms)
+    if "inertia" in known or not all(recording.known_inertia for recording in recordings):
         return tuple(terms)
     if "inertia" not in {term.id for term in terms}:
         raise IdentificationError("no torque is applied: a model of free swings needs the term inertia")
-    return tuple(limited_term(term, {"inertia": (1.0, 1.0)}) for term in terms)
+    inertia, name = recordings[0].known_inertia, _scaling_parameter(known)
+    limits = {"inertia": (inertia, inertia)} | ({name: (-np.inf, np.inf)} if name else {})
+    return tuple(limited_term(term, limits) for term in terms)
+
+
+def restore_known(model: Model, terms: Sequence[Term], recordings: Sequence[Recording]) -> Model:
+    """Scale a model of `swing_terms` to the known parameter of the original terms; return other models as they are.
+
+    Motion without torque determines all parameters theta, with the known load o, up to a factor: (theta + o) (c + o_c)
+    / (theta_c + o_c) - o if c is the known value of theta_c.
+    """
+    name = _scaling_parameter(known := known_values(terms))
+    if name is None or not all(recording.known_inertia for recording in recordings):
+        return model
+    load, names = recordings[0].load or NONE, list(model.estimates)
+    own = [*model.estimates.values()]
+    offset = np.array([{"inertia": load.inertia, "gravity": load.gravity}.get(key, 0.0) for key in names])
+    total, k = np.array([estimate.value for estimate in own]) + offset, names.index(name)
+    linear = {column.name for column in model.columns if per(column.unit, PER_INERTIA) != column.unit}
+    is_scaled = np.array([key in linear for key in names])
+    factor = (known[name] + offset[k]) / total[k]
+    jacobian = np.diag(np.where(is_scaled, factor, 1.0))
+    jacobian[:, k] -= np.where(is_scaled, factor * total / total[k], 0.0)
+    covariance = jacobian @ model.assumed_covariance @ jacobian.T
+    covariance[k], covariance[:, k] = 0.0, 0.0
+    values = np.where(is_scaled, factor * total - offset, total)
+    values[k] = known[name]
+    errors = np.sqrt(np.diag(covariance))
+    estimates = {
+        key: replace(estimate, value=float(value), std=float(error))
+        for key, estimate, value, error in zip(names, own, values, errors, strict=True)
+    }
+    original = {term.id: term for term in terms if term.id in ("inertia", name)}
+    restored = tuple(original.get(term.id, term) for term in model.terms)
+    return replace(model, terms=restored, estimates=estimates).correlated(names, covariance)
 
 
 def as_read(model: Model) -> Model:

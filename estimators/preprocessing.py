@@ -102,14 +102,17 @@ class Preprocessed:
     ) -> Self:
         """Free swings, as `of` scales them; some held-out recordings may be driven."""
         inertia = scale_swings(recordings, known)
-        unit = NEWTON_METRE if inertia else PER_INERTIA
+        unit = PER_INERTIA if inertia is None else NEWTON_METRE
         if driven and unit_of(driven) != unit:
             raise IdentificationError(
                 f"{driven[0].name}: has torque, but no recording that is fitted has any: fit one with torque, or give "
                 "the inertia with --fix inertia=VALUE, and torque in N m"
             )
-        fitted, unseen = (_swings(part, inertia or 1.0, unit) for part in (recordings, holdout))
-        return cls(fitted, unseen, None if inertia else Finding(Kind.RELATIVE_TO_INERTIA))
+        fitted, unseen = (_swings(part, 1.0 if inertia is None else inertia, unit) for part in (recordings, holdout))
+        if inertia is not None:
+            return cls(fitted, unseen)
+        loaded = tuple(own.name for own in recordings if own.load is not None)
+        return cls(fitted, unseen, Finding(Kind.RELATIVE_TO_INERTIA, recordings=loaded))
 
     @classmethod
     def _in_newton_metres(

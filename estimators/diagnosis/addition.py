@@ -11,7 +11,7 @@ from estimators.diagnosis.in_loop import Looped, with_back_emf
 from estimators.diagnosis.reasons import describe_rejection
 from estimators.diagnosis.result import CHANCE, Addition
 from estimators.diagnosis.setting import Setting
-from estimators.free_swings import known_by, known_values, relative_terms
+from estimators.free_swings import known_by, known_values, restore_known, swing_terms
 from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, no_progress
@@ -102,7 +102,8 @@ def _added_by_torque(
     progress = setting.progress
     progress("reading the motion", 0.0)
     given = Preprocessed.of(recordings, holdout, known=known_values(model.terms))
-    model = replace(model, terms=relative_terms(model.terms, given.unit))
+    original = model.terms
+    model = replace(model, terms=swing_terms(original, given.recordings))
     setting, given = replace(setting, base=model.terms), given.with_impacts(model.terms)
     evaluator = setting.evaluator(given.parts)
     before, longer, against = _searched(evaluator, kind)
@@ -114,7 +115,10 @@ def _added_by_torque(
     against = describe_rejection(confirmation_gates(after, shown, evaluator.train.motions)) or (
         None if is_hidden(more) else against
     )  # motion tells it
-    shown, after = (replace(step, model=told(step.model, given.parts[0].data)) for step in (shown, after))
+    shown, after = (
+        replace(step, model=restore_known(told(step.model, given.parts[0].data), original, given.recordings))
+        for step in (shown, after)
+    )
     return Addition(shown, after, evaluator.residuals.floors, against, given.doubt)
 
 

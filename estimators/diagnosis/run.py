@@ -27,7 +27,7 @@ from estimators.diagnosis.sensitivity import detectable
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.unexplained import of_held_out, unexplained
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import known_values, relative_terms
+from estimators.free_swings import known_values, restore_known, swing_terms
 from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, forward, no_progress
@@ -136,6 +136,7 @@ def _examined(recordings: Sequence[Recording], holdout: Sequence[Recording], set
 def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Diagnosis:
     """Find the effects that recorded torque calls for; timed anew where an effect explains its delay."""
     setting.progress("reading the motion", 0.0)
+    base = setting.base
     if is_arm := body_of(setting.base) is not None:
         known, examine = ids(setting.base), examine_arm
         setting = replace(setting, library={id: kind for id, kind in setting.library.items() if id not in known})
@@ -144,7 +145,7 @@ def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], se
     else:
         calibrated = Preprocessed.of(recordings, holdout, known=known_values(setting.base))
         known, examine = ids(BASE), _of_one_plant
-        setting = replace(setting, base=relative_terms(setting.base, calibrated.unit))
+        setting = replace(setting, base=swing_terms(base, calibrated.recordings))
     setting.progress("timing the torque", 0.0)
     given = calibrated.timed()
     found = examine(given, setting)
@@ -154,7 +155,10 @@ def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], se
         if not again.agrees(given):
             given, found = min((again, examine(again, setting)), (given, found), key=_complexity)
     setting.progress("done", 1.0)
-    return found if is_arm else _with_channel(found, given)
+    if is_arm:
+        return found
+    steps = (replace(step, model=restore_known(step.model, base, given.recordings)) for step in found.steps)
+    return _with_channel(replace(found, steps=tuple(steps)), given)
 
 
 def _complexity(timed: tuple[Preprocessed, Diagnosis]) -> tuple[bool, int, int]:

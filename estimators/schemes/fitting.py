@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.checks.torque_constant import widened
-from estimators.free_swings import as_read
+from estimators.free_swings import as_read, restore_known
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import Fit, least_squares, quietest_most, solve
 from estimators.regression.recursive import evenly, history
@@ -23,6 +23,7 @@ from pendulum_env.arms.model import model_of
 from pendulum_env.notebook import shown
 from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.physics.term import zero
+from pendulum_env.recording import Recording
 from pendulum_env.recording.record import TorqueConstant
 from pendulum_env.words import per
 
@@ -118,6 +119,11 @@ class Identified:
     def per(self, torque_unit: str) -> Identified:
         """The same numbers, said of a torque that is in another unit."""
         return replace(self, model=as_read(self.model.per(torque_unit)), unit=per(self.unit, torque_unit))
+
+    def with_known(self, terms: Sequence[Term], recordings: Sequence[Recording]) -> Identified:
+        """Scale the results of free swings to a known parameter of the original terms, see `restore_known`."""
+        model = restore_known(self.model, terms, recordings)
+        return self if model is self.model else replace(self, model=model)
 
     def calibrated(self, constant: TorqueConstant, there: Model) -> Identified:
         """The same with the error of the torque constant, one of which more moves the parameters `there`."""

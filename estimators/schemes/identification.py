@@ -16,7 +16,7 @@ from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits
 from estimators.checks.remedies import far_zero, wrong_columns
 from estimators.checks.torque_constant import told
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import known_values, relative_terms
+from estimators.free_swings import known_values, restore_known, swing_terms
 from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import Joints, for_arms, measure_arm, series
@@ -97,9 +97,11 @@ class Identification(Mapping[str, Identified]):
         """The least-squares fit over windows, on which `compare` and `diagnose` stand, too; raises as `fitted`."""
         first, *_ = models = [one.model for one in self.schemes.values()]
         disputed = {name for model in models for name, estimate in model.estimates.items() if estimate.is_biased}
-        terms = relative_terms(first.terms, self.torque_unit)
+        recordings = [] if self.data is None else [w.recording for w in self.data.windows]
+        terms = swing_terms(first.terms, recordings) if recordings else first.terms
         unknown = {name for finding in self.findings for name in finding.withheld}
         model = self.fitted(lambda data: fit_terms(PreparedData(data), terms)[0])
+        model = restore_known(model, first.terms, recordings) if recordings else model
         inertia = model.estimates.get("inertia")
         if inertia is not None and abs(inertia.value) <= SURE * inertia.std:
             unknown.add("inertia")
@@ -190,7 +192,8 @@ def _of_pendulum(
 ) -> Identification:
     """The same of one joint, whose torque constant may be unknown."""
     given = Preprocessed.of(recordings, known=known_values(terms))
-    recordings, terms = given.recordings, relative_terms(terms, given.unit)
+    recordings, original = given.recordings, terms
+    terms = swing_terms(original, recordings)
     segments = _measure_joints(recordings, terms)
     measurements = [m for own in segments for (m,) in own]
     if not (all(own.is_free for own in recordings) or any(is_driven(m) for m in measurements)):
@@ -207,7 +210,7 @@ def _of_pendulum(
         there = _by_schemes(chosen, _measure_joints(moved, terms), terms, recordings, regressions(terms))
         results = {id: own.calibrated(given.constant, there[id].model) for id, own in results.items()}
     else:
-        results = {id: own.per(given.unit) for id, own in results.items()}
+        results = {id: own.per(given.unit).with_known(original, recordings) for id, own in results.items()}
     results, doubts = _withheld(results, measurements, doubts)
     mistakes = wrong_columns(first, recordings)
     data = None

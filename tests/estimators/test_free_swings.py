@@ -75,6 +75,32 @@ def test_a_known_parameter_gives_the_others(name, value):
         assert_recovered(model, {own: truth for own, truth in (INERTIA_TOO | TRUTH).items() if own != name}, 4.5)
 
 
+@pytest.mark.parametrize("counts", [1024, 65_536])
+def test_a_small_known_torque_gives_the_inertia_without_attenuation(counts):
+    found = identify(swinging(counts=counts), fixed={"coulomb": TRUTH["coulomb"]})
+    relative = identify(swinging(counts=counts))
+    for id, own in found.schemes.items():
+        inertia, ratio = own.model.estimates["inertia"], relative[id].model.estimates["coulomb"]
+        assert inertia.value == pytest.approx(TRUTH["coulomb"] / ratio.value)
+        assert inertia.std / inertia.value == pytest.approx(ratio.std / ratio.value, rel=1e-6)
+    assert_recovered(found.windows, INERTIA_TOO | {"gravity": TRUTH["gravity"]}, 4.5)
+    loaded = replace(swinging(2.3, counts=65_536, inertia=0.02, gravity=1.1), load=Load(0.01, 0.6))
+    assert_recovered(identify(loaded, fixed={"coulomb": TRUTH["coulomb"]}).windows, INERTIA_TOO, 4.5)
+
+
+def test_an_inertia_of_one_is_no_unknown_inertia():
+    found = identify(swinging(), fixed={"inertia": 1.0})
+    assert found.torque_unit == "N m" and not found.findings
+    assert found.windows.estimates["gravity"].value == pytest.approx(RATIOS["gravity"], rel=0.01)
+
+
+def test_a_known_value_that_the_motion_contradicts_is_refused():
+    with pytest.raises(IdentificationError, match="contradicts gravity"):
+        identify(swinging(), fixed={"gravity": -0.5})
+    with pytest.raises(IdentificationError, match="contradicts coulomb"):
+        identify(swinging(coulomb=0.0), fixed={"coulomb": -0.5})
+
+
 def test_all_is_proportional_to_the_inertia():
     relative, absolute = identify(swinging()), identify(swinging(), fixed={"inertia": INERTIA})
     for id, own in relative.schemes.items():

@@ -15,7 +15,7 @@ from estimators.checks.torque_constant import told
 from estimators.diagnosis.addition import fit
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.findings import Finding
-from estimators.free_swings import known_values, relative_terms
+from estimators.free_swings import known_values, restore_known, swing_terms
 from estimators.preprocessing import Preprocessed, parted
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identifiability import identifiability
@@ -157,8 +157,9 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
         raise InputError(f"{describe(given.doubt)} Or give the gain itself.")
     timed = given.timed()
     own = timed if is_aligned else given
-    base = fit(*own.parts, relative_terms(terms, own.unit))
-    return Prepared(own, timed, replace(base, model=told(base.model, own.parts[0].data)))
+    base = fit(*own.parts, swing_terms(terms, own.recordings))
+    model = restore_known(told(base.model, own.parts[0].data), terms, own.recordings)
+    return Prepared(own, timed, replace(base, model=model))
 
 
 @lru_cache(maxsize=4)

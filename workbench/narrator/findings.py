@@ -353,7 +353,8 @@ DESCRIBED: Mapping[Kind, Callable[[Finding, str], str]] = {
     ),
     Kind.UNIDENTIFIABLE: _unidentifiable,
     Kind.RELATIVE_TO_INERTIA: lambda found, unit: (
-        "No torque is applied: every parameter is relative to the inertia, which is 1. A known value makes them "
+        "No torque is applied: every parameter is relative to the inertia"
+        f"{' of the joint with its known load' if found.recordings else ''}, which is 1. A known value makes them "
         'absolute (--fix inertia=VALUE, or `fixed={"inertia": VALUE}` in Python).'
     ),
     Kind.LOADS_UNKNOWN: _constant(
