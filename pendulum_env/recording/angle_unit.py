@@ -11,7 +11,8 @@ from pendulum_env.recording.vocabulary import UNITS
 DEGREE, TURN = UNITS["position"]["deg"], UNITS["position"]["rev"]  # [rad]
 SMOOTHING = 0.05  # [s] window of the second derivative
 CLEAR = 0.1  # of the misfit of radians, below which that of another unit tells the unit
-BETTER = 0.85  # the same, of gravity about a zero that is unknown, if its wave number is that of turns as well
+BETTER = 0.82  # the same, of gravity about a zero that is unknown, if its wave number is that of turns as well
+LONG = 8.0  # [s] of motion, from which such a difference is no accident
 NEAR = 1.2  # ratio of wave numbers that are the same; those of radians and turns differ by 6.3
 WOUND = 10 * np.pi  # [rad] that a spring at a joint may be wound up and down, at the most
 
@@ -104,7 +105,12 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
         q = fit.position
         gravity, other = fit.misfit_in_unit(1.0), fit.misfit_in_unit(TURN)
         radians = min(fit.misfit(), fit.misfit(q), fit.misfit(q, np.sin(q)), fit.misfit(q, np.sin(q), np.cos(q)))
-        is_bent = other < BETTER * gravity and other < 1.05 * radians and fit.has_wave_number(TURN)
+        is_bent = (
+            len(position) > LONG * rate
+            and other < BETTER * gravity
+            and other < 1.05 * radians
+            and fit.has_wave_number(TURN)
+        )
         if radians > 1e-3 * np.sqrt(len(q)) and (other < CLEAR * radians or is_bent):
             share = f"{other / max(radians, gravity):.1%} of that in radians"
             return UnitSuspicion("rev", f"gravity acts on position as on turns, with a residual of {share}")
