@@ -73,6 +73,19 @@ class Kind(StrEnum):
     NOWHERE = "nowhere"  # residual, times
     SERVO_OFF = "servo_off"  # error, times, worst
 
+    # verdicts on effects
+    ERRORS_FALL = "errors_fall"  # torque_rms, position_rms or in_loop, each `.before` and `.after`
+    ERROR_FALLS_AT_JOINT = "error_falls_at_joint"  # share
+    TIES = "ties"
+    IMITATES = "imitates"
+    IMITATES_TABLE = "imitates_table"
+    NOT_TESTED = "not_tested"  # low, high
+    NOT_EXCITED = "not_excited"
+    GATE_FAILED = "gate_failed"  # value and `limit.` of each gate
+    OTHERS_BETTER = "others_better"
+    LONG_STEPS = "long_steps"
+    BY_CHANCE = "by_chance"
+
     # what follows for the next step
     TABLE_HELPS = "table_helps"
     NO_EFFECT_OPEN = "no_effect_open"

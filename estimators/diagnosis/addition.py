@@ -8,9 +8,10 @@ import numpy as np
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves, that_may_show, within_limits
 from estimators.checks.torque_constant import told
 from estimators.diagnosis.in_loop import Looped, with_back_emf
-from estimators.diagnosis.reasons import describe_rejection
-from estimators.diagnosis.result import CHANCE, Addition
+from estimators.diagnosis.reasons import BY_CHANCE, rejection
+from estimators.diagnosis.result import Addition
 from estimators.diagnosis.setting import Setting
+from estimators.findings import Finding
 from estimators.free_swings import known_by, known_values, restore_known, swing_terms
 from estimators.in_loop.rollouts import are_driven
 from estimators.preprocessing import Preprocessed
@@ -112,7 +113,7 @@ def _added_by_torque(
     more = longer.model.terms[-1]
     start = Model.build((*shown.model.terms, more), np.append(shown.model.theta, np.zeros(len(more.columns))))
     *_, after = refit_by_likelihood(SearchResult(evaluator, [before, longer]), start).steps
-    against = describe_rejection(confirmation_gates(after, shown, evaluator.train.motions)) or (
+    against = rejection(confirmation_gates(after, shown, evaluator.train.motions)) or (
         None if is_hidden(more) else against
     )  # motion tells it
     shown, after = (
@@ -129,9 +130,9 @@ def _added_at_joint(
     evaluator = setting.evaluator(Preprocessed(tuple(recordings), tuple(holdout), terms=(*setting.base, kind)).parts)
     longer = _longer(evaluator, evaluator.base, kind)
     without, with_it = evaluator.fit_with_std(None, evaluator.base), evaluator.fit_with_std(kind.id, longer)
-    against = describe_rejection(confirmation_gates(with_it, without, evaluator.train.motions))
+    against = rejection(confirmation_gates(with_it, without, evaluator.train.motions))
     if against is None and not evaluator.is_significant(longer, evaluator.base):
-        against = CHANCE
+        against = BY_CHANCE
     return Addition(without, with_it, evaluator.residuals.floors, against)
 
 
@@ -143,7 +144,7 @@ def _added_in_loop(
     servos = Looped.of(recordings, holdout, with_back_emf(setting, recordings) if rubs else setting)
     before, longer, against = _searched(servos.evaluator, kind)
     shown, after = servos.sharpened(before), servos.sharpened(longer)
-    against = describe_rejection(confirmation_gates(after, shown, servos.evaluator.train.motions)) or against
+    against = rejection(confirmation_gates(after, shown, servos.evaluator.train.motions)) or against
     shown, after = servos.readable(shown), servos.readable(after)
     return Addition(shown, after, servos.evaluator.residuals.floors, against, servos.given.doubt)
 
@@ -167,7 +168,7 @@ def _longer(evaluator: ModelEvaluator, terms: tuple[Term, ...], kind: type[Term]
     return trial.terms
 
 
-def _searched(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, Step, str | None]:
+def _searched(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, Step, Finding | None]:
     """The base model, the same with the best variant of an effect, and what its gain says against it."""
     evaluator.progress("fitting without it", 0.1)
     before = evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))
@@ -178,5 +179,5 @@ def _searched(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, Step, 
     return (
         before,
         evaluator.fit_with_std(kind.id, terms),
-        None if evaluator.is_significant(terms, before.model.terms) else CHANCE,
+        None if evaluator.is_significant(terms, before.model.terms) else BY_CHANCE,
     )

@@ -41,8 +41,6 @@ from pendulum_env.physics.terms import ids
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
-MADE_UP = "predicts no better with shorter steps of the integrator: it made up for long ones"
-
 
 @dataclass(frozen=True)
 class Looped:
@@ -171,7 +169,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
     setting.progress("judging", 0.93)
     candidates, groups = rank_effects(found, found.terms)
     dropped = ids(searched.terms) - ids(found.terms)
-    candidates = [replace(own, reason=MADE_UP) if own.effect in dropped else own for own in candidates]
+    candidates = [replace(own, reason=Finding(Kind.LONG_STEPS)) if own.effect in dropped else own for own in candidates]
     left = unexplained(found, servos.fine[0])
     *others, last = map(servos.readable, found.steps)
     model = last.model.biased() if left else last.model

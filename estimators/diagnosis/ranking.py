@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimators.diagnosis.reasons import describe_rejection
+from estimators.diagnosis.reasons import fall, rejection
 from estimators.diagnosis.result import Candidate, Verdict
-from estimators.findings import Finding
+from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import outside
 from estimators.selection.candidates import screen_library, screen_replacements
 from estimators.selection.errors import Step, error_at
@@ -23,7 +23,6 @@ from estimators.selection.tables import without_table
 from estimators.simulation import output_error
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.terms import complexity, has_transmission, is_hidden, untested_range
-from pendulum_env.words import number_text
 
 SAME = 1e-6  # of a torque, numerical difference of equal laws
 
@@ -55,7 +54,7 @@ def rank_effects(
             verdicts[longer[-1].id] = _rank_other(found, longer)
     for id, (_, gates) in sorted(library.items()):
         if id not in verdicts:
-            reason = describe_rejection(gates) or ""
+            reason = rejection(gates) or Finding(Kind.OTHERS_BETTER)
             verdicts[id] = Candidate(id, 0.0, Verdict.REJECTED, 1.0, reason, gates=gates)
     return doubted(by_verdict(verdicts.values()), doubts), groups
 
@@ -64,7 +63,7 @@ def doubted(candidates: Sequence[Candidate], doubts: Sequence[Finding]) -> list[
     """Return candidates, where an effect that imitates a term of the model in these data is not rejected."""
     alike = dict(doubt.rivals for doubt in doubts if doubt.rivals is not None)
     return by_verdict(
-        replace(one, verdict=Verdict.NOT_EXCITED, reason=f"imitates {alike[one.effect]} in these data")
+        replace(one, verdict=Verdict.NOT_EXCITED, reason=Finding(Kind.IMITATES, effects=(alike[one.effect],)))
         if one.verdict is Verdict.REJECTED and one.effect in alike
         else one
         for one in candidates
@@ -96,10 +95,10 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
     score = evaluator.criterion.max_score * share
     if evaluator.train.segments or before.errors["holdout"].is_in_loop:
         less, more = (step.errors["holdout"].at(term.at) for step in (after, before))
-        reason = _falls(before, after)
+        reason = fall(before, after)
     else:  # without a simulation, windows give the errors of the final model, as they give the score
         less, more = (_held_out_rms(evaluator, terms, term.at) for terms in (final, others))
-        reason = f"lowers the held-out torque error of {term.at} to {less / more:.1%}"
+        reason = Finding(Kind.ERROR_FALLS_AT_JOINT, {"share": Quantity(less / more)}, joints=(term.at,))
     gates = (*([] if is_hidden(term) else evaluator.gates(final, others)), *_confirmation(evaluator, after, before))
     gained: tuple[Gain | None, int] = (None, 1) if is_hidden(term) else _gained(evaluator, final, others)
     ratio, total = less / more, score * sum(odds[id] for id in (term.id, *tied))
@@ -107,9 +106,9 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
     for id in tied:
         own = (*evaluator.gates(rivals[id], others), Gate("tie_probability", odds[id], least, True))
         gain, variants = _gained(evaluator, rivals[id], others)
-        imitates = f"predicts as well as {term.id}, or nearly"
+        ties = Finding(Kind.TIES, effects=(term.id,))
         found_tied.append(
-            Candidate(id, score * odds[id], Verdict.AMBIGUOUS, ratio, imitates, gain, variants, own, rivals[id])
+            Candidate(id, score * odds[id], Verdict.AMBIGUOUS, ratio, ties, gain, variants, own, rivals[id])
         )
     return [Candidate(term.id, total, Verdict.SELECTED, ratio, reason, gained[0], gained[1], gates, final), *found_tied]
 
@@ -123,17 +122,18 @@ def _rank_other(found: SearchResult, longer: Terms) -> Candidate:
     gates = evaluator.gates(longer, others)
     untested, verdict = untested_range(type(term)(), *evaluator.train.reach(term.at)), Verdict.NOT_EXCITED
     if untested and not evaluator.is_significant(longer, others):
-        reason = f"{untested}; it needs {term.description.informative_experiment}"
+        low, high = (Quantity(end, unit="rad") for end in evaluator.train.reach(term.at))
+        reason = Finding(Kind.NOT_TESTED, {"low": low, "high": high}, effects=(term.id,))
     elif not (excited := gate_of_excitation(evaluator, longer)).passed:
-        reason, gates = f"these data hardly depend on it; it needs {term.description.informative_experiment}", [excited]
+        reason, gates = Finding(Kind.NOT_EXCITED, effects=(term.id,)), [excited]
     else:
         verdict, gates = Verdict.REJECTED, [excited, *gates]
         if all(gate.passed for gate in gates):
             gates += _confirmation(evaluator, evaluator.fit_with_std(term.id, longer), found.steps[-1])
-        compared = "the selected effects" if len(found.steps) > 1 else "the base model"
-        reason = describe_rejection(gates, compared) or "others explain it better"
+        selected = [step.added for step in found.steps if step.added is not None]
+        reason = rejection(gates, selected) or Finding(Kind.OTHERS_BETTER)
         if found.table is not None and term.kind == found.table.kind:
-            reason = f"only imitates {found.table.told}, which the library does not have"
+            reason = Finding(Kind.IMITATES_TABLE, effects=(found.table.told,))
     return Candidate(term.id, 0.5 * (1 - gain.p_value), verdict, ratio, reason, gain, variants, tuple(gates), longer)
 
 
@@ -223,13 +223,3 @@ def gate_of_excitation(evaluator: ModelEvaluator, longer: Terms) -> Gate:
     shares = np.linalg.norm(rest, axis=0) / np.linalg.norm(own, axis=0)
     share, least = float(max(shares, default=0.0)), evaluator.criterion.least_excitation
     return Gate("excitation", share, least, share > least)
-
-
-def _falls(before: Step, after: Step) -> str:
-    """Return the fall of the held-out errors, in words."""
-    old, new = before.errors["holdout"], after.errors["holdout"]
-    if new.is_in_loop:
-        return f"lowers the held-out error in the loop: {old.in_loop:.3g} -> {new.in_loop:.3g} rad"
-    torque = f"torque {old.torque_rms:.3g} -> {new.torque_rms:.3g} N m"
-    position = f", free-running position {number_text(old.position_rms, 3)} -> {new.position_rms:.3g} rad"
-    return f"lowers the held-out errors: {torque}{'' if np.isnan(new.position_rms) else position}"

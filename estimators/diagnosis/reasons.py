@@ -1,55 +1,43 @@
-"""Reasons for the rejection of an effect, in words, from the gates that it met."""
+"""Reasons for the verdict on an effect: the gate that it failed, or what else decided."""
 
 from collections.abc import Sequence
 
+from estimators.findings import Finding, Kind, Quantity
+from estimators.selection.errors import Step
 from estimators.selection.gates import Gate
-from pendulum_env.words import listing
+from pendulum_env.recording.record import NEWTON_METRE
 
-FALLS = "({gate.limit:.3g} -> {gate.value:.3g} {gate.unit})"
-REJECTIONS = {  # by the name of the first gate that failed
-    "residual_over_noise": "not tried: the residual is {gate.value:.2g} times the noise floor, which counts as noise",
-    "earlier_effects": "not tried: a transmission is tried only as the first effect",
-    "transmissions": "not tried: the model has a transmission already",
-    "variants": "not tried: these data offer no variant of it",
-    "explained_share": "explains {gate.value:.0%} of the residual, less than {gate.limit:.0%}",
-    "gravity_sign": "fits only with negative gravity: both terms cancel and imitate a third law",
-    "holdout_in_loop": f"does not lower the held-out error in the loop {FALLS}",
-    "holdout_position": f"does not lower the held-out error of free-running simulation {FALLS}",
-    "holdout_torque": f"does not lower the held-out torque error {FALLS}",
-}
-VIOLATIONS = {  # of physical bounds; others are parameters outside their bounds
-    "negative_inertia": "negative inertia",
-    "driving_friction": "friction that drives",
-    "dry_friction": "dry friction of {gate.value:.2g} N m, more than the {gate.limit:.2g} N m that moved the joint",
-}
+BY_CHANCE = Finding(Kind.BY_CHANCE)
 
 
-def describe_rejection(gates: Sequence[Gate], compared: str = "the base model") -> str | None:
-    """Return the reason of the first gate that failed; None if all gates were passed.
+def rejection(gates: Sequence[Gate], selected: Sequence[str] = ()) -> Finding | None:
+    """Return the first gate that failed as a finding; None if all gates were passed.
+
+    A gain comes with its p-value, and a violated bound with all others. Limits are numbers named `limit.` and the gate.
 
     Args:
         gates: met by an effect, in order.
-        compared: model to which the effect was added.
+        selected: effects beside which it was tried.
     """
     failed = [gate for gate in gates if not gate.passed]
     if not failed:
         return None
-    name, _, at = failed[0].name.partition("@")
-    if name in ("gain", "p_value"):
-        gain, p_value = (next(gate for gate in gates if gate.name == own) for own in ("gain", "p_value"))
-        limits = f"p = {p_value.value:.2g} with a penalty of {gain.limit:.2g} nat, limit {p_value.limit:.2g}"
-        std = "" if gain.std is None else f" ± {gain.std:.2g}"
-        return f"gain of {gain.value:.3g}{std} nat over {compared}: {limits}"
-    if name in REJECTIONS:
-        return REJECTIONS[name].format(gate=failed[0]) + (f" at {at}" if at else "")
-    return f"would mean {listing(describe_violations(failed))}, which no body has"
+    is_gain = failed[0].name in ("gain", "p_value")
+    told = [gate for gate in gates if gate.name in ("gain", "p_value")] if is_gain else failed
+    numbers: dict[str, Quantity] = {}
+    for gate in told:
+        unit = "" if gate.unit == "1" else gate.unit
+        numbers |= {gate.name: Quantity(gate.value, gate.std or 0.0, unit)}
+        numbers |= {f"limit.{gate.name}": Quantity(gate.limit, unit=unit)}
+    return Finding(Kind.GATE_FAILED, numbers, tuple(gate.name for gate in told), tuple(selected))
 
 
-def describe_violations(gates: Sequence[Gate]) -> list[str]:
-    """Return phrases such as "negative inertia" for the gates of violated physical bounds."""
-    found = []
-    for gate in gates:
-        end = ", the most that it may be" if gate.value == gate.limit else ""
-        parameter = f"{gate.name} = {gate.value:.3g} {gate.unit}{end}"
-        found.append(VIOLATIONS.get(gate.name, parameter).format(gate=gate))
-    return found
+def fall(before: Step, after: Step) -> Finding:
+    """Return the fall of the held-out errors from one step to the next."""
+    old, new = before.errors["holdout"], after.errors["holdout"]
+    kinds = {"in_loop": "rad"} if new.is_in_loop else {"torque_rms": NEWTON_METRE, "position_rms": "rad"}
+    numbers: dict[str, Quantity] = {}
+    for kind, unit in kinds.items():
+        numbers |= {f"{kind}.before": Quantity(getattr(old, kind), unit=unit)}
+        numbers |= {f"{kind}.after": Quantity(getattr(new, kind), unit=unit)}
+    return Finding(Kind.ERRORS_FALL, numbers)

@@ -30,7 +30,6 @@ from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import json_per
 
 SCHEMA, ARM_SCHEMA = "pendulum-ident/diagnosis@1", "pendulum-ident/arm-diagnosis@2"
-CHANCE = "lowers the held-out errors by no more than chance would"
 
 
 class Verdict(StrEnum):
@@ -51,7 +50,7 @@ class Candidate:
         score: probability, between 0 and 1, that it is what the data call for at its place among the alternatives.
         verdict: what became of it.
         error_ratio: torque error on held-out data with the effect, over the error without it.
-        reason: why, in words.
+        reason: a finding that says why.
         gain: what it predicts better than its absence beside the other effects of the final model, where that is known.
         variants: number of forms of the effect, of the best of which that is: one of many gains something by chance.
         gates: tests that the effect met, in order; a rejected effect failed the last.
@@ -62,7 +61,7 @@ class Candidate:
     score: float
     verdict: Verdict
     error_ratio: float
-    reason: str
+    reason: Finding
     gain: Gain | None = None
     variants: int = 1
     gates: tuple[Gate, ...] = ()
@@ -75,7 +74,7 @@ class Candidate:
             "score": self.score,
             "verdict": str(self.verdict),
             "error_ratio": self.error_ratio,
-            "reason": self.reason,
+            "reason": self.reason.json(),
             "gain": self.gain.json() | {"variants": self.variants} if self.gain is not None else None,
             "gates": [gate.json() for gate in self.gates],
         }
@@ -300,7 +299,7 @@ class Addition:
     before: Step
     after: Step
     floors: Mapping[str, float]
-    objection: str | None = None
+    objection: Finding | None = None
     doubt: Finding | None = None
 
     @property

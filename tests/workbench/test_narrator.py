@@ -12,6 +12,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.physics import effects
 from workbench.narrator.diagnosis import describe_detectable, describe_region, describe_suggestion
 from workbench.narrator.findings import DESCRIBED, describe
+from workbench.narrator.reasons import REASONS, describe_objection
 
 CONSTANT = {"torque_constant": Quantity(0.5, 0.01, "N m/A"), "inverse": Quantity(2.0, 0.9, "A/(N m)")}
 NUMBERS = CONSTANT | {
@@ -45,7 +46,7 @@ def test_each_kind_has_whole_sentences_with_no_torque_in_newton_metres_where_a_c
 
 
 def test_every_kind_is_described():
-    assert set(DESCRIBED) == set(Kind) - {Kind.UNTESTED_RANGE}
+    assert set(DESCRIBED) == set(Kind) - REASONS - {Kind.UNTESTED_RANGE}
 
 
 @pytest.mark.parametrize(
@@ -114,6 +115,62 @@ def test_a_finding_in_words(finding, text):
 )
 def test_a_region_in_words(region, text):
     assert describe_region(region, "A") == text
+
+
+GATES = {
+    "gain": Quantity(3.0, 2.0),
+    "limit.gain": Quantity(5.0),
+    "p_value": Quantity(0.2),
+    "limit.p_value": Quantity(1e-3),
+}
+
+
+@pytest.mark.parametrize(
+    ("finding", "text"),
+    [
+        (
+            Finding(Kind.GATE_FAILED, GATES, ("gain", "p_value")),
+            "gain of 3 ± 2 nat over the base model: p = 0.2 with a penalty of 5 nat, limit 0.001",
+        ),
+        (
+            Finding(
+                Kind.GATE_FAILED,
+                {"holdout_torque": Quantity(0.2, unit="N m"), "limit.holdout_torque": Quantity(0.1, unit="N m")},
+                ("holdout_torque",),
+            ),
+            "does not lower the held-out torque error (0.1 -> 0.2 A)",
+        ),
+        (
+            Finding(
+                Kind.GATE_FAILED,
+                {"negative_inertia": Quantity(-0.1), "limit.negative_inertia": Quantity(0.0)},
+                ("negative_inertia",),
+            ),
+            "would mean a negative inertia, which no body has",
+        ),
+        (
+            Finding(Kind.GATE_FAILED, {"variants": Quantity(0), "limit.variants": Quantity(0)}, ("variants",)),
+            "not tried: these data offer no variant of it",
+        ),
+        (
+            Finding(
+                Kind.ERRORS_FALL,
+                {
+                    "torque_rms.before": Quantity(0.2, unit="N m"),
+                    "torque_rms.after": Quantity(0.1, unit="N m"),
+                    "position_rms.before": Quantity(0.02, unit="rad"),
+                    "position_rms.after": Quantity(0.01, unit="rad"),
+                },
+            ),
+            "lowers the held-out errors: torque 0.2 -> 0.1 A, free-running position 0.02 -> 0.01 rad",
+        ),
+        (Finding(Kind.TIES, effects=("spring",)), "predicts as well as spring, or nearly"),
+        (Finding(Kind.OTHERS_BETTER), "others explain it better"),
+        (Finding(Kind.BY_CHANCE), "lowers the held-out errors by no more than chance would"),
+    ],
+)
+def test_a_reason_in_words(finding, text):
+    assert describe_objection(finding, "A") == text
 
 
 def test_untested_motion_of_a_term():

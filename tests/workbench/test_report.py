@@ -20,6 +20,7 @@ from pendulum_env.words import number
 from tests.cases import diagnosed
 from tests.workbench.app.plants import recorded
 from tests.workbench.pages import Page, values, whole
+from workbench.narrator.reasons import describe_reason
 from workbench.report import render
 from workbench.report.failures import profile_figure
 from workbench.report.numbers import of_models
@@ -78,7 +79,7 @@ def test_numbers_in_the_text_are_those_of_the_diagnosis(page, diagnosis):
         assert name in text
         assert f"± {estimate.std:.{1 - int(np.floor(np.log10(estimate.std)))}f}" in text
     for candidate in diagnosis.candidates:
-        assert candidate.reason in text
+        assert describe_reason(candidate) in text
 
 
 def test_parameters_that_the_base_model_got_wrong_are_told(page, diagnosis):
@@ -111,7 +112,7 @@ def test_open_questions_are_told(diagnosis):
 
     plain = told(replace(diagnosis, steps=diagnosis.steps[:1]))
     assert "Nothing is missing" in plain and "times smaller" not in plain
-    silent = Candidate("hard_stop", 0.0, Verdict.NOT_EXCITED, 1.0, "it needs wider swings")
+    silent = Candidate("hard_stop", 0.0, Verdict.NOT_EXCITED, 1.0, Finding(Kind.NOT_EXCITED))
     uncertain = replace(
         diagnosis,
         ambiguous=(("stribeck", "presliding"),),
@@ -123,7 +124,7 @@ def test_open_questions_are_told(diagnosis):
     assert "Stribeck friction or presliding is missing, and more that no known effect explains" in text
     assert "In the held-out data (<run>): for q from 0.1 to 0.2 rad the joint needs 0.05 N m more torque" in text
     assert "Record both directions." in text
-    assert "A hard stop: it needs wider swings." in text
+    assert "A hard stop: these data hardly depend on it; it needs " in text
     heavier = Disagreement(2, "friday", ("monday",), (Difference("inertia", "kg m^2", 0.099, 0.09, 0.001),))
     disagreeing = told(replace(diagnosis, disagreements=(heavier,)))
     assert "Recording 2 (friday) disagrees with 'monday': inertia 10 % higher" in disagreeing

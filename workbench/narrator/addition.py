@@ -7,6 +7,7 @@ from estimators.diagnosis.result import Addition
 from estimators.selection.errors import Step
 from pendulum_env.physics.term import loads
 from pendulum_env.words import along, listing
+from workbench.narrator.reasons import describe_objection
 
 SIGNIFICANT = 3.0  # times its standard errors, from which a table has a shape
 
@@ -14,7 +15,8 @@ SIGNIFICANT = 3.0  # times its standard errors, from which a table has a shape
 def describe_addition(found: Addition) -> str:
     """State whether the effect lowers errors on data to which it was not fitted."""
     if found.objection is not None:
-        return f"{found.after.added} {found.objection}: these recordings give no reason to keep it."
+        objection = describe_objection(found.objection, found.model.torque_unit)
+        return f"{found.after.added} {objection}: these recordings give no reason to keep it."
     old, new = found.before.errors["holdout"], found.after.errors["holdout"]
     if found.is_in_loop:
         share = new.in_loop / old.in_loop

@@ -15,6 +15,7 @@ from pendulum_env.excitation import signal_json
 from pendulum_env.recording.record import NEWTON_METRE, WARNING
 from pendulum_env.words import listing, name, opening, per
 from workbench.narrator.findings import aim, describe
+from workbench.narrator.reasons import describe_reason
 
 FOR_DIAGNOSE = {Kind.INCOMPLETE, Kind.FRICTION_NEGATIVE}  # findings of `identify` that a diagnosis follows up
 COUNTABLE = 100.0  # standard errors, above which their number says nothing more
@@ -187,6 +188,8 @@ def comparison_json(found: Comparison) -> JSON:
 def diagnosis_json(found: Diagnosis) -> JSON:
     """Return the content of the file of `diagnose --json`: results, findings, and these in words."""
     unit, data = found.torque_unit, found.json()
+    for own, candidate in zip(data["candidates"], found.candidates, strict=True):
+        own["reason"] = describe_reason(candidate, unit)
     data["advice"] = advice(found)
     data["forbidden"] = None if found.forbidden is None else _describe(found, found.forbidden)
     for own, alignment in zip(data["alignments"], found.alignments, strict=True):
@@ -205,8 +208,6 @@ def diagnosis_json(found: Diagnosis) -> JSON:
         data["suggestion"]["text"] = describe_suggestion(found.suggestion, unit)
     if found.by_torque is not None:
         data["by_torque"]["says"] = contradiction(found) if found.is_contradicted else None
-    for own in data["candidates"]:
-        own["reason"] = per(own["reason"], unit)
     return data
 
 

@@ -260,12 +260,17 @@ def _incomplete(found: Finding, unit: str) -> str:
     return f"The model is incomplete: {', and '.join(parts)}."
 
 
-def _impossible(found: Finding, unit: str) -> str:
+def describe_violations(found: Finding, unit: str) -> list[str]:
+    """Return phrases such as "a negative inertia" for violated physical bounds."""
     numbers = {name: measure(found.numbers[name], unit) for name in found.parameters}
-    parts = [PHRASES.get(name, f"{name} = {{}}").format(number) for name, number in numbers.items()]
+    return [PHRASES.get(name, f"{name} = {{}}").format(number) for name, number in numbers.items()]
+
+
+def _impossible(found: Finding, unit: str) -> str:
+    violated = listing(describe_violations(found, unit))
     return (
-        f"The best fit is unphysical: it has {listing(parts)}. Check the signs of torque and position, or record a "
-        "motion of more than one frequency."
+        f"The best fit is unphysical: it has {violated}. Check the signs of torque and position, or record a motion of "
+        "more than one frequency."
     )
 
 

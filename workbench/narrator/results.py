@@ -29,6 +29,7 @@ from workbench.narrator.diagnosis import (
     describe_unexplained,
 )
 from workbench.narrator.findings import describe
+from workbench.narrator.reasons import describe_reason
 
 RUNNERS_UP = 5  # rejected candidates that are shown
 SCORE = (
@@ -106,7 +107,7 @@ def disagreeing(found: Sequence[Disagreement], unit: str = NEWTON_METRE) -> list
 def of_addition(found: Addition) -> list[Part]:
     """Errors before and after, what follows from them, and the parameters."""
     sentences = [
-        per(describe_addition(found), found.model.torque_unit),
+        describe_addition(found),
         *filter(None, [describe_table(found.after) if found.objection is None else None]),
     ]
     if found.left > FAR_ABOVE:
@@ -222,7 +223,8 @@ def candidates_table(
     rest = [c for c in candidates if c not in settled]
     shown, hidden = (rest, []) if every else (rest[:RUNNERS_UP], rest[RUNNERS_UP:])
     rows = [
-        (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", per(c.reason, unit)) for c in (*settled, *shown)
+        (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", describe_reason(c, unit))
+        for c in (*settled, *shown)
     ]
     blind = [c.effect for c in hidden if c.verdict is Verdict.NOT_EXCITED]
     worse = len(hidden) - len(blind)

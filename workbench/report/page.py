@@ -19,6 +19,7 @@ from pendulum_env.arguments import check_order
 from pendulum_env.files import write_whole
 from workbench.narrator.comparison import caveat, errors_in_loop, headline
 from workbench.narrator.diagnosis import describe_detectable, describe_disagreement, describe_region, warnings
+from workbench.narrator.reasons import describe_reason
 from workbench.report import arm
 from workbench.report.case import Case
 from workbench.report.comparison import comparison, loop, of_diagnosis
@@ -51,7 +52,7 @@ def _environment() -> Environment:
     )
     names = ("name", "opening", "listing", "number", "unit", "typeset", "value_and_error", "percent")
     environment.filters |= {name: getattr(words, name) for name in names}
-    narrators = (caveat, describe_detectable, describe_disagreement, describe_region, warnings)
+    narrators = (caveat, describe_detectable, describe_disagreement, describe_reason, describe_region, warnings)
     environment.filters |= {function.__name__: function for function in narrators}
     return environment
 

@@ -198,7 +198,8 @@ def test_effects_at_two_joints_are_named_and_every_effect_is_told_once(body):
         joint = candidate.effect.partition("@")[2]
         ratio = error_at(joint, added.after) / error_at(joint, added.before)
         assert candidate.error_ratio == pytest.approx(ratio, rel=0.5)  # other windows
-        assert candidate.reason == f"lowers the held-out torque error of {joint} to {candidate.error_ratio:.1%}"
+        assert candidate.reason.joints == (joint,)
+        assert candidate.reason.numbers["share"].value == candidate.error_ratio
 
 
 def test_shape_parameters_have_standard_errors_that_cover_the_truth_and_are_kept(body, tmp_path):

@@ -41,7 +41,7 @@ def test_json_is_laid_out_as_promised(name):
         assert 0 <= candidate["score"] <= 1
         assert candidate["verdict"] in {"selected", "ambiguous", "rejected", "not_excited"}
         assert is_number(candidate["error_ratio"])
-        assert candidate["reason"].strip()
+        assert candidate["reason"]["kind"]
         assert all(gate.keys() == {"name", "value", "limit", "std", "unit", "passed"} for gate in candidate["gates"])
         passed = [gate["passed"] for gate in candidate["gates"]]
         assert all(passed) if candidate["verdict"] in ("selected", "ambiguous") else not passed[-1]

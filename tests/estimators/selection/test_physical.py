@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.diagnosis.reasons import describe_rejection
+from estimators.diagnosis.reasons import rejection
 from estimators.findings import Finding, Kind
 from estimators.selection.errors import Errors, Step
 from estimators.selection.physical import confirmation_gates, driving_friction, violations
@@ -108,4 +108,4 @@ def test_a_step_meets_physical_bounds_and_held_out_errors_in_this_order(torque, 
     gates = confirmation_gates(after, before, {"": X})
     assert [gate.name for gate in gates if not gate.passed][:1] == ([] if failed is None else [failed])
     assert all(gate.passed for gate in gates[:-1])
-    assert (describe_rejection(gates) is None) == (failed is None)
+    assert (rejection(gates) is None) == (failed is None)

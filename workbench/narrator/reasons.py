@@ -1,0 +1,110 @@
+"""Reasons for verdicts in words: phrases whose subject is the effect."""
+
+from collections.abc import Mapping
+from math import isnan
+
+from estimators.diagnosis.result import Candidate
+from estimators.findings import Finding, Kind, Quantity
+from pendulum_env.physics.terms import untested_range
+from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.words import listing, number_text, per
+from workbench.narrator.findings import describe_violations, experiment, measure
+
+REASONS = {
+    Kind.ERRORS_FALL,
+    Kind.ERROR_FALLS_AT_JOINT,
+    Kind.TIES,
+    Kind.IMITATES,
+    Kind.IMITATES_TABLE,
+    Kind.NOT_TESTED,
+    Kind.NOT_EXCITED,
+    Kind.GATE_FAILED,
+    Kind.OTHERS_BETTER,
+    Kind.LONG_STEPS,
+    Kind.BY_CHANCE,
+}
+NOT_TRIED = {
+    "earlier_effects": "not tried: a transmission is tried only as the first effect",
+    "transmissions": "not tried: the model has a transmission already",
+    "variants": "not tried: these data offer no variant of it",
+}
+HELD_OUT = {
+    "holdout_in_loop": "error in the loop",
+    "holdout_position": "error of free-running simulation",
+    "holdout_torque": "torque error",
+}
+
+
+def describe_reason(candidate: Candidate, unit: str = NEWTON_METRE) -> str:
+    """Return the reason for the verdict on a candidate, as a phrase."""
+    found = candidate.reason
+    if found.kind not in (Kind.NOT_TESTED, Kind.NOT_EXCITED):
+        return describe_objection(found, unit)
+    term = candidate.terms[-1] if candidate.terms else None
+    needed = term.description.informative_experiment if term is not None else experiment(candidate.effect)
+    text = "these data hardly depend on it"
+    if found.kind is Kind.NOT_TESTED and term is not None:
+        text = untested_range(type(term)(), found.numbers["low"].value, found.numbers["high"].value)
+    return f"{text}; it needs {needed}" if needed else text
+
+
+def describe_objection(found: Finding, unit: str = NEWTON_METRE) -> str:
+    """Return what speaks for or against an effect, as a phrase."""
+    match found.kind:
+        case Kind.ERRORS_FALL:
+            return f"lowers the held-out {_fall(found.numbers, unit)}"
+        case Kind.ERROR_FALLS_AT_JOINT:
+            joints, share = listing(found.joints), found.numbers["share"].value
+            return f"lowers the held-out torque error of {joints} to {share:.1%}"
+        case Kind.TIES:
+            return f"predicts as well as {found.effects[0]}, or nearly"
+        case Kind.IMITATES:
+            return f"imitates {found.effects[0]} in these data"
+        case Kind.IMITATES_TABLE:
+            return f"only imitates {found.effects[0]}, which the library does not have"
+        case Kind.OTHERS_BETTER:
+            return "others explain it better"
+        case Kind.LONG_STEPS:
+            return "predicts no better with shorter steps of the integrator: it made up for long ones"
+        case Kind.BY_CHANCE:
+            return "lowers the held-out errors by no more than chance would"
+    return _gate(found, unit)
+
+
+def _fall(numbers: Mapping[str, Quantity], unit: str) -> str:
+    """Return the errors before and after."""
+
+    def change(kind: str) -> str:
+        before, after = (numbers[f"{kind}.{end}"] for end in ("before", "after"))
+        return f"{number_text(before.value, 3)} -> {measure(after, unit)}"
+
+    if "in_loop.after" in numbers:
+        return f"error in the loop: {change('in_loop')}"
+    is_simulated = not isnan(numbers["position_rms.after"].value)
+    position = f", free-running position {change('position_rms')}" if is_simulated else ""
+    return f"errors: torque {change('torque_rms')}{position}"
+
+
+def _gate(found: Finding, unit: str) -> str:
+    """Return the gate that an effect failed."""
+    name, _, at = found.parameters[0].partition("@")
+    value, limit = found.numbers[found.parameters[0]], found.numbers[f"limit.{found.parameters[0]}"]
+    if name in NOT_TRIED:
+        return NOT_TRIED[name]
+    if name == "residual_over_noise":
+        return f"not tried: the residual is {value.value:.2g} times the noise floor, which counts as noise"
+    if name in ("gain", "p_value"):
+        gain, p_value = found.numbers["gain"], found.numbers["p_value"]
+        std = f" ± {gain.std:.2g}" if gain.std else ""
+        penalty, most = (found.numbers[f"limit.{own}"].value for own in ("gain", "p_value"))
+        compared = "the selected effects" if found.effects else "the base model"
+        limits = f"p = {p_value.value:.2g} with a penalty of {penalty:.2g} nat, limit {most:.2g}"
+        return f"gain of {gain.value:.3g}{std} nat over {compared}: {limits}"
+    if name == "explained_share":
+        return f"explains {value.value:.0%} of the residual, less than {limit.value:.0%}"
+    if name == "gravity_sign":
+        return "fits only with negative gravity: both terms cancel and imitate a third law"
+    if name in HELD_OUT:
+        falls = f"({limit.value:.3g} -> {value.value:.3g} {per(value.unit, unit)})"
+        return f"does not lower the held-out {HELD_OUT[name]} {falls}{f' at {at}' if at else ''}"
+    return f"would mean {listing(describe_violations(found, unit))}, which no body has"
