@@ -96,6 +96,17 @@ class Kind(StrEnum):
     CHECK_DRIVE = "check_drive"
 
 
+class Obstacle(StrEnum):
+    """Reason why an effect is not followed online."""
+
+    HAS_STATE = "has_state"
+    IS_DELAY = "is_delay"
+    LOADS_TWO_JOINTS = "loads_two_joints"
+    IS_SUDDEN = "is_sudden"
+    JOINT_AT_REST = "joint_at_rest"
+    NO_VARIANT = "no_variant"
+
+
 WITHHOLDING = {
     Kind.NO_MOTION,
     Kind.TORQUE_IS_NOISE,

@@ -57,15 +57,6 @@ class Nearest:
         """Whether some body has these parameters."""
         return self.distance <= NEAREST.near
 
-    @property
-    def text(self) -> str:
-        """The same in a sentence."""
-        if self.exists:
-            return f"some body has these parameters, within {max(self.distance, 0.1):.1f} standard errors"
-        return (
-            f"no body has these parameters: the nearest is {self.distance:.1f} standard errors off, in {self.farthest}"
-        )
-
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         theta = {name: own.value for name, own in self.parameters.items()}

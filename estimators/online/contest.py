@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.findings import Obstacle
 from estimators.online.binning import BLOCK, Bin
 from estimators.online.evidence import Bets, UsualGain
 from estimators.online.rivals import ONLINE, Bins, Rivals, thinned
@@ -79,7 +80,7 @@ class Contest:
         self._errors: deque[float] = deque(maxlen=plant.bins_in(ONLINE.recent))
         self.usual = usual or UsualGain()
         self.blocks: deque[Array] = deque(maxlen=ONLINE.stretches * self._often)
-        self.not_run: dict[str, str] = {}
+        self.not_run: dict[str, Obstacle] = {}
         self.seen = self.risen = 0
         self._fit_when_possible()
 
@@ -180,7 +181,7 @@ class Contest:
             base = Rivals(self.terms, bins)
         variants = {id: own for id, own in self._grids(base, bins) if own}
         self.not_run = {
-            id: "acts at a joint that has hardly moved yet" if self._is_idle(kind) else "has no form that shows here"
+            id: Obstacle.JOINT_AT_REST if self._is_idle(kind) else Obstacle.NO_VARIANT
             for id, kind in self._library.items()
             if id not in variants
         }

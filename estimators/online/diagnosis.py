@@ -18,6 +18,7 @@ from math import ceil
 
 import numpy as np
 
+from estimators.findings import Obstacle
 from estimators.online.binning import BLOCK, Bin, Binner, Monitors
 from estimators.online.change import CHANGE, Fit, ParameterChange, find_change, fit
 from estimators.online.clock import checked_rate
@@ -94,7 +95,7 @@ class OnlineDiagnosis:
     motion: float = 0.0
     error: float = float("nan")
     added: tuple[str, ...] = ()
-    not_run: Mapping[str, str] = field(default_factory=dict)
+    not_run: Mapping[str, Obstacle] = field(default_factory=dict)
     changed: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     since: float | None = None
 
@@ -383,14 +384,14 @@ class EffectMonitor:
         return dict(zip(names, theta.tolist(), strict=False))
 
 
-def hindrance(effect: type[Term]) -> str:
-    """Return why an effect cannot be followed online; empty if it can."""
+def hindrance(effect: type[Term]) -> Obstacle | None:
+    """Return why an effect cannot be followed online; None if it can."""
     if effect.start is not Term.start:
-        return "depends on the past beyond what a sample tells"
+        return Obstacle.HAS_STATE
     if effect.delay is not Term.delay:
-        return "is a delay, which is not linear in anything"
+        return Obstacle.IS_DELAY
     if len(loads(effect.at)) > 1:
-        return "loads two joints at once"
+        return Obstacle.LOADS_TWO_JOINTS
     if any(parameter.instant for parameter in effect.nonlinear_parameters):
-        return "happens at one moment: it is reported as a change of parameters"
-    return ""
+        return Obstacle.IS_SUDDEN
+    return None

@@ -167,7 +167,7 @@ def diagnoser_of(
         chosen, given = load_given(model, plant)
     library = plant.effects([candidates] if isinstance(candidates, str) else candidates)
     if library is not None and all(map(hindrance, library.values())):
-        why = ", ".join(f"{id} {hindrance(one)}" for id, one in library.items())
+        why = ", ".join(f"{id} ({hindrance(one)})".replace("_", " ") for id, one in library.items())
         raise ValueError(f"candidates leave no effect to try{': ' * bool(why)}{why}; name others, or None for all")
     known: dict[str, Any] = {"library": library, "smoothing": plant.smoothing, "given": given}
     return Diagnoser(plant.rate, chosen, batch=plant.batch, **known, **options)

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.findings import Obstacle
 from estimators.online import OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
 from pendulum_env.physics import BASE
@@ -36,7 +37,7 @@ def test_a_process_of_its_own_says_the_same() -> None:
 
 
 def test_what_was_not_tried_is_said_and_a_run_too_short_says_nothing_of_what_is_missing():
-    not_run = {"backlash": "it has a state", "dead_time": "it delays"}
+    not_run = {"backlash": Obstacle.HAS_STATE, "dead_time": Obstacle.IS_DELAY}
     said = OnlineDiagnosis("missing", BASE, group=("torque_saturation",), motion=3.0, not_run=not_run)
     assert verdict_text(said, True) == (
         "missing: torque saturation (the verdict stands, after 3.0 s of motion)\n"

@@ -9,6 +9,7 @@ from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, Model
 from workbench.inputs import opened, write_json, write_model, wrote
+from workbench.narrator.arms import describe_nearest_body
 from workbench.narrator.diagnosis import identification_json, warnings
 from workbench.narrator.results import TRUST, schemes_table
 from workbench.options import LIMITS, READING, ROBOT, declare
@@ -61,7 +62,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     for text in warnings(found):
         terminal.say(f"warning: {text}", style="yellow")
     if nearest is not None:
-        terminal.say(f"{one.scheme}: {nearest.text}")
+        terminal.say(f"{one.scheme}: {describe_nearest_body(nearest)}")
     if model is not None:
         outputs[1] = write_model(model, arguments.output, terminal)
     wrote(outputs, terminal)

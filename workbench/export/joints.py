@@ -18,6 +18,7 @@ from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import loads
 from workbench.export.arm import Friction, holds_spring, value
 from workbench.export.request import Exported, Request, comment, keep, plain
+from workbench.narrator.arms import describe_nearest_body
 
 
 def at(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
@@ -69,7 +70,7 @@ def mjcf(model: ArmModel, request: Request) -> Exported:
 def _standard(model: ArmModel) -> tuple[Array, list[str]]:
     """Standard parameters (S,) of the nearest body, and a note where no body has the model's parameters."""
     found = nearest_body(model)
-    off = [] if found.exists else [f"the links as identified: {found.text}"]
+    off = [] if found.exists else [f"the links as identified: {describe_nearest_body(found)}"]
     return np.array([found.parameters[name].value for name in model.body.standard]), off
 
 
