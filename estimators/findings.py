@@ -99,12 +99,12 @@ class Kind(StrEnum):
 class Obstacle(StrEnum):
     """Reason why an effect is not followed online."""
 
-    HAS_STATE = "has_state"
-    IS_DELAY = "is_delay"
+    HAS_STATE = "depends_on_the_past"
+    IS_DELAY = "is_a_delay"
     LOADS_TWO_JOINTS = "loads_two_joints"
-    IS_SUDDEN = "is_sudden"
-    JOINT_AT_REST = "joint_at_rest"
-    NO_VARIANT = "no_variant"
+    IS_SUDDEN = "happens_at_one_moment"
+    JOINT_AT_REST = "joint_has_hardly_moved"
+    NO_VARIANT = "has_no_form_here"
 
 
 WITHHOLDING = {

@@ -213,7 +213,7 @@ def test_what_cannot_be_followed_is_refused():
         ({"terms": ["inertia", "actuator_lag"]}, "actuator_lag cannot be in a model that is diagnosed online"),
         ({"candidates": ["stribek"]}, "did you mean stribeck"),
         ({"candidates": []}, "no effect to try;"),
-        ({"candidates": "backlash"}, "no effect to try: backlash depends on the past"),
+        ({"candidates": "backlash"}, "no effect to try: backlash .depends on the past"),
         ({"rate": np.nan}, "give a positive number"),
         ({"rate": 0.0}, "give a positive number"),
         ({"model": Model.build(BASE[1:], 0.5)}, "lacks the term inertia"),
