@@ -25,7 +25,7 @@ from pendulum_env.words import plus_minus
 
 T = TypeVar("T")
 NEWTON_METRE = "N m"
-READ_ARRAYS = "read_recording({{'time': time, 'position': position, 'torque': torque}}{})"
+ARRAYS = "{'time': time, 'position': position, 'torque': torque}"  # argument of `read_recording`, in messages
 PER_INERTIA = "rad/s^2"  # unit of a torque that is divided by the inertia
 NO_TORQUE = 1e-9  # [N m], at most: rounding
 WARNING = "warning: "  # begins a note of what is likely wrong
@@ -79,12 +79,18 @@ class TorqueConstant:
 
 
 def accept_name_first(kind: type[T]) -> type[T]:
-    """Let a record take its name as the first argument, too: `Recording("monday", time, position, torque)`."""
+    """Let a record take its name as the first argument, too: `Recording("monday", time, position, torque)`.
+
+    Raises:
+        TypeError: when it is called with two names.
+    """
     construct = kind.__init__
 
     @wraps(construct)
     def construct_named(self: Any, *arguments: Any, **named: Any) -> None:
         if arguments and isinstance(arguments[0], str):
+            if "name" in named:
+                raise TypeError(f"{kind.__name__} has two names, {arguments[0]!r} and {named['name']!r}: give one")
             named["name"], arguments = arguments[0], arguments[1:]
         construct(self, *arguments, **named)
 
@@ -163,7 +169,7 @@ class Recording:
         if not is_uniform(self.time, self.starts, LOOSE) and not (is_one_joint and self._even_clock()):
             raise RecordingError(
                 f"recording {self.name!r} has time that is not uniform and increasing: read it with "
-                f"{READ_ARRAYS.format('')}, which ends segments at gaps"
+                f"read_recording({ARRAYS}), which ends segments at gaps"
             )
         date = find_date(float(self.time[0]))
         if date is not None or not is_uniform(self.time - self.time[0], self.starts, LOOSE):  # float64 rounds its steps
@@ -197,7 +203,7 @@ class Recording:
         found = suspect_unit(self.position[part], self.torque[part], self.rate)
         if found is None:
             return
-        as_unit = READ_ARRAYS.format(f", columns={{'position': 'position:{found.unit}'}}")
+        as_unit = f"read_recording({ARRAYS}, columns={{'position': 'position:{found.unit}'}})"
         if found.is_certain:
             raise ColumnError(
                 f"recording {self.name!r}: {found.text}: read it with {as_unit} if it is in {found.name}, with "

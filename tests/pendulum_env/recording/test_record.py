@@ -19,6 +19,13 @@ def gappy() -> Recording:
     return Recording("gappy", time, np.sin(time), np.cos(3 * time), np.cos(time), starts=starts, **told)
 
 
+def test_a_recording_has_one_name() -> None:
+    time = np.arange(10) / 100
+    assert Recording("monday", time, time).name == Recording(time, time, name="monday").name == "monday"
+    with pytest.raises(TypeError, match="two names, 'monday' and 'tuesday'"):
+        Recording("monday", time, time, name="tuesday")
+
+
 def test_segments_are_recordings_without_gaps_that_hold_every_sample(gappy: Recording) -> None:
     parts = gappy.segments
     assert [len(part) for part in parts] == list(LENGTHS)
