@@ -55,14 +55,17 @@ class PlantParameters:
             schedule: of this episode; None is the usual one.
 
         Raises:
-            Mistake: if a parameter is unknown or impossible, or a time is none.
+            Mistake: if a parameter is unknown or impossible, or a time is none. The episode then goes on as before.
         """
-        self._events = self._usual if schedule is None else self._planned(schedule)
-        if theta is not None:
-            self.now = dict(self._start)
-            self.change(theta)
-            self._start = self.now
-        self.now = dict(self._start)
+        before, self.now = self.now, dict(self._start)
+        try:
+            if theta is not None:
+                self.change(theta)
+            events = self._usual if schedule is None else self._planned(schedule)
+        except Exception:
+            self.now = before
+            raise
+        self._start, self._events, self.now = self.now, events, dict(self.now)
 
     def restart(self, which: Mask) -> None:
         """Begin an episode of those plants (B,)."""
@@ -179,7 +182,7 @@ class PlantParameters:
 
 
 class PlantAttribute(Generic[T]):
-    """An attribute of an environment that tells of its plant, and that nobody can assign."""
+    """A read-only attribute of an environment with a property of its plant."""
 
     def __init__(self, read: Callable[[PlantParameters], T]) -> None:
         """Take what reads it."""

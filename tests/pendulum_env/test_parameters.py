@@ -120,6 +120,20 @@ def test_parameters_set_while_it_runs_last_until_the_next_reset(make):
     assert np.all(env.reset()[1]["plant"]["gravity"] == PAPER["gravity"])
 
 
+def test_a_refused_reset_changes_nothing(make):
+    env = make(effects=["stribeck"], schedule={0.002: {"gravity": 1.5}})
+    env.reset(seed=0)
+    action = np.zeros(env.action_space.shape, dtype=np.float32)
+    env.unwrapped.set_parameters({"coulomb": 0.5})
+    for theta, time in (({"viscous": -1.0}, 0.002), ({"viscous": 0.5}, -1.0)):
+        with pytest.raises(ValueError):
+            env.reset(options={"theta": theta, "schedule": {time: {"gravity": 3.0}}})
+    for _ in range(4):
+        plant = env.step(action)[-1]["plant"]
+    assert np.all(plant["gravity"] == 1.5) and np.all(plant["coulomb"] == 0.5)
+    assert np.all(env.reset()[1]["plant"]["viscous"] == PAPER["viscous"])
+
+
 def test_the_plant_cannot_be_assigned_and_the_refusal_names_what_works(make):
     env = make(effects=["stribeck"]).unwrapped
     assert env.effects == ("stribeck",) and "stribeck" in env.model.estimates
