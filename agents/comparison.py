@@ -132,7 +132,7 @@ def compare_policies(
       `episode_start` are passed if `predict` takes them;
     - a class of such objects, which is made without arguments;
     - an open-loop signal: an excitation of `pendulum_env.excitation`, or a function of time [s] that returns a torque
-      [N m].
+      [N m]. An excitation drawn for less than 10 s repeats.
 
     The result depends on the seed, not on the executor.
 

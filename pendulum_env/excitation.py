@@ -174,7 +174,7 @@ def excitation(
     Args:
         name: one of `EXCITATIONS`.
         rng: where its random numbers come from, or a seed.
-        seconds: length of the recording it is meant for; it goes on beyond.
+        seconds: length of the recording; a longer one repeats a chirp, prbs or steps, and the others have no end.
         amplitude: bound of |torque| [N m]; each kind has its usual one.
 
     Raises:
