@@ -45,7 +45,9 @@ from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
 NONE = Load(0.0, 0.0)
-DRIVEN = 0.9  # share of the motion that a motor drives or a load brakes, from which nothing tells what gears lose
+# share of the motion that a motor drives or a load brakes, above which losses of gears and the torque constant are one
+# number; a choice: only the other samples distinguish both, and a tenth of a recording is few
+DRIVEN = 0.9
 # friction that is pressed by what acts on the output, the joint's own weight and the known loads [per N m of each]
 OWN = Column("own", "1", dry=lambda x: np.abs(np.sin(x.position)))
 HUNG = Column("hung", "1", dry=lambda x: np.abs(x.load.gravity * np.sin(x.position) - x.load.torque))
@@ -298,8 +300,12 @@ class ChannelFits:
 
 def is_brake(data: Dataset) -> bool:
     """Return whether the load torque opposes the motion nearly always, as friction that is pressed by it does."""
-    x = data.samples
-    return bool(np.mean(np.asarray(x.load.torque) * x.velocity < 0) > DRIVEN)
+    return driven_share(data, -np.asarray(data.samples.load.torque)) > DRIVEN
+
+
+def driven_share(data: Dataset, torque: Array) -> float:
+    """Share of the samples in which a torque (N,) or () has the direction of the motion."""
+    return float(np.mean(torque * data.samples.velocity > 0))
 
 
 def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = ()) -> Alignment:

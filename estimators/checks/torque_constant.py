@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.checks.channel import DRIVEN, NONE, ChannelFits, is_brake
+from estimators.checks.channel import DRIVEN, NONE, ChannelFits, driven_share, is_brake
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import as_read
 from estimators.regression.equations import IdentificationError
@@ -99,7 +99,7 @@ def torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | Finding
     moved = {loads[k] for k in np.unique(fits.data.recording_of_window[fits.rows])}
     if len(moved) < 2 and not by_load_torque:
         return unknown_constant(Kind.ONE_LOAD_MOVED, unit, loads=Quantity(len(set(loads))))
-    is_plain = driven(fits.data) > DRIVEN or is_brake(fits.data)
+    is_plain = driven_share(fits.data, fits.data.torque()) > DRIVEN or is_brake(fits.data)
     share, std = (fits if is_plain else fits.rubbing()).delayed.gain  # 1/K
     if abs(share) <= LEAST * std:
         return unknown_constant(Kind.CONSTANT_UNCERTAIN, unit, inverse=Quantity(share, std, f"{unit}/(N m)"))
@@ -123,7 +123,7 @@ def of_the_drive(model: Model, constant: TorqueConstant, data: Dataset) -> list[
         constant: that was found.
         data: what it was fitted to.
     """
-    found, share = [], driven(data)
+    found, share = [], driven_share(data, data.torque())
     if share > DRIVEN or is_brake(data):
         kind = Kind.LOAD_BRAKES if is_brake(data) else Kind.GEAR_LOSS_UNKNOWN
         known = Quantity(constant.value, constant.std, constant.unit)
@@ -132,8 +132,3 @@ def of_the_drive(model: Model, constant: TorqueConstant, data: Dataset) -> list[
         most = model.estimates["viscous"].value / constant.value
         found.append(Finding(Kind.BACK_EMF, {"back_emf": Quantity(most, unit=f"{constant.of} s/rad")}))
     return found
-
-
-def driven(data: Dataset) -> float:
-    """Share of the motion that the torque pushes along."""
-    return float(np.mean(data.torque() * data.samples.velocity > 0))

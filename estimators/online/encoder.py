@@ -8,8 +8,8 @@ from estimators.signals.differentiation import STILL
 from pendulum_env._typing import Array, Index, Mask
 
 ORDER = 4  # of the differences, in which motion vanishes and noise does not
-ENOUGH = 64  # differences near motion
-SOME = 16  # of them, from which on a second position counts
+ENOUGH = 64  # differences near motion: simulated white noise then scatters by 20 %
+SOME = 16  # of them, from which on a second position counts: 39 %
 
 
 class EncoderNoise:
