@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from typing import Any
 
 from estimators.free_swings import needs_torque
@@ -16,6 +16,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term, nameable
 from pendulum_env.physics.library import term
 from pendulum_env.physics.limits import Bounds, check_names, limited, limited_term, limits_of
+from pendulum_env.physics.model import NO_INERTIA, ModelError
 from pendulum_env.reading import shown
 from pendulum_env.recording import Recording, Source, read_recording
 from pendulum_env.recording.arrays import is_data
@@ -199,11 +200,12 @@ def model_that_moves(given: Model) -> Model:
     given = getattr(given, "model", given)
     if not isinstance(given, Model):
         raise TypeError(f"{shown(given)} is not a model: read a file with Model.load, or take the model of a result")
-    if body_of(given.terms) is None:
-        given.refuse_without_inertia()
+    if body_of(given.terms) is None and "inertia" not in given:
+        raise ModelError(NO_INERTIA)
     return given
 
 
 def listed(given: object) -> tuple[Any, ...]:
-    """One thing, or several, as a tuple."""
-    return tuple(given) if isinstance(given, Iterable) and not isinstance(given, str | bytes) else (given,)
+    """One thing, or several, as a tuple; a text and a dataclass, such as a model, are one."""
+    is_one = isinstance(given, str | bytes) or is_dataclass(given)
+    return tuple(given) if isinstance(given, Iterable) and not is_one else (given,)

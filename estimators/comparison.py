@@ -161,7 +161,7 @@ class Comparison:
 
 def distance(name: str, prepared: PreparedData, model: Model) -> Distance:
     """Errors of a model with inertia on prepared data, as they are, and in the loop if the recordings have drives."""
-    simulated = prepared.segments if model.is_inertia_known else ()
+    simulated = prepared.segments if model.has_known_inertia else ()
     steady = [growth(segments, model.terms, model.theta) < GROWS for segments in simulated]
     kept = tuple(select(*pair) for pair in zip(simulated, steady, strict=True) if pair[1].any())
     errors = (replace(prepared, segments=kept) if kept else prepared).errors(model)

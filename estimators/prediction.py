@@ -181,7 +181,7 @@ def _predict(model: Model, prepared: PreparedData, found: Sequence[Prediction], 
         _by_joint(own.is_counted)[begin + w.centers, joint] = True
         if own.is_held_out is not None:
             own.is_held_out[begin + w.first : begin + w.stop] |= is_held_out
-    simulated = prepared.segments if model.is_inertia_known else ()
+    simulated = prepared.segments if model.has_known_inertia else ()
     for own, segments in zip(found, simulated, strict=False):
         _simulate(model, segments, own.simulated_position)
 

@@ -41,7 +41,7 @@ def shown(result: object) -> str:
     import_module(NARRATOR)
     show = shown.dispatch(type(result))
     if show is shown.dispatch(object):
-        raise TypeError(f"there is no picture of a {type(result).__name__}")
+        raise TypeError(f"{type(result).__name__} has no HTML form")
     return show(result)
 
 

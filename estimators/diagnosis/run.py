@@ -266,10 +266,10 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
         table = find_explaining_law(evaluator, steps[-1].model.terms, TABLES.values())
     kept = None if table is None else Finding(Kind.TABLE_HELPS, effects=(table,))
     asked = questions(evaluator, steps[-1].model.terms, groups, candidates, doubts)
-    if violations(last, evaluator.train.motions) or not last.is_inertia_known:
+    if violations(last, evaluator.train.motions) or not last.has_known_inertia:
         asked = []  # the motion under another torque is unknown
     suggestion, hopeless, forbidden = suggest(evaluator, steps[-1].model, asked, setting.limits, left)
-    if not last.is_inertia_known:
+    if not last.has_known_inertia:
         forbidden = Finding(Kind.INERTIA_UNKNOWN)
     elif left and not asked:
         forbidden = held_out or kept or Finding(Kind.NO_EFFECT_OPEN)

@@ -60,6 +60,8 @@ FEWEST = 10  # that hold motion, below which standard errors mean little
 class Identification(Mapping[str, Identified]):
     """What all schemes find in the same recordings: a mapping of their ids to what each finds.
 
+    Two identifications are equal only if they are the same object.
+
     Attributes:
         schemes: results by id of the scheme.
         findings: parameters that the recordings do not determine, and what seems wrong with recordings or model.
@@ -91,6 +93,8 @@ class Identification(Mapping[str, Identified]):
 
     def __len__(self) -> int:
         return len(self.schemes)
+
+    __eq__, __hash__ = object.__eq__, object.__hash__  # a Mapping compares its items and has no hash
 
     @cached_property
     def windows(self) -> Model:

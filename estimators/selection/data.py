@@ -153,7 +153,7 @@ class PreparedData:
             torque = torque if len({*body.slides}) == 1 else np.nan  # no N m and N in one number
             sizes = self.data.errors(self.data.torque())
             shares = {at: error / sizes[at] if sizes[at] else None for at, error in joints.items()}
-        if self.segments and model.is_inertia_known:
+        if self.segments and model.has_known_inertia:
             position = position_rms(self.segments, model.terms, model.theta)
             fit = _fit(position, deviation(self.segments))
         torque_fit = _fit(torque, float(np.std(self.data.applied_torque())))

@@ -224,7 +224,7 @@ class ModelEvaluator:
 
         With a large unexplained residual, the parameters of the smallest torque error may follow the motion badly.
         """
-        if has_transmission(step.model.terms) or not self.train.segments or not step.model.is_inertia_known:
+        if has_transmission(step.model.terms) or not self.train.segments or not step.model.has_known_inertia:
             return step  # a simulation from an unknown state of the link soon diverges
         if step.model.terms not in self._in_motion:
             point = output_error.fit(self.train.segments, Point.of(step.model))

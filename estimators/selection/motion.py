@@ -36,7 +36,7 @@ def is_misfit(evaluator: ModelEvaluator, step: Step) -> bool:
     """Return whether free-running simulation errs by much more than noise, even from fitted initial states."""
     if has_transmission(step.model.terms):
         return False  # its impacts are too sharp to simulate as closely, and other effects would only imitate them
-    if not (evaluator.train.segments and step.model.is_inertia_known):
+    if not (evaluator.train.segments and step.model.has_known_inertia):
         return False
     segments, point = evaluator.train.segments, Point.of(step.model)
     motion = np.concatenate([segment.position.ravel() for segment in segments])
@@ -57,7 +57,7 @@ def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> 
         start: initial guess of a model with a link, by default the fit to windows.
     """
     evaluator, (*others, last) = selection.evaluator, selection.steps
-    if not last.model.is_inertia_known:
+    if not last.model.has_known_inertia:
         return selection
     if has_link(last.model.terms):
         known = evaluator.linked

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-Symptom = Literal[  # what somebody sees first of what a model leaves
+Symptom = Literal[  # the most visible feature of the residual of a model without the effect
     "the same torque everywhere",
     "a curve over the angle",
     "waves over the angle",

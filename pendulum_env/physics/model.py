@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -36,6 +36,7 @@ class ModelError(Mistake):
 
 
 SURE = 3.0  # standard errors by which a known inertia differs from zero
+NO_INERTIA = "the model lacks the term inertia: add it"
 INERTIA_REMEDY = "record faster reversals, or give its value (--fix inertia=VALUE)"
 
 
@@ -92,8 +93,11 @@ def short_name(name: str) -> str:
 
 
 @dataclass(frozen=True, repr=False)
-class Model:
+class Model(Mapping[str, Estimate]):
     """Terms and parameters of the torque balance; `model["gravity"]` is an estimate, printed with a line for each.
+
+    A model is a mapping of its estimates by full name, as `dead_time.dead_time`. An estimate is also found by the short
+    name that is printed, as `dead_time`.
 
     Attributes:
         terms: ordered terms; a term's nonlinear parameters are fields of the term.
@@ -147,8 +151,11 @@ class Model:
         known = {short_name(full): own for full, own in self.estimates.items()}
         return find("parameter", name, {**known, **self.estimates})
 
-    def __contains__(self, name: str) -> bool:
-        return name in self.estimates
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.estimates)
+
+    def __len__(self) -> int:
+        return len(self.estimates)
 
     def __repr__(self) -> str:
         lines = [f"{short_name(name)}  {estimate}" for name, estimate in self.readable.items()]
@@ -277,10 +284,12 @@ class Model:
         return linear + sum(column.torque(x, acceleration) for term in self.terms for column in term.fixed)
 
     @property
-    def is_inertia_known(self) -> bool:
-        """Whether the inertia was given, or is positive by 3 standard errors; without one, nothing can be simulated."""
+    def has_known_inertia(self) -> bool:
+        """Whether the inertia was given, or is positive by 3 standard errors; False without one, True of an arm."""
         own = self.estimates.get("inertia")
-        return own is None or (not own.is_unknown and own.value > SURE * own.std)
+        if own is None:
+            return any(term.kind == "inertial" for term in self.terms)  # the links of an arm
+        return not own.is_unknown and own.value > SURE * own.std
 
     def refuse_unknown_inertia(self) -> None:
         """Refuse to simulate a model whose inertia is missing or unknown.
@@ -288,19 +297,11 @@ class Model:
         Raises:
             ModelError: if it is.
         """
-        self.refuse_without_inertia()
-        if not self.is_inertia_known:
-            told = replace(self.estimates["inertia"], is_unknown=False)
-            raise ModelError(f"the inertia is unknown, the best fit has {told}: {INERTIA_REMEDY}")
-
-    def refuse_without_inertia(self) -> None:
-        """Refuse a model that lacks inertia, without which nothing moves.
-
-        Raises:
-            ModelError: if it does.
-        """
         if "inertia" not in self.estimates:
-            raise ModelError("the model lacks the term inertia, without which nothing moves")
+            raise ModelError(NO_INERTIA)
+        if not self.has_known_inertia:
+            best = replace(self.estimates["inertia"], is_unknown=False)
+            raise ModelError(f"the inertia is unknown, the best fit has {best}: {INERTIA_REMEDY}")
 
     def simulate(
         self, period: float, torque: Array, position: ArrayLike, velocity: ArrayLike, start: ArrayLike = 0.0

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -128,9 +128,10 @@ def _arrays(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
 
 
 def is_data(given: object) -> bool:
-    """Return whether something is a table in memory that `read_data` reads."""
+    """Return whether something is a table in memory that `read_data` reads; a dataclass, such as a result, is none."""
     is_frame = hasattr(given, "__arrow_c_stream__") or hasattr(given, "__dataframe__")
-    return is_frame or isinstance(given, Mapping) or (isinstance(given, np.ndarray) and bool(given.dtype.names))
+    is_mapping = isinstance(given, Mapping) and not is_dataclass(given)
+    return is_frame or is_mapping or (isinstance(given, np.ndarray) and bool(given.dtype.names))
 
 
 def read_hdf5(path: Path, find: Find) -> Table:

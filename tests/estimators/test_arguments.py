@@ -99,6 +99,15 @@ def test_held_out_recordings_are_checked_too(swing):
         add(MODEL, "spring", swing, [swing, 3])
 
 
+def test_a_result_is_no_recording_and_has_a_hash(swing):
+    found, again = (identify(swing, schemes="energy") for _ in range(2))
+    assert {found: 1}[found] == 1 and found == found and found != again
+    assert list(found) == list(found.keys()) == ["energy"] and dict(found) == dict(found.items())
+    for call in (identify, lambda given: compare(MODEL, given)):
+        with pytest.raises(TypeError, match="is not a recording"):
+            call(found)
+
+
 def test_what_is_no_effect(swing):
     with pytest.raises(TypeError, match="an effect is added by its id, such as 'stribeck', got "):
         add(MODEL, Gravity, swing)

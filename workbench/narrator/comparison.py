@@ -20,7 +20,7 @@ def headline(found: Comparison) -> str:
 
 def caveat(found: Comparison) -> str | None:
     """Name the windows that are not counted in the error of free runs; None if all are."""
-    if not found.model.is_inertia_known:
+    if not found.model.has_known_inertia:
         return f"The free-running position is unknown, as the inertia of the model is. {GIVE_INERTIA}"
     share = found.joint.unstable
     if share == 0:

@@ -59,15 +59,12 @@ def milliseconds(quantity: Quantity) -> str:
 
 
 def _unidentifiable(found: Finding, unit: str) -> str:
-    names, pronoun = listing(found.parameters), "it" if len(found.parameters) == 1 else "them"
+    names = listing(found.parameters)
     if not found.numbers:
-        return (
-            f"{names} cannot be determined: these recordings hardly depend on {pronoun}. Move all joints faster, wider "
-            "and together."
-        )
+        return f"The data do not determine {names}. Move all joints faster, wider and together."
     best = ", ".join(measure(found.numbers[name], unit) for name in found.parameters)
     return (
-        f"{names} cannot be determined: these recordings hardly depend on {pronoun} alone, and the best fit is {best}. "
+        f"The data do not determine {names}: the best fit is {best}. "
         f"Record {experiment(found.parameters[0])}, at more frequencies."
     )
 

@@ -158,6 +158,14 @@ def test_a_model_without_inertia_is_read_and_not_simulated(terms, tmp_path):
             make_plant(model=given)
 
 
+def test_a_model_is_a_mapping_of_its_estimates_by_full_and_short_name():
+    model = Model.build([*BASE, effect("dead_time")()], 0.5)
+    assert dict(model) == model.estimates and list(model) == list(model.estimates) and len(model) == 5
+    assert "dead_time" in model and model["dead_time"] is model["dead_time.dead_time"]
+    assert "stribeck" not in model and model.get("stribeck") is None
+    assert model.has_known_inertia and not Model.build(BASE[1:], 0.5).has_known_inertia
+
+
 def test_a_transmission_is_also_told_as_a_spring_and_a_damper():
     term = effect("joint_flexibility")(resonance=50.0, damping=2.0, gravity=25.0)
     names = {"joint_flexibility.resonance": 0.5, "joint_flexibility.damping": 0.1, "joint_flexibility.gravity": 0.2}
