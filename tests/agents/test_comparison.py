@@ -138,7 +138,7 @@ def test_ratios_and_their_intervals():
     assert improvement(policy, base) == pytest.approx(2.0, rel=0.1)
     assert information_ratio(np.full(3, 4 * np.log(2.5)), np.zeros(3)) == pytest.approx(2.5)
     assert np.isnan(improvement(np.full(4, np.inf), base))
-    nothing = np.full(4, -np.inf)  # det M = 0
+    nothing = np.full(len(base), -np.inf)  # det M = 0
     assert np.isnan(information_ratio(nothing, nothing)) and information_ratio(nothing, base) == 0.0
 
 

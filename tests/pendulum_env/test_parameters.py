@@ -125,7 +125,7 @@ def test_a_refused_reset_changes_nothing(make):
     env.reset(seed=0)
     action = np.zeros(env.action_space.shape, dtype=np.float32)
     env.unwrapped.set_parameters({"coulomb": 0.5})
-    for theta, time in (({"viscous": -1.0}, 0.002), ({"viscous": 0.5}, -1.0)):
+    for theta, time in (({"inertia": -1.0}, 0.002), ({"viscous": 0.5}, -1.0)):
         with pytest.raises(ValueError):
             env.reset(options={"theta": theta, "schedule": {time: {"gravity": 3.0}}})
     for _ in range(4):
