@@ -146,7 +146,9 @@ def read_arm_recording(
         log_format=describe_reading(columns or {}, unwrap),
         names=tuple(joints),
         still={
-            joint: _still(label_of(source), look, column) for joint, column in columns_of.items() if column != UNUSED
+            joint: _still(label_of(source), look, column)
+            for joint, column in columns_of.items()
+            if column not in (NONE, UNUSED)
         },
     )
 
@@ -162,7 +164,7 @@ def find_logged_joints(
         RecordingError: if the file cannot be read.
     """
     look = preview(source, most=500)
-    named = {name: text for name, text in (columns or {}).items() if text.strip() != UNUSED}
+    named = {name: text for name, text in (columns or {}).items() if text.strip() not in (NONE, UNUSED)}
     named = without_units(look.headers) | named
 
     def is_logged(joint: str) -> bool:
@@ -228,7 +230,7 @@ def _still(label: str, look: Preview, text: str) -> Array:
         raise ColumnError(f"{label}: {error}") from None
     values = look.values[column.index]
     if values is None or not np.isfinite(values).any():
-        raise ColumnError(f"{label}: column {column.header!r} has no numbers: say --columns position_JOINT={UNUSED}")
+        raise ColumnError(f"{label}: column {column.header!r} has no numbers: say --columns position_JOINT={NONE}")
     return np.asarray(column.scale * values[np.isfinite(values)] + column.offset)
 
 

@@ -55,8 +55,8 @@ ADDED = re.compile(
 VALUES = ("data", "value", "values")  # fields of a structure that hold its samples
 COUNTERS = ("sample", "samples", "samplenumber", "sampleindex", "frame", "framenumber", "index")
 QUOTED = 40  # characters of a header, of which a sentence may name a dozen
-NONE = "none"  # what the user says of a torque where nothing drives the joint
-UNUSED = "unused"  # what the user says of one of them to do without, whatever the names of columns tell
+NONE = "none"  # in the place of a column: the quantity is left out, whatever the names of columns are
+UNUSED = "unused"  # an older word for the same, but of a torque
 LINKS = "identify and diagnose take an arm's links with --robot ARM.urdf (read_arm_recording), or "
 CHOOSE = "say which with --columns QUANTITY=NAME (columns=...)"  # what mends it, on the command line and in Python
 
@@ -149,8 +149,8 @@ def find_columns(
 
     Args:
         headers: names of the columns in the file.
-        named: columns that the user names, by quantity, as in `expression.py`, or `unused` for a quantity to do
-            without, or `none` for a torque; the others are found by their names.
+        named: columns that the user names, by quantity, as in `expression.py`, or `none` to leave a quantity
+            out; the others are found by their names.
         output: of a known controller that followed the reference: then the reference is needed, and torque is what
             the user names, or else a column of that output.
         wordy: places of columns that hold no numbers; they give way to others.

@@ -5,7 +5,7 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from pendulum_env.recording.columns import UNUSED, Column
+from pendulum_env.recording.columns import NONE, Column
 from pendulum_env.recording.expression import Expression
 from pendulum_env.recording.vocabulary import LINEAR, RAW, UNITS
 
@@ -64,7 +64,7 @@ class Origin:
 
     def without(self, quantity: str) -> str:
         """Without a column that may be missing."""
-        return self.paste(**{quantity: UNUSED})
+        return self.paste(**{quantity: NONE})
 
     def shifted(self, angle: float, digits: int) -> str | None:
         """With an angle added to position, and to the reference if there is one [rad], told in degrees.

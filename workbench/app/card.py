@@ -18,7 +18,7 @@ from estimators.figure import Figure, axis, line, thin
 from pendulum_env._typing import Array
 from pendulum_env.arms.recording import without_units
 from pendulum_env.recording import RecordingError, Source
-from pendulum_env.recording.columns import NONE, UNUSED, is_told, named_column
+from pendulum_env.recording.columns import NONE, is_told, named_column
 from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.expression import NUMBER, Expression, letters, parse
 from pendulum_env.recording.preview import Preview, preview
@@ -127,7 +127,7 @@ class Card:
             try:
                 told = parse(text, shown.headers, {**UNITS[what], **RAW.get(what, {}), **LINEAR.get(what, {})})
             except RecordingError:
-                continue  # `unused`, or a mistake that reading has told of
+                continue  # `none`, or a mistake that reading has told of
             said[told.name] = Choice.of(role, told)
         return replace(card, choices=tuple(said.get(header, Choice()) for header in shown.headers))
 
@@ -178,7 +178,7 @@ class Card:
                     f"{self.source.file}: range is {first:g} to {last:g} s: let it end after it begins"
                 )
             chosen = (float(first), float(last))
-        return replace(self.source, columns=columns | dict.fromkeys(others, UNUSED), range=chosen)
+        return replace(self.source, columns=columns | dict.fromkeys(others, NONE), range=chosen)
 
     @cached_property
     def seconds(self) -> Array | None:

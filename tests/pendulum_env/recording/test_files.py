@@ -342,7 +342,7 @@ def test_a_spring_is_not_taken_for_degrees(write: Write, bent: float) -> None:
         ({"time": 1e3}, "2 s pass between samples.* read it with --columns time=time:ms"),
         ({"velocity": 57.3}, "as if velocity were in deg/s: read it with --columns velocity=velocity:deg/s"),
         ({"velocity": -1}, "opposite sign of the slope of position: read it with --columns velocity=-velocity"),
-        ({"velocity": 6}, "is 6 times the slope of position: mend it, or do without .*: --columns velocity=unused"),
+        ({"velocity": 6}, "is 6 times the slope of position: mend it, or do without .*: --columns velocity=none"),
         ({"velocity": 0.5 / np.pi}, "as if velocity were in rev/s: read it with --columns velocity=velocity:rev/s"),
         ({"velocity": 30 / np.pi}, "as if velocity were in rpm: read it with --columns velocity=velocity:rpm"),
         ({"velocity": 0}, r"does not follow the slope of position \(0.00 correlated\)"),
