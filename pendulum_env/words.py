@@ -44,7 +44,7 @@ def listing(items: Sequence[str], last: str = "and") -> str:
 
 def plus_minus(value: float, std: float) -> str:
     """Value and standard error to two digits of the error: `0.08951 ± 0.00012`; without an error, four digits."""
-    if not 0 < std < math.inf:
+    if not 1e-9 * abs(value) < std < math.inf:  # else rounding of a value that is known
         return f"{value:.4g}"
     digits = min(12, max(0, 1 - math.floor(math.log10(std))))
     return f"{value:.{digits}f} ± {std:.{digits}f}"

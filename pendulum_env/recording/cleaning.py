@@ -137,6 +137,7 @@ def finite(log: Log, fewest: int) -> None:
     """
     count = len(log.values["time"])
     good, kept = np.ones(count, dtype=np.bool_), {}
+    spoilt: dict[str, list[str]] = {}  # quantities by how they are spoilt and where
     for quantity, column in log.values.items():
         sound = np.isfinite(column)
         if sound.all():
@@ -155,7 +156,8 @@ def finite(log: Log, fewest: int) -> None:
             )
         kept[quantity] = column
         good &= sound
-        log.notes.append(f"{quantity} is {came} in {rows_of(log.rows[~sound])}: left out")
+        spoilt.setdefault(f"{came} in {rows_of(log.rows[~sound])}: left out", []).append(quantity)
+    log.notes += [f"{listing(own)} {'is' if len(own) == 1 else 'are'} {where}" for where, own in spoilt.items()]
     if np.count_nonzero(good) < min(fewest, count):
         raise RecordingError(
             f"fewer than {fewest} rows have all of time, position and torque: write them in the same rows"

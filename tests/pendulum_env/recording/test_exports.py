@@ -241,6 +241,13 @@ def test_a_current_that_no_joint_draws_is_asked_for_its_unit(told: str) -> None:
     assert read_recording(log, columns={"torque": "current*0.1"}).torque.max() == pytest.approx(160, rel=1e-3)
 
 
+def test_quantities_that_lack_the_same_rows_share_a_note() -> None:
+    lost = np.arange(len(TIME)) == 7
+    log = {"time": TIME, "angle": np.where(lost, np.nan, ANGLE), "torque": np.where(lost, np.nan, TORQUE)}
+    (note,) = (own for own in read_recording(log).notes if "empty" in own)
+    assert "position and torque" in note
+
+
 def test_whole_numbers_that_jump_are_counts() -> None:
     counts = np.round(16384 * (TIME / 3 % 1.0))
     with pytest.raises(RecordingError, match="'position': 'angle:counts/4096'") as refusal:
