@@ -58,7 +58,6 @@ QUOTED = 40  # characters of a header, of which a sentence may name a dozen
 NONE = "none"  # in the place of a column: the quantity is left out, whatever the names of columns are
 UNUSED = "unused"  # an older word for the same, but of a torque
 LINKS = "identify and diagnose take an arm's links with --robot ARM.urdf (read_arm_recording), or "
-CHOOSE = "say which with --columns QUANTITY=NAME (columns=...)"  # what mends it, on the command line and in Python
 
 
 @dataclass(frozen=True)
@@ -142,6 +141,7 @@ def find_columns(
     output: str | None = None,
     *,
     wordy: Collection[int] = (),
+    is_file: bool = True,
 ) -> dict[str, Column]:
     """Column by quantity: time, position, torque, and those of `OPTIONAL` if there are.
 
@@ -154,6 +154,7 @@ def find_columns(
         output: of a known controller that followed the reference: then the reference is needed, and torque is what
             the user names, or else a column of that output.
         wordy: places of columns that hold no numbers; they give way to others.
+        is_file: whether they are of a file; errors of a table in memory show the call in Python.
 
     Raises:
         ColumnError: if one is missing, if two fit the same quantity, or if one needs a gain that is not given.
@@ -186,7 +187,8 @@ def find_columns(
         if len(candidates) > 1:
             names = " and ".join(shown(c.header.strip(), QUOTED) for c in candidates[:3])
             raise ColumnError(
-                f"columns {names} could {'both' if len(candidates) == 2 else 'all'} be {quantity}: {CHOOSE}"
+                f"columns {names} could {'both' if len(candidates) == 2 else 'all'} be {quantity}: "
+                f"say which with {_option({**told, quantity: 'NAME'}, is_file)}"
             )
         if candidates:
             others = tuple(c.header for c in fitting if c not in candidates and c.index not in wordy)
@@ -206,28 +208,27 @@ def find_columns(
     if missing:
         if missing == ["reference"]:
             raise ColumnError(
-                f"no column for the goal (goal, reference) among {_listed(headers)}: say which with --columns "
-                "reference=NAME (columns=...)"
+                f"no column for the goal (goal, reference) among {_listed(headers)}: say which with "
+                f"{_option({**told, 'reference': 'NAME'}, is_file)}"
             )
         free = [header for k, header in enumerate(headers) if k not in used and k not in wordy]
         hints = [hint for quantity in missing for hint in _in_unit(quantity, free) or _raw(quantity, headers)]
-        line = ",".join([*(f"{q}={text}" for q, text in told.items()), *(f"{q}=NAME" for q in missing)])
+        option = _option({**told, **dict.fromkeys(missing, "NAME")}, is_file)
         plain = (
-            f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or say which with "
-            f"--columns {shlex.quote(line)} (columns=...)"
+            f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or say which with {option}"
         )
         counter = next((header.strip() for header in headers if letters(header) in COUNTERS), None)
         if "time" in missing and counter is not None:
             hints = [f"if {shown(counter, QUOTED)} counts samples, --columns time={counter}/RATE with their rate [Hz]"]
         if len(joints := _joints(headers)) > 1:
-            hints = [f"there are some for {_listed(joints)}: {LINKS}for one joint {CHOOSE}"]
+            hints = [f"there are some for {_listed(joints)}: {LINKS}for one joint say which with {option}"]
         if hints and counter is None:
             unnamed = [q for q in missing if not any(f" {q}=" in hint for hint in hints)]
             hints += [f"say which is {q} with {q}=NAME" for q in unnamed]
         if missing == ["torque"]:
-            said = ",".join(f"{quantity}={text}" for quantity, text in {**told, "torque": NONE}.items())
-            hints = hints or ["say which with --columns torque=NAME (columns=...)"]
-            hints[-1] += f", or --columns {shlex.quote(said)} if nothing drives the joint"
+            without = _option({**told, "torque": NONE}, is_file).removesuffix(" (columns=...)")
+            hints = hints or [f"say which with {option}"]
+            hints[-1] += f", or {without} if nothing drives the joint"
         elif "torque" in missing and len(joints) < 2:
             hints = [*(hints or [plain]), f"write torque={NONE} if nothing drives the joint"]
         raise ColumnError(
@@ -262,6 +263,13 @@ def _match_element(position: Column | None, candidates: Sequence[Column]) -> lis
     element = None if position is None else re.search(r"\[\d+\]$", position.header)
     found = [column for column in candidates if element and column.header.endswith(element[0])]
     return found if len(found) == 1 else []
+
+
+def _option(said: Mapping[str, str], is_file: bool) -> str:
+    """Write columns by quantity as the option of a command, or of a table in memory as a call."""
+    if not is_file:
+        return f"read_recording(source, columns={dict(said)})"
+    return f"--columns {shlex.quote(','.join(f'{quantity}={text}' for quantity, text in said.items()))} (columns=...)"
 
 
 def _match_path(position: Column, candidates: Sequence[Column]) -> list[Column]:

@@ -36,10 +36,10 @@ class Origin:
     def paste(self, **changes: str) -> str:
         """The option that reads the file with changes, by quantity, and else with all that was said before.
 
-        Of a table in memory, the argument of `read_recording`.
+        Of a table in memory, the call of `read_recording`.
         """
         if not self.is_file:
-            return f"columns={ {**self.named, **changes} }"
+            return f"read_recording(source, columns={ {**self.named, **changes} })"
         said = ",".join(f"{quantity}={text}" for quantity, text in {**self.named, **changes}.items())
         return f"--columns {shlex.quote(said)}"
 

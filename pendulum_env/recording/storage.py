@@ -120,8 +120,8 @@ def read_recording(
     CSV (also .csv.gz, .tsv, .txt), Parquet, NPZ and MATLAB are read as they are; HDF5, MATLAB 7.3, Excel, MCAP and bags
     of ROS need the extra `formats`.
 
-    Names are taken as in `columns.py`, their units converted to s, rad, N m, rad/s; slightly uneven time is made
-    uniform as in `sampling.py`. Whatever was changed is said in the recording's `notes`.
+    Columns are found by common names, their units converted to s, rad, N m, rad/s; slightly uneven time is made
+    uniform. Whatever was changed is said in the recording's `notes`.
 
     Args:
         source: path of a file; or a table in memory: a data frame of pandas or Polars, a table of pyarrow, or a mapping
@@ -147,7 +147,7 @@ def read_recording(
         name = name or (_stem(Path(label)) if is_file else label)
         output = None if drive is None else drive.output
         named = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
-        table = read_table(source, partial(find_columns, named=named, output=output))
+        table = read_table(source, partial(find_columns, named=named, output=output, is_file=is_file))
         return _recording(name, table, unwrap, drive, named, is_file)
     except RecordingError as error:
         raise type(error)(f"{label}: {error}") from error.__cause__

@@ -137,7 +137,7 @@ CURRENTS = ["current", "iq", "Current [A]", "motor_current", "/motor/iq_measured
         ("time,x,torque", {}, "for position among 'time', 'x', 'torque': name the columns time,position,torque"),
         ("time,position_a,position_b,torque_a,torque_b", {}, "for 'a', 'b': .* take an arm's links with --robot"),
         ("time,position [counts],torque", {}, "no column for position"),
-        ("time,q,tau_cmd,u", {}, "'tau_cmd' and 'u' could both be torque: say which with --columns QUANTITY=NAME"),
+        ("time,q,tau_cmd,u", {}, "'tau_cmd' and 'u' could both be torque: say which with --columns torque=NAME"),
         (f"__time,{JOINTS}", {}, "could all be position: say which with --columns"),
         ("t,q,tau", {"angle": "q"}, "are named for time, position, velocity, torque, reference, supply, enabled"),
         ("t,q,tau", {"position": "Q"}, "no column is named 'Q', which is to be position, among 't', 'q', 'tau'"),

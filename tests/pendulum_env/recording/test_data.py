@@ -1,5 +1,7 @@
 """Tables in memory come in by the door of files: the same names, units, checks and mending."""
 
+import ast
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -107,6 +109,17 @@ def test_labels_and_durations_of_tables(swing: Recording) -> None:
         recording = read_recording(KINDS[kind](columns_of(swing, t=passed) | {"episode": words}))
         assert recording.starts == (0, half)
         np.testing.assert_allclose(recording.time, swing.time, rtol=0, atol=1e-6)
+
+
+def test_a_table_without_known_names_is_refused_with_the_call_that_reads_it(swing: Recording) -> None:
+    columns = {"a": 1e3 * swing.time, "b": swing.position, "c": swing.torque}
+    with pytest.raises(ColumnError) as refusal:
+        identify(columns)
+    (call,) = re.findall(r"read_recording\(source, columns=(\{.*?\})\)", str(refusal.value))
+    given = ast.literal_eval(call)
+    assert "--columns" not in str(refusal.value) and set(given) == {"time", "position", "torque"}
+    recording = read_recording(columns, columns=given | {"time": "a:ms", "position": "b", "torque": "c"})
+    np.testing.assert_array_equal(recording.torque, swing.torque)
 
 
 def texts_of(columns: dict[str, np.ndarray], decimal: str = ".") -> dict[str, np.ndarray]:
