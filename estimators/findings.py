@@ -13,7 +13,8 @@ class Kind(StrEnum):
 
     # parameters that the recordings do not determine
     NO_MOTION = "no_motion"
-    TORQUE_IS_NOISE = "torque_is_noise"
+    TORQUE_IS_NOISE = "torque_is_noise"  # torque
+    TORQUE_IS_CONSTANT = "torque_is_constant"  # torque
     ONE_DIRECTION = "one_direction"
     SMALL_ANGLES = "small_angles"  # angle
     NEVER_ACTS = "never_acts"
@@ -110,6 +111,7 @@ class Obstacle(StrEnum):
 WITHHOLDING = {
     Kind.NO_MOTION,
     Kind.TORQUE_IS_NOISE,
+    Kind.TORQUE_IS_CONSTANT,
     Kind.ONE_DIRECTION,
     Kind.SMALL_ANGLES,
     Kind.NEVER_ACTS,

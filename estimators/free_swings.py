@@ -28,11 +28,12 @@ NONE = Load(0.0, 0.0)
 
 
 def swing(recording: Recording, inertia: float, torque_unit: str) -> Recording:
-    """Scale a free swing by an inertia in a unit of torque; return any other recording as it is."""
+    """Scale a free swing by an inertia in a unit of torque, without noise of torques; return others as they are."""
     if not recording.is_free:
         return recording
-    still = np.zeros(len(recording))
-    return replace(recording, torque=still, torque_unit=torque_unit, torque_constant=None, known_inertia=inertia)
+    still, unit = np.zeros(len(recording)), torque_unit
+    silent = replace(recording, torque=still, load_torque=None)
+    return replace(silent, torque_unit=unit, torque_constant=None, known_inertia=inertia)
 
 
 def known_values(terms: Sequence[Term]) -> dict[str, float]:

@@ -26,6 +26,7 @@ class IdentifiabilitySettings:
 
 
 TELLING = IdentifiabilitySettings()
+CONSTANT = 1e-6  # of a torque, by which it may change if it is constant
 PLACES = 50  # instants at which the joints' inertia is looked at
 
 
@@ -40,7 +41,10 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
     doubts: list[Finding] = []
     is_free = not any(m.held.any() for m in measurements)
     if not is_free and not any(is_driven(m) for m in measurements):
-        doubts.append(Finding(Kind.TORQUE_IS_NOISE, parameters=tuple(names)))
+        mean = float(np.mean([m.held.mean() for m in measurements]))
+        is_constant = all(np.ptp(m.held) <= CONSTANT * abs(mean) for m in measurements)
+        kind = Kind.TORQUE_IS_CONSTANT if is_constant else Kind.TORQUE_IS_NOISE
+        doubts.append(Finding(kind, {"torque": Quantity(mean, unit="N m")}, tuple(names)))
     forwards = float(np.mean(velocity > 0))
     if not TELLING.one_sided < forwards < 1 - TELLING.one_sided:
         constants = ("coulomb", "torque_offset", "coulomb_asymmetry")
@@ -119,8 +123,8 @@ def is_told(estimate: Estimate, large: float) -> bool:
 
 
 def is_driven(m: Measurements) -> bool:
-    """Whether there is more torque than noise, or torque as white as noise that the motion follows all the same."""
-    if np.sqrt(np.mean(m.held**2)) > max(3 * m.torque_noise, 1e-9):
+    """Whether torque changes by more than noise, or is constant or as white as noise, but the motion follows it."""
+    if np.std(m.held) > max(3 * m.torque_noise, 1e-9):
         return True
     equations, usable = scheme("dynamic").regression(m, BASE)
     phi, y = equations.phi[usable], equations.y[usable]

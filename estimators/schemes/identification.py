@@ -22,6 +22,7 @@ from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import Joints, for_arms, measure_arm, series
 from estimators.schemes.fitting import Identified, Segments, fitted, regressions, stack
 from estimators.schemes.identifiability import (
+    CONSTANT,
     identifiability,
     inseparable,
     is_driven,
@@ -201,9 +202,7 @@ def _of_pendulum(
     segments = _measure_joints(recordings, terms)
     measurements = [m for own in segments for (m,) in own]
     if not (all(own.is_free for own in recordings) or any(is_driven(m) for m in measurements)):
-        raise IdentificationError(
-            f"{_names(recordings)}: the torque is noise alone: read the file without it (--columns torque=none)"
-        )
+        raise IdentificationError(f"{_names(recordings)}: {_undriven(recordings)}")
     chosen, slowed = _at_rate(schemes, segments)
     doubts = (*identifiability(measurements, terms), *slowed)
     results = _by_schemes(chosen, segments, terms, recordings, regressions(terms))
@@ -237,6 +236,18 @@ def _of_pendulum(
         given.unit,
         given.constant,
         data,
+    )
+
+
+def _undriven(recordings: Sequence[Recording]) -> str:
+    """Describe torque that the motion does not follow, with the option that leaves it out."""
+    column = "torque" if any(own.torque.any() for own in recordings) else "load_torque"
+    series = [values for own in recordings if (values := getattr(own, column)) is not None]
+    option = f"read the file without it (--columns {column}=none)"
+    if any(np.ptp(values) > CONSTANT * np.abs(values).max() for values in series):
+        return f"the {column} is noise alone: {option}"
+    return (
+        f"{column} is constant at {series[0][0]:.3g}, and the motion does not follow it: {option}, or mend its offset"
     )
 
 

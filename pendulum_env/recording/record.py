@@ -28,6 +28,9 @@ NEWTON_METRE = "N m"
 ARRAYS = "{'time': time, 'position': position, 'torque': torque}"  # argument of `read_recording`, in messages
 PER_INERTIA = "rad/s^2"  # unit of a torque that is divided by the inertia
 NO_TORQUE = 1e-9  # [N m], at most: rounding
+BEYOND_NOISE = 3.0  # by which a load torque is larger than its noise, if it drives a joint
+NOISE_ORDER = 4  # of differences, in which a load torque vanishes and its noise does not
+NOISE_GAIN = 0.6745 * math.sqrt(math.comb(2 * NOISE_ORDER, NOISE_ORDER))  # of their median size
 WARNING = "warning: "  # begins a note of what is likely wrong
 
 
@@ -288,8 +291,14 @@ class Recording:
 
     @property
     def is_driven(self) -> bool:
-        """Whether the motor or a measured load drives the joint."""
-        return bool((np.abs(self.torque) > NO_TORQUE).any()) or self.has_varying_load
+        """Whether the motor or a measured load torque, by more than its noise, drives the joint."""
+        if (np.abs(self.torque) > NO_TORQUE).any():
+            return True
+        if self.load_torque is None:
+            return False
+        noise = float(np.median(np.abs(np.diff(self.load_torque, NOISE_ORDER)))) if len(self) > NOISE_ORDER else 0.0
+        size = float(np.sqrt(np.mean(self.load_torque**2)))
+        return size > max(NO_TORQUE, BEYOND_NOISE * noise / NOISE_GAIN)
 
     @property
     def has_varying_load(self) -> bool:

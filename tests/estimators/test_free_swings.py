@@ -114,6 +114,27 @@ def test_torque_of_rounding_is_none():
     assert identify(rounded).json() == identify(run).json()
 
 
+def test_noise_of_a_sensor_does_not_drive_a_swing():
+    run = swinging()
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(run))
+    assert identify(replace(run, load_torque=noise)).json() == identify(run).json()
+
+
+def test_a_constant_load_torque_drives_a_swing():
+    run = swinging(2.6, (("torque_offset", (("offset", 0.1),)),), 65_536)
+    found = identify(replace(run, load_torque=np.full(len(run), 0.1)))
+    assert found.torque_unit == "N m" and not found.findings
+    for name, value in (INERTIA_TOO | TRUTH).items():
+        assert found.windows.estimates[name].value == pytest.approx(value, rel=5e-3)
+
+
+def test_a_constant_torque_that_the_motion_does_not_follow_is_refused():
+    run = swinging()
+    for column in ("torque", "load_torque"):
+        with pytest.raises(IdentificationError, match=f" {column}=none"):
+            identify(replace(run, **{column: np.full(len(run), 1e-6)}))
+
+
 def test_several_swings_share_their_parameters():
     found = identify([swinging(2.6), swinging(1.2)])
     assert_recovered(found.windows, RATIOS)

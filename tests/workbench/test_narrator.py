@@ -31,6 +31,7 @@ NUMBERS = CONSTANT | {
     "disagreement": Quantity(8.5),
     "share": Quantity(0.95),
     "times": Quantity(5.0),
+    "torque": Quantity(0.1, unit="N m"),
     "viscous": Quantity(1.12, 0.01, "N m s/rad"),
     "others.viscous": Quantity(1.0, unit="N m s/rad"),
 }

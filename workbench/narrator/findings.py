@@ -340,6 +340,10 @@ DESCRIBED: Mapping[Kind, Callable[[Finding, str], str]] = {
         "The torque is noise alone, so only ratios of parameters are known. Read the file without it (--columns "
         "torque=none)."
     ),
+    Kind.TORQUE_IS_CONSTANT: lambda found, unit: (
+        f"The torque is constant at {measure(found.numbers['torque'], unit, 3)}, and the motion does not follow it. "
+        "Read the file without it (--columns torque=none), or look for an offset."
+    ),
     Kind.ONE_DIRECTION: lambda found, unit: (
         "The velocity never changes sign, so coulomb and torque_offset cannot be told apart. Record both directions."
     ),
