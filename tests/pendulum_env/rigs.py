@@ -11,11 +11,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from pendulum_env.backends.hardware.check import CheckFailed
 from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.backends.hardware.guard import Fault
 from tests.once import ROOT
 from tests.patience import PATIENCE, wait_until
+from workbench.rig_check import CheckFailed
 
 FIRST = """
 import contextlib, os

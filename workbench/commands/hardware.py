@@ -2,11 +2,11 @@
 
 import argparse
 
-from pendulum_env.backends.hardware.check import CheckFailed, check
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.backends.hardware.drive import DriveError
 from workbench.mistakes import InputError
 from workbench.options import declare
+from workbench.rig_check import CheckFailed, check
 from workbench.terminal import Terminal
 
 

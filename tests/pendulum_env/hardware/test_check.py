@@ -6,11 +6,11 @@ import time
 
 import pytest
 
-from pendulum_env.backends.hardware.check import STEPS, CheckFailed, check
 from pendulum_env.backends.hardware.config import load
 from tests import slow
 from tests.pendulum_env.rigs import PATIENT, Disturbed
 from workbench.cli import main
+from workbench.rig_check import STEPS, CheckFailed, check
 
 pytestmark = pytest.mark.realtime
 
