@@ -85,6 +85,21 @@ def test_the_noise_of_an_encoder_is_learnt(counts, noise, begin):
     assert 0.6 * true < found < 1.7 * true + 1e-6
 
 
+@pytest.mark.parametrize("rate", [50.0, 100.0, 200.0])
+def test_motion_is_no_noise_at_low_rates(rate):
+    inertia, gravity, viscous, coulomb = TRUTH
+    time = np.arange(round(8 * rate)) / rate
+    torque = 2.0 * np.sin(6.0 * time) + 1.3 * np.sin(2.25 * time + 1.0)
+    position, *_ = stick_and_slip(
+        lambda t, q, v, u: u - gravity * np.sin(q) - viscous * v, lambda *_: coulomb, inertia, torque, 1 / rate
+    )
+    noise = 3e-5
+    measured = position[:-1] + noise * np.random.default_rng(2).standard_normal(len(time))
+    learner = EncoderNoise()
+    found = next(value for value in map(learner.take, measured[:, None]) if value is not None)
+    assert 0.6 * noise < found < 1.7 * noise
+
+
 def test_an_environment_that_tells_no_encoder_lets_it_be_learnt():
     def last(**options):
         env = gym.make(PENDULUM, rate=RATE, counts=COUNTS, torque_noise=0.0)
