@@ -285,11 +285,11 @@ class Model(Mapping[str, Estimate]):
 
     @property
     def has_known_inertia(self) -> bool:
-        """Whether the inertia was given, or is positive by 3 standard errors; False without one, True of an arm."""
+        """Whether the inertia is positive, and not marked as unknown; False without one, True of an arm."""
         own = self.estimates.get("inertia")
         if own is None:
             return any(term.kind == "inertial" for term in self.terms)  # the links of an arm
-        return not own.is_unknown and own.value > SURE * own.std
+        return not own.is_unknown and own.value > 0
 
     def refuse_unknown_inertia(self) -> None:
         """Refuse to simulate a model whose inertia is missing or unknown.

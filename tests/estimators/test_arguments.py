@@ -168,7 +168,7 @@ def test_one_recording_and_names_will_do(swing):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"effects": [0.4]}, "an effect is given as a text such as 'stribeck=0.4', got 0.4"),
+        ({"effects": [0.4]}, "an effect is 0.4: give a text such as 'stribeck=0.4'"),
         ({"theta": 0.1}, "theta is given by name or as 4 numbers"),
         ({"theta": "inertia"}, "theta is given by name or as 4 numbers"),
     ],

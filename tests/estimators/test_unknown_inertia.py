@@ -69,12 +69,12 @@ def test_the_model_is_saved_as_unknown_and_compared_in_torque_alone(run, tmp_pat
 
 
 def test_the_model_simulates_nothing():
-    model = Model.build(BASE, [3e-5, 0.02, 0.05, 0.3], [4e-5, 0.001, 0.01, 0.01])
+    model = Model.build(BASE, [3e-5, 0.02, 0.05, 0.3], [4e-5, 0.001, 0.01, 0.01]).withholding(["inertia"])
     with pytest.raises(ModelError, match="inertia"):
         model.simulate(0.01, np.zeros(10), 0.0, 0.0)
     with pytest.raises(ModelError, match="inertia"):
         make_plant(model=model)
-    known = replace(model, estimates=model.estimates | {"inertia": replace(model.estimates["inertia"], std=1e-6)})
+    known = replace(model, estimates=model.estimates | {"inertia": replace(model.estimates["inertia"], is_unknown=False)})
     assert np.isfinite(known.simulate(0.01, np.zeros(10), 0.0, 0.0).position).all()
 
 

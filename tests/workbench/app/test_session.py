@@ -281,8 +281,8 @@ def test_a_study_may_use_several_ranges_of_a_file(session, swing, tmp_path):
 
 def test_what_a_session_begins_with_is_read_as_the_user_asked_and_left_where_it_is(swing, tmp_path):
     source = written(swing, tmp_path)
-    source.file.write_text(source.file.read_text().replace("position", "Winkel"))
-    sessions = Sessions([replace(source, columns={"position": "Winkel"})])
+    source.file.write_text(source.file.read_text().replace("position", "Spalte"))
+    sessions = Sessions([replace(source, columns={"position": "Spalte"})])
     session = sessions.of(IDS[0])
     np.testing.assert_allclose(session.state.loaded[0].recording.position, swing.position)
     session.act(lambda: session.remove("swing.csv"))
@@ -290,7 +290,7 @@ def test_what_a_session_begins_with_is_read_as_the_user_asked_and_left_where_it_
     sessions.close()
     sessions = Sessions([source])  # it is asked about where columns are not clear
     session = sessions.of(IDS[0])
-    assert session.notice == "" and session.state.loaded == () and "Winkel" in session.cards[0].preview.headers
+    assert session.notice == "" and session.state.loaded == () and "Spalte" in session.cards[0].preview.headers
     sessions.close()
 
 
