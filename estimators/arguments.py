@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import is_dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 from estimators.free_swings import needs_torque
 from estimators.regression.equations import IdentificationError
@@ -190,7 +190,15 @@ def within_limits(
     )
 
 
-def model_that_moves(given: Model) -> Model:
+class HasModel(Protocol):
+    """A result that stands for its model."""
+
+    @property
+    def model(self) -> Model:
+        """The model."""
+
+
+def model_that_moves(given: Model | HasModel) -> Model:
     """A model with inertia, or of an arm: given itself, or as the model of a result.
 
     Raises:

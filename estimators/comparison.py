@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.arguments import Recordings, chosen_recordings, model_that_moves, that_may_show
+from estimators.arguments import HasModel, Recordings, chosen_recordings, model_that_moves, that_may_show
 from estimators.checks.homogeneity import AGREEMENT, Disagreement, disagreements_with, misfits, own_fits
 from estimators.checks.torque_constant import unit_of
 from estimators.findings import Finding, Kind, Quantity
@@ -178,7 +178,7 @@ def joined(parts: Sequence[PreparedData]) -> PreparedData:
     )
 
 
-def compare(model: Model, recordings: Recordings) -> Comparison:
+def compare(model: Model | HasModel, recordings: Recordings) -> Comparison:
     """Compare a model with recordings, as it is: torque residual and free-running simulation.
 
     Where a current was logged, the model's own torque constant turns it into torque, or else their known loads do.

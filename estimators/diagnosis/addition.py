@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.arguments import Recordings, chosen_recordings, model_that_moves, that_may_show, within_limits
+from estimators.arguments import HasModel, Recordings, chosen_recordings, model_that_moves, that_may_show, within_limits
 from estimators.checks.torque_constant import told
 from estimators.diagnosis.in_loop import Looped, with_back_emf
 from estimators.diagnosis.reasons import BY_CHANCE, rejection
@@ -45,7 +45,7 @@ def fit(train: PreparedData, holdout: PreparedData, terms: Sequence[Term] = BASE
 
 
 def add(
-    model: Model,
+    model: Model | HasModel,
     id: str,
     recordings: Recordings,
     holdout: Recordings = (),

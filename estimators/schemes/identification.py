@@ -40,7 +40,7 @@ from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.arms.recording import of_arms
 from pendulum_env.lookup import find
-from pendulum_env.notebook import shown
+from pendulum_env.notebook import headline, shown
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.model import SURE
@@ -129,7 +129,7 @@ class Identification(Mapping[str, Identified]):
     def __repr__(self) -> str:
         count = len(self.recordings)
         names = listing(self.recordings) if count <= SHOWN else f"{count} recordings"
-        return f"<Identification of {names} by {listing(list(self.schemes))}>"
+        return f"<Identification of {names}>\n{headline(self)}"
 
     def _repr_html_(self) -> str:
         return shown(self)

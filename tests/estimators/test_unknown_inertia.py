@@ -74,7 +74,9 @@ def test_the_model_simulates_nothing():
         model.simulate(0.01, np.zeros(10), 0.0, 0.0)
     with pytest.raises(ModelError, match="inertia"):
         make_plant(model=model)
-    known = replace(model, estimates=model.estimates | {"inertia": replace(model.estimates["inertia"], is_unknown=False)})
+    known = replace(
+        model, estimates=model.estimates | {"inertia": replace(model.estimates["inertia"], is_unknown=False)}
+    )
     assert np.isfinite(known.simulate(0.01, np.zeros(10), 0.0, 0.0).position).all()
 
 

@@ -49,6 +49,15 @@ SETTLED = 0.25  # share of a recording after which estimates are in the picture
 COLORS = (BLUE, ORANGE, GREEN)
 
 
+@headlines.register
+def describe_identification(found: Identification) -> str:
+    """Write the estimates of the schemes as a table of text, and a line for each warning."""
+    header, rows, _ = schemes_table(found)
+    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+    lines = ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in (header, *rows)]
+    return "\n".join([*lines, *(f"warning: {text}" for text in warnings(found))])
+
+
 headlines.register(Comparison, comparison.headline)
 headlines.register(Diagnosis, headline)
 headlines.register(Addition, describe_addition)
