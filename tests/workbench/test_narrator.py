@@ -81,8 +81,8 @@ def test_every_kind_is_described():
         ),
         (
             Finding(Kind.UNIDENTIFIABLE, {"gravity": Quantity(2.0, 3.0, "N m")}, ("gravity",)),
-            "gravity cannot be determined: these recordings hardly depend on it alone, and the best fit is 2.0 ± 3.0 "
-            "A. Record swings beyond 30 degrees, at more frequencies.",
+            "The data do not determine gravity: the best fit is 2.0 ± 3.0 A. Record swings beyond 30 degrees, at more "
+            "frequencies.",
         ),
     ],
 )
