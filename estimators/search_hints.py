@@ -30,7 +30,7 @@ Grid = Callable[[type[Any], Samples, Array], Iterable[Term]]
 VARIANTS = 36  # of a grid over the bounds of all nonlinear parameters
 MOST_ORDERS = 400  # whole numbers that are tried of one parameter
 COARSE = 60  # orders of cogging up to which all are tried,
-FINEST, STARTS = 400, 3  # and beyond, up to twice the ratio of usual gears, those of which so many are tried
+FINEST, STARTS = 400, 3  # and beyond, up to twice the ratio of usual gears, so many of them are tried
 WAVES = 3  # periods of the longest of several waves over the angle
 WARMER = 1.0  # [K], by which the temperature has to change
 PEAKS = 8  # highest ones of a periodogram, from which a search starts
@@ -128,7 +128,7 @@ def n_tried(kind: type[Term], x: Samples, residual: Array) -> int:
 
 
 def is_possible(term: Term, x: Samples) -> bool:
-    """Whether a term has nonlinear parameters of a joint that moved as in N samples."""
+    """Test whether a term has nonlinear parameters of a joint that moved as in N samples."""
     return hints_of(type(term)).is_possible(term, x)
 
 

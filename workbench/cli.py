@@ -174,7 +174,7 @@ def _run(argv: Sequence[str]) -> None:
 
 
 def _fault_of_effect(error: BaseException) -> Exception | None:
-    """What an effect of a file or package did wrong; None if no effects are loaded, or the error is from elsewhere."""
+    """Mistake of an effect of a file or package; None if no effects are loaded, or the error is from elsewhere."""
     module = sys.modules.get(PLUGINS)
     return None if module is None else module.fault(error)
 

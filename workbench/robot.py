@@ -35,7 +35,7 @@ class RobotFile:
         return _body(self, tuple((held or {}).items()), changed)
 
     def with_logged_joints(self, sources: Sequence[Source]) -> "RobotFile":
-        """The same with all joints held that the sources have no columns of, unless those that move are named."""
+        """Copy with every joint held that has no columns in the sources, unless the moving joints are named."""
         if self.joints is not None or not sources:
             return self
         every = find_movable_joints(self.file, self.bolted)

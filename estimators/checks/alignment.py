@@ -164,7 +164,7 @@ class Alignment:
 
     @property
     def finding(self) -> Finding | None:
-        """What was found; None if torque and motion are in time; sampled torque may have no delay of its own."""
+        """Finding on the timing; None if torque and motion are in time. Sampled torque may have no delay of its own."""
         if not self.is_found:
             return None
         numbers = {"delay": Quantity(abs(self.delay), self.delay_std, "s")} if self.delay and not self.is_half else {}

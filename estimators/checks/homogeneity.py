@@ -79,7 +79,7 @@ class Disagreement:
 
     @property
     def finding(self) -> Finding:
-        """The same as a finding; the first of its recordings disagrees with the rest."""
+        """Finding of this disagreement; the first of its recordings disagrees with the rest."""
         numbers = {"number": Quantity(self.recording)} | dict(self.numbers)
         for own in self.differences:
             numbers[own.parameter] = Quantity(own.value, own.std, own.unit)

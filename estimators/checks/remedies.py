@@ -22,7 +22,7 @@ LOAD_TORQUE = Column("load_torque", "1", force=lambda x: -1.0 * x.load.torque)
 TURNED_ERRORS = 5.0  # standard errors by which that parameter is less than -1
 TURNED_SHARE = 0.2  # of the square of the load beyond the other columns, the least that is no noise
 TURNED_BLOCK = 1.0  # [s] of residuals that may be correlated
-DEPENDENT = 1e5  # condition number of columns of which one is the sum of others
+DEPENDENT = 1e5  # condition number of columns that are linearly dependent
 FAR = np.radians(10.0)  # [rad] off, from which a zero is found by a fit without a tilt
 UPRIGHT_TURNS = 3.0  # that a joint makes at most, if its zero may be upright
 UPRIGHT_SHARE = 0.05  # of the RMS torque, the least gravity of a joint whose zero may be upright

@@ -197,7 +197,7 @@ class Diagnosis:
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether the torque of a servo calls for other effects by itself than the loop does."""
+        """True if the torque of a servo calls for other effects by itself than the loop does."""
         alone = self.by_torque
         if alone is None or has_link(self.model.terms):  # torque alone is not searched for those
             return False

@@ -35,7 +35,7 @@ def smallest(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -> float
     noise = max(evaluator.residuals.noise_floor(), float(np.sqrt(np.mean(evaluator.regression.residual(terms) ** 2))))
     correlated = (
         CLEAR * evaluator.criterion.z_score / float(np.sqrt(len(left)))
-    )  # r^2 / (r^2 + s^2) that is surely shared
+    )  # r^2 / (r^2 + s^2) that is significantly shared
     if correlated >= 1.0:
         return None
     nats = DOUBT * evaluator.penalty((*terms, term), terms)

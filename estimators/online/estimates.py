@@ -95,7 +95,7 @@ class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metacla
 
 
 class SchemeEstimates(dict[str, Any]):
-    """What several schemes know, a `SchemeEstimate` by id; of a batch with Gymnasium's masks, as `_dynamic`."""
+    """Estimates of several schemes, a `SchemeEstimate` by id; of a batch with Gymnasium's masks, as `_dynamic`."""
 
     def _repr_html_(self) -> str:
         return shown(self)

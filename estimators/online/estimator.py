@@ -150,7 +150,7 @@ class OnlineEstimator:
         return self._now
 
     def after_reset(self, then: Estimates, ended: Mask, last: Array) -> Estimates:
-        """What is known once those pendulums (B,) are reset, after the estimates `then` of samples at times `last`."""
+        """Estimates after a reset of those pendulums (B,), given the estimates `then` of samples at times `last`."""
         none = ended[:, None]
         index, time = np.where(ended, -1, then.index), np.where(ended, then.time - last, then.time)
         regressor = None if then.regressor is None else np.where(none, 0.0, then.regressor)
@@ -179,7 +179,7 @@ class OnlineEstimator:
         return self._now
 
     def _place(self, taken: Taken) -> Index:
-        """Index of a sample in the whole run of each pendulum, of which the stream has not seen the beginning (B,)."""
+        """Index of a sample in the whole run of each pendulum, including samples before the stream began (B,)."""
         self._skipped[taken.anew] = 0
         return np.where(taken.place < 0, taken.place, taken.place + self._skipped)
 

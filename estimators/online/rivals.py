@@ -354,7 +354,7 @@ class Rivals:
         return np.where(usable, told, density[0])
 
     def narrowed(self, bins: Bins, fresh: Mapping[str, Sequence[Term]]) -> Rivals:
-        """The same with grids of continuous nonlinear parameters narrowed around the best variants.
+        """Copy with grids of continuous nonlinear parameters narrowed around the best variants.
 
         Takes all bins so far, and fresh grids by effect. What is as before goes on with all that it has learnt.
         """

@@ -123,7 +123,7 @@ def is_told(estimate: Estimate, large: float) -> bool:
 
 
 def is_driven(m: Measurements) -> bool:
-    """Whether torque changes by more than noise, or is constant or as white as noise, but the motion follows it."""
+    """Test whether torque changes by more than noise, or the motion follows a torque that is constant or white."""
     if np.std(m.held) > max(3 * m.torque_noise, 1e-9):
         return True
     equations, usable = scheme("dynamic").regression(m, BASE)

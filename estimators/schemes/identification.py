@@ -59,7 +59,7 @@ FEWEST = 10  # that hold motion, below which standard errors mean little
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification(Mapping[str, Identified]):
-    """What all schemes find in the same recordings: a mapping of their ids to what each finds.
+    """Results of all schemes for the same recordings: a mapping from the id of a scheme to its result.
 
     Two identifications are equal only if they are the same object.
 

@@ -85,7 +85,7 @@ class PreparedData:
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
-        """Recordings, of which the data may be parts."""
+        """Recordings; the data may be parts of them."""
         return tuple(w.recording for w in self.data.windows)
 
     @property

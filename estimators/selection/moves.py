@@ -45,7 +45,7 @@ class SearchState:
 
     @property
     def is_noise(self) -> bool:
-        """Whether the model leaves only noise on all data."""
+        """True if the residual of the model is noise on all data."""
         return self.evaluator.residuals.is_noise(self.terms)
 
     def with_terms(self, terms: Terms) -> SearchState:

@@ -78,7 +78,7 @@ class Region:
 
     @property
     def is_constant(self) -> bool:
-        """Whether the residual is the same at all times."""
+        """True if the residual is the same at all times."""
         return self.axis == "time" and not self.unit
 
     @property

@@ -266,7 +266,7 @@ class Dataset:
         return np.concatenate([w.torque() for w in self.windows])
 
     def applied_torque(self) -> Array:
-        """The same, in free swings -I q'' (R,) [N m]."""
+        """Applied torque, in free swings -I q'' (R,) [N m]."""
         return np.concatenate([w.applied_torque() for w in self.windows])
 
     def net_torque(self) -> Array:

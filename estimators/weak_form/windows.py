@@ -194,7 +194,7 @@ class Windows:
         return Rows(self.samples, self.acceleration, self._averages(kernel), self._averages(wider))
 
     def at_every_sample(self) -> Windows:
-        """The same with a window about every sample that is clear of stick."""
+        """Copy with a window about every sample that is clear of stick."""
         return replace(self, centers=np.flatnonzero(self.is_clear))
 
     def _averages(self, kernel: Array) -> csr_array | LinearOperator:
@@ -246,7 +246,7 @@ class Windows:
         return self.average(self.samples.torque)
 
     def applied_torque(self) -> Array:
-        """The same; in a free swing -I q'', which a model has to explain."""
+        """Applied torque; in a free swing -I q'', which a model has to explain."""
         known = self.recording.known_inertia
         return -known * self.average(self.acceleration) if known else self.torque()
 

@@ -25,7 +25,7 @@ def _tested_everywhere(term: Any, low: float, high: float) -> str:
 
 @dataclass(frozen=True)
 class Description:
-    """Texts about one effect; the defaults serve an effect of which only the law is known.
+    """Texts about one effect; the defaults serve an effect that has a law only.
 
     Attributes:
         title: name within a sentence; empty for the id with spaces in place of underscores.

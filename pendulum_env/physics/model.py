@@ -241,7 +241,7 @@ class Model(Mapping[str, Estimate]):
         return replace(self, terms=(*self.terms, term), estimates={**self.estimates, **new}, correlation=())
 
     def at(self, values: Mapping[str, float]) -> Model:
-        """The same terms with some parameters, by name, at other values.
+        """Return a copy with some parameters, by name, at other values.
 
         Raises:
             ModelError: if a parameter is unknown, or a value is none that it can have.
@@ -285,7 +285,7 @@ class Model(Mapping[str, Estimate]):
 
     @property
     def has_known_inertia(self) -> bool:
-        """Whether the inertia is positive, and not marked as unknown; False without one, True of an arm."""
+        """True if the inertia is positive, and not marked as unknown; False without one, True of an arm."""
         own = self.estimates.get("inertia")
         if own is None:
             return any(term.kind == "inertial" for term in self.terms)  # the links of an arm

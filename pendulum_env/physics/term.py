@@ -226,7 +226,7 @@ class Term:
 
     @property
     def fault(self) -> str:
-        """What makes no sense about nonlinear parameters that are each within their limits; empty if nothing."""
+        """Objection to a combination of nonlinear parameters that are each within their limits; empty if none."""
         return ""
 
     def derived(self, theta: Array) -> dict[str, tuple[float, str]]:

@@ -114,7 +114,7 @@ def format_distinct(*times: float) -> tuple[str, ...]:
 
 
 def is_uniform(time: Array, starts: tuple[int, ...] = (0,), tolerance: float = EXACT) -> bool:
-    """Whether time (N,) [s] increases, from each start on a uniform grid, all of one period.
+    """Test whether time (N,) [s] increases, from each start on a uniform grid, all of one period.
 
     Up to `tolerance` of a step and the rounding of float64. Segments hold two samples or more.
     """

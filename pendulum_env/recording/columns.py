@@ -92,7 +92,7 @@ class Column:
 
     @property
     def is_current_by_guess(self) -> bool:
-        """Whether it is a current in amperes whose name tells no unit."""
+        """True if it is a current in amperes whose name tells no unit."""
         if self.quantity != "torque" or self.unit not in (None, "a") or _unit_at_the_end(RAW["torque"], self.header):
             return False
         return self.unit == "a" or (_is_raw("torque", self.header) and _raw_unit_of(self.header) == "A")
@@ -384,7 +384,7 @@ def _in_unit(quantity: str, headers: Sequence[str]) -> list[str]:
 
 
 def _raw(quantity: str, headers: Sequence[str]) -> list[str]:
-    """Write how to name the columns that hold the quantity but for a gain: at most one of each unit, currents first."""
+    """Write how to name the columns that hold the quantity up to a gain: at most one of each unit, currents first."""
     raw: dict[str, str] = {}
     for header in headers:
         if _is_raw(quantity, header):

@@ -8,4 +8,4 @@ class RecordingError(Mistake):
 
 
 class ColumnError(RecordingError):
-    """What the columns of a file mean is not known, or cannot be what was said or guessed: saying it mends it."""
+    """The meaning of columns is unknown, or contradicts the data: the user has to give it."""

@@ -48,7 +48,7 @@ class Origin:
         return self.paste(**{quantity: str(replace(self._as_it_is(quantity), unit=unit))})
 
     def in_counts(self) -> str:
-        """With position in counts, of which a turn has 4096 as an example."""
+        """With position in counts, for example 4096 per turn."""
         expression = self._as_it_is("position")
         return self.paste(position=str(replace(expression, unit="counts", factors=("/4096", *expression.factors))))
 

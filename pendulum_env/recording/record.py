@@ -291,7 +291,7 @@ class Recording:
 
     @property
     def is_driven(self) -> bool:
-        """Whether the motor or a measured load torque, by more than its noise, drives the joint."""
+        """True if the motor or a measured load torque, by more than its noise, drives the joint."""
         if (np.abs(self.torque) > NO_TORQUE).any():
             return True
         if self.load_torque is None:
@@ -302,17 +302,17 @@ class Recording:
 
     @property
     def has_varying_load(self) -> bool:
-        """Whether a load torque was measured that changes."""
+        """True if a load torque was measured that changes."""
         return self.load_torque is not None and bool(np.ptp(self.load_torque) > 0)
 
     @property
     def has_logged_torque(self) -> bool:
-        """Whether torque was logged, or is none, and is not what a controller asked for."""
+        """True if torque was logged, or is none, and is not what a controller asked for."""
         return self.drive is None or self.origin is None or "torque" in self.origin.columns
 
     @property
     def is_free(self) -> bool:
-        """Whether the joint swings freely: nothing drives it, and no controller is known."""
+        """True if the joint swings freely: nothing drives it, and no controller is known."""
         return self.drive is None and not self.is_driven
 
     @property

@@ -70,7 +70,7 @@ RECIPES = {  # what helps where a format is not read
     ".mf4": "export it by asammdf: MDF('run.mf4').to_dataframe().to_parquet('run.parquet')",
     ".mdf": "export it by asammdf: MDF('run.mdf').to_dataframe().to_parquet('run.parquet')",
     ".blf": "export it by cantools or asammdf as CSV",
-    ".toml": "that is a study, of which read_study reads the recordings",
+    ".toml": "that is a study: read_study reads its recordings",
     ".slx": "that is a model, not a run: in MATLAB, save its signals to a .mat file",
     ".fig": "that is a figure: in MATLAB, save its data to a .mat file",
 }

@@ -65,7 +65,7 @@ class State(NamedTuple):
 
 
 class Given(NamedTuple):
-    """What a servo is given over a step: goal, scale of its output, whether it is on, due to look, warmth, load."""
+    """Inputs of a servo over a step: goal, scale of its output, whether it is on, due to look, warmth, load."""
 
     goal: Any
     scale: Any

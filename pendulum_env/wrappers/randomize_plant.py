@@ -46,7 +46,7 @@ class Spread:
         return np.clip(self._nominal + self._root @ unit, self._least, self._most)
 
     def draw_by_name(self, rng: np.random.Generator, count: int) -> dict[str, Array]:
-        """The same by name, (count,) each."""
+        """Parameters by name, (count,) each."""
         return dict(zip(self.names, self.draw(rng, count), strict=True))
 
 

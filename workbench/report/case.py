@@ -57,7 +57,7 @@ class Case:
 
     @property
     def is_incomplete(self) -> bool:
-        """Whether the first model lacks something."""
+        """True if the first model lacks an effect."""
         return bool(self.diagnosis.selected or self.diagnosis.unexplained)
 
     @cached_property

@@ -7,7 +7,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Section:
-    """What the page shows under one heading."""
+    """Part of the page under one heading."""
 
     id: str  # anchor on the page, and name of the template
     short: str  # title in the navigation
