@@ -109,7 +109,7 @@ def test_actions_drawn_at_random_raise_no_alarm(seed):
 def test_stops_that_turn_the_joint_round_within_a_few_samples_are_found(bouncing):
     found = diagnosed("bouncing")
     assert found.selected == ("hard_stop",)
-    stops = found.model.terms[-1].shape
+    stops = found.model.terms[-1].nonlinear_values
     assert (stops["lower"], stops["upper"]) == pytest.approx(WALLS, abs=0.05)
     base, last = found.steps[0].errors["holdout"], found.steps[-1].errors["holdout"]
     assert last.torque_rms < 0.3 * base.torque_rms
