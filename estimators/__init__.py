@@ -3,11 +3,11 @@
 from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align
 from estimators.comparison import Comparison, compare
+from estimators.data.fit_data import FitData, gather
 from estimators.diagnosis.addition import add, fit
 from estimators.diagnosis.result import Addition, Diagnosis, Verdict
 from estimators.diagnosis.run import diagnose
 from estimators.prediction import Prediction
-from estimators.preprocessing import Preprocessed, gather
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import SCHEMES, scheme
@@ -24,11 +24,11 @@ __all__ = [
     "Criterion",
     "Diagnosis",
     "Errors",
+    "FitData",
     "Identification",
     "IdentificationError",
     "Prediction",
     "PreparedData",
-    "Preprocessed",
     "SearchHints",
     "Verdict",
     "add",

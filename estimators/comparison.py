@@ -11,12 +11,12 @@ import numpy as np
 from estimators.arguments import HasModel, Recordings, chosen_recordings, model_that_moves, that_may_show
 from estimators.checks.homogeneity import AGREEMENT, Disagreement, disagreements_with, misfits, own_fits
 from estimators.checks.torque_constant import unit_of
+from estimators.data.fit_data import FitData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import swing
 from estimators.in_loop.fit import in_loop
 from estimators.in_loop.rollouts import are_driven
 from estimators.prediction import Prediction, predictions
-from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData
 from estimators.selection.errors import Errors, of_one
@@ -96,7 +96,7 @@ class Comparison:
     regions: tuple[Region, ...]
     disagreements: tuple[Disagreement, ...] = ()
     torque_constant: TorqueConstant | None = None
-    data: Preprocessed | None = field(default=None, compare=False, repr=False)
+    data: FitData | None = field(default=None, compare=False, repr=False)
 
     @property
     def errors(self) -> Errors:
@@ -215,7 +215,7 @@ def compare(model: Model | HasModel, recordings: Recordings) -> Comparison:
         tuple(region for at in failing for region in _fails(together, left, at, most)),
         (*disagreements_with(model, fits), *misfits(fits)),
         recordings[0].torque_constant,
-        Preprocessed(recordings, recordings, terms=terms).holding((together, together)),
+        FitData(recordings, recordings, terms=terms).holding((together, together)),
     )
 
 
@@ -257,7 +257,7 @@ def _prepared(recording: Recording, model: Model) -> PreparedData:
     return replace(prepared, data=prepared.data.with_impacts(model.terms, model.theta, covariance, inertia))
 
 
-def in_units_of(model: Model, recordings: Sequence[Recording]) -> Preprocessed:
+def in_units_of(model: Model, recordings: Sequence[Recording]) -> FitData:
     """Recordings with the torque in the unit that a model has it in.
 
     Raises:
@@ -276,12 +276,12 @@ def in_units_of(model: Model, recordings: Sequence[Recording]) -> Preprocessed:
         recordings = [swing(own, inertia["inertia"], unit) for own in recordings]
     unit, known, constant = unit_of(recordings), model.torque_constant, None
     if unit == model.torque_unit:
-        return Preprocessed(tuple(recordings))
+        return FitData(tuple(recordings))
     if model.torque_unit != NEWTON_METRE:
         raise ModelError(f"the model is per {model.torque_unit}, and the recordings are in {unit}: read them alike")
     if known is not None and known.unit == f"{NEWTON_METRE}/{unit}":
         constant = TorqueConstant(known.value, known.std, unit)
-    given = Preprocessed.of(recordings, constant=constant, known=inertia)
+    given = FitData.of(recordings, constant=constant, known=inertia)
     if given.doubt is not None:
         raise IdentificationError(
             f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: record "

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.data.fit_data import FitData
 from estimators.figure import Figure, before_and_after, broken, thin
 from estimators.in_loop.fit import likelier
 from estimators.in_loop.rollouts import are_driven
-from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData
 from estimators.selection.regression import Regression
@@ -128,7 +128,7 @@ class Prediction:
         )
 
 
-def predictions(model: Model, data: Preprocessed) -> tuple[Prediction, ...]:
+def predictions(model: Model, data: FitData) -> tuple[Prediction, ...]:
     """Predict the recordings that a result is of: those that were fitted, then those that were held out."""
     is_same = data.holdout is data.recordings  # compared, all alike
     seen = data.recordings if is_same else (*data.recordings, *data.holdout)

@@ -13,10 +13,10 @@ from typing import Any, TypeVar
 from msgspec import Struct
 
 from estimators.arguments import model_that_moves
+from estimators.data.fit_data import FitData
 from estimators.diagnosis.result import SCHEMA
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.free_swings import known_values
-from estimators.preprocessing import Preprocessed
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import arm_base, body_of
@@ -141,13 +141,13 @@ class Opened:
 
     def preprocessed(
         self, terminal: Terminal, align: bool | None = None, fixed: Mapping[str, float] | None = None
-    ) -> Preprocessed:
+    ) -> FitData:
         """Recordings in torque where known loads tell the torque constant, or fixed parameters scale free swings."""
-        if self.body is None:
-            known = known_values(self.model.terms) | dict(fixed or {})
-            return tell_preprocessed(Preprocessed.of(self.recordings, self.holdout, known=known), align, terminal)
-        given = Preprocessed(tuple(self.recordings), tuple(self.holdout), terms=self.model.terms)
-        return tell_preprocessed(given, align or None, terminal)  # looking takes long, so none is warned unasked
+        known = known_values(self.model.terms) | dict(fixed or {})
+        given = FitData.of(self.recordings, self.holdout, self.model.terms, known=known)
+        if self.body is not None:
+            align = align or None  # looking takes long, so none is warned unasked
+        return tell_preprocessed(given, align, terminal)
 
 
 def opened(
@@ -189,7 +189,7 @@ def print_limits(model: Model, path: str, terminal: Terminal) -> None:
         terminal.say(f"{path}: {name} {range_text}, as given when the model was fitted")
 
 
-def tell_preprocessed(given: Preprocessed, align: bool | None, terminal: Terminal) -> Preprocessed:
+def tell_preprocessed(given: FitData, align: bool | None, terminal: Terminal) -> FitData:
     """Say the torque constant if it is known, else we speak of currents; say what is logged late, and correct it.
 
     With `align`, torque that is logged late or filtered is corrected, else only said; with None, or where a controller

@@ -7,14 +7,14 @@ import numpy as np
 
 from estimators.arguments import HasModel, Recordings, chosen_recordings, model_that_moves, that_may_show, within_limits
 from estimators.checks.torque_constant import told
+from estimators.data.fit_data import FitData
 from estimators.diagnosis.in_loop import Looped, with_back_emf
 from estimators.diagnosis.reasons import BY_CHANCE, rejection
 from estimators.diagnosis.result import Addition
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding
-from estimators.free_swings import known_by, known_values, restore_known, swing_terms
+from estimators.free_swings import known_by, restore_known, swing_terms
 from estimators.in_loop.rollouts import are_driven
-from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.candidates import best_variant, refit_nonlinear, release_parameters
@@ -102,7 +102,7 @@ def _added_by_torque(
     """An effect added to a joint, by its torque and its free runs."""
     progress = setting.progress
     progress("reading the motion", 0.0)
-    given = Preprocessed.of(recordings, holdout, known=known_values(model.terms))
+    given = FitData.of(recordings, holdout, model.terms)
     original = model.terms
     model = replace(model, terms=swing_terms(original, given.recordings))
     setting, given = replace(setting, base=model.terms), given.with_impacts(model.terms)
@@ -127,7 +127,7 @@ def _added_at_joint(
     recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, kind: type[Term]
 ) -> Addition:
     """An effect added at a joint of an arm."""
-    evaluator = setting.evaluator(Preprocessed(tuple(recordings), tuple(holdout), terms=(*setting.base, kind)).parts)
+    evaluator = setting.evaluator(FitData.of(recordings, holdout, (*setting.base, kind)).parts)
     longer = _longer(evaluator, evaluator.base, kind)
     without, with_it = evaluator.fit_with_std(None, evaluator.base), evaluator.fit_with_std(kind.id, longer)
     against = rejection(confirmation_gates(with_it, without, evaluator.train.motions))

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.data.fit_data import FitData
 from estimators.diagnosis.ranking import rank_effects
 from estimators.diagnosis.result import Diagnosis, corrected
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.unexplained import fit_that, held_out
 from estimators.findings import Finding, Kind
-from estimators.preprocessing import Preprocessed
 from estimators.schemes.identifiability import untold_of_arm
 from estimators.selection.data import PreparedData
 from estimators.selection.evaluator import ModelEvaluator
@@ -27,7 +27,7 @@ from estimators.weak_form.windows import in_a_row
 from pendulum_env.arms.joints import links_of
 
 
-def examine_arm(given: Preprocessed, setting: Setting) -> Diagnosis:
+def examine_arm(given: FitData, setting: Setting) -> Diagnosis:
     """Find the effects at joints that recordings of an arm call for.
 
     Raises:

@@ -14,7 +14,8 @@ from functools import cached_property
 import numpy as np
 
 from estimators.checks.remedies import remedies
-from estimators.checks.torque_constant import unknown_constant, widened
+from estimators.checks.torque_constant import widened
+from estimators.data.fit_data import HELD_OUT, FitData
 from estimators.diagnosis.ranking import rank_effects
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
@@ -22,7 +23,6 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.prepared import InLoop
 from estimators.in_loop.rollouts import FINE, Rollouts
-from estimators.preprocessing import HELD_OUT, Preprocessed
 from estimators.progress import no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import PreparedData, fit_terms
@@ -55,7 +55,7 @@ class Looped:
     evaluator: ModelEvaluator
     train: InLoop
     check: InLoop
-    given: Preprocessed
+    given: FitData
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Looped:
@@ -65,7 +65,7 @@ class Looped:
             IdentificationError: if the recordings hold too little motion to begin with.
         """
         setting.progress("reading the motion", 0.0)
-        given = _calibrated(recordings, holdout)
+        given = FitData.of(recordings, holdout, setting.base)
         fitted, unseen = given.recordings, given.holdout
         first, last = (WHOLE, WHOLE) if unseen else ((0.0, 1 - HELD_OUT), (1 - HELD_OUT, 1.0))
         unseen = unseen or fitted
@@ -249,16 +249,6 @@ def _timed(model: Model, servos: InLoop) -> Model:
         for name, std in zip(names, np.sqrt(np.diag(covariance)), strict=True)
     }
     return replace(model, estimates={**model.estimates, **wider}).correlated(names, covariance)
-
-
-def _calibrated(recordings: Sequence[Recording], holdout: Sequence[Recording]) -> Preprocessed:
-    """Recordings in N m, if known loads tell the gain; not of a controller whose integral is no part of the torque."""
-    every = (*recordings, *holdout)
-    if any(own.drive is not None and own.drive.ki and own.torque_unit != NEWTON_METRE for own in every):
-        unit = recordings[0].torque_unit
-        doubt = unknown_constant(Kind.INTEGRAL_CONTROLLER, unit)
-        return Preprocessed(tuple(recordings), tuple(holdout), doubt)
-    return Preprocessed.of(recordings, holdout)
 
 
 def likeliest_way(ways: Sequence[InLoop], base: Sequence[Term], effects: Sequence[type[Term]]) -> InLoop:

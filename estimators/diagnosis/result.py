@@ -8,10 +8,10 @@ from functools import cached_property
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.comparison import of_joints
+from estimators.data.fit_data import FitData
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding, Kind
 from estimators.prediction import Prediction, predictions
-from estimators.preprocessing import Preprocessed
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step, of_one
 from estimators.selection.evaluator import ModelEvaluator
@@ -138,7 +138,7 @@ class Diagnosis:
     detectable: tuple[Detectable, ...] = ()
     torque_unit: str = NEWTON_METRE
     torque_constant: TorqueConstant | None = None
-    data: Preprocessed | None = field(default=None, compare=False, repr=False)
+    data: FitData | None = field(default=None, compare=False, repr=False)
     left: Mapping[str, float] = field(default_factory=dict)
     by_torque: tuple[str, ...] | None = None
     evaluator: ModelEvaluator | None = field(default=None, compare=False, repr=False)
@@ -274,7 +274,7 @@ class Diagnosis:
         }
 
 
-def corrected(given: Preprocessed) -> list[Finding]:
+def corrected(given: FitData) -> list[Finding]:
     """Findings on torque that was logged late, and that a diagnosis has corrected."""
     kinds = {
         Kind.TORQUE_LATE: Kind.TORQUE_LATE_CORRECTED,

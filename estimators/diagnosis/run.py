@@ -18,6 +18,7 @@ from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.remedies import remedies, turned_round
 from estimators.checks.torque_constant import of_the_drive, told
+from estimators.data.fit_data import FitData
 from estimators.diagnosis.arm import examine_arm
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.in_loop import diagnose_in_loop
@@ -27,9 +28,8 @@ from estimators.diagnosis.sensitivity import detectable
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.unexplained import of_held_out, unexplained
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import known_values, restore_known, swing_terms
+from estimators.free_swings import restore_known, swing_terms
 from estimators.in_loop.rollouts import are_driven
-from estimators.preprocessing import Preprocessed
 from estimators.progress import Progress, forward, no_progress
 from estimators.schemes.identifiability import identifiability, untold
 from estimators.selection.candidates import refit_nonlinear
@@ -141,9 +141,9 @@ def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], se
         known, examine = ids(setting.base), examine_arm
         setting = replace(setting, library={id: kind for id, kind in setting.library.items() if id not in known})
         terms: tuple[Term | type[Term], ...] = (*setting.base, *setting.library.values())
-        calibrated = Preprocessed(tuple(recordings), tuple(holdout), terms=terms)
+        calibrated = FitData.of(recordings, holdout, terms)
     else:
-        calibrated = Preprocessed.of(recordings, holdout, known=known_values(setting.base))
+        calibrated = FitData.of(recordings, holdout, setting.base)
         known, examine = ids(BASE), _of_one_plant
         setting = replace(setting, base=swing_terms(base, calibrated.recordings))
     setting.progress("timing the torque", 0.0)
@@ -161,20 +161,20 @@ def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], se
     return _with_channel(replace(found, steps=tuple(steps)), given)
 
 
-def _complexity(timed: tuple[Preprocessed, Diagnosis]) -> tuple[bool, int, int]:
+def _complexity(timed: tuple[FitData, Diagnosis]) -> tuple[bool, int, int]:
     """Sort key of diagnoses under several timings, the one first that explains everything, or most, by least."""
     given, found = timed
     return bool(found.unexplained), len(found.disagreements), len(found.selected) + given.has_moved
 
 
-def _usual_torque(given: Preprocessed) -> float:
+def _usual_torque(given: FitData) -> float:
     """Torque that an experiment may ask of the motor where no bound is given, in the unit of the recordings."""
     largest = max(float(np.abs(recording.torque).max()) for recording in given.recordings)
     trusted = min(USUAL, BOLDER * largest) if given.unit == NEWTON_METRE else 0.0
     return max(trusted, largest)
 
 
-def _with_channel(found: Diagnosis, given: Preprocessed) -> Diagnosis:
+def _with_channel(found: Diagnosis, given: FitData) -> Diagnosis:
     """A diagnosis with what was found of the torque channel."""
     wrong = remedies(found.model, given.recordings, found.ambiguous)
     constant = given.constant
@@ -194,7 +194,7 @@ def _with_channel(found: Diagnosis, given: Preprocessed) -> Diagnosis:
     )
 
 
-def _of_one_plant(given: Preprocessed, setting: Setting) -> Diagnosis:
+def _of_one_plant(given: FitData, setting: Setting) -> Diagnosis:
     """Find the effects that the recordings of one plant call for, and which recordings are another plant's.
 
     What no effect explains in all recordings together may be another plant: an effect that each recording alone takes
@@ -223,7 +223,7 @@ def _of_one_plant(given: Preprocessed, setting: Setting) -> Diagnosis:
     )
 
 
-def _of_timing(given: Preprocessed, found: Diagnosis) -> list[Finding]:
+def _of_timing(given: FitData, found: Diagnosis) -> list[Finding]:
     """Findings on the time between torque and motion: what was corrected, and what the drive may have done.
 
     The latter is asked again beside the effects that were found, and not at all where they explain everything: then
@@ -239,7 +239,7 @@ def _of_timing(given: Preprocessed, found: Diagnosis) -> list[Finding]:
     return [*moved, *given.timed(beside).timing(False)]
 
 
-def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
+def _examine(given: FitData, setting: Setting) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
     first = evaluator = setting.evaluator(given.parts)
     followed = fit_by_reference(given.parts[0].data, setting.base) if setting.by_reference else None
@@ -299,7 +299,7 @@ def _examine(given: Preprocessed, setting: Setting) -> Diagnosis:
     )
 
 
-def _mislogged(given: Preprocessed, evaluator: ModelEvaluator) -> Diagnosis | None:
+def _mislogged(given: FitData, evaluator: ModelEvaluator) -> Diagnosis | None:
     """What is said of torque that is logged turned round, if it is: no effect is named before that is mended."""
     cause = turned_round(fit_terms(evaluator.train, evaluator.base)[0], given.recordings)
     if cause is None:
@@ -309,9 +309,7 @@ def _mislogged(given: Preprocessed, evaluator: ModelEvaluator) -> Diagnosis | No
     return Diagnosis((step,), (), (), (region,), evaluator.residuals.floors, (cause,), forbidden=cause, data=given)
 
 
-def _looked_closer(
-    given: Preprocessed, evaluator: ModelEvaluator, setting: Setting
-) -> tuple[SearchResult, Preprocessed]:
+def _looked_closer(given: FitData, evaluator: ModelEvaluator, setting: Setting) -> tuple[SearchResult, FitData]:
     """What was found, and the data in which it was.
 
     What happens near turns shows in windows that come closer to them, if through more noise, and in those near turns

@@ -15,9 +15,9 @@ from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
 from estimators.checks.remedies import far_zero, wrong_columns
 from estimators.checks.torque_constant import told
+from estimators.data.fit_data import FitData
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import known_values, restore_known, swing_terms
-from estimators.preprocessing import Preprocessed
+from estimators.free_swings import restore_known, swing_terms
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.balance import Joints, for_arms, measure_arm, series
 from estimators.schemes.fitting import Identified, Segments, fitted, regressions, stack
@@ -196,7 +196,7 @@ def _of_pendulum(
     recordings: Sequence[Recording], terms: Sequence[Term], schemes: Sequence[Regressor]
 ) -> Identification:
     """The same of one joint, whose torque constant may be unknown."""
-    given = Preprocessed.of(recordings, known=known_values(terms))
+    given = FitData.of(recordings, terms=terms)
     recordings, original = given.recordings, terms
     terms = swing_terms(original, recordings)
     segments = _measure_joints(recordings, terms)
@@ -346,7 +346,7 @@ def _by_schemes(
     return results
 
 
-def _mistakes(given: Preprocessed, fits: Sequence[Own], terms: Sequence[Term]) -> list[Finding]:
+def _mistakes(given: FitData, fits: Sequence[Own], terms: Sequence[Term]) -> list[Finding]:
     """Find what seems wrong with the recordings themselves: torque out of time, a controller, another plant."""
     timed = given.timed()
     return [

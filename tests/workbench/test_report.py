@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from estimators.checks.homogeneity import Difference, Disagreement
+from estimators.data.fit_data import FitData
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
 from estimators.figure import broken, numbers, thin
 from estimators.findings import Finding, Kind
-from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.signals.residual import Region, profiles, stand_out
 from pendulum_env.physics import BASE, Model, Samples
@@ -98,7 +98,7 @@ def test_figures_are_small_and_finite(page):
 
 
 def test_hostile_names_stay_text(train, holdout, diagnosis):
-    data = Preprocessed((replace(train, name=HOSTILE),), (replace(holdout, name=HOSTILE),))
+    data = FitData((replace(train, name=HOSTILE),), (replace(holdout, name=HOSTILE),))
     page = render(replace(diagnosis, data=data))
     assert "<script>alert" not in page
     found = Page(page)

@@ -12,11 +12,11 @@ import numpy as np
 from estimators.arguments import chosen_effects, within_limits
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.torque_constant import told
+from estimators.data.fit_data import FitData, parted
 from estimators.diagnosis.addition import fit
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.findings import Finding
-from estimators.free_swings import known_values, restore_known, swing_terms
-from estimators.preprocessing import Preprocessed, parted
+from estimators.free_swings import restore_known, swing_terms
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identifiability import identifiability
 from estimators.schemes.identification import SAVED, Identification, identify
@@ -138,8 +138,8 @@ NOTHING = Asked()  # every effect is looked for, and nothing is known
 class Prepared:
     """Recordings that a model can be fitted to."""
 
-    data: Preprocessed  # in N m, with their torque in time if that is asked for
-    timed: Preprocessed  # the same with their torque in time
+    data: FitData  # in N m, with their torque in time if that is asked for
+    timed: FitData  # the same with their torque in time
     base: Step  # the base model, fitted
     schemes: Identification | None = None  # what some schemes find of an arm
 
@@ -152,7 +152,7 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
     """
     train, holdout = ([one.recording for one in loaded if one.held_out is held] for held in (False, True))
     terms, _ = within_limits(terms, {}, **asked.limits)
-    given = Preprocessed.of(train, holdout, known=known_values(terms))
+    given = FitData.of(train, holdout, terms)
     if given.doubt is not None and given.unit != PER_INERTIA:
         raise InputError(f"{describe(given.doubt)} Or give the gain itself.")
     timed = given.timed()
@@ -169,7 +169,7 @@ def prepare_arm(
     """The same of an arm, with friction at each joint or with given terms; raises alike."""
     fitted, _ = parted(train, holdout)
     found = identify(fitted, (Links(body), *terms) if terms else arm_base(body), SCHEMES)
-    model, data = found[SAVED].model, Preprocessed(train, holdout, terms=found[SAVED].model.terms)
+    model, data = found[SAVED].model, FitData.of(train, holdout, found[SAVED].model.terms)
     errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
     return Prepared(data, data, Step(None, model, errors), found)
 

@@ -327,7 +327,7 @@ def aim(effect: str, instead: str | None) -> str:
     return f"tell {effect} from {instead}" if instead else f"show {effect} if it is there"
 
 
-CORRECT_IT = "Correct it with --align (`Preprocessed.of(recordings).timed()` in Python)."
+CORRECT_IT = "Correct it with --align (`FitData.of(recordings).timed()` in Python)."
 CORRECTED = "It is corrected here; other commands correct it with --align."
 PLANNED = "Record the reference of the controller as well (column `reference`), or a torque that is planned."
 INSTRUMENTS = "--instruments reference keeps them out of the base model of `identify` and `diagnose`."

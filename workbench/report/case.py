@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from estimators.data.fit_data import FitData
 from estimators.diagnosis.result import Diagnosis
-from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import SCHEMES
@@ -31,10 +31,10 @@ class Case:
     command: str = ""  # lines that do the same, if it came from the command line or the app
 
     @property
-    def data(self) -> Preprocessed:
+    def data(self) -> FitData:
         """What the diagnosis was made of; raises ValueError of one that was read from a file, and has none."""
         if self.diagnosis.data is None:
-            raise ValueError("the diagnosis has no data: give it those of its recordings, see Preprocessed")
+            raise ValueError("the diagnosis has no data: give it those of its recordings, see FitData")
         return self.diagnosis.data
 
     @cached_property

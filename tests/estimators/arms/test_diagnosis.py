@@ -12,9 +12,9 @@ from benchmarks import six_joint
 from benchmarks.six_joint import Hidden
 from benchmarks.two_link import TwoLink
 from estimators import add, compare, diagnose, identify
+from estimators.data.fit_data import FitData
 from estimators.diagnosis.result import Verdict
 from estimators.findings import Finding, Kind
-from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel
@@ -60,10 +60,10 @@ def test_torque_of_all_joints_that_was_sampled_is_late_by_half_a_sample(six, pla
     every = slice(None, None, 5)
     sparse = ArmRecording.of("sparse", plain.names, plain.time[every], plain.position[every], plain.torque[every])
     base = arm_base(six)
-    given = Preprocessed((sparse,), terms=base).timed()
+    given = FitData((sparse,), terms=base).timed()
     (law,) = given.alignments
     assert law.channel.is_sampled and law.delay == pytest.approx(2.5 / plain.rate, abs=0.6 / plain.rate)
-    assert not Preprocessed((plain,), terms=base).timed().has_moved
+    assert not FitData((plain,), terms=base).timed().has_moved
     (mended,) = given.recordings
     acted = plain.torque[: 5 * len(sparse)].reshape(-1, 5, len(six.joints)).mean(axis=1)
     first = round(mended.time[0] * sparse.rate)
@@ -78,7 +78,7 @@ def test_torque_of_an_arm_is_timed_again_beside_what_was_found(body):
     drives = plain.torque * np.gradient(plain.position, 1 / plain.rate, axis=0) > 0
     asked = np.where(drives, plain.torque / (1 - share), plain.torque / (1 + share))  # of motors behind such gears
     late = replace(plain, torque=np.roll(asked, 1, axis=0)).slice(1, None)
-    assert not Preprocessed((late,), terms=arm_base(body)).timed().has_moved
+    assert not FitData((late,), terms=arm_base(body)).timed().has_moved
     found = diagnose(late, (), arm_base(body), only=["load_dependent_friction", "cogging"])
     rubs = {f"load_dependent_friction@{joint}" for joint in ("shoulder", "elbow")}
     assert set(found.selected) == rubs and not found.left

@@ -8,8 +8,8 @@ import pytest
 
 from benchmarks.two_link import Multisine
 from estimators import diagnose, identify
+from estimators.data.fit_data import FitData
 from estimators.diagnosis.setting import Setting
-from estimators.preprocessing import Preprocessed
 from estimators.regression.balance import Columns
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData
@@ -125,5 +125,5 @@ def test_a_motor_that_turns_with_two_joints_loads_both(body, tmp_path, at, is_he
     assert pickle.loads(pickle.dumps(kind())) == kind()
     base = arm_base(body)
     kinds = {one.id: one for one in (*couplings(body), at_joint(effect("stribeck"), "elbow"))}
-    evaluator = Setting(base, kinds).evaluator(Preprocessed((recording,), terms=(*base, *kinds.values())).parts)
+    evaluator = Setting(base, kinds).evaluator(FitData((recording,), terms=(*base, *kinds.values())).parts)
     assert [term.id for term in search(evaluator).terms[len(base) :]] == [kind.id]

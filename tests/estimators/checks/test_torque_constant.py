@@ -10,9 +10,9 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.checks.torque_constant import of_the_drive, torque_constant
 from estimators.comparison import compare
+from estimators.data.fit_data import FitData
 from estimators.diagnosis.addition import add
 from estimators.findings import Kind
-from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.schemes.six import SCHEMES
@@ -189,7 +189,7 @@ def test_errors_of_parameters_include_that_of_the_torque_constant():
     found, known = identify(runs, schemes="dynamic"), identify(in_newton_metres(runs), schemes="dynamic")
     own, given = found["dynamic"].model.estimates, known["dynamic"].model.estimates
     assert all(own[name].std >= 0.99 * given[name].std for name in own)
-    wide = Preprocessed.of(runs)
+    wide = FitData.of(runs)
     loose = replace(wide.constant, std=0.05 * K)
     widened = identify([replace(r, torque_constant=loose) for r in wide.recordings], schemes="dynamic")["dynamic"]
     # I = K phi - dI: of a fit to a light and a heavy recording, an error of K moves inertia by more than its share

@@ -7,11 +7,11 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Diagnosis
+from estimators.data.fit_data import gather
 from estimators.diagnosis.experiment import DESIGN, Limits, Question, of_typical_size, suggest
 from estimators.diagnosis.result import Verdict
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.findings import Finding, Kind
-from estimators.preprocessing import gather
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.signals.residual import Region
 from pendulum_env.physics import BASE, effects

@@ -3,8 +3,8 @@
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
+from estimators.data.fit_data import gather
 from estimators.diagnosis.sensitivity import detectable, smallest
-from estimators.preprocessing import gather
 from estimators.selection.evaluator import ModelEvaluator
 from pendulum_env.physics import BASE, effects
 from tests.cases import diagnosed, recorded

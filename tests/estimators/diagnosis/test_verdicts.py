@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import diagnose, identify
+from estimators.data.fit_data import gather
 from estimators.findings import Finding, Kind
-from estimators.preprocessing import gather
 from estimators.search_hints import grid
 from estimators.selection.candidates import refit_nonlinear
 from estimators.selection.criterion import Criterion

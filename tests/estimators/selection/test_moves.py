@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
+from estimators.data.fit_data import gather
 from estimators.diagnosis.ranking import alternatives
-from estimators.preprocessing import gather
 from estimators.selection.candidates import best_variant, refit_nonlinear, screen_effects, screen_replacements
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, drop_effect, revise

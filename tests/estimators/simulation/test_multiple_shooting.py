@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.preprocessing import gather
+from estimators.data.fit_data import gather
 from estimators.selection.data import PreparedData
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit_by_likelihood

@@ -9,7 +9,7 @@ from benchmarks.excitation import smooth_reference
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import IdentificationError, PreparedData, fit_terms
 from estimators.arguments import within_limits
-from estimators.preprocessing import gather
+from estimators.data.fit_data import gather
 from estimators.weak_form.dataset import prepare
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, effect

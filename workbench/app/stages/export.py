@@ -36,7 +36,7 @@ WHOLE = (
 BESIDE = f"The recordings are read as {STUDY} says: save it beside them."
 IMPORTED = {  # names of a snippet, by where they are from
     "pathlib": ("Path",),
-    "estimators": ("Preprocessed", "add", "diagnose", "fit", "gather", "identify"),
+    "estimators": ("FitData", "add", "diagnose", "fit", "gather", "identify"),
     "estimators.arguments": ("within_limits",),
     "pendulum_env.arms": ("ArmModel", "arm_base"),
     "pendulum_env.physics": ("BASE", "Model"),
@@ -143,7 +143,7 @@ def snippet(state: State) -> str:
             f"body, recordings, holdout = robot.read_study({STUDY!r})",
         ]
     if state.is_aligned:
-        lines.append("given = Preprocessed.of(recordings, holdout).timed()")
+        lines.append("given = FitData.of(recordings, holdout).timed()")
         lines.append("recordings, holdout = given.recordings, given.holdout")
     terms = f"Model.load({state.model_file!r}).terms" if state.model_file else "BASE"
     if robot is not None:

@@ -1,4 +1,4 @@
-"""Preprocessing: recordings with torque in N m and in time, parted, and cut into windows and segments; each once.
+"""Data of a fit: recordings with torque in N m and in time, split, and cut into windows and segments; each once.
 
 `diagnose`, `compare`, `add`, `fit`, `identify`, the report and the app all stand on what is made here.
 """
@@ -15,13 +15,14 @@ import numpy as np
 
 from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align_each
-from estimators.checks.torque_constant import torque_constant, unit_of
+from estimators.checks.torque_constant import torque_constant, unit_of, unknown_constant
 from estimators.findings import Finding, Kind
-from estimators.free_swings import fitted_inertia, scale_swings, swing
+from estimators.free_swings import fitted_inertia, known_values, scale_swings, swing
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData, with_impacts
 from estimators.weak_form.dataset import choose_half_width, prepare
+from pendulum_env.arms.joints import body_of
 from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
@@ -35,7 +36,7 @@ Parts = tuple[PreparedData, PreparedData]  # fitted and held out
 
 
 @dataclass(frozen=True, eq=False)
-class Preprocessed:
+class FitData:
     """Recordings as models are fitted to them, and what was done to them; each step makes another one.
 
     Attributes:
@@ -62,25 +63,35 @@ class Preprocessed:
         cls,
         recordings: Sequence[Recording],
         holdout: Sequence[Recording] = (),
+        terms: Sequence[Term | type[Term]] = (),
+        *,
         constant: TorqueConstant | None = None,
         known: Mapping[str, float] | None = None,
     ) -> Self:
         """Recordings in N m: by a torque constant that is known, or else that the known loads of the fitted ones tell.
 
         Torque that is logged a little late is no hindrance: to first order, what comes of it is odd in the velocity.
-        Free swings alone are in N m if a parameter is known, or else relative to the inertia.
+        Free swings alone are in N m if a parameter is known, or else relative to the inertia. Currents of an arm, and
+        of a controller whose integral is no part of the torque, stay as they are.
 
         Args:
             recordings: to fit.
             holdout: to check on.
+            terms: of the base model; of an arm all that may be fitted, the links first.
             constant: the torque constant, if it is known.
-            known: values of known parameters by name, which scale free swings.
+            known: values of known parameters by name, which scale free swings; by default those of the terms.
 
         Raises:
             IdentificationError: if units differ, from that of the constant, too, or if the recordings hold too little
                 motion to tell anything, or if torque is applied in held-out recordings only and no parameter is known.
         """
-        every, known = (*recordings, *holdout), known or {}
+        every = (*recordings, *holdout)
+        if body_of(terms) is not None:
+            return cls(tuple(recordings), tuple(holdout), terms=tuple(terms))
+        if any(own.drive is not None and own.drive.ki and own.torque_unit != NEWTON_METRE for own in every):
+            doubt = unknown_constant(Kind.INTEGRAL_CONTROLLER, recordings[0].torque_unit)
+            return cls(tuple(recordings), tuple(holdout), doubt)
+        known = known_values([term for term in terms if isinstance(term, Term)]) if known is None else known
         driven = [own for own in every if not own.is_free]
         if len(driven) == len(every):
             return cls._in_newton_metres(recordings, holdout, constant)
@@ -204,7 +215,7 @@ class Preprocessed:
         """Whether any torque was corrected."""
         return any(one.is_late for one in self.alignments)
 
-    def agrees(self, other: Preprocessed) -> bool:
+    def agrees(self, other: FitData) -> bool:
         """Whether torque is corrected alike in another's recordings, as far as both know."""
         return all(
             np.isinf(one.delay_std + two.delay_std) or (one.is_late == two.is_late and one.agrees(two))
@@ -264,7 +275,7 @@ def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), s
     if not any(recording.is_driven or recording.known_inertia for recording in recordings):
         names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(
-            f"{names}: torque is never applied, so that only ratios of parameters are known: take `Preprocessed.of`"
+            f"{names}: torque is never applied, so that only ratios of parameters are known: take `FitData.of`"
         )
     try:
         return _gather(recordings, holdout, shorter)

@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from estimators.data.fit_data import FitData
 from estimators.findings import Kind
-from estimators.preprocessing import Preprocessed
 from estimators.regression.equations import IdentificationError
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
@@ -24,10 +24,10 @@ def late(good: Recording) -> Recording:
 
 
 @cache
-def mixed() -> Preprocessed:
+def mixed() -> FitData:
     """A recording in time, and one whose torque was logged late."""
     good = recording("moving")
-    return Preprocessed.of([good, late(good)]).timed()
+    return FitData.of([good, late(good)]).timed()
 
 
 def test_each_recording_is_timed_by_itself_where_they_differ():
@@ -40,8 +40,8 @@ def test_each_recording_is_timed_by_itself_where_they_differ():
 def test_held_out_recordings_tell_the_timing_of_the_log_too():
     good = recording("moving")
     still = late(good).slice(0, 400)  # too short to tell
-    assert not Preprocessed.of([still]).timed().has_moved
-    assert all(one.is_late for one in Preprocessed.of([still], [late(good)]).timed().alignments)
+    assert not FitData.of([still]).timed().has_moved
+    assert all(one.is_late for one in FitData.of([still], [late(good)]).timed().alignments)
 
 
 def test_what_is_said_of_recordings_goes_with_them_when_others_are_left_out():
@@ -52,7 +52,7 @@ def test_what_is_said_of_recordings_goes_with_them_when_others_are_left_out():
 
 
 def test_data_that_come_from_another_process_are_prepared_again_alike(bouncing):
-    data = Preprocessed.of([bouncing]).with_impacts(BASE)
+    data = FitData.of([bouncing]).with_impacts(BASE)
     again = pickle.loads(pickle.dumps(data))
     assert data.parts[0].data.impacts >= 2
     for one, other in zip(data.parts, again.parts, strict=True):
@@ -62,8 +62,8 @@ def test_data_that_come_from_another_process_are_prepared_again_alike(bouncing):
 
 def test_a_torque_constant_that_is_known_is_not_asked_of_loads():
     current = replace(recording("moving"), torque_unit="A")
-    assert Preprocessed.of([current]).doubt.kind is Kind.LOADS_UNKNOWN
-    known = Preprocessed.of([current], [current], TorqueConstant(2.0, 0.1, "A"))
+    assert FitData.of([current]).doubt.kind is Kind.LOADS_UNKNOWN
+    known = FitData.of([current], [current], constant=TorqueConstant(2.0, 0.1, "A"))
     assert known.doubt is None and known.unit == "N m" and known.constant.value == 2.0
     for one in (*known.recordings, *known.holdout):
         np.testing.assert_array_equal(one.torque, 2.0 * current.torque)
@@ -72,4 +72,4 @@ def test_a_torque_constant_that_is_known_is_not_asked_of_loads():
 def test_a_constant_of_another_unit_is_refused():
     volts = replace(recording("moving"), torque_unit="V")
     with pytest.raises(IdentificationError, match="torque is in V, but the torque constant is of A"):
-        Preprocessed.of([volts], constant=TorqueConstant(2.0, 0.1, "A"))
+        FitData.of([volts], constant=TorqueConstant(2.0, 0.1, "A"))

@@ -1,0 +1,1 @@
+"""Recordings as models are fitted to them."""
