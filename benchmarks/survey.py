@@ -16,7 +16,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from pendulum_env._typing import JSON
-from workbench.survey import find_series
+from workbench.survey.table import find_series
 from workbench.terminal import Terminal
 
 BEGAN = datetime(2026, 1, 5, tzinfo=UTC)

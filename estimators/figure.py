@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pendulum_env import thinning
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
 from pendulum_env.notebook import BLUE, ORANGE
 
@@ -32,7 +31,6 @@ COLORS = {  # of a plot outside of a page, that are seen on white and on black
 class Drawing:
     """How reports draw."""
 
-    points: int = 2400  # of one curve, at most; more than a screen is wide
     digits: int = 5  # significant digits of a number, more than a plot can show
     sigmas: float = 2.0  # standard errors on either side of a value
     broad: float = 3.4  # width of a measured curve, on which models are drawn [px]
@@ -130,11 +128,6 @@ def segment(x: Sequence[float], y: Sequence[float], style: JSON, **more: object)
 def axis(title: str, **more: object) -> JSON:
     """Axis with a title."""
     return {"title": {"text": title}, **more}
-
-
-def thin(series: Array, most: int = DRAWING.points) -> Index:
-    """Indices of about `most` samples of a series (N,) that keep every peak."""
-    return thinning.thin(series, most)
 
 
 def broken(time: Array, kept: Index, *series: Array) -> tuple[Array, list[Array]]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.data.fit_data import FitData
-from estimators.figure import Figure, before_and_after, broken, thin
+from estimators.figure import Figure, before_and_after, broken
 from estimators.in_loop.fit import likelier
 from estimators.in_loop.rollouts import are_driven
 from estimators.regression.equations import IdentificationError
@@ -27,6 +27,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Model, Samples
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.thinning import thin
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -4,8 +4,10 @@ import numpy as np
 
 from pendulum_env._typing import Array, Index
 
+POINTS = 2400  # of one curve, at most; more than a screen is wide
 
-def thin(series: Array, most: int) -> Index:
+
+def thin(series: Array, most: int = POINTS) -> Index:
     """Indices of about `most` samples of a series (N,) that keep every peak: the extremes of equal stretches."""
     if len(series) <= most:
         return np.arange(len(series))

@@ -73,7 +73,15 @@ class Terminal:
         `timed` adds the time that is left. With `lines`, a stderr that is no terminal gets a line for each tenth.
         """
         if lines and not self._err.is_terminal:
-            yield _TenthPrinter(self._err, title)
+            printed = 0
+
+            def print_tenth(what: str, share: float) -> None:
+                nonlocal printed
+                if (tenths := int(10 * share + 1e-9)) > printed:
+                    printed = tenths
+                    self._err.print(f"{title} {10 * tenths} %: {what}")
+
+            yield print_tenth
             return
         left = [TimeRemainingColumn(compact=True)] if timed else []
         columns = (
@@ -85,18 +93,6 @@ class Terminal:
         with Progress(*columns, console=self._err, transient=True, disable=not self._err.is_terminal) as bars:
             task = bars.add_task("", title=title, total=1.0)
             yield lambda what, share: bars.update(task, description=what, completed=share)
-
-
-class _TenthPrinter:
-    """Prints a line whenever another tenth of the work is done."""
-
-    def __init__(self, console: Console, title: str) -> None:
-        self._console, self._title, self._printed = console, title, 0
-
-    def __call__(self, what: str, share: float) -> None:
-        if (tenths := int(10 * share + 1e-9)) > self._printed:
-            self._printed = tenths
-            self._console.print(f"{self._title} {10 * tenths} %: {what}")
 
 
 class _Patient(Console):

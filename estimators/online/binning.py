@@ -1,7 +1,7 @@
 """Samples of many plants, gathered in bins of motion: what models are compared on."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
@@ -88,53 +88,3 @@ class Binner:
         for taken in self._stream.take(time, position, torque):
             for b, series, mean in self._each[taken.joint].take(taken):
                 yield b, Bin(taken.joint, series, mean[:-1], float(mean[-1]))
-
-
-class Monitor(Protocol):
-    """What takes in the bins of one plant, and says what it makes of them."""
-
-    @property
-    def said(self) -> Any:
-        """The verdict."""
-
-    def reset(self) -> None:
-        """Nothing is known yet."""
-
-    def take(self, one: Bin) -> None:
-        """Take in a bin of motion."""
-
-
-M = TypeVar("M", bound=Monitor)
-
-
-class Monitors(Generic[M]):
-    """Monitors of B pendulums, or of an arm, which take in one sample of each per step.
-
-    Attributes:
-        each: monitors, one a plant.
-        rate: samples per second [Hz].
-        batch: number B of plants.
-    """
-
-    def __init__(self, rate: float, binner: Binner, each: Sequence[M]) -> None:
-        """Take the rate, what gathers samples in bins, and the monitors."""
-        self.rate, self.batch, self.each = rate, len(each), tuple(each)
-        self._binner = binner
-
-    @property
-    def said(self) -> tuple[Any, ...]:
-        """What is said of each."""
-        return tuple(one.said for one in self.each)
-
-    def reset(self, which: Mask | None = None) -> None:
-        """Those plants (B,) start anew with the next sample; all without an argument."""
-        mask = np.ones(self.batch, dtype=bool) if which is None else which
-        self._binner.reset(mask)
-        for b in np.flatnonzero(mask):
-            self.each[b].reset()
-
-    def take(self, time: Array, position: Array, torque: Array) -> tuple[Any, ...]:
-        """Take in a sample of every plant, as `OnlineEstimator.take`; returns what is said of each."""
-        for plant, one in self._binner.take(time, position, torque):
-            self.each[plant].take(one)
-        return self.said

@@ -19,7 +19,7 @@ from math import ceil
 import numpy as np
 
 from estimators.findings import Obstacle
-from estimators.online.binning import BLOCK, Bin, Binner, Monitors
+from estimators.online.binning import BLOCK, Bin, Binner
 from estimators.online.change import CHANGE, Fit, ParameterChange, find_change, fit
 from estimators.online.clock import checked_rate
 from estimators.online.contest import Contest, PlantBins
@@ -28,7 +28,7 @@ from estimators.online.rivals import ONLINE, TIME
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import Bootstrap
 from estimators.signals.measurements import Smoothing
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.joints import Links
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
@@ -100,11 +100,13 @@ class OnlineDiagnosis:
     since: float | None = None
 
 
-class Diagnoser(Monitors["EffectMonitor"]):
+class Diagnoser:
     """Diagnoses B pendulums, or an arm, one sample of each per step.
 
     Attributes:
         each: monitors, one a plant.
+        rate: samples per second [Hz].
+        batch: number B of plants.
         threshold: from which evidence on something is missing [nat].
         not_run: effects that cannot be followed online, with the reason.
     """
@@ -147,13 +149,31 @@ class Diagnoser(Monitors["EffectMonitor"]):
         self.not_run = {id: reason for id, effect in library.items() if (reason := hindrance(effect))}
         library = {id: effect for id, effect in library.items() if id not in self.not_run}
         links = [term for term in terms if isinstance(term, Links)]  # whose columns come with the bins
-        binner = Binner(rate, links, smoothing or Smoothing.of_encoder(COUNTS, rate), batch)
+        self.rate, self.batch = rate, batch
+        self._binner = binner = Binner(rate, links, smoothing or Smoothing.of_encoder(COUNTS, rate), batch)
         length, joints = binner.every / rate, binner.joints  # of a bin [s]
         self.threshold = threshold_of(alarms_per_hour, BLOCK * length / len(joints))
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
         plant = PlantBins(tuple(joints), length / len(joints), 1 / rate)
-        each = [EffectMonitor(terms, library, plant, blank, given) for _ in range(batch)]
-        super().__init__(rate, binner, each)
+        self.each = tuple(EffectMonitor(terms, library, plant, blank, given) for _ in range(batch))
+
+    @property
+    def said(self) -> tuple[OnlineDiagnosis, ...]:
+        """Return the diagnosis of each plant."""
+        return tuple(one.said for one in self.each)
+
+    def reset(self, which: Mask | None = None) -> None:
+        """Begin anew with the next sample of those plants (B,); of all without an argument."""
+        mask = np.ones(self.batch, dtype=bool) if which is None else which
+        self._binner.reset(mask)
+        for b in np.flatnonzero(mask):
+            self.each[b].reset()
+
+    def take(self, time: Array, position: Array, torque: Array) -> tuple[OnlineDiagnosis, ...]:
+        """Take in a sample of every plant, as `OnlineEstimator.take`; return the diagnosis of each."""
+        for plant, one in self._binner.take(time, position, torque):
+            self.each[plant].take(one)
+        return self.said
 
 
 class EffectMonitor:

@@ -13,9 +13,8 @@ from gymnasium.vector import VectorEnv
 from estimators.arguments import model_that_moves
 from estimators.online.change import Fit
 from estimators.online.diagnosis import Diagnoser, hindrance
-from estimators.wrappers.measuring import Measuring, MeasuringVector, measured
+from estimators.wrappers.measuring import Measuring, MeasuringVector
 from estimators.wrappers.options import AnyEnv, Plant
-from pendulum_env._typing import Mask
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Model, Term
 
@@ -40,8 +39,6 @@ class DiagnoseOnline(Measuring):
         >>> sorted(info["diagnosis"].not_run)
         ['actuator_lag', 'backlash', 'dead_time', 'joint_flexibility', 'payload_change', 'presliding']
     """
-
-    key = "diagnosis"
 
     def __init__(
         self,
@@ -112,7 +109,8 @@ class DiagnoseOnline(Measuring):
             (first,) = (one for one in said.ranking if one.effect == said.group[0])
             if first.probability >= self._add_from:
                 self.add(first.effect)
-        return super()._tell(observation, info)
+        info["diagnosis"] = self.diagnoser.said
+        return observation
 
 
 class DiagnoseOnlineVector(MeasuringVector):
@@ -121,8 +119,6 @@ class DiagnoseOnlineVector(MeasuringVector):
     `diagnoser.each` holds one monitor a pendulum, with `add` and `undo`.
     """
 
-    key = "diagnosis"
-
     def __init__(
         self, env: VectorEnv[Any, Any, Any], terms: Sequence[str | Term] | None = None, **options: Any
     ) -> None:
@@ -130,16 +126,11 @@ class DiagnoseOnlineVector(MeasuringVector):
         self.diagnoser = diagnoser_of(env, terms, **options)
         super().__init__(env, self.diagnoser)
 
-    def _take(self, observation: Any, info: dict[str, Any]) -> Any:
-        ended: Mask | None = info.get("_final_info")
-        if ended is None:
-            return super()._take(observation, info)
-        # within this step, some have ended and begun again: their last sample still counts
-        final, self._time = info["final_info"], np.asarray(info["time"])
-        self.diagnoser.take(*(np.where(ended, a, b) for a, b in zip(measured(final), measured(info), strict=True)))
-        self._tell(observation, final)
-        self.diagnoser.reset(ended)
-        return self._tell(observation, info)
+    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+        info["diagnosis"] = np.empty(self.num_envs, dtype=object)
+        info["diagnosis"][:] = self.diagnoser.said
+        info["_diagnosis"] = np.ones(self.num_envs, dtype=bool)
+        return observation
 
 
 def diagnoser_of(

@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 
 from estimators.online import Estimates, JointState, OnlineEstimator, SchemeEstimate, SchemeEstimates
 from estimators.schemes.six import Scheme
-from estimators.wrappers.measuring import Measuring, MeasuringVector, measured, repeated
+from estimators.wrappers.measuring import Measuring, MeasuringVector, repeated
 from estimators.wrappers.options import EstimatorOptions, Names, make
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Term
@@ -136,27 +136,15 @@ class EstimateParametersVector(MeasuringVector):
             self.single_observation_space = widened(env.single_observation_space, self.estimator)
             self.observation_space = batch_space(self.single_observation_space, env.num_envs)
 
-    def _take(self, observation: Any, info: dict[str, Any]) -> Any:
-        ended: Mask | None = info.get("_final_info")
-        if ended is None:
-            return super()._take(observation, info)
-        # within this step, some have ended and begun again: their last sample still counts
-        final, self._time = info["final_info"], np.asarray(info["time"])
-        time, *others = (np.where(ended, a, b) for a, b in zip(measured(final), measured(info), strict=True))
-        then = self.estimator.take(time, *others)
-        tell(final, then, self.estimator, slice(None))
-        if self._in_observation:
-            info["final_obs"] = np.concatenate([info["final_obs"], told(then)], axis=1, dtype=np.float32)
-        self.estimator.reset(ended)
-        self._known = self.estimator.after_reset(then, ended, time)
-        return self._tell(observation, info)
+    def _restart(self, ended: Mask, time: Array) -> None:
+        super()._restart(ended, time)
+        self._known = self.estimator.after_reset(self._known, ended, time)
 
     def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
-        now = self._known
-        tell(info, now, self.estimator, slice(None))
-        return (
-            np.concatenate([observation, told(now)], axis=1, dtype=np.float32) if self._in_observation else observation
-        )
+        tell(info, self._known, self.estimator, slice(None))
+        if not self._in_observation:
+            return observation
+        return np.concatenate([observation, told(self._known)], axis=1, dtype=np.float32)
 
 
 def tell(info: dict[str, Any], now: Estimates, estimator: OnlineEstimator, pendulum: int | slice) -> None:

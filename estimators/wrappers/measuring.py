@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Protocol
+from abc import abstractmethod
+from typing import Any, Protocol
 
 import gymnasium as gym
 import numpy as np
@@ -47,12 +48,7 @@ def repeated(value: object, count: int) -> NDArray[np.object_]:
 
 
 class Measuring(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """A wrapper whose learner takes in the measurement of every reset and every step.
-
-    What a learner says of its plants, its `said`, goes into the info under `key`.
-    """
-
-    key: ClassVar[str]
+    """A wrapper whose learner takes in the measurement of every reset and every step."""
 
     def __init__(self, env: gym.Env[Any, Any], learner: Learner, **arguments: Any) -> None:
         """Wrap an environment; the arguments are those that build the wrapper again."""
@@ -79,16 +75,13 @@ class Measuring(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
             self._known = self._learner.take(*(np.array(part, dtype=float)[None] for part in sample))
         return self._tell(observation, info)
 
+    @abstractmethod
     def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
         """Put what is known into an info, and return the observation."""
-        (info[self.key],) = self._learner.said  # type: ignore[attr-defined]  # of monitors
-        return observation
 
 
 class MeasuringVector(VectorWrapper):
     """`Measuring` for a vector environment: a pendulum whose time starts anew has been reset."""
-
-    key: ClassVar[str]
 
     def __init__(self, env: VectorEnv[Any, Any, Any], learner: Learner) -> None:
         """Wrap a vector environment."""
@@ -112,6 +105,14 @@ class MeasuringVector(VectorWrapper):
         return self._take(observation, info), reward, terminated, truncated, info
 
     def _take(self, observation: Any, info: dict[str, Any]) -> Any:
+        ended: Mask | None = info.get("_final_info")
+        if ended is not None:  # within this step, some have ended and begun again: their last sample still counts
+            final, self._time = info["final_info"], np.asarray(info["time"])
+            last = [np.where(ended, a, b) for a, b in zip(measured(final), measured(info), strict=True)]
+            self._known = self._learner.take(*last)
+            info["final_obs"] = self._tell(info["final_obs"], final)
+            self._restart(ended, last[0])
+            return self._tell(observation, info)
         sample = [np.array(values, dtype=float) for values in measured(info)]
         for name, values in zip(("_time", "_position", "_torque"), sample, strict=True):
             values[~np.broadcast_to(info.get(name, True), values.shape)] = np.nan  # not measured, by Gymnasium's masks
@@ -120,9 +121,10 @@ class MeasuringVector(VectorWrapper):
         self._known = self._learner.take(*sample)
         return self._tell(observation, info)
 
+    def _restart(self, ended: Mask, time: Array) -> None:
+        """Begin anew with those pendulums (B,), whose last sample is of a time (B,) [s]."""
+        self._learner.reset(ended)
+
+    @abstractmethod
     def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
         """Put what is known into an info, and return the observation."""
-        info[self.key] = np.empty(self.num_envs, dtype=object)
-        info[self.key][:] = self._learner.said  # type: ignore[attr-defined]  # of monitors
-        info[f"_{self.key}"] = np.ones(self.num_envs, dtype=bool)
-        return observation

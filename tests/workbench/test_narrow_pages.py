@@ -19,7 +19,7 @@ from workbench.report.case import Case
 from workbench.report.numbers import errors, ladder
 from workbench.report.page import assemble
 from workbench.report.survey import render as render_survey
-from workbench.survey import find_series
+from workbench.survey.table import find_series
 
 TELEPHONE = {"width": 420, "height": 900}  # [px]
 CUT = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => {

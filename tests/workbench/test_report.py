@@ -9,13 +9,14 @@ import pytest
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
-from estimators.figure import broken, numbers, thin
+from estimators.figure import broken, numbers
 from estimators.findings import Finding, Kind
 from estimators.regression.equations import IdentificationError
 from estimators.signals.residual import Region, profiles, stand_out
 from pendulum_env.physics import BASE, Model, Samples
 from pendulum_env.physics.table import Extent, TorqueByAngle
 from pendulum_env.recording import Recording
+from pendulum_env.thinning import thin
 from pendulum_env.words import number
 from tests.cases import diagnosed
 from tests.workbench.app.plants import recorded

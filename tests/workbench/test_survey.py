@@ -27,10 +27,10 @@ from workbench.commands.survey import configure
 from workbench.mistakes import InputError
 from workbench.processes import local_workers
 from workbench.report.survey import render
-from workbench.survey import Settings, content_hash, find_recordings, find_series, survey
-from workbench.survey.diagnosis import joint_rows
-from workbench.survey.recordings import TABLES
-from workbench.survey.run import DIED, RESULTS
+from workbench.survey.diagnosis import Settings, content_hash, joint_rows
+from workbench.survey.recordings import TABLES, find_recordings
+from workbench.survey.run import DIED, RESULTS, survey
+from workbench.survey.table import find_series
 
 FEW = ("stribeck", "quadratic_drag", "spring")
 

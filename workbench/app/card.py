@@ -14,7 +14,7 @@ from dash import ALL, Dash, Input, Output, dcc, html
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from estimators.figure import Figure, axis, line, thin
+from estimators.figure import Figure, axis, line
 from pendulum_env._typing import Array
 from pendulum_env.arms.recording import without_units
 from pendulum_env.recording import RecordingError, Source
@@ -23,6 +23,7 @@ from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.expression import NUMBER, Expression, letters, parse
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS
+from pendulum_env.thinning import thin
 from pendulum_env.words import listing
 from workbench.app.parts import UNWRAP, aria, button, graph, labelled, panel, table
 

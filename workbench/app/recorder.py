@@ -36,10 +36,8 @@ class Quiet(Terminal):
 
     def __init__(self, tell: Progress) -> None:
         """Take who is told."""
+        super().__init__(quiet=True)
         self._tell = tell
-
-    def say(self, text: str, style: str | None = None) -> None:
-        """Keep quiet."""
 
     @contextmanager
     def progress(self, title: str, timed: bool = False, lines: bool = False) -> Iterator[Callable[[str, float], None]]:

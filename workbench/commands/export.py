@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         parser,
         f"""
         model
-        --to  {"; ".join(f"{name}, {form.what}" for name, form in FORMATS.items())}
+        --to  {"; ".join(f"{name}, {about}" for name, about in FORMATS.items())}
         -o, --output FILE  write it there (default: print it, unless --check)
         --approximate  approximate or leave out what the format cannot hold, and say so in the file
         --step SECONDS  of python, c and mjcf (default {Request.step:g})

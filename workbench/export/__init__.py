@@ -4,10 +4,7 @@
 arm, and names what of a model it cannot hold.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from typing import NamedTuple
 
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.model import ArmModel
@@ -17,19 +14,7 @@ from workbench.export import joints, mjcf, program, servo
 from workbench.export.request import Exported, ExportError, Request
 from workbench.mistakes import InputError
 
-
-class Format(NamedTuple):
-    """A form of a model: what it is, and what writes it."""
-
-    what: str
-    write: Callable[[Model, Request], Exported]
-
-
-FORMATS = {
-    "mjcf": Format("a model for MuJoCo", mjcf.export),
-    "python": Format("a module without dependencies", partial(program.export, language="python")),
-    "c": Format("a file of C99", partial(program.export, language="c")),
-}
+FORMATS = {"mjcf": "a model for MuJoCo", "python": "a module without dependencies", "c": "a file of C99"}
 
 
 def export(model: Model, format: str, request: Request | None = None) -> Exported:
@@ -42,14 +27,17 @@ def export(model: Model, format: str, request: Request | None = None) -> Exporte
         InputError: if a library of the extra `export` is not installed, or the format is none of an arm.
     """
     check_order("export(model, format, request)", (model, Model), (format, str), (request, Request))
-    request, write = request or Request(), find("format", format, FORMATS).write
+    find("format", format, FORMATS)
+    request = request or Request()
     if isinstance(model, ArmModel):
         if format != "mjcf":
             raise InputError(f"an arm is exported to mjcf, not to {format}")
         return joints.mjcf(model, request)
     if request.drive is not None:
         request = replace(request, drive=servo.in_units_of(model, request.drive))
-    return write(model, request)
+    if format == "mjcf":
+        return mjcf.export(model, request)
+    return program.export(model, request, "c" if format == "c" else "python")
 
 
 __all__ = ["FORMATS", "ExportError", "Exported", "Request", "export"]

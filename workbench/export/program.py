@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -45,22 +45,11 @@ STATE = {  # what its parts are, and their units
 }
 
 
-@dataclass(frozen=True)
-class Dialect:
-    """How a language writes what `INFIX` does not say."""
-
-    language: Language
-
-    def call(self, op: str, operands: int) -> str:
-        """Template of an operation, such as "sin({0})"; a module in Python takes NumPy's arrays, too."""
-        inner = ", ".join(f"{{{k}}}" for k in range(operands))
-        return CALLS[op][1] if self.language == "c" else f"np.{op}({inner})"
-
-    def number(self, value: float) -> str:
-        """A number, so that it is read back as it is."""
-        if math.isinf(value):
-            return f"{'-' * (value < 0)}{'INFINITY' if self.language == 'c' else 'math.inf'}"
-        return repr(value)
+def number(language: Language, value: float) -> str:
+    """Write a number so that it is read back as it is."""
+    if math.isinf(value):
+        return f"{'-' * (value < 0)}{'INFINITY' if language == 'c' else 'math.inf'}"
+    return repr(value)
 
 
 def export(model: Model, request: Request, language: Language) -> Exported:
@@ -70,15 +59,15 @@ def export(model: Model, request: Request, language: Language) -> Exported:
 
 def program(language: Language, model: Model, dynamics: Dynamics, prefix: str = "pendulum") -> str:
     """Text of a program; in C, names begin with the prefix. What gives results is called before MuJoCo's own step."""
-    dialect, results, count = Dialect(language), list(dynamics.results), len(dynamics.state)
-    start = Source.of(dynamics.start, dialect)
-    step = Source.of([*dynamics.after, *dynamics.results.values()], dialect)
+    results, count = list(dynamics.results), len(dynamics.state)
+    start = Source.of(dynamics.start, language)
+    step = Source.of([*dynamics.after, *dynamics.results.values()], language)
     call = ", ".join(("state", *(quantity.name for quantity in dynamics.given)))
     return (
         _environment()
         .get_template("step.py.txt" if language == "python" else "step.c.txt")
         .render(
-            number=dialect.number,
+            number=partial(number, language),
             title=title(model),
             torque_unit=plain(model.torque_unit),
             call=f"step({call})" if language == "python" else f"{prefix}_step({call})",
@@ -127,16 +116,16 @@ def _environment() -> Environment:
 class Source:
     """Lines that compute results: what is used twice, is long, or has a name for the reader, is a variable."""
 
-    dialect: Dialect
+    language: Language
     lines: list[tuple[str, str]] = field(default_factory=list)  # name and expression of each variable, in order
     results: list[str] = field(default_factory=list)  # expression of each result
     used: set[str] = field(default_factory=set)  # operations that occur
     names: set[str] = field(default_factory=set)  # given names that occur
 
     @classmethod
-    def of(cls, results: Sequence[Operand], dialect: Dialect) -> Source:
+    def of(cls, results: Sequence[Operand], language: Language) -> Source:
         """Write the results down."""
-        source = cls(dialect)
+        source = cls(language)
         order, same = distinct(results)
         counts = Counter(same[x] for x in (*(x for s in order for x in s.inputs), *results) if isinstance(x, Symbol))
         texts: dict[Symbol, tuple[str, int]] = {}
@@ -144,7 +133,7 @@ class Source:
         def operand(x: Operand) -> tuple[str, int]:
             if isinstance(x, Symbol):
                 return texts[same[x]]
-            return dialect.number(x), ATOM if x >= 0 else NEGATIVE
+            return number(language, x), ATOM if x >= 0 else NEGATIVE
 
         for symbol in order:
             text = source._text(symbol, [operand(x) for x in symbol.inputs])
@@ -169,7 +158,9 @@ class Source:
             return f"{left} {sign} {_within(parts[1], tight + 1)}", tight
         if symbol.op == "negative":
             return f"-{_within(parts[0], NEGATIVE + 1)}", NEGATIVE
-        template = self.dialect.call(symbol.op, len(parts))
+        # a module in Python takes NumPy's arrays, too
+        numpy = f"np.{symbol.op}({', '.join(f'{{{k}}}' for k in range(len(parts)))})"
+        template = CALLS[symbol.op][1] if self.language == "c" else numpy
         encloses = template.endswith(")")
         inner = [_within(part, LOOSE if encloses else ATOM) for part in parts]
         return template.format(*inner), ATOM if encloses else LOOSE

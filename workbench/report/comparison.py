@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.figure import DRAWING, Figure, axis, band, before_and_after, broken, joined, line, thin
+from estimators.figure import DRAWING, Figure, axis, band, before_and_after, broken, joined, line
 from estimators.in_loop.fit import followed
 from estimators.simulation.free_running import Segments, follow
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
+from pendulum_env.thinning import POINTS, thin
 from pendulum_env.words import opening
 from workbench.narrator.diagnosis import describe_region, headline, next_step, remarks
 from workbench.report.case import Case
@@ -63,7 +64,7 @@ def position_figure(case: Case, id: str, each: Sequence[Segments]) -> Figure:
     """
     segments = each[0]
     # of each simulated window, fewer where there are many
-    points = int(np.clip(2 * DRAWING.points // len(segments.first), 10, 80))
+    points = int(np.clip(2 * POINTS // len(segments.first), 10, 80))
     step = max(1, (len(segments.position) - 1) // points)
     at = np.arange(0, len(segments.position), step)
     recording = segments.windows.recording

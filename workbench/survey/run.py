@@ -4,6 +4,7 @@ A result is kept in a file under a hash of the recording's content and of the se
 diagnosing the recording again, wherever the recording lies by then. What failed is not kept, and is tried again.
 """
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -13,11 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from pendulum_env._typing import JSON
+from pendulum_env.files import write_whole
 from pendulum_env.recording import Source
 from workbench.mistakes import InputError
 from workbench.survey.diagnosis import Settings, describe_error, diagnose_source
 from workbench.survey.recordings import SurveyedRecording
-from workbench.survey.result import read_result, write_result
+from workbench.survey.result import read_result
 from workbench.survey.table import label_rows
 
 RESULTS = "recordings"  # folder of the results
@@ -65,7 +67,7 @@ def survey(
 
     def keep(k: int, result: JSON) -> None:
         if "error" not in result and hashes[k] is not None:
-            write_result(files[k], result)
+            write_whole(files[k], json.dumps(result))
         results[k] = result
         tell(len(results), len(found))
 

@@ -4,23 +4,13 @@ import logging
 import math
 import time
 import weakref
-from collections.abc import Callable
 
 from pendulum_env.backends.hardware.config import RigConfig, load
-from pendulum_env.backends.hardware.drive import Drive, DriveError, find_adapter
+from pendulum_env.backends.hardware.drive import DriveError, find_adapter
 from pendulum_env.backends.hardware.guard import Fault, Guard
 from pendulum_env.backends.hardware.measuring import Ticks
 from pendulum_env.backends.hardware.process import Ownership, Signals, ordinary, realtime
 from pendulum_env.backends.port import Sample, Setup, Start, Status, Timing, Traits
-
-
-def make_drive(config: RigConfig) -> Drive:
-    """Make the drive of a configuration, not yet open.
-
-    Raises:
-        ModuleNotFoundError: if the extra `hardware` is not installed.
-    """
-    return find_adapter(config.adapter)(config)
 
 
 class Rig:
@@ -35,9 +25,9 @@ class Rig:
     resting = 0.01  # [s] between looks at an arm that comes to rest
     speed = 10.0  # [rad/s], at which an uncertain time makes the angle uncertain
 
-    def __init__(self, config: RigConfig, make: Callable[[RigConfig], Drive] = make_drive) -> None:
+    def __init__(self, config: RigConfig) -> None:
         self.config = config
-        self.guard = Guard(make(config), config)
+        self.guard = Guard(find_adapter(config.adapter)(config), config)
         self._owner = Ownership(config.link.device)
         # without a reference to self: it also runs when the rig is forgotten, and when Python ends
         guard, owner = self.guard, self._owner

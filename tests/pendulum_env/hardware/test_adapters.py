@@ -12,7 +12,6 @@ from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.backends.hardware.drive import DriveError, find_adapter
 from pendulum_env.backends.hardware.measuring import DriveClock
-from pendulum_env.backends.hardware.rig import make_drive
 from pendulum_env.plant import paper_plant
 from pendulum_env.registration import PENDULUM
 from tests.pendulum_env.rigs import PATIENT
@@ -22,7 +21,7 @@ pytestmark = [pytest.mark.realtime, pytest.mark.skipif(os.name != "posix", reaso
 
 def opened(emulated, kind, **tables):
     rig = emulated(kind, limits=PATIENT, **tables)
-    drive = make_drive(load(rig.config))
+    drive = find_adapter((config := load(rig.config)).adapter)(config)
     try:
         drive.open()
     except DriveError:
@@ -84,7 +83,8 @@ class Port:
 def test_no_run_ends_for_an_answer_that_is_lost_or_late(tmp_path, monkeypatch, late, lost, reply):
     rig = f'adapter = "serial"\nrate = 500\n[serial]\nport = "-"\n[limits]\nreply = {reply}\n'
     (tmp_path / "rig.toml").write_text(rig)
-    drive, port = make_drive(config := load(tmp_path / "rig.toml")), Port(late)
+    config = load(tmp_path / "rig.toml")
+    drive, port = find_adapter(config.adapter)(config), Port(late)
     drive._port, drive._sequence, drive._clock, drive._splitter = port, 0, DriveClock(), frames.Splitter()
     monkeypatch.setattr("pendulum_env.backends.hardware.serial_drive.time", port)
     port.firmware.answer = lambda data, answer=port.firmware.answer: answer(data) if port.now or not lost else b""

@@ -14,13 +14,14 @@ from dash import ALL, Dash, Input, Output, State, dcc, html
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from estimators.figure import Figure, axis, broken, line, numbers, span, thin
+from estimators.figure import Figure, axis, broken, line, numbers, span
 from estimators.selection.data import PreparedData
 from estimators.signals.residual import AXES, Region, profiles, stand_out, turns, wrapped
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.arms.recording import of_arms
 from pendulum_env.physics import Samples, effect
 from pendulum_env.recording import Recording
+from pendulum_env.thinning import thin
 from pendulum_env.words import number, opening
 from workbench.app.parts import LINKED, dropdown, effects_to_choose, field, graph, labelled, panel
 from workbench.app.session import Session, Sessions, Stage

@@ -9,11 +9,12 @@ import numpy as np
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from estimators.figure import Figure, line, stacked, thin
+from estimators.figure import Figure, line, stacked
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
+from pendulum_env.thinning import thin
 from pendulum_env.words import listing, name, number, opening, percent
 from workbench.app import card, recorder, uploads
 from workbench.app.parts import UNWRAP, aria, button, drop, field, graph, panel, saves, table
