@@ -206,9 +206,4 @@ class Contest:
             fewest = min((len(term.columns) for term in possible), default=0)
             variants = [term for term in possible if len(term.columns) == fewest]  # a batch has as many in all of it
             follows = {s.name: known[s.follows] for s in effect.nonlinear_parameters if s.follows in known}
-            yield id, [_set_values(term, follows) for term in variants]
-
-
-def _set_values(term: Term, values: Mapping[str, float]) -> Term:
-    """Return a term with some nonlinear parameters set, by name."""
-    return type(term)(**{**term.nonlinear_values, **values}) if values else term
+            yield id, [type(term)(**term.nonlinear_values | follows) if follows else term for term in variants]

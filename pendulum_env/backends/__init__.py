@@ -3,13 +3,13 @@
 from functools import partial
 
 from pendulum_env.backends.constrained_body import ConstrainedBody
-from pendulum_env.backends.hardware.rig import Rig, make_rig
+from pendulum_env.backends.hardware.rig import make_rig
 from pendulum_env.backends.port import Backend, Maker, Sample, Setup, Start, Status, Traits
 from pendulum_env.backends.replay import Replay
 from pendulum_env.backends.rigid_body import RigidBody
 from pendulum_env.backends.sensing import Sensor
 from pendulum_env.backends.simulated import record
-from pendulum_env.backends.simulator import Engine, Simulator
+from pendulum_env.backends.simulator import Simulator
 
 BACKENDS: dict[str, Maker] = {
     "pymunk": partial(Simulator, make=RigidBody),
@@ -18,19 +18,4 @@ BACKENDS: dict[str, Maker] = {
     "dm1015b": make_rig,
 }
 
-__all__ = [
-    "BACKENDS",
-    "Backend",
-    "Engine",
-    "Maker",
-    "Replay",
-    "Rig",
-    "Sample",
-    "Sensor",
-    "Setup",
-    "Simulator",
-    "Start",
-    "Status",
-    "Traits",
-    "record",
-]
+__all__ = ["BACKENDS", "Backend", "Sample", "Sensor", "Setup", "Start", "Status", "Traits", "record"]

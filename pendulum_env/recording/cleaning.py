@@ -77,9 +77,13 @@ def hold_unchanged(log: Log) -> None:
         held += others
         log.notes.append("empty cells hold the last value: the file repeats no value")
     for quantity in held:
-        values = log.values[quantity]
-        last = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(len(values))))
-        log.values[quantity] = np.where(last >= 0, values[last], np.nan)
+        log.values[quantity] = _held_on(log.values[quantity], ~np.isnan(log.values[quantity]))
+
+
+def _held_on(values: Array, known: Mask) -> Array:
+    """Values (N,) as they were known last, NaN before the first that is known (N,)."""
+    last = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
+    return np.where(last >= 0, values[last], np.nan)
 
 
 def _is_coarse(steps: Array) -> bool:
@@ -115,8 +119,7 @@ def aligned(log: Log, fewest: int) -> None:
         if here.all() or np.count_nonzero(sound & here) > 0.5 * min(np.count_nonzero(here), np.count_nonzero(sound)):
             continue
         if quantity in HELD:
-            last = np.maximum.accumulate(np.where(sound, np.arange(len(sound)), -1))
-            values[quantity] = np.where(last >= 0, values[quantity][last], np.nan)
+            values[quantity] = _held_on(values[quantity], sound)
         elif sound.any():
             values[quantity] = np.interp(values["time"], values["time"][sound], values[quantity][sound])
         how = "as it was last" if quantity in HELD else "by interpolation"

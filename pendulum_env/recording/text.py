@@ -423,10 +423,8 @@ def _complaint(told: str, layout: Layout) -> str:
         return "there is a header but no data: record it again"
     if "straddling" in told:
         return f"a line is longer than {BLOCK} characters: write one line for each sample"
-    remedy = "repair or remove that row"
-    if found := WIDTH.search(told):
-        what = f"{found['found']} cells where the header has {found['wanted']}"
-        remedy = "separate cells by commas" if layout.delimiter == " " else remedy
-    else:
+    if not (found := WIDTH.search(told)):
         return f"the text cannot be split into cells ({one_line(told)}): write plain comma-separated numbers"
+    what = f"{found['found']} cells where the header has {found['wanted']}"
+    remedy = "separate cells by commas" if layout.delimiter == " " else "repair or remove that row"
     return f"data row {found['row']} (header not counted) has {what}: {remedy}"
