@@ -112,9 +112,9 @@ def a_jump_at_every_sample() -> np.ndarray:
     return 3 * np.sin(9 * np.arange(3000) / 250) + np.random.default_rng(5).choice([-2.0, 2.0], 3000)
 
 
-def at_random(seed: int) -> np.ndarray:
+def at_random() -> np.ndarray:
     """The first thing that an agent does: a new torque every millisecond, for 8 s, which hardly moves the arm."""
-    return np.random.default_rng(seed).uniform(-15.0, 15.0, 8000)
+    return np.random.default_rng(0).uniform(-15.0, 15.0, 8000)
 
 
 def a_swing() -> np.ndarray:
@@ -151,7 +151,7 @@ SPECIAL = {  # of one test each
     "slowly fading": Case({"stribeck": {"strib_d": 0.45, "strib_v": 0.8, "strib_p": 1.0}}, experiment=run(60, 12.0)),
     "lower stop": Case({"hard_stop": {"wall_lo": -0.9, **ONE_STOP}}, experiment=run(70, 12.0)),
     "upper stop": Case({"hard_stop": {"wall_hi": 0.9, **ONE_STOP}}, experiment=run(70, 12.0)),
-    **{f"random {seed}": Case(experiment=run(seed, 8.0, 1000.0), command=at_random(seed)) for seed in range(3)},
+    "random": Case(experiment=run(0, 8.0, 1000.0), command=at_random()),
     "scale 0.7": Case(SPRING, experiment=run(50, 12.0, excitation="multisine", scale=0.7)),
     "scale 0.35": Case(SPRING, experiment=run(50, 12.0, excitation="multisine", scale=0.35)),
     "wide": Case(SPRING, experiment=run(51, 9.0, scale=0.8)),

@@ -122,10 +122,6 @@ def test_the_table_of_the_readme_has_every_effect_and_scheme():
         assert table.count(f"`{id}`") == 1
 
 
-def test_the_readme_is_read_in_one_sitting():
-    assert len(README.read_text(encoding="utf-8").splitlines()) <= 190
-
-
 def test_output_that_drifted_is_noticed():
     printed = "errors\ninertia  0.08951 ± 0.00012 kg m^2\ngravity  2.01 N m\n"
     assert first_untold("inertia 0.08959 ± 0.00013 kg m^2\n...\ngravity 2.02 N m", printed) is None  # as good as that

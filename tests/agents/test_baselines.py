@@ -6,7 +6,7 @@ import pytest
 from agents.baselines import BASELINES, FREQUENCIES, baseline, foresee, separating, shipped, signal
 from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS, NOMINAL, log_det
-from benchmarks.multisine import PAPER, optimise, taught
+from benchmarks.multisine import PAPER, taught
 
 
 def play(name: str, constraint: str, count: int = 3, steps: int = 60):
@@ -86,14 +86,3 @@ def test_the_multisine_that_tells_effects_apart_is_bounded_and_begins_again():
     assert np.abs(torque).max() == pytest.approx(2.5)
     np.testing.assert_array_equal(torque[:500], torque[500:])
     np.testing.assert_allclose(separating().signal(time), torque * 6.0 / 2.5)
-
-
-def test_optimising_repeats_and_climbs():
-    reached = []
-
-    def tell(text, share):
-        reached.append(float(text.split()[0]))
-
-    found = [optimise(CONSTRAINTS["rms"], generations=8, plants=2, tell=tell) for _ in range(2)]
-    np.testing.assert_array_equal(*found)
-    assert reached[7] > reached[0]

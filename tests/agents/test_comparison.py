@@ -95,28 +95,24 @@ def test_a_model_of_stable_baselines_acts_as_its_file(algorithm, tmp_path):
 
 
 def test_a_policy_that_does_not_fit_is_refused():
-    for policy, why in (
-        (3.0, "policy mine is 3.0: give"),
-        (lambda time: 7.0, "signal mine reaches 7 N m: keep it within the peak of 6 N m"),
-        (lambda time: {}["a"], "signal mine fails: KeyError"),
-        (load("rms"), "was trained under the constraint rms, not peak"),
-        (answers(lambda batch: np.zeros(1)), r"return finite numbers of shape \(2, 1\)"),
-        (answers(lambda batch: np.full((batch, 1), np.nan)), "return finite numbers"),
-        (answers(lambda batch: 1 / 0), "policy mine fails: ZeroDivisionError"),
-        (A2C("MlpPolicy", "Pendulum-v1", device="cpu"), r"takes observations of shape \(3,\), the task has \(20,\)"),
+    a2c = A2C("MlpPolicy", "Pendulum-v1", device="cpu")
+    for policies, baselines, why in (
+        ({"mine": 3.0}, [], "policy mine is 3.0: give"),
+        ({"mine": lambda time: 7.0}, [], "signal mine reaches 7 N m: keep it within the peak of 6 N m"),
+        ({"mine": lambda time: {}["a"]}, [], "signal mine fails: KeyError"),
+        ({"mine": load("rms")}, [], "was trained under the constraint rms, not peak"),
+        ({"mine": answers(lambda batch: np.zeros(1))}, [], r"return finite numbers of shape \(2, 1\)"),
+        ({"mine": answers(lambda batch: np.full((batch, 1), np.nan))}, [], "return finite numbers"),
+        ({"mine": answers(lambda batch: 1 / 0)}, [], "policy mine fails: ZeroDivisionError"),
+        ({"mine": a2c}, [], r"takes observations of shape \(3,\), the task has \(20,\)"),
+        ({"mine": "two-tone"}, [], "baselines="),
+        ({"two-tone": torque}, ["two-tone"], "both called two-tone"),
+        ({}, ["two_tone"], "did you mean two-tone"),
+        ({}, [], "nothing to compare"),
+        ([torque], [], "give a dictionary"),
     ):
         with pytest.raises(ValueError, match=why):
-            compare_policies({"mine": policy}, [], plants=2)
-    for arguments, why in (
-        (({}, ["two_tone"]), "did you mean two-tone"),
-        (({"two-tone": torque},), "both called two-tone"),
-        (({}, []), "nothing to compare"),
-        (([torque],), "give a dictionary"),
-        ((torque,), "give a dictionary"),
-        (({"mine": "two-tone"},), "baselines="),
-    ):
-        with pytest.raises(ValueError, match=why):
-            compare_policies(*arguments)
+            compare_policies(policies, baselines, plants=2)
 
 
 def test_a_class_is_found_in_a_module_of_the_current_folder(tmp_path, monkeypatch):

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -11,7 +10,6 @@ from agents import DESIGN, load
 from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS, NOMINAL, PRIOR, TICK, Observer, read
 from pendulum_env.plant import PAPER
-from tests import slow
 from tests.runge_kutta import stick_and_slip
 
 HELD = 20  # samples in a tick
@@ -34,26 +32,13 @@ def run(env, steps: int, seed: int = 0, action=tones) -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in rows.items()} | {"info": info}
 
 
-@pytest.mark.parametrize("how", slow.but_first([f"import pendulum_env; id = '{DESIGN}'", f"id = 'agents:{DESIGN}'"]))
-def test_gymnasium_knows_it_by_its_conventions_without_torch(how):
+def test_gymnasium_knows_it_by_its_conventions_without_torch():
     code = (
-        f"import gymnasium, sys; {how}; "
+        f"import gymnasium, sys; id = 'agents:{DESIGN}'; "
         "env = gymnasium.make_vec(id, num_envs=3); print(env.reset(seed=0)[0].shape, 'torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "(3, 20) False"
-
-
-def test_a_picture_is_of_the_newest_sample():
-    env = gym.make(DESIGN, render_mode="rgb_array")
-    env.reset(seed=0)
-    before = env.render()
-    env.step(np.ones(1))
-    after = env.render()
-    blue = [picture[..., 2].astype(int) - picture[..., 0] > 60 for picture in (before, after)]
-    rightmost = [np.nonzero(where)[1].max() for where in blue]
-    assert rightmost[1] > rightmost[0]  # a positive torque turns counter-clockwise
-    assert (after != env.render()).sum() == 0
 
 
 def test_information_is_the_sum_of_outer_products_of_rows_that_are_fast_enough():
@@ -103,17 +88,6 @@ def test_an_observer_finds_the_parameters_of_a_motion_of_another_integrator(rate
     np.testing.assert_allclose(found, [inertia, gravity, viscous, coulomb], rtol=1e-4)
 
 
-def test_estimates_come_near_the_plant_without_knowing_it():
-    env = ExcitationDesignVector(8)
-    _, info = env.reset(seed=3)
-    plant = np.stack([info["plant"][name] for name in PAPER], axis=1)
-    for k in range(250):
-        info = env.step(tones(k, 8))[-1]
-    found = info["estimates"] * NOMINAL
-    assert np.abs(found / plant - 1).max() < 0.05
-    np.testing.assert_array_less(0.05, np.abs(NOMINAL / plant - 1).max(axis=1))
-
-
 def test_an_observation_can_be_read_back():
     env = ExcitationDesignVector(5)
     seen = run(env, 150)
@@ -142,13 +116,10 @@ def test_the_peak_and_the_budget_hold():
     assert read(seen["observation"][-1]).budget_left == pytest.approx(0.0, abs=1e-6)
 
 
-def test_what_makes_no_sense_is_refused():
-    for arguments, why in (
-        ({"constraint": "peek"}, "unknown constraint 'peek': did you mean peak"),
-        ({"seconds": 0.0}, "cannot last 0 s"),
-    ):
-        with pytest.raises(ValueError, match=why):
-            ExcitationDesignVector(1, **arguments)
+@pytest.mark.parametrize(("arguments", "why"), [({"constraint": "peek"}, "mean peak"), ({"seconds": 0.0}, "last 0 s")])
+def test_what_makes_no_sense_is_refused(arguments, why):
+    with pytest.raises(ValueError, match=why):
+        ExcitationDesignVector(1, **arguments)
 
 
 def test_limits_take_away_the_torque_that_drives_the_arm_on():

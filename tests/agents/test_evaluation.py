@@ -5,7 +5,6 @@ from functools import partial
 import numpy as np
 import pytest
 
-from agents import load
 from agents.baselines import baseline
 from agents.comparison import information_ratio
 from agents.evaluation import cramer_rao, observe, stays_within
@@ -14,11 +13,6 @@ from agents.evaluation import cramer_rao, observe, stays_within
 def test_time_from_which_errors_stay_within_a_bound():
     errors = np.array([[3.0, 0.5, 3.0, 3.0], [0.5, 0.5, 0.5, 3.0], [3.0, 0.5, 0.5, 3.0], [0.5, 0.5, 0.5, 3.0]])
     np.testing.assert_allclose(stays_within(errors, 1.0), [0.08, 0.02, 0.04, np.inf])
-
-
-def load_policy(name, _):
-    """A policy that ships, which draws nothing."""
-    return load(name)
 
 
 @pytest.fixture(scope="module")
@@ -38,19 +32,6 @@ def test_every_policy_meets_the_same_plants_and_the_estimator_finds_them(two_ton
     assert np.abs(first.torque).max() <= 6.0 and np.abs(other.torque).max() == pytest.approx(6.0)
     assert information_ratio(other.log_det[-1], first.log_det[-1]) > 1.3
     assert (np.diff(first.errors, axis=0).mean(axis=1) < 0).all()
-
-
-@pytest.mark.slow
-def test_plants_may_differ_less_and_motion_be_bounded():
-    """Without any spread, what differs between plants is their noise; speeds end a little beyond where torque stops."""
-    agent = partial(load_policy, "peak")
-    free, bounded = (
-        observe(agent, "peak", 4, seed=3, task={"spread": 0.0, **limit})
-        for limit in ({}, {"max_speed": 4.0, "max_turns": 0.2})
-    )
-    assert np.ptp(free.position[:50], axis=1).max() < 0.05
-    assert free.speed.min() > 9.0 and bounded.speed.max() < 6.0
-    assert np.abs(bounded.position).max() < 0.8 * np.abs(free.position).max()
 
 
 @pytest.mark.slow

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators import Diagnosis
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.simulation.free_running import choose_segments
 from estimators.simulation.multiple_shooting import consecutive
@@ -36,16 +35,8 @@ def with_gaps(recording: Recording, gaps: list[tuple[int, int]]) -> Recording:
 
 
 @pytest.fixture(scope="module")
-def verdict(whole) -> Diagnosis:
-    return diagnosed(whole)
-
-
-GAPS = [(900, 1000), (2300, 2301), (2307, 2500), (3600, 3850)]
-
-
-@pytest.fixture(scope="module")
 def gapped(whole) -> Recording:
-    return with_gaps(whole, GAPS)
+    return with_gaps(whole, [(900, 1000), (2300, 2301), (2307, 2500), (3600, 3850)])
 
 
 def test_windows_that_do_not_touch_a_gap_are_those_of_the_whole_recording(whole, gapped):
@@ -86,7 +77,7 @@ def test_memory_starts_anew_in_each_segment(gapped, term):
             assert state[begin:end] == pytest.approx(own, abs=0.05 * np.abs(own).max())
 
 
-def test_lost_rows_gaps_and_a_jittering_clock_change_no_verdict_and_no_parameter(whole, verdict, tmp_path):
+def test_lost_rows_gaps_and_a_jittering_clock_change_no_verdict_and_no_parameter(whole, tmp_path):
     rng = np.random.default_rng(7)
     time = whole.time + np.clip(rng.normal(0.0, 0.1, len(whole)), -0.45, 0.45) / whole.rate
     kept = rng.random(len(whole)) > 0.02
@@ -94,7 +85,7 @@ def test_lost_rows_gaps_and_a_jittering_clock_change_no_verdict_and_no_parameter
         kept &= (time < begin) | (time > begin + rng.uniform(0.02, 0.5))
     rows = np.column_stack([time, np.interp(time, whole.time, whole.position), whole.torque])[kept]
     np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="time,position,torque", comments="")
-    found = diagnosed([read_recording(tmp_path / "log.csv")])
+    verdict, found = diagnosed(whole), diagnosed([read_recording(tmp_path / "log.csv")])
     assert found.selected == verdict.selected == ("stribeck",)
     for name, estimate in verdict.model.estimates.items():
         other = found.model.estimates[name]

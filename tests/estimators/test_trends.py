@@ -29,13 +29,6 @@ def test_a_jump_is_recovered_with_its_place(size):
     assert abs(found.jump.size - size) < 3 * found.jump.std < 0.01
 
 
-def test_the_order_of_recordings_does_not_matter():
-    value, order = estimates(3) + 0.05 * (WEEKS >= 10), np.random.default_rng(0).permutation(16)
-    found = fit_trend(WEEKS[order], value[order], STD)
-    assert order[found.jump.first] == 10
-    assert found.drift == pytest.approx(fit_trend(WEEKS, value, STD).drift)
-
-
 def test_one_outlier_moves_a_drift_by_less_than_its_interval():
     value = estimates(4) + 0.005 * WEEKS
     value[15] += 1.0

@@ -1,6 +1,5 @@
 """Inertia that a slow sweep does not determine is not used: nothing is simulated, advised or exported by it."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,9 +11,8 @@ from estimators.findings import Kind
 from estimators.schemes.identification import identify
 from pendulum_env.physics import BASE, Model, ModelError
 from pendulum_env.plant import make_plant
-from pendulum_env.recording import Recording, write_recording
+from pendulum_env.recording import Recording
 from tests.cases import diagnosed
-from workbench.cli import main
 from workbench.narrator.addition import describe_addition
 from workbench.narrator.comparison import caveat
 
@@ -87,21 +85,3 @@ def test_an_effect_is_judged_by_torque_alone(run):
     shifted = replace(run, torque=run.torque + 0.02)
     added = add(Model.build(BASE, [1e-4, 0.02, 0.05, 0.3]), "torque_offset", [shifted])
     assert added.objection is None and "nan" not in describe_addition(added)
-
-
-def test_a_value_of_the_inertia_lets_it_be_simulated():
-    found = diagnosed([sweep()], fixed={"inertia": 2e-4})
-    assert not found.selected
-    assert np.isfinite(found.steps[-1].errors["holdout"].position_rms)
-
-
-@pytest.mark.slow
-def test_commands_write_and_read_the_model_and_refuse_to_export_it(tmp_path, capsys):
-    write_recording(sweep(), log := tmp_path / "sweep.csv")
-    model = str(tmp_path / "m.json")
-    assert main(["diagnose", str(log), "-o", model, "--report", str(tmp_path / "r.html")]) == 0
-    assert json.loads((tmp_path / "m.json").read_text())["theta"]["inertia"]["unknown"]
-    assert main(["compare", model, str(log), "--report", str(tmp_path / "c.html")]) == 0
-    assert "nan" not in capsys.readouterr().out
-    assert main(["export", model, "--to", "python"]) == 2
-    assert "inertia" in capsys.readouterr().err

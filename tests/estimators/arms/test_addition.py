@@ -13,7 +13,6 @@ from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import ModelError
 from tests.two_link import recorded
 from workbench.narrator.addition import describe_addition
-from workbench.narrator.comparison import headline
 
 DRAG = 0.06  # [N m s^2/rad^2]
 
@@ -42,9 +41,9 @@ def test_the_hidden_effect_lowers_both_errors_and_its_size_is_found(added):
     assert estimates["viscous@elbow"].value == pytest.approx(TwoLink().viscous[1], rel=0.02)
     biased = added.before.model.estimates["viscous@elbow"].value
     assert abs(biased / TwoLink().viscous[1] - 1) > 0.1
-    assert added.objection is None and "lowers the held-out torque error of elbow to" in describe_addition(added)
+    assert added.objection is None
     page = added._repr_html_()
-    assert describe_addition(added) in page and "Torque errors on held-out data" in page and "nan" not in page
+    assert describe_addition(added) in page and "nan" not in page
 
 
 def test_what_is_missing_at_a_joint_is_warned_of_and_judged_and_nothing_where_nothing_is(body, recording, lacking):
@@ -52,7 +51,7 @@ def test_what_is_missing_at_a_joint_is_warned_of_and_judged_and_nothing_where_no
     assert finding.kind is Kind.INCOMPLETE and finding.joints == ("elbow",)
     assert 10 <= finding.numbers["residual"].value < 100
     compared = compare(lacking, recording)
-    assert {region.at for region in compared.regions} == {"elbow"} and "at elbow" in headline(compared)
+    assert {region.at for region in compared.regions} == {"elbow"}
     whole = recorded(seed=1)
     found = identify(whole, arm_base(body))
     model = found["filtered_dynamic"].model
@@ -77,19 +76,16 @@ def test_every_command_has_the_same_noise_floor_and_the_same_errors(body, record
 def test_an_effect_that_is_not_there_is_objected_to_and_what_cannot_be_added_is_refused(recording, added):
     complete = added.after.model
     needless = add(complete, "spring@shoulder", recording)
-    assert needless.objection is not None and "no reason to keep it" in describe_addition(needless)
+    assert needless.objection is not None
     assert abs(needless.after.model.estimates["spring.stiffness@shoulder"].value) < 0.02
     chance = add(complete, "torque_offset@shoulder", recording)
     assert chance.objection == Finding(Kind.BY_CHANCE)
-    with pytest.raises(ValueError, match="unknown joint 'wrist'"):
-        add(complete, "spring@wrist", recording)
-    with pytest.raises(IdentificationError, match="temperature_dependent_friction@elbow needs the joint's temperature"):
-        add(complete, "temperature_dependent_friction@elbow", recording)
     steady = replace(recording, temperature=np.full_like(recording.torque, 25.0))
-    with pytest.raises(
-        IdentificationError,
-        match="nothing there shows temperature_dependent_friction@elbow: it takes a recording that warms",
+    for run, id, kind, why in (
+        (recording, "spring@wrist", ValueError, "unknown joint 'wrist'"),
+        (recording, "temperature_dependent_friction@elbow", IdentificationError, "needs the joint's temperature"),
+        (steady, "temperature_dependent_friction@elbow", IdentificationError, "it takes a recording that warms"),
+        (recording, "quadratic_drag@elbow", ModelError, "has 'quadratic_drag@elbow' already"),
     ):
-        add(complete, "temperature_dependent_friction@elbow", steady)
-    with pytest.raises(ModelError, match="has 'quadratic_drag@elbow' already"):
-        add(complete, "quadratic_drag@elbow", recording)
+        with pytest.raises(kind, match=why):
+            add(complete, id, run)

@@ -1,7 +1,6 @@
 """Effects at joints: data from MuJoCo and from SciPy, neither of which shares code with what is tested."""
 
 import pickle
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -23,8 +22,6 @@ from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import Stribeck, TemperatureDependentFriction
 from pendulum_env.physics.potential import Cogging, Spring
 from tests.two_link import recorded
-from workbench.narrator.addition import describe_table
-from workbench.narrator.diagnosis import describe_unexplained, headline
 
 SOME = {"stribeck": Stribeck, "cogging": Cogging}
 
@@ -133,7 +130,7 @@ def test_noise_of_an_encoder_that_is_not_white_is_left_unexplained(body):
     base = arm_base(body)
     plain, found = (diagnose(recording, (), base, library={"stribeck": Stribeck}) for recording in (run, noisy))
     assert plain.left == {} and plain.findings == found.findings == ()
-    assert found.selected == () and headline(found).startswith("Something is missing at")
+    assert found.selected == () and found.left
 
 
 def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(six, tmp_path):
@@ -143,21 +140,19 @@ def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(six, tmp_pa
     assert found.tables == ("torque_by_angle@elbow",) and found.forbidden == Finding(
         Kind.TABLE_HELPS, effects=found.tables
     )
-    (place,) = (one for one in found.unexplained if one.at == "elbow")
-    assert place.axis == "position" and re.match(r"[\d.]+ N m at elbow; ", describe_unexplained(found, place))
+    assert [one.axis for one in found.unexplained if one.at == "elbow"] == ["position"]
     added = add(found.model, "torque_by_angle@elbow", recording)
-    assert added.objection is None and describe_table(added.after) is not None
     after = error_at("elbow", added.after)
+    assert added.objection is None
     assert after < 0.5 * error_at("elbow", added.before)
     assert after < 1.3 * compare(found.model, six_joint.simulate(1, seconds=5.0)).joint.errors.joints["elbow"]
-    path = tmp_path / "model.json"
-    added.after.model.save(path)
+    added.after.model.save(path := tmp_path / "model.json")
     again = ArmModel.load(path, six)
-    terms = again.terms[1:]
-    assert terms == added.after.model.terms[1:] == pickle.loads(pickle.dumps(terms))
+    assert again.terms[1:] == added.after.model.terms[1:] == pickle.loads(pickle.dumps(again.terms[1:]))
     assert compare(again, recording).joint.errors == compare(added.after.model, recording).joint.errors
 
 
+@pytest.mark.slow
 def test_where_no_weight_acts_a_table_may_be_a_line(six):
     recording = six_joint.simulate(6, Hidden("spring", 0, share=0.6), seconds=12.0)
     found = diagnose(recording, (), arm_base(six), library={"stribeck": Stribeck})
@@ -178,9 +173,6 @@ def test_of_equal_laws_the_simplest_is_named_and_the_others_told(body):
     assert ("torque_offset@elbow", "coulomb_asymmetry@elbow") in found.ambiguous
     order = [(list(Verdict).index(one.verdict), -one.score) for one in found.candidates]
     assert order == sorted(order)  # the best first
-    failed = {one.effect: [gate.name for gate in one.gates if not gate.passed] for one in found.candidates}
-    assert failed["torque_offset@elbow"] == failed["coulomb_asymmetry@elbow"] == []
-    assert any("p_value" in names for names in failed.values())
     rejected = [one for one in found.candidates if one.verdict is Verdict.REJECTED]
     assert all(one.reason and not one.gates[-1].passed for one in rejected)
     assert found.model.estimates["torque_offset@elbow"].value == pytest.approx(0.3, rel=0.03)

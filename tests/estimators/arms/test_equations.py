@@ -20,7 +20,6 @@ from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Viscous, effect
 from pendulum_env.physics.term import loads
 from tests.two_link import recorded
-from workbench.narrator.diagnosis import headline
 
 TIME = np.arange(0, 8, 1e-3)
 
@@ -89,7 +88,7 @@ def test_terms_are_at_a_joint_of_the_arm_and_at_one(body, run):
 def test_a_model_that_lacks_something_says_so_of_its_values_and_in_its_file(body, run, tmp_path):
     kicked = run.torque + 0.5 * np.sign(np.sin(40 * TIME + 3 * np.sin(TIME)))[:, None]  # no effect of the library
     found = diagnose(replace(run, torque=kicked), (), arm_base(body), library={"spring": effect("spring")})
-    assert found.unexplained and headline(found).startswith("Something is missing at")
+    assert found.unexplained
     found.model.save(tmp_path / "arm.json")
     for model in (found.model, ArmModel.load(tmp_path / "arm.json", body)):
         assert model.estimates["viscous@elbow"].text.endswith("(biased)")

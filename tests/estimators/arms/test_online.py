@@ -117,9 +117,8 @@ def test_samples_and_schemes_that_make_no_sense_are_refused_at_once(links):
     [
         (TwoLink(), ()),
         (TwoLink(drag=(0.0, 0.05)), ("quadratic_drag@elbow",)),
-        (TwoLink(cogging=(0.4, 0.0)), ("cogging@shoulder",)),
     ],
-    ids=["none", "drag", "cogging"],
+    ids=["none", "drag"],
 )
 def test_what_is_missing_is_told_with_its_joint(links, plant, group):
     run = recorded(plant, seconds=9.0, rate=RATE, scale=LIVELY, counts=COUNTS)
@@ -139,24 +138,17 @@ def test_false_alarms_are_counted_in_blocks_of_all_joints(links):
     assert of_two - of_one == pytest.approx(np.log(2))
 
 
-@pytest.fixture(scope="module")
-def before():
-    """An arm up to the change, and where it is then."""
-    time, signal = np.arange(0.0, CHANGE + 1e-9, 1 / RATE), Multisine.paper(0, LIVELY)
-    return time, signal, *TWO.simulate(signal, time)
-
-
 @pytest.mark.parametrize(
     ("after", "kind", "name"),
     [
-        (TWO, "nothing", ""),
         (replace(TWO, viscous=(0.3638, 0.5)), "changed", "viscous@elbow"),
         (TwoLink(cogging=(0.0, 0.3)), "missing", "cogging@elbow"),
     ],
-    ids=["nothing", "parameter", "effect"],
+    ids=["parameter", "effect"],
 )
-def test_what_changes_in_an_arm_is_told_with_its_joint(links, before, after, kind, name):
-    time, signal, position, velocity = before
+def test_what_changes_in_an_arm_is_told_with_its_joint(links, after, kind, name):
+    time, signal = np.arange(0.0, CHANGE + 1e-9, 1 / RATE), Multisine.paper(0, LIVELY)
+    position, velocity = TWO.simulate(signal, time)
     later = np.arange(time[-1], 12.0, 1 / RATE)
     then, _ = after.simulate(signal, later, tuple(position[-1]), tuple(velocity[-1]))
     time, position = np.r_[time, later[1:]], np.r_[position, then[1:]]
@@ -166,10 +158,8 @@ def test_what_changes_in_an_arm_is_told_with_its_joint(links, before, after, kin
     diagnoser = Diagnoser(RATE, links, library=library, smoothing=Smoothing.of_encoder(COUNTS, RATE))
     for t, (said,) in taken(diagnoser, time, step * np.round(position / step), torque):
         assert t > CHANGE or said.kind in ("calibrating", "nothing")
-    assert said.kind == kind
-    if kind != "nothing":
-        assert said.since == pytest.approx(CHANGE, abs=0.3)
-        assert name in (*said.changed, *said.group)[:1]
+    assert said.kind == kind and said.since == pytest.approx(CHANGE, abs=0.3)
+    assert name in (*said.changed, *said.group)[:1]
     if kind == "changed":
         assert list(said.changed) == ["viscous@elbow"]
         assert said.changed[name][0] == pytest.approx(0.1362, rel=0.05)
@@ -209,17 +199,10 @@ def test_an_arm_is_known_after_a_few_seconds_as_well_as_from_its_recording(file)
         assert np.allclose(found["theta"], offline[scheme].model.theta, rtol=0.02, atol=5e-3)
         assert np.allclose(found["theta"], [*body.values, *friction], rtol=0.03, atol=0.01)
     assert 0 < info["time"] - info["estimates_time"] < 0.15
-    assert not env.reset()[1]["estimates"]["energy"]["theta"].any()
-
-
-def test_spec_rebuilds_it_and_the_picture_shows_what_is_known():
-    env = EstimateParameters(gym.make(ARM, rate=RATE, render_mode="rgb_array"), "dynamic")
     again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
-    a, b = (driven(one, 400)[0]["estimates"]["dynamic"]["theta"] for one in (env, again))
+    a, b = (driven(one, 400)[0]["estimates"]["energy"]["theta"] for one in (env, again))
     np.testing.assert_array_equal(a, b)
-    shown = env.render()
-    env.unwrapped.overlay = tuple
-    assert (shown != env.render()).sum() > 500
+    assert not env.reset()[1]["estimates"]["energy"]["theta"].any()
 
 
 def test_a_diagnosis_knows_the_arms_effects_and_takes_one_in():

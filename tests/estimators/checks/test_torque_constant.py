@@ -1,7 +1,6 @@
 """Known loads: they are no part of the model, and tell the torque constant where a current was logged."""
 
 import json
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +21,6 @@ from pendulum_env.physics import simulate as fly
 from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import TorqueConstant
 from tests.cases import diagnosed
-from workbench.narrator.comparison import headline
 
 K = 0.873  # [N m/A]
 UNLOADED = {"inertia": 0.03, "gravity": 0.6, "viscous": 0.15, "coulomb": 0.25}
@@ -91,16 +89,6 @@ def test_a_simulation_with_a_load_is_that_of_a_heavier_pendulum():
     np.testing.assert_allclose(both, np.hstack([light, heavy]), atol=1e-12)
 
 
-@pytest.mark.slow
-def test_nothing_is_missing_under_known_loads_and_much_without_them():
-    runs = in_newton_metres(bench(loads=(LOADS[0], LOADS[4], LOADS[7])))
-    found = diagnosed(runs)
-    assert not found.selected and not found.disagreements and found.torque_constant is None
-    theta = {name: e.value for name, e in found.model.estimates.items()}
-    assert theta["inertia"] == pytest.approx(UNLOADED["inertia"], rel=0.01)
-    assert theta["gravity"] == pytest.approx(UNLOADED["gravity"], rel=0.02)
-
-
 # ----------------------------------------------------------------------------------------- torque is a current
 
 
@@ -132,8 +120,6 @@ def test_two_loads_are_enough_and_a_recording_without_one_is_a_load_of_none():
     found = torque_constant([replace(light, load=None), heavy])
     assert found == torque_constant([light, heavy])
     assert found.value == pytest.approx(K, rel=0.01)
-    value, std = map(float, re.fullmatch(r"torque constant (.+) ± (.+) N m/A, from 2 known loads", found.text).groups())
-    assert abs(value - found.value) < found.std and std == pytest.approx(found.std, rel=0.1)
 
 
 @pytest.mark.parametrize("hung", [(0, 0, 0, 6), (6, 6, 6, 0)])
@@ -208,8 +194,6 @@ def test_a_diagnosis_in_amperes_names_friction_under_load_and_finds_the_joint():
         assert theta[name] == pytest.approx(value, rel=0.03), name
     assert theta["load_dependent_friction"] == pytest.approx(0.12, rel=0.05)
     constant = Estimate(found.torque_constant.value, found.torque_constant.std, "N m/A")
-    data = found.json()["torque_constant"]
-    assert (data["value"], data["unit"]) == (constant.value, constant.unit)
     assert Model.from_json(found.model.json()).torque_constant == constant
 
 
@@ -223,8 +207,7 @@ def test_friction_that_is_pressed_by_the_load_itself_takes_each_load_into_accoun
 
 
 def test_an_effect_is_added_under_known_loads():
-    model = Model.build(BASE, list(UNLOADED.values()))
-    found = add(model, "load_dependent_friction", bench("motor", LOADS[:6:2]))
+    found = add(Model.build(BASE, list(UNLOADED.values())), "load_dependent_friction", bench("motor", LOADS[:6:2]))
     assert found.doubt is None and found.objection is None
     assert found.model.torque_constant.value == pytest.approx(K, rel=0.01)
     assert found.model.estimates["load_dependent_friction"].value == pytest.approx(0.12, rel=0.05)
@@ -250,6 +233,6 @@ def test_a_model_per_ampere_is_compared_with_currents_only(tmp_path):
     model.save(tmp_path / "model.json")
     assert Model.load(tmp_path / "model.json") == model
     found = compare(model, run)
-    assert found.torque_unit == "A" and "N m" not in headline(found) + json.dumps(found.json())
+    assert found.torque_unit == "A" and "N m" not in json.dumps(found.json())
     with pytest.raises(ModelError, match="the model is per A, and the recordings are in N m: read them alike"):
         compare(model, in_newton_metres([run]))

@@ -23,9 +23,8 @@ TIMING = {Kind.TORQUE_LATE, Kind.TORQUE_LATE_CORRECTED, Kind.ACTS_LATE}
 
 @pytest.mark.slow
 def test_torque_that_jumps_every_sample_is_not_taken_for_noise():
-    plain, spoiled = (diagnosed(name) for name in ("jumpy", "jumpy, drag and tilt"))
-    assert plain.selected == ()
-    assert plain.noise_floor < 0.05
+    clean, spoiled = (diagnosed(name) for name in ("jumpy", "jumpy, drag and tilt"))
+    assert clean.selected == () and clean.noise_floor < 0.05
     assert set(spoiled.selected) == set(DRAG_AND_TILT)
 
 
@@ -39,7 +38,6 @@ def test_torque_that_is_logged_a_sample_late_is_corrected_and_becomes_no_effect(
     assert found.unexplained == ()
     assert found.alignments[0].delay == pytest.approx(1 / good.rate, rel=0.1)
     assert found.findings[0].kind is Kind.TORQUE_LATE_CORRECTED
-    assert found.json()["alignments"][0]["delay"]["value"] == found.alignments[0].delay
     assert any(own.kind is Kind.TORQUE_LATE for own in identify([late], effects_of(name)).findings)
     assert not any(own.kind in TIMING for own in identify([good], effects_of(name)).findings)
 
@@ -97,9 +95,8 @@ def test_of_a_damped_stop_to_one_side_the_other_side_is_left_open(stop, open):
     assert untested.numbers["high" if open == "upper" else "low"].value == pytest.approx(furthest, abs=0.02)
 
 
-@pytest.mark.parametrize("seed", slow.but_first(range(3)))
-def test_actions_drawn_at_random_raise_no_alarm(seed):
-    found = diagnosed(f"random {seed}")
+def test_actions_drawn_at_random_raise_no_alarm():
+    found = diagnosed("random")
     assert found.selected == found.unexplained == ()
     estimates = found.model.estimates
     assert all(abs(estimates[name].value - truth) < 0.15 * truth for name, truth in THETA.items())
@@ -170,15 +167,12 @@ def test_a_recording_without_motion_changes_nothing_beside_a_good_one():
     assert beside.theta == pytest.approx(alone.theta, rel=1e-6)
 
 
-@pytest.mark.parametrize("begins", slow.but_first([False, True]))
-def test_a_log_that_is_mostly_at_rest_is_split_where_it_moves(begins):
+def test_a_log_that_is_mostly_at_rest_is_split_where_it_moves():
     moving = recording("moving")
-    rest = 3 * len(moving) if begins else len(moving)
+    rest = 3 * len(moving)
     time = np.arange(len(moving) + rest) / moving.rate
-    still = np.full(rest, moving.position[0 if begins else -1])
-    parts = [(moving.position, moving.torque), (still, np.zeros(rest))]
-    log = Recording("rests", time, *(np.concatenate(one) for one in zip(*parts[:: -1 if begins else 1], strict=True)))
-    train, holdout = gather([log])
+    position = np.r_[np.full(rest, moving.position[0]), moving.position]
+    train, holdout = gather([Recording("rests", time, position, np.r_[np.zeros(rest), moving.torque])])
     whole, _ = gather([moving], [moving])
     assert len(train.data.weights) + len(holdout.data.weights) == pytest.approx(len(whole.data.weights), rel=0.03)
     assert len(holdout.data.weights) == pytest.approx(0.3 * len(whole.data.weights), rel=0.05)

@@ -95,14 +95,6 @@ def test_a_table_leaves_to_an_offset_and_to_gravity_what_is_theirs():
         assert abs(told[name].value - true) < 4 * told[name].std < 0.1
 
 
-def test_a_table_says_what_it_looks_like():
-    said = describe_table(kept("friction_by_angle", "friction_by_angle").after)
-    assert said is not None and said.startswith("friction_by_angle looks like a bump at 0.5")
-    assert "looks like a wave of 3 a turn (100 %)" in str(
-        describe_table(kept("torque_by_angle", "torque_by_angle").after)
-    )
-
-
 @pytest.mark.parametrize("power", [0.5, 2.0, 3.0])
 def test_a_power_of_the_speed_is_told_from_its_table(power):
     table = FrictionBySpeed.over(Extent(0.0, 6.0, 8))()

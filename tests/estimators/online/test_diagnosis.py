@@ -13,7 +13,6 @@ from gymnasium.vector import VectorWrapper
 
 from benchmarks.independent_plant import Experiment, Plant
 from benchmarks.online_diagnosis import CHANGE, diagnose_run, simulate_changes
-from estimators import diagnose
 from estimators.findings import Obstacle
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.online.binning import Bin
@@ -164,15 +163,6 @@ def test_a_given_model_is_compared_in_its_unit_and_without_its_unknown_parameter
     for given in (model.per("A"), tmp_path / "current.json"):
         with pytest.raises(ValueError, match="per A, but the environment measures torque in N m: give a model"):
             DiagnoseOnline(gym.make(PENDULUM), model=given)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("hidden", ["cogging", "quadratic_drag"])
-def test_what_is_said_online_is_what_diagnose_says_of_the_recording(hidden):
-    recording = recorded(hidden)
-    said = run(diagnoser(), recording)
-    offline = diagnose(recording)
-    assert offline.selected[0] == said.group[0] == hidden
 
 
 def test_undo_brings_the_model_back():

@@ -48,14 +48,6 @@ def test_no_single_block_decides():
     assert bets.joint <= np.log1p(MOST * SHARES.max()) < threshold_of(1.0, BLOCK)
 
 
-def test_a_rarer_alarm_needs_more_evidence_and_a_rate_that_cannot_be_is_refused():
-    often, rare = (threshold_of(rate, BLOCK) for rate in (10.0, 0.1))
-    assert rare - often == pytest.approx(np.log(100))
-    for rate in (0.0, 1e5):
-        with pytest.raises(ValueError, match="alarms_per_hour"):
-            threshold_of(rate, BLOCK)
-
-
 def test_a_gain_that_an_incomplete_model_always_leaves_is_no_evidence_and_a_larger_one_is():
     """With forgetting a model gains in each block, a little at first and then much."""
     rng, bets, usual = np.random.default_rng(3), Bets(1), UsualGain()

@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from benchmarks.recursion import State, start, step
 from estimators.regression.equations import Equations
@@ -18,13 +17,6 @@ def test_history_equals_the_recursion():
             np.testing.assert_allclose(course.theta[j], state.theta.astype(float), rtol=1e-9)
             scale = np.sqrt(np.outer(*2 * [np.diag(state.P)])).astype(float)
             np.testing.assert_allclose(course.P[j] / scale, state.P.astype(float) / scale, atol=1e-9)
-
-
-def test_error_is_the_one_before_the_update():
-    first = step(start(2), np.array([1.0, 0.0]), 5.0)
-    second = step(first, np.array([1.0, 0.0]), 7.0)
-    assert first.error == 5.0
-    assert second.error == pytest.approx(2.0, abs=1e-5)
 
 
 def test_history_before_any_equation_is_the_prior_and_its_points_end_at_the_last_one():

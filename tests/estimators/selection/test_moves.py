@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
@@ -10,10 +9,10 @@ from estimators.data.fit_data import gather
 from estimators.diagnosis.ranking import alternatives
 from estimators.selection.candidates import best_variant, refit_nonlinear, screen_effects, screen_replacements
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.moves import SearchState, drop_effect, revise
+from estimators.selection.moves import SearchState, revise
 from pendulum_env.physics import BASE, effect
-from pendulum_env.recording import Recording
 from tests.cases import recorded
+from tests.motions import moved
 
 EFFECTS = ("quadratic_drag", "spring", "viscous_asymmetry", "torque_offset")
 DRAG, SPRING, ASYMMETRY, OFFSET = (effect(id)() for id in EFFECTS)
@@ -32,12 +31,6 @@ def test_what_is_hidden_is_the_most_promising_of_all_candidates(evaluator):
     assert [term.id for term in found[0]] == [term.id for term in RIGHT]
     assert evaluator.is_significant(found[0], BASE) and evaluator.residuals.explained_share(found[0], BASE) > 0.9
     assert len(found) == len({longer[-1].id for longer in found}) <= len(EFFECTS)
-
-
-def test_an_effect_that_nothing_needs_is_dropped_and_one_that_is_needed_stays(evaluator):
-    assert drop_effect(SearchState(evaluator, BASE, (*BASE, DRAG, SPRING))).terms == RIGHT
-    assert drop_effect(SearchState(evaluator, BASE, RIGHT)) is None
-    assert evaluator.is_needed(RIGHT, BASE) and not evaluator.is_needed((*RIGHT, SPRING), RIGHT)
 
 
 def test_an_effect_in_anothers_place_gives_way_to_it(evaluator):
@@ -68,12 +61,7 @@ def test_each_recording_has_weights_of_its_own_be_it_fitted_or_held_out(evaluato
 
 def test_a_straight_spring_that_turns_gravity_round_gives_way_to_one_that_hardens():
     """Where the swing is small both fit alike, and only one of them leaves the weight what it is."""
-    rng, time = np.random.default_rng(3), np.arange(0.0, 20.0, 0.002)
-    rates = 2 * np.pi * np.array([0.15, 0.35, 0.6])
-    waves, sizes = rates * time[:, None] + [0.3, 1.0, 2.0], np.array([0.48, 0.32, 0.2])
-    q, v, a = np.sin(waves) @ sizes, np.cos(waves) @ (sizes * rates), -np.sin(waves) @ (sizes * rates**2)
-    torque = 0.09 * a + 2.0 * np.sin(q) + 0.3 * np.sign(v) + 0.1 * v + 0.5 * q**3
-    run = Recording("cable", time, q, torque + 0.01 * rng.standard_normal(len(time)))
+    run = moved(lambda q, v: 0.1 * v + 0.5 * q**3, size=0.8)
     evaluator = ModelEvaluator(*gather([run]), library={"spring": effect("spring")})
     straight, hardening = (trial.terms for trial in evaluator.screen.variants(BASE, effect("spring")))
     assert evaluator.model(straight).estimates["gravity"].value < 0 and not evaluator.is_significant(

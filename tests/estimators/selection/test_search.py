@@ -62,13 +62,6 @@ def test_play_is_found_beside_what_decides_on_which_side_of_it_the_link_lies():
 
 
 @pytest.mark.slow
-def test_a_torque_that_wanders_is_given_no_name():
-    walk = {"random_walk_torque": {"walk_rms": 0.5}}
-    train, test = (Experiment(rate=200.0, seconds=10.0, seed=seed, excitation="chirp") for seed in (2, 3))
-    assert searched(Plant(effects=walk), train, test)[1] == []
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "table"),
     [

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.signals.residual import AXES, Profile, Region, profile, profiles, spectrum, stand_out
+from estimators.signals.residual import AXES, Profile, profile, profiles, spectrum, stand_out
 from pendulum_env.physics import Samples
 
 NOISE = 0.02  # N m
@@ -80,15 +80,6 @@ def test_an_oscillation_in_time_is_found_at_its_frequency(hertz):
     (region,) = [r for r in stand_out(x, residual, NOISE) if r.axis == "frequency"]
     assert region.low - 0.05 < hertz < region.high + 0.05
     assert region.residual == pytest.approx(0.03, rel=0.2)
-
-
-@pytest.mark.parametrize("size", [0.03, 2.0])
-def test_significance_is_counted_in_json(size):
-    x = motion()
-    top = stand_out(x, noise(0) + size * (x.position > 1), NOISE)[0]
-    assert top.json()["significance"] == top.significance > 5
-    whole = Region("velocity", -np.inf, np.inf, 0.0, 0.0)
-    assert (whole.json()["low"], whole.json()["high"]) == (None, None)
 
 
 @pytest.mark.slow
