@@ -9,11 +9,10 @@ from workbench.terminal import Terminal
 
 SHORT = (  # about two minutes on two cores
     ("environments", ()),
-    ("diagnosis_time", ()),
     ("hidden_effects", ("--n", "24")),
 )
 COMMANDS = (
-    "environments", "joint_state", "online_diagnosis", "diagnosis_time", "hidden_effects", "known_truth",
+    "environments", "joint_state", "online_diagnosis", "hidden_effects", "known_truth",
     "cramer_rao", "ambiguity", "arm_excitation", "mujoco_plant", "multisine", "rig", "rig_faults",
     "servos", "six_joint", "survey", "sysid", "timing",
 )  # fmt: skip

@@ -27,19 +27,12 @@ def each(
     title: str,
     terminal: Terminal,
     show: Callable[[Result], None] = lambda result: None,
-    fresh: bool = False,
 ) -> list[Result]:
-    """Results as they come, each shown; on Ctrl-C, or if a worker dies, those that are done.
-
-    Args:
-        fresh: a new process for each item, so that none sees another's memory.
-    """
+    """Results as they come, each shown; on Ctrl-C, or if a worker dies, those that are done."""
     results: list[Result] = []
     for name in THREADS:
         os.environ[name] = "1"  # processes are started anew and read it before they load NumPy
-    pool = ProcessPoolExecutor(
-        workers, multiprocessing.get_context("spawn"), _quit_quietly, max_tasks_per_child=1 if fresh else None
-    )
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _quit_quietly)
     try:
         with terminal.progress(title) as progress:
             for future in as_completed([pool.submit(work, item) for item in items]):

@@ -26,7 +26,6 @@ RATE = 500.0  # [Hz]
 TORQUES = (0.5, 1.0, 2.0, 3.5, 6.0)  # [N m]
 DRIVES = {"gain 3": "gain 3", "gain -1": "gain -1"}
 FAULTS = {name: f"encoder {name}" for name in MISREADINGS} | DRIVES
-OF_MOTION = ("cannot have moved", "the encoder", "rad/s", "stand still", "against")  # in what the guard says
 PATIENCE = 1.5  # [s] after which a fault counts as missed
 SPREAD = 0.25  # share by which plants differ from what the watch was told
 NOISE = {1000.0: 5e-5, 250.0: 5e-5, 100.0: 3e-4}  # uncertainty of a reading's time [s], by rate [Hz]

@@ -1,6 +1,7 @@
 """The search where its first step misleads, on recordings of a simulator that shares no model code."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,10 +21,19 @@ from tests.cases import recorded
 SPOT = {"spot_f": 1.0, "spot_q": 0.3, "spot_w": 0.2}
 
 
-def searched(plant: Plant, train: Experiment, test: Experiment) -> tuple[SearchResult, list[str | None], float]:
+Effects = dict[str, dict[str, float]]
+
+
+def two_runs(hidden: Effects, rate: float = 200.0, seconds: float = 10.0, excitation: str = "multisine"):
+    """Return a recording to fit and one to hold out of a plant with hidden effects."""
+    experiments = (Experiment(rate, seconds, excitation, seed=seed) for seed in (2, 3))
+    return recorded(Plant(effects=hidden), *experiments)
+
+
+def searched(hidden: Effects, *experiment: Any) -> tuple[SearchResult, list[str | None], float]:
     """What was found, what it adds, and the share of the held-out torque error that is left."""
-    recordings = recorded(plant, train, test)
-    found = search(ModelEvaluator(*gather(recordings[:1], recordings[1:])))
+    train, test = two_runs(hidden, *experiment)
+    found = search(ModelEvaluator(*gather([train], [test])))
     steps = found.steps
     old, new = (step.errors["holdout"].torque_rms for step in (steps[0], steps[-1]))
     return found, [step.added for step in steps[1:]], new / old
@@ -32,10 +42,8 @@ def searched(plant: Plant, train: Experiment, test: Experiment) -> tuple[SearchR
 @pytest.mark.slow
 def test_an_effect_is_found_that_held_out_data_only_bear_out_beside_another():
     hidden = {"torque_offset": {"offset": -0.4}, "hard_stop": {"wall_hi": 0.9, "wall_k": 60.0}}
-    train, test = (Experiment(rate=500.0, seconds=10.0, seed=seed, excitation="multisine") for seed in (2, 3))
-    _, found, left = searched(Plant(effects=hidden), train, test)
-    assert set(found) == set(hidden)
-    assert left < 0.05
+    _, found, left = searched(hidden, 500.0)
+    assert set(found) == set(hidden) and left < 0.05
 
 
 def test_two_effects_that_hide_each_other_are_found_together_and_one_alone_has_no_partner():
@@ -43,9 +51,8 @@ def test_two_effects_that_hide_each_other_are_found_together_and_one_alone_has_n
     both = {"load_dependent_friction": {"load_mu": 0.3}, "stribeck": {"strib_d": 0.4, "strib_v": 0.4}}
     library = {id: effect(id) for id in (*both, "quadratic_drag", "torque_offset")}
     for hidden in (both, {"stribeck": both["stribeck"]}):
-        experiments = (Experiment(rate=500.0, seconds=10.0, seed=seed, excitation="multisine") for seed in (2, 3))
-        runs = recorded(Plant(effects=hidden), *experiments)
-        evaluator = ModelEvaluator(*gather(runs[:1], runs[1:]), library=library)
+        train, test = two_runs(hidden, 500.0)
+        evaluator = ModelEvaluator(*gather([train], [test]), library=library)
         pair = add_pair(SearchState(evaluator, BASE, BASE), screen_effects(evaluator, BASE))
         assert pair is None if len(hidden) == 1 else ids(pair.effects) == both.keys()
 
@@ -53,8 +60,7 @@ def test_two_effects_that_hide_each_other_are_found_together_and_one_alone_has_n
 @pytest.mark.slow
 def test_play_is_found_beside_what_decides_on_which_side_of_it_the_link_lies():
     play = {"Jm": 0.045, "bl_gap": 0.012, "bl_k": 300.0, "bl_d": 0.8}
-    train, test = (Experiment(rate=500.0, seconds=9.0, seed=seed, excitation="multisine") for seed in (2, 3))
-    selection, found, left = searched(Plant(effects={"backlash": play, "torque_offset": {"offset": 0.25}}), train, test)
+    selection, found, left = searched({"backlash": play, "torque_offset": {"offset": 0.25}}, 500.0, 9.0)
     assert found == ["backlash", "torque_offset"] and left < 0.1
     told = selection.steps[-1].model.estimates
     assert told["backlash.gap"].value == pytest.approx(0.012, rel=0.05)
@@ -70,8 +76,7 @@ def test_play_is_found_beside_what_decides_on_which_side_of_it_the_link_lies():
     ],
 )
 def test_what_a_table_hides_is_found_beside_it(hidden, table):
-    train, test = (Experiment(rate=200.0, seconds=10.0, seed=seed, excitation="multisine") for seed in (2, 3))
-    selection, found, _ = searched(Plant(effects=hidden), train, test)
+    selection, found, _ = searched(hidden)
     assert found == list(hidden)[1:]
     assert selection.table is not None and selection.table.id == table
 
@@ -79,10 +84,8 @@ def test_what_a_table_hides_is_found_beside_it(hidden, table):
 @pytest.mark.slow
 def test_a_motor_whose_gain_fades_is_given_no_name():
     """A battery that empties: the torque at the joint falls short of what is recorded, by more and more."""
-    experiments = [Experiment(rate=200.0, seconds=8.0, seed=seed, excitation="multisine") for seed in (2, 3)]
     first, second = (
-        replace(run, torque=run.torque / (1 - 0.25 * (1 - np.exp(-run.time / 5.0))))
-        for run in recorded(Plant(), *experiments)
+        replace(run, torque=run.torque / (1 - 0.25 * (1 - np.exp(-run.time / 5.0)))) for run in two_runs({}, 200.0, 8.0)
     )
     selection = search(ModelEvaluator(*gather([first], [second])))
     assert [step.added for step in selection.steps] == [None]
@@ -92,10 +95,9 @@ def test_a_motor_whose_gain_fades_is_given_no_name():
 @pytest.mark.parametrize(("later", "explained"), [(9.0, (0.9, 1.0)), (14.0, (0.0, 0.05))])
 def test_what_explains_one_recording_and_not_the_next_explains_little(later, explained):
     """A tone that shakes the joint, and is another one by the next day."""
-    experiments = [Experiment(rate=200.0, seconds=8.0, seed=seed, excitation="multisine") for seed in (2, 3)]
     first, second = (
         replace(run, torque=run.torque - 0.5 * np.sin(tone * run.time))
-        for run, tone in zip(recorded(Plant(), *experiments), (9.0, later), strict=True)
+        for run, tone in zip(two_runs({}, 200.0, 8.0), (9.0, later), strict=True)
     )
     evaluator = ModelEvaluator(*gather([first], [second]))
     trial = best_variant(evaluator, BASE, effect("periodic_disturbance"))
@@ -108,16 +110,13 @@ def test_what_explains_one_recording_and_not_the_next_explains_little(later, exp
 def test_a_drive_that_clips_deep_is_named_by_its_limit():
     """A limit of the current at a third of what the controller asks for: no tanh is like that."""
     hidden = {"torque_saturation": {"sat": 3.0, "sat_law": 1.0}}
-    train, test = (Experiment(rate=250.0, seconds=8.0, seed=seed, excitation="pd_loop") for seed in (2, 3))
-    selection, found, left = searched(Plant(effects=hidden), train, test)
-    assert found == ["torque_saturation"]
-    assert left < 0.1
+    selection, found, left = searched(hidden, 250.0, 8.0, "pd_loop")
+    assert found == ["torque_saturation"] and left < 0.1
     term = best_variant(selection.evaluator, selection.evaluator.base, effect("torque_saturation")).terms[-1]
-    assert term.limit == pytest.approx(3.0, rel=0.05)
-    assert term.roundness < 0.5
+    assert term.limit == pytest.approx(3.0, rel=0.05) and term.roundness < 0.5
 
 
-def knowing(effects: dict, *library: str) -> ModelEvaluator:
+def knowing(effects: Effects, *library: str) -> ModelEvaluator:
     """What there is to fit of a plant, with some effects of the library."""
     recordings = recorded(Plant(effects=effects), Experiment(rate=500.0, seconds=10.0, seed=4))
     return ModelEvaluator(*gather(recordings), library={id: effect(id) for id in library})
@@ -139,9 +138,8 @@ def test_beside_a_table_an_effect_is_named_unless_another_table_predicts_more():
         evaluator = knowing(hidden, "quadratic_drag")
         (table,) = (kind for kind in evaluator.tables if kind.id == "torque_by_angle")
         terms = best_variant(evaluator, BASE, table).terms
-        assert [term.id for term in add_beside_table(SearchState(evaluator, BASE, terms)).terms[len(terms) :]] == [
-            "quadratic_drag"
-        ] * named
+        found = add_beside_table(SearchState(evaluator, BASE, terms)).terms[len(terms) :]
+        assert [term.id for term in found] == ["quadratic_drag"] * named
     spare = (*BASE, effect("spring")(), effect("quadratic_drag")())
     evaluator = knowing({"quadratic_drag": {"drag": 0.05}}, "quadratic_drag", "spring")
     assert [step.added for step in confirm_steps(SearchState(evaluator, BASE, spare))] == [None, "quadratic_drag"]
@@ -158,12 +156,9 @@ def test_no_body_has_a_link_of_negative_inertia():
 def test_a_law_that_imitates_another_does_not_fit_where_the_joint_moves_otherwise():
     """Cubic damping looks like quadratic drag in each recording alone, with another coefficient in each."""
     slow, fast = (Experiment(rate=250.0, seconds=12.0, seed=seed, scale=scale) for seed, scale in ((2, 0.6), (3, 1.2)))
-    cubic, quadratic = (
-        Plant(effects=law) for law in ({"cubic_damping": {"cubic": 0.006}}, {"quadratic_drag": {"drag": 0.03}})
-    )
     model = (*BASE, effect("quadratic_drag")())
-    for plant, right in ((cubic, False), (quadratic, True)):
-        train, test = recorded(plant, slow, fast)
+    for hidden, right in (({"cubic_damping": {"cubic": 0.006}}, False), ({"quadratic_drag": {"drag": 0.03}}, True)):
+        train, test = recorded(Plant(effects=hidden), slow, fast)
         evaluator = ModelEvaluator(*gather([train], [test]))
         assert evaluator.residuals.is_noise(model) == right
         assert evaluator.residuals.is_noise_in(evaluator.train, evaluator.regression.residual(model))
