@@ -112,26 +112,18 @@ def test_what_the_terms_lack_is_said_in_one_line_and_nothing_where_they_lack_not
     plants = {"whole": paper_plant(), "lacking": hide(paper_plant(), "stribeck=0.45")}
     runs = {name: record(plant, excitation("paper", 1), 15, rng=1) for name, plant in plants.items()}
     found = {name: identify(run) for name, run in runs.items()}
-    missing = {name: [one for one in own.findings if one.kind is Kind.INCOMPLETE] for name, own in found.items()}
-    assert missing["whole"] == []
-    (incomplete,) = missing["lacking"]
+    assert Kind.INCOMPLETE not in {one.kind for one in found["whole"].findings}
+    (incomplete,) = (one for one in found["lacking"].findings if one.kind is Kind.INCOMPLETE)
     assert incomplete.numbers.keys() == {"residual", "disagreement"} and "coulomb" in incomplete.parameters
-    biased = {
-        name: {
-            parameter
-            for scheme in own.schemes.values()
-            for parameter, estimate in scheme.model.estimates.items()
-            if estimate.is_biased
-        }
-        for name, own in found.items()
-    }
-    assert biased["whole"] == set() and "coulomb" in biased["lacking"] and "inertia" not in biased["lacking"]
+    whole, lacking = (
+        {name for scheme in own.values() for name, one in scheme.model.estimates.items() if one.is_biased}
+        for own in found.values()
+    )
+    assert whole == set() and "coulomb" in lacking and "inertia" not in lacking
     assert found["lacking"].windows.estimates["coulomb"].is_biased
     for name, run in runs.items():  # a single scheme: no other shows which estimates are biased
         (alone,) = identify(run, schemes="energy").values()
         assert {estimate.is_biased for estimate in alone.model.estimates.values()} == {name == "lacking"}
-    (alone,) = identify(runs["lacking"], schemes="energy").findings  # which differs from none
-    assert alone.numbers.keys() == {"residual"}
 
 
 def test_torque_that_was_asked_of_an_open_motor_did_not_act():
@@ -149,8 +141,5 @@ def test_torque_that_was_asked_of_an_open_motor_did_not_act():
 
 def test_an_identification_maps_schemes_to_what_they_find(swing):
     found = identify(swing, schemes=["dynamic", "energy"])
-    assert list(found) == ["dynamic", "energy"] and len(found) == 2
     assert {id: own.scheme for id, own in found.items()} == {"dynamic": "dynamic", "energy": "energy"}
-    assert "energy" in found and "enrgy" not in found and found.get("enrgy") is None
-    many = identify([replace(swing, name=f"run {k}") for k in range(5)], schemes="dynamic")
-    assert "run 3" not in repr(many)
+    assert "energy" in found and "enrgy" not in found
