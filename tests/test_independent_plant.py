@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,11 +13,9 @@ from benchmarks.independent_plant import (
     EFFECTS,
     Experiment,
     Plant,
-    blind_set,
     effect_share,
     random_case,
     simulate,
-    write_case,
 )
 from tests.runge_kutta import stick_and_slip
 
@@ -160,13 +156,3 @@ def test_every_effect_has_a_share_and_nothing_hidden_has_none() -> None:
     for effect, run in zip(EFFECTS, hidden, strict=True):
         share = effect_share(run)
         assert 0.002 < share.after_refit <= share.with_true_parameters, effect
-
-
-def test_blind_set_is_written_with_its_truth(tmp_path: Path) -> None:
-    for k, case in enumerate(blind_set(np.random.default_rng(1), 4, 1, 1, 1, seconds=1.0)):
-        write_case(tmp_path, f"case_{k}", *simulate([(case.plant, case.train), (case.plant, case.holdout)]))
-    truth = json.loads((tmp_path / "truth.json").read_text())
-    assert sorted(len(case["hidden"]) for case in truth.values()) == [0, 1, 1, 2]
-    for name, case in truth.items():
-        t, q, u = np.loadtxt(tmp_path / f"{name}.train.csv.gz", delimiter=",", skiprows=1).T
-        assert len(t) == case["rate_hz"] and np.isfinite([t, q, u]).all()

@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter
 from benchmarks import six_joint
 from benchmarks.six_joint import Hidden
 from benchmarks.two_link import TwoLink
-from estimators import add, compare, diagnose, identify
+from estimators import add, compare, diagnose
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.result import Verdict
 from estimators.findings import Finding, Kind
@@ -33,23 +33,6 @@ def plain():
 
 def error_at(joint, step):
     return step.errors["holdout"].joints[joint]
-
-
-@pytest.mark.slow
-def test_torque_of_six_joints_in_mujoco_is_predicted_within_two_per_cent(six, plain):
-    found = identify(plain, arm_base(six), "filtered_dynamic")["filtered_dynamic"]
-    errors = compare(found.model, six_joint.simulate(2, seconds=5.0)).joint.errors
-    assert max(errors.shares.values()) < 0.02
-    assert not found.withheld
-    for joint, viscous, coulomb in zip(six_joint.JOINTS, six_joint.VISCOUS, six_joint.COULOMB, strict=False):
-        assert found.model.estimates[f"viscous@{joint}"].value == pytest.approx(viscous, rel=0.05)
-        assert found.model.estimates[f"coulomb@{joint}"].value == pytest.approx(coulomb, rel=0.02)
-
-
-def test_nothing_is_named_where_nothing_is_hidden(six, plain):
-    found = diagnose(plain, (), arm_base(six), library=SOME)
-    assert found.selected == ()
-    assert len(found.steps) == 1
 
 
 def test_torque_of_all_joints_that_was_sampled_is_late_by_half_a_sample(six, plain):
@@ -162,20 +145,6 @@ def test_where_no_weight_acts_a_table_may_be_a_line(six):
     curve = table.curve(np.array([model.estimates[column.name].value for column in table.columns]))
     slope = np.polyfit(curve.x, curve.value, 1)[0]
     assert slope == pytest.approx(0.6 * six_joint.COULOMB[0], rel=0.03)
-
-
-@pytest.mark.slow
-def test_of_equal_laws_the_simplest_is_named_and_the_others_told(body):
-    found = diagnose(recorded(offset=(0.0, 0.3)), (), arm_base(body))
-    assert found.selected == ("torque_offset@elbow",)
-    told = {candidate.effect: candidate.verdict for candidate in found.candidates}
-    assert told["coulomb_asymmetry@elbow"] is Verdict.AMBIGUOUS
-    assert ("torque_offset@elbow", "coulomb_asymmetry@elbow") in found.ambiguous
-    order = [(list(Verdict).index(one.verdict), -one.score) for one in found.candidates]
-    assert order == sorted(order)  # the best first
-    rejected = [one for one in found.candidates if one.verdict is Verdict.REJECTED]
-    assert all(one.reason and not one.gates[-1].passed for one in rejected)
-    assert found.model.estimates["torque_offset@elbow"].value == pytest.approx(0.3, rel=0.03)
 
 
 def test_effects_at_two_joints_are_named_and_every_effect_is_told_once(body):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import Multisine
-from estimators import diagnose, identify
+from estimators import identify
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.setting import Setting
 from estimators.regression.balance import Columns
@@ -83,22 +83,6 @@ def test_terms_are_at_a_joint_of_the_arm_and_at_one(body, run):
             identify(run, (Links(body), *terms))
     with pytest.raises(ValueError, match="stribeck@elbow is at a joint already"):
         at_joint(at_joint(effect("stribeck"), "elbow"), "shoulder")
-
-
-def test_a_model_that_lacks_something_says_so_of_its_values_and_in_its_file(body, run, tmp_path):
-    kicked = run.torque + 0.5 * np.sign(np.sin(40 * TIME + 3 * np.sin(TIME)))[:, None]  # no effect of the library
-    found = diagnose(replace(run, torque=kicked), (), arm_base(body), library={"spring": effect("spring")})
-    assert found.unexplained
-    found.model.save(tmp_path / "arm.json")
-    for model in (found.model, ArmModel.load(tmp_path / "arm.json", body)):
-        assert model.estimates["viscous@elbow"].text.endswith("(biased)")
-
-
-def test_terms_at_joints_are_sent_to_other_processes_whole():
-    term = at_joint(effect("stribeck"), "elbow")(0.3)
-    again = pickle.loads(pickle.dumps(term))
-    assert again == term and again.id == "stribeck@elbow" and again.at == "elbow"
-    assert [column.name for column in again.columns] == ["stribeck@elbow"]
 
 
 @pytest.mark.parametrize(("at", "is_heavy"), [("shoulder,-elbow", True), ("shoulder,elbow", False)])

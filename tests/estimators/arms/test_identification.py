@@ -76,12 +76,6 @@ def test_with_the_momentum_of_the_dynamic_model_friction_is_as_the_dynamic_model
         identify(recording, arm_base(body), [paper["hamiltonian"]])
 
 
-def test_the_recursion_ends_at_the_batch_estimate(found):
-    for one in found.schemes.values():
-        assert np.allclose(one.convergence.theta[-1], one.model.theta, rtol=1e-4, atol=1e-5)
-        assert len(one.convergence.time) > 100
-
-
 def test_a_joint_that_sticks_is_left_out_of_its_own_row_alone(body, truth):
     still = replace(ARM, coulomb=(6.0, ARM.coulomb[1]))  # half of the time the shoulder sticks
     time = np.arange(0, 6, 1 / RATE)

@@ -12,10 +12,11 @@ from estimators.comparison import compare
 from estimators.findings import Kind
 from estimators.schemes.identification import identify
 from estimators.schemes.six import SCHEMES
-from pendulum_env.physics import BASE, Column, KnownLoad, Model, Samples, Term, effect
+from pendulum_env.physics import BASE, KnownLoad, Model, effect
 from pendulum_env.physics import simulate as fly
 from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
 from tests.cases import diagnosed
+from tests.terms import Table
 
 K = 0.11  # [N m/A]
 JOINT = {"inertia": 0.03, "gravity": 0.6, "viscous": 0.08, "coulomb": 0.1}
@@ -134,20 +135,7 @@ def test_noise_of_a_sensor_does_not_turn_a_load_torque_that_the_model_explains(l
         assert not wrong_columns(found["dynamic"].model, [recording])
 
 
-class Own(Term):
-    """A law that is no formula, so that a simulation of it is not compiled."""
-
-    id, law, kind = "own_law", "0", "dissipative"
-
-    @property
-    def columns(self):
-        def force(x: Samples):
-            return np.array([0.0 * v for v in np.atleast_1d(x.velocity)])
-
-        return (Column("own_law", "N m", force=force),)
-
-
-@pytest.mark.parametrize("terms", [BASE, (*BASE, Own())])
+@pytest.mark.parametrize("terms", [BASE, (*BASE, Table())])  # a simulation of a table is not compiled
 def test_a_simulation_under_a_load_torque_is_that_under_the_sum_of_both(terms):
     theta = np.array([0.03, 0.6, 0.08, 0.1, *[1.0] * (len(terms) - len(BASE))])
     n = np.arange(500)

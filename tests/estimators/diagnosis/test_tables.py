@@ -48,6 +48,7 @@ def test_a_diagnosis_names_the_table_that_keeps_a_law_without_a_name_and_none_wh
     assert not named or (found.json()["table"] == hidden and found.forbidden.effects == (hidden,))
 
 
+@pytest.mark.slow
 def test_a_motor_gain_that_falls_with_the_speed_is_unexplained_and_given_no_name():
     found = diagnosed("a gain")
     assert found.unexplained and not found.selected and not found.tables

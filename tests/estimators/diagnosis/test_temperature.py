@@ -62,13 +62,14 @@ def test_temperature_that_does_nothing_or_was_not_measured_is_not_named():
     assert diagnose([warmed(3, False)], [warmed(4, False)], library=ASKED).selected == ()
     unmeasured = [replace(warmed(seed), temperature=None) for seed in (1, 2)]
     assert "temperature_dependent_friction" not in diagnose(unmeasured[:1], unmeasured[1:], library=ASKED).selected
-    with pytest.raises(IdentificationError, match="needs the joint's temperature, which no recording has"):
-        diagnose(unmeasured, only=["temperature_dependent_friction"])
-    with pytest.raises(IdentificationError, match="needs the joint's temperature, which no recording has"):
-        add(paper_plant(), "temperature_dependent_friction", unmeasured)
     warm = Model.build((*BASE, TemperatureDependentFriction()), [INERTIA, GRAVITY, VISCOUS, COULOMB, 0.0, 0.0])
-    with pytest.raises(IdentificationError, match="needs the joint's temperature, which no recording has"):
-        compare(warm, unmeasured)
+    for call in (
+        lambda: diagnose(unmeasured, only=["temperature_dependent_friction"]),
+        lambda: add(paper_plant(), "temperature_dependent_friction", unmeasured),
+        lambda: compare(warm, unmeasured),
+    ):
+        with pytest.raises(IdentificationError, match="needs the joint's temperature, which no recording has"):
+            call()
     steady = [replace(run, temperature=np.full(len(run.time), 25.0)) for run in unmeasured]
     with pytest.raises(IdentificationError, match="run 1, run 2: nothing there shows temperature_dependent_"):
         add(paper_plant(), "temperature_dependent_friction", steady)

@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from estimators.online import JointState, OnlineEstimator
+from estimators.online import OnlineEstimator
 from estimators.online.encoder import EncoderNoise
 from estimators.wrappers import EstimateParameters
 from pendulum_env.plant import PAPER
@@ -108,12 +108,3 @@ def test_an_environment_that_tells_no_encoder_lets_it_be_learnt():
     truth = np.array(list(PAPER.values()))
     assert np.abs(unknown / known - 1).max() < 0.01
     assert np.abs(fine / truth - 1).max() > 2 * np.abs(unknown / truth - 1).max()
-
-
-@pytest.mark.slow
-def test_rest_leaves_the_joint_state_as_sure_as_it_was():
-    estimator = OnlineEstimator(RATE, schemes=[JointState()], counts=COUNTS, forgetting=0.99)
-    estimates = fed(estimator, recorded(4.0, 8.0))
-    stopped, rested = (estimates[round(end * RATE) - 1] for end in (5.0, 12.0))
-    assert (np.abs(rested.theta[0] - TRUTH) < 4 * standard_errors(rested)).all()
-    np.testing.assert_allclose(standard_errors(rested), standard_errors(stopped), rtol=0.3)
