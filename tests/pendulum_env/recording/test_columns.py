@@ -15,8 +15,6 @@ UNITS = {letters(unit): unit for unit in ("rad", "deg", "rad/s", "N m", "A", "co
 NAMES = st.text(st.characters(exclude_categories=("Cs", "Cc", "Z"), exclude_characters=" "), min_size=1, max_size=12)
 NUMBERS = st.floats(1e-6, 1e6).map(repr) | st.integers(1, 10**6).map(str) | st.just("pi")
 FACTORS = st.lists(st.tuples(st.sampled_from(["*", "/", "*-", "/-"]), NUMBERS).map("".join), max_size=4).map(tuple)
-
-
 UNIT = st.none() | st.sampled_from(list(UNITS.values()))
 OFFSETS = st.tuples(st.tuples(st.sampled_from("+-"), NUMBERS).map("".join), UNIT) | st.just((None, None))
 EXPRESSIONS = st.builds(
@@ -99,14 +97,10 @@ def test_names_of_columns_come_first_and_the_longest_is_meant() -> None:
 @pytest.mark.parametrize(
     ("text", "column", "expected"),
     [
-        ("torque=current:A*0.091", 2.0, 0.182),
         ("torque=current:mA*0.091", 2000.0, 0.182),
-        ("torque=i [mA]*0.091", 2000.0, 0.182),
         ("torque=current:A*0.091*6+0.01:Nm", 2.0, 1.102),
         ("position=-motor_angle/6", 3.0, -0.5),
-        ("position=motor_angle:deg/6-90", 540.0, 0.0),
         ("position=motor_angle:deg-1:rad", 180.0, math.pi - 1),
-        ("position=enc:counts/4096", 1024.0, math.pi / 2),
         ("position=enc:counts/4096/6-0.25:rev", 4096.0 * 6, 1.5 * math.pi),
         ("position=enc*2*pi/4096", 1024.0, math.pi / 2),
         ("velocity=speed:rpm/6", 60.0, 2 * math.pi / 6),
@@ -127,7 +121,7 @@ def test_columns_become_si(text: str, column: float, expected: float) -> None:
 
 HEADERS = "time,q,enc,tau,current,duty,iq_measured"
 JOINTS = ",".join(f"/joint_states/{what}[{joint}]" for what in ("position", "effort") for joint in range(3))
-CURRENTS = ["current", "iq", "Current [A]", "motor_current", "/motor/iq_measured", "duty", "PWM"]
+CURRENTS = ["iq", "Current [A]", "/motor/iq_measured", "PWM"]
 
 
 @pytest.mark.parametrize(
@@ -143,23 +137,18 @@ CURRENTS = ["current", "iq", "Current [A]", "motor_current", "/motor/iq_measured
         ("t,q,tau", {"position": "Q"}, "no column is named 'Q', which is to be position, among 't', 'q', 'tau'"),
         ("t,q,tau,x,x", {"position": "x"}, "2 columns are named 'x'"),
         ("t,q,tau", {"velocity": "q"}, "no column for position"),
-        ("t,q,tau", {"torque": "unused"}, "no column is named 'unused', which is to be torque"),
         *((f"t,q,{name}", {}, "no column for torque.*needs a gain, as in --columns torque=") for name in CURRENTS),
         (HEADERS, {"torque": "current"}, "column 'current' without a gain: write torque=current:A[*]0.1 with"),
-        (HEADERS, {"torque": "current:A"}, "cannot be column 'current' without a gain"),
         (HEADERS, {"torque": "duty:duty"}, "cannot be column 'duty' without a gain"),
         (HEADERS, {"position": "enc"}, "write position=enc:counts/4096 with the counts of a turn"),
-        (HEADERS, {"position": "enc/4096"}, "write position=enc:counts/4096 with the counts of a turn"),
         (HEADERS, {"position": "q*?"}, "can be unknown only where it is a current"),
         (HEADERS, {"torque": "current*?"}, "unknown only where it is a current: write torque=current:A[*][?]"),
         (HEADERS, {"torque": "current:A*2+1"}, "offset in 'current:A[*]2[+]1' needs a unit of its own: .*[+]1:Nm"),
         (HEADERS, {"torque": "current:A*2+1:A"}, "is added after the gain: give it in N m"),
         (HEADERS, {"torque": "current:Foo*2"}, "'Foo' of torque is not known: use one of Nm, mNm, Ncm, A, mA, V, duty"),
-        (HEADERS, {"torque": "curent*2"}, "no column is named 'curent', which is to be torque"),
         (HEADERS, {"position": "q*0"}, "makes nothing of it"),
         (HEADERS, {"position": "q*1e999"}, "beyond all bounds"),
         (HEADERS, {"position": "q**2"}, r"'\*\*2' behind column 'q' is not understood: write NAME:UNIT"),
-        (HEADERS, {"position": "q+1*2"}, "is not understood"),
         (HEADERS, {"position": "q:V" + "/6+0.1:Nm" * 100_000}, "unit 'V' of position is not known"),  # at once
     ],
 )
@@ -168,21 +157,10 @@ def test_what_is_no_column_or_makes_no_sense_is_one_sentence(headers: str, named
         find_columns(headers.split(","), named)
 
 
-def test_a_current_of_unknown_gain_stays_one(tmp_path) -> None:
+def test_a_current_of_unknown_gain_stays_one() -> None:
     time = np.arange(2000) / 500
-    np.savez(tmp_path / "run.npz", time=time, position=np.sin(time), current=1e3 * np.cos(time))
-    recording = read_recording(tmp_path / "run.npz", columns={"torque": "-current:mA*?"})
+    log = {"time": time, "position": np.sin(time), "current": 1e3 * np.cos(time)}
+    recording = read_recording(log, columns={"torque": "-current:mA*?"})
     assert recording.torque_unit == "A"
     np.testing.assert_allclose(recording.torque, -np.cos(time))
     assert "torque is in A, its gain to be found" in recording.notes
-
-
-def test_expressions_are_told_and_applied(tmp_path) -> None:
-    time = np.arange(2000) / 500
-    columns = {"t": time, "motor": -6 * np.degrees(np.sin(time)) + 30, "i": np.cos(time), "setpoint": np.sin(time)}
-    np.savez(tmp_path / "run.npz", **columns)
-    named = {"position": "-motor:deg/6+5", "torque": "i:A*0.5"}
-    recording = read_recording(tmp_path / "run.npz", columns=named)
-    np.testing.assert_allclose(recording.position, np.sin(time), atol=1e-12)
-    np.testing.assert_allclose(recording.torque, 0.5 * np.cos(time))
-    assert {"position is -motor:deg/6+5", "torque is i:A*0.5"} <= set(recording.notes)

@@ -19,9 +19,10 @@ def gappy() -> Recording:
     return Recording("gappy", time, np.sin(time), np.cos(3 * time), np.cos(time), starts=starts, **told)
 
 
-def test_a_recording_has_one_name() -> None:
+def test_a_recording_has_one_name_and_needs_none() -> None:
     time = np.arange(10) / 100
     assert Recording("monday", time, time).name == Recording(time, time, name="monday").name == "monday"
+    assert Recording(time, time, time).name == "recording"
     with pytest.raises(TypeError, match="two names, 'monday' and 'tuesday'"):
         Recording("monday", time, time, name="tuesday")
 

@@ -1,6 +1,5 @@
 """A study: which recordings there are, how they are read, and what they are for."""
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,14 +32,10 @@ COLUMNS = st.dictionaries(st.sampled_from(["time", "position", "velocity", "torq
 RANGES = st.tuples(SECONDS, SECONDS).map(sorted).filter(lambda pair: pair[0] < pair[1]).map(tuple)
 
 
-DRIVES = st.sampled_from(
-    [None, Drive(kp=np.float64(2.5), output="torque"), Drive("velocity", "torque", kp=1.0, ki=0.5, rate=500.0)]
-)
+DRIVES = [None, Drive(kp=np.float64(2.5), output="torque"), Drive("velocity", "torque", kp=1.0, ki=0.5, rate=500.0)]
 SOURCES = st.builds(
-    lambda file, role, columns, unwrap, range, load, drive: Source(
-        Path(file), role, columns, unwrap, range, load, drive=drive
-    ),
-    NAMES, st.sampled_from(["fit", "holdout"]), COLUMNS, st.booleans(), st.none() | RANGES, st.none() | LOADS, DRIVES,
+    Source, NAMES.map(Path), st.sampled_from(["fit", "holdout"]), COLUMNS, st.booleans(), st.none() | RANGES,
+    st.none() | LOADS, drive=st.sampled_from(DRIVES),
 )  # fmt: skip
 
 
@@ -62,21 +57,16 @@ A = "[[recording]]\nfile = 'a.csv'\n"
     [
         ("[columns", "is not TOML"),
         ("", "names no recordings: write"),
-        ("[recording]\nfile = 'a.csv'", "'recording' is .*: expected a list"),
         ("[[recordings]]\nfile = 'a.csv'", "unknown key 'recordings': did you mean recording"),
         (f"# bench\n\n{A}\nrol = 'fit'", r"'recording\[0\]': unknown key 'rol': did you mean role"),
         ("[[recording]]\nrole = 'fit'", r"'recording\[0\]' lacks 'file'"),
-        ("[[recording]]\nfile = 3", r"'recording\[0\].file' is 3: expected a text"),
         (f"{A * 2}role = 'test'", r"toml: 'recording\[1\].role' is 'test': expected one of fit, holdout"),
-        (f"{A}unwrap = 1", "unwrap' is 1: expected true or false"),
         (f"{A}range = [3, 1]", r"'recording\[0\]': range is \[3.0, 1.0\]: expected \[from, to\]"),
-        (f"{A}range = 3", "range' is 3: expected a list"),
         (f"{A}load = {{mass = 1}}", "load needs mass and length, or inertia and gravity"),
         (f"{A}[recording.load]\nmass = 1\nlength = -2", r"'recording\[0\].load.length' is -2: expected a number >= 0"),
         (f"{A}load = {{inertia = 1, gravity = inf}}", "load.gravity' is inf: expected a number <= 1e"),
         (f"[columns]\ntorqe = 'tau'\n{A}", "columns are named for time, position"),
         (f"[columns]\ntorque = 3\n{A}", "'columns.torque' is 3: expected a text"),
-        (f"columns = 3\n{A}", "'columns' is 3: expected a table"),
         (f"{A * 2}role = 'holdout'", "a.csv is named twice"),
         (f"{A}range = [0, 5]\n[[recording]]\nfile = './a.csv'\nrange = [4, 9]", "a.csv is named twice: give"),
     ],
@@ -150,17 +140,10 @@ def test_a_file_is_read_once_for_all_of_its_ranges(bench: Path, monkeypatch: pyt
     assert read_study(bench / "study.toml").recordings[0].torque[0] == 2 * parts[0].torque[0]  # it was written anew
 
 
-def test_a_range_of_a_file_that_cannot_be_looked_at_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "study.toml").write_text(f"[[recording]]\nfile = '{'a' * 300}.csv'\nrange = [0, 2]")
-    with pytest.raises(ValueError, match="there is no such file"):
-        read_study(tmp_path / "study.toml")
-
-
-def test_files_below_the_study_are_named_relative_to_it(tmp_path: Path) -> None:
-    time = np.arange(1000) / 500
+def test_files_below_the_study_are_named_relative_to_it(tmp_path: Path, swing: Recording) -> None:
     (tmp_path / "one" / "data").mkdir(parents=True)
-    write_recording(Recording("run", time, np.sin(time), np.cos(time)), tmp_path / "one" / "data" / "run.csv")
+    write_recording(swing, tmp_path / "one" / "data" / "run.csv")
     write_study([Source(tmp_path / "one" / "data" / "run.csv")], tmp_path / "one" / "study.toml")
     (tmp_path / "one").rename(tmp_path / "other")
     (recording,) = read_study(tmp_path / "other" / "study.toml").recordings
-    assert math.isclose(recording.rate, 500)
+    np.testing.assert_array_equal(recording.position, swing.position)
