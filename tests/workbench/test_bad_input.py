@@ -86,6 +86,7 @@ WORDS = [  # with files of `folder`
     ("record --theta coulomb=100 --seconds 1.5 -o x.csv", "the arm never moves"),
     ("record --counts 1 --seconds 1.5 -o x.csv", "or turn it by less than one of the 1 --counts"),
     ("record --backend dm1015b -o x.csv", "--backend dm1015b and --config FILE belong together"),
+    ("record --backend dm1015b --config rig.toml --effect spring -o x.csv", "do not go with"),
     ("record --backend gazebo -o x.csv", "unknown backend 'gazebo'"),
     ("record --seconds 0.2 -o x.csv", "should be a number from 1 to"),
     ("record --seconds 1e5 -o x.csv", "samples are asked for"),

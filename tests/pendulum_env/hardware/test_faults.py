@@ -31,10 +31,8 @@ while True:
         print("running", flush=True)
         said = True
     torque = 0.5 + 3.0 * np.sin(8.0 * info["time"])
-    if said and trouble == "exception":
-        raise ArithmeticError("the policy has a mistake")
-    if said and trouble == "nan":
-        torque = np.nan
+    if said and trouble:
+        raise ArithmeticError(trouble)
     *_, terminated, _, info = env.step(np.array([torque], dtype=np.float32))
     if terminated:
         print("fault", info["fault"], flush=True)
@@ -130,17 +128,10 @@ def test_a_host_that_is_told_to_end(scene, kind, number):
 
 
 @one
-@pytest.mark.parametrize(
-    ("trouble", "said"),
-    [
-        ("exception", "the policy has a mistake"),
-        ("nan", "the action is [nan], of shape (1,): it needs (1,), a torque in N m"),
-    ],
-)
-def test_a_policy_that_fails_or_asks_for_what_is_no_number(scene, kind, trouble, said):
-    s = scene(kind, trouble)
+def test_a_policy_that_fails(scene, kind):
+    s = scene(kind, "the policy has a mistake")
     code, err = s.ended()
-    assert code == 1 and said in err
+    assert code == 1 and "the policy has a mistake" in err
     s.safe()
 
 
