@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from estimators.search_hints import grid
 from pendulum_env.physics import BASE, Column, KnownLoad, Samples, Term, compiled, effects, simulate
 from pendulum_env.physics.compiled import MANY, Machine, Step, recurrence
-from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.physics.simulation import Balance, prepared, step
 from pendulum_env.physics.symbols import name, names
@@ -35,12 +34,10 @@ BINARY = (
 )
 numbers = st.floats(-20.0, 20.0)
 expressions = st.recursive(
-    st.one_of(
-        st.sampled_from("xy").map(lambda text: lambda v: v[text]), numbers.map(lambda c: lambda v: np.float64(c))
-    ),
-    lambda inner: st.one_of(
-        st.tuples(st.sampled_from(UNARY), inner).map(lambda p: lambda v: p[0](p[1](v))),
-        st.tuples(st.sampled_from(BINARY), inner, inner).map(lambda p: lambda v: p[0](p[1](v), p[2](v))),
+    st.sampled_from("xy").map(lambda text: lambda v: v[text]) | numbers.map(lambda c: lambda v: np.float64(c)),
+    lambda inner: (
+        st.tuples(st.sampled_from(UNARY), inner).map(lambda p: lambda v: p[0](p[1](v)))
+        | st.tuples(st.sampled_from(BINARY), inner, inner).map(lambda p: lambda v: p[0](p[1](v), p[2](v)))
     ),
     max_leaves=12,
 )
@@ -59,10 +56,6 @@ def test_an_expression_has_the_value_that_numpy_gives_it(expression, values):
     x, y = np.array(values).T
     result = computed(expression({"x": name("x"), "y": name("y")}), x, y)
     np.testing.assert_allclose(result, expression({"x": x, "y": y}) + 0.0 * x, rtol=1e-9, atol=1e-9)
-
-
-def test_a_choice_between_numbers_is_a_number():
-    assert computed(np.where(np.float64(1.0) > 0, np.float64(2.0), np.float64(3.0)), [0.0]) == 2.0
 
 
 @pytest.mark.parametrize("values", [[np.inf, -np.inf, 0.0, -0.0], [1e300, -1e300, 1e-300, 5.0]])
@@ -188,21 +181,15 @@ def added_in_place(x):
     "law",
     [
         lambda x: 1.0 if x > 0 else 0.0,
-        lambda x: max(x, 0.0),
-        lambda x: x > 0 and x < 1,
         lambda x: float(x),
         lambda x: len(x),
         lambda x: x[0],
         lambda x: x % 2,
         lambda x: np.divide(1.0, x, out=np.zeros_like(x), where=x != 0),
         lambda x: np.hypot(x, 1.0),
-        lambda x: np.interp(x, [0.0, 1.0], [0.0, 1.0]),
-        lambda x: np.clip(x, None, 1.0),
         lambda x: np.where(x > 0),
         lambda x: x.max(),
-        lambda x: np.max(x),
         lambda x: 1.0 if np.any(x > 0) else 0.0,
-        lambda x: 1.0 if (x > 0).all() else 0.0,
         lambda x: np.zeros(np.shape(x)),
         added_in_place,
     ],
@@ -239,8 +226,3 @@ def test_two_terms_of_a_class_have_their_own_shapes():
         )
     )
     np.testing.assert_allclose(path, swapped, rtol=0, atol=1e-10)
-
-
-def test_shapes_of_a_batch_that_are_all_usual_are_compiled():
-    batched = Stribeck(stribeck_velocity=np.array([0.3, 0.4]), exponent=np.array([2.0, 2.0]))
-    assert prepared([*BASE, batched]).step is not None

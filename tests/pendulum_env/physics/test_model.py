@@ -46,18 +46,6 @@ def test_a_parameter_at_its_bound_is_said_to_be_there_and_has_no_error():
     }
 
 
-def test_json_holds_schema_terms_and_theta_in_the_order_of_the_columns():
-    model = hide(hide(paper_plant(), "cogging=0.3,0.2"), "stribeck=0.1")
-    data = model.json()
-    assert data["schema"] == "pendulum-ident/model@1"
-    assert data["terms"] == ["inertia", "gravity", "viscous", "coulomb", "cogging", "stribeck"]
-    assert [column.name for column in model.columns][4:] == ["cogging.sin", "cogging.cos", "stribeck"]
-    assert data["theta"]["stribeck"] == {"value": 0.1, "std": 0.0, "unit": "N m"}
-    assert data["theta"]["stribeck.stribeck_velocity"]["unit"] == "rad/s"
-    np.testing.assert_array_equal(model.theta[4:], [0.3, 0.2, 0.1])
-    assert json.loads(json.dumps(data, allow_nan=False)) == data
-
-
 def test_torque_is_the_sum_over_columns_and_laws_without_a_parameter():
     model = hide(hide(paper_plant(), "quadratic_drag=0.03"), "torque_saturation=6")
     rng = np.random.default_rng(0)
@@ -110,31 +98,22 @@ def covered(**changes: object) -> dict:
     [
         (edited(schema="something else"), "this is not a model: 'schema' should be pendulum-ident/model@1"),
         (edited(schema="pendulum-ident/arm-model@1"), "of an arm, .* a pendulum has no use: .* take it with --robot"),
-        (None, "this is not a model"),
         ({"schema": "pendulum-ident/model@1"}, "it lacks 'terms'"),
         (edited(terms=["inertia", "stribek"]), r"unknown effect 'stribek': did you mean stribeck\? Known: "),
         (edited(terms=["inertia", "inertia"]), "names a term twice"),
-        (edited(terms=3), "'terms' is 3: expected a list"),
-        (edited(theta=[1, 2]), r"'theta' is \[1, 2\]: expected a table"),
         (with_theta(**{"stribeck.stribeck_velocity": None}), "'theta' lacks 'stribeck.stribeck_velocity'"),
-        (with_theta(gravity=2.0), "'theta.gravity' is 2.0: expected a table"),
         (with_theta(gravity={"value": np.nan}), "'theta.gravity.value' is nan: expected a number >= -1e"),
         (with_theta(gravity={"value": 2.0, "std": float("nan")}), "'theta.gravity.std' is nan"),
         (with_theta(inertia={"value": 0.0}), "'theta.inertia.value' is 0: .* a number above zero"),
-        (edited(torque_unit=3), "'torque_unit' is 3: expected a text"),
         (edited(log_format={"load": {"inertia": np.nan}}), "'log_format.load' is .*: expected a number"),
         (edited(limits={"gravity": [np.nan, 1.0]}), "'limits' is .*: expected a number"),
-        (with_theta(gravity={"value": None}), "'theta.gravity.value' is None: expected a number"),
         (shaped("stribeck", "stribeck_velocity", -0.5), "stribeck_velocity.*-0.5"),
         (shaped("cogging", "order", 3.5), "order.*3.5"),
-        (shaped("cogging", "order", 0), "order.*0"),
         (shaped("hard_stop", "lower", 2), "makes no sense: lower has to be below upper"),
         (covered(parameters=["mass", "gravity", "viscous", "coulomb"]), "does not tell of inertia"),
         (covered(matrix=np.eye(4)[:3].tolist()), "4 rows"),
         (covered(matrix=(-np.eye(4)).tolist()), "a variance below zero"),
-        (b"", "is not JSON; a model file is what `identify -o`"),
-        (b"\xff\xfe\x00", "is not JSON"),
-        (b"time,position,torque\n0,0,0\n", "is not JSON"),
+        (b"\xff\xfe\x00", "is not JSON; a model file is what `identify -o`"),
         ("nowhere", "cannot be read"),
     ],
 )
@@ -162,8 +141,9 @@ def test_a_model_is_a_mapping_of_its_estimates_by_full_and_short_name():
     model = Model.build([*BASE, effect("dead_time")()], 0.5)
     assert dict(model) == model.estimates and list(model) == list(model.estimates) and len(model) == 5
     assert "dead_time" in model and model["dead_time"] is model["dead_time.dead_time"]
-    assert "stribeck" not in model and model.get("stribeck") is None
-    assert model.has_known_inertia and not Model.build(BASE[1:], 0.5).has_known_inertia
+    assert "stribeck" not in model and float(model["gravity"]) == 0.5
+    with pytest.raises(KeyError, match="did you mean gravity"):
+        model["gravty"]
 
 
 def test_a_transmission_is_also_told_as_a_spring_and_a_damper():
@@ -194,14 +174,3 @@ def test_a_model_at_other_values_has_them_in_estimates_and_terms():
     for wrong in ({"gravty": 1.0}, {"inertia": 0.0}, {"gravity": np.nan}):
         with pytest.raises(ValueError, match=r"did you mean gravity|cannot be"):
             model.at(wrong)
-
-
-def test_an_estimate_is_a_number_and_a_model_a_table_of_them():
-    model = Model.build(BASE, [0.09, 2.0, 0.35, 0.8]).add(effect("dead_time")(0.003))
-    assert float(model["gravity"]) == 2.0 and np.array([model["inertia"]], dtype=float) == 0.09
-    assert model["dead_time"] is model["dead_time.dead_time"] is model.estimates["dead_time.dead_time"]
-    lines = repr(model).splitlines()
-    assert len(lines) == 1 + len(model.estimates) and all(len(line) < 60 for line in lines)
-    assert lines[2].split() == ["gravity", "2", "N", "m"] and lines[-1].split() == ["dead_time", "0.003", "s"]
-    with pytest.raises(KeyError, match="did you mean gravity"):
-        model["gravty"]

@@ -157,42 +157,12 @@ def test_work_of_the_torque_is_stored_or_dissipated_by_the_energy_forms_of_the_c
     assert stored + dissipated == pytest.approx(work, rel=2e-4)
 
 
-@pytest.mark.parametrize("friction", ["base", "stribeck", "position_dependent_friction", "quadratic_drag"])
-def test_friction_never_creates_energy(friction):
-    model = paper_plant({"viscous": 0.0, "coulomb": 0.8})
-    model = model if friction == "base" else hide(model, friction)
-    rng = np.random.default_rng(0)
-    q0, v0 = rng.uniform(-3, 3, 40), rng.uniform(-6, 6, 40)
-    path = model.simulate(1e-3, np.zeros(2500), q0, v0)
-    mass, gravity = model.theta[:2]
-    energy = 0.5 * mass * path.velocity**2 + gravity * (1 - np.cos(path.position))
-    assert np.diff(energy, axis=0).max() < 1e-10
-    assert np.mean(path.velocity[-1] == 0) > 0.9
-
-
 @pytest.mark.parametrize("push", [-0.799999, 0.0, 0.3, 0.799999])
 def test_a_joint_at_rest_stays_exactly_where_it_is_while_friction_can_hold_it(push):
     q = 0.7
     path = simulate(BASE, np.array(THETA), 1e-3, np.full(2000, push + MGL * np.sin(q)), q, 0.0)
     assert np.all(path.position == q)
     assert np.all(path.velocity == 0)
-
-
-@pytest.mark.parametrize("direction", [-1, 1])
-def test_a_joint_breaks_loose_with_the_command_that_exceeds_dry_friction(direction):
-    ramp = direction * np.linspace(0, 1.6, 1601)
-    path = simulate(BASE, np.array(THETA), 1e-3, ramp, 0.0, 0.0)
-    first = int(np.argmax(np.abs(ramp) > FC))
-    assert np.all(path.position[: first + 1] == 0)
-    assert direction * path.velocity[first + 1, 0] == pytest.approx(1e-3 * (abs(ramp[first]) - FC) / INERTIA, rel=0.01)
-
-
-def test_a_sliding_block_stops_where_its_energy_is_used_up():
-    path = simulate((Inertia(), Coulomb()), np.array([INERTIA, FC]), 1e-3, np.zeros(1000), 0.0, 4.0)
-    assert path.position[-1, 0] == pytest.approx(0.5 * INERTIA * 4.0**2 / FC, rel=1e-12)
-    stop = int(np.ceil(INERTIA * 4.0 / FC / 1e-3))
-    assert np.all(path.velocity[stop:] == 0)
-    assert np.all(path.velocity[: stop - 1] > 0)
 
 
 @every_effect

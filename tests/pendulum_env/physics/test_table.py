@@ -130,7 +130,6 @@ def test_a_model_file_keeps_a_table_and_so_does_a_process(kind, tmp_path):
     ("kind", "extent"),
     [
         (KINDS[0], {"low": 1.0, "high": 0.0, "pieces": 4}),
-        (KINDS[0], {"low": 0.0, "high": 1.0, "pieces": 4.5}),
         (KINDS[0], {"low": 1.0, "high": 1.0 + 1e-15, "pieces": 4}),
         (KINDS[0], {"low": 0.0, "high": 1.0, "pieces": 4, "beside": ["tan"]}),
         (KINDS[0], {"low": 0.0}),

@@ -85,12 +85,8 @@ def test_the_library_holds_what_is_a_contract_and_no_two_terms_share_an_id_nor_t
 @every_term
 def test_term_says_its_law_and_its_fields_are_nonlinear_parameters_within_their_limits(id):
     term = TERMS[id]
-    assert (
-        term.id == id
-        and term.law.strip()
-        and term.description.informative_experiment.strip()
-        and type(term).__doc__.strip()
-    )
+    said = (term.law, term.description.informative_experiment, type(term).__doc__)
+    assert term.id == id and all(text.strip() for text in said)
     assert term.kind in get_args(Kind)
     assert term.columns or term.fixed
     assert all(c.name.split(".")[0] == id and c.unit for c in (*term.columns, *term.fixed))
@@ -111,10 +107,6 @@ def test_effect_says_how_it_shows_its_title_its_typical_sizes_and_with_what_it_i
     assert all(id in effects()[other].description.resembles for other in text.resembles if other in effects())
     assert name(id) == (text.title or id.replace("_", " "))
     assert not text.typical_size or set(read_parameters(text.typical_size)) <= typical(kind).keys()
-
-
-def test_every_symptom_is_some_effect_s():
-    assert {kind.description.symptom for kind in BUILT_IN} == set(get_args(Symptom))
 
 
 @every_column
@@ -145,12 +137,6 @@ def test_force_is_the_slope_of_the_potential_and_a_loss_and_the_potential_depend
     other = motion((400,), seed=1)
     elsewhere = Samples(other.time, x.position, other.velocity, other.torque)
     np.testing.assert_array_equal(item.potential(x), item.potential(elsewhere))
-
-
-@pytest.mark.parametrize("id", ["viscous", "coulomb", "stribeck", "quadratic_drag", "load_dependent_friction"])
-def test_friction_loses_power_in_every_motion(id):
-    for item in TERMS[id].columns:
-        assert np.all(item.power(motion((1000,))) >= 0)
 
 
 @pytest.mark.parametrize(
@@ -287,15 +273,10 @@ def test_a_class_that_is_written_again_takes_its_own_place_under_any_id():
         ({"law": None}, "law of CubicDamping"),
         ({"id": "cubic=damping"}, "id of CubicDamping"),
         ({"kind": "dissipativ"}, "kind of CubicDamping 'dissipativ': did you mean dissipative"),
-        (
-            {"nonlinear_parameters": (NonlinearParameter("speed", "rad/s", 0.1, 10.0),)},
-            "'speed' of CubicDamping is no field",
-        ),
-        ({"columns": Column("cubic_damping", "1")}, "columns of CubicDamping"),
+        ({"nonlinear_parameters": (NonlinearParameter("speed", "rad/s", 0.1, 10.0),)}, "'speed' of .* is no field"),
         ({"columns": (Column("drag", "1"),)}, "a column of CubicDamping is named 'drag'"),
         ({"columns": (Column("cubic_damping", "1", dry=lambda x: x.speed),)}, "dry of column .* of CubicDamping: Attr"),
         ({"columns": (Column("cubic_damping", "1", mass=lambda x: 1 / (0 * x.time)),)}, "mass of .* is not finite"),
-        ({"columns": ()}, "CubicDamping has no torque"),
         ({"columns": (Column("cubic_damping", "1", force=lambda x: 0 * x.velocity),)}, "CubicDamping has no torque"),
         ({"columns": (Column("cubic_damping", "1", potential=lambda x: np.cos(x.position)),)}, "no force: give force"),
         (
@@ -317,13 +298,6 @@ def test_an_effect_is_tried_when_it_is_registered_and_named_by_class_and_field(m
 @pytest.mark.parametrize("id", list(effects()))
 def test_every_effect_of_the_library_passes_the_check_of_a_user_s_own(id):
     check_effect(effect(id))
-
-
-def test_an_unknown_effect_is_refused_with_the_nearest_and_all_known_ones():
-    with pytest.raises(ValueError, match=r"unknown effect 'stribek': did you mean stribeck\? Known: actuator_lag, .*"):
-        effect("stribek")
-    with pytest.raises(ValueError, match=r"unknown effect 'xyzzy'; known: "):
-        effect("xyzzy")
 
 
 @pytest.mark.parametrize(("roundness", "law", "off"), [
