@@ -22,25 +22,12 @@ from workbench.commands import demo
 
 ARM = TwoLink()
 MOVING = ("--joints", "torso,shoulder,elbow")
-STUDY = """
-[columns]
-position_elbow = "position_elbow:rad"
-torque_elbow = "torque_elbow"
-[[recording]]
-file = "hidden.csv"
-range = [0, 5]
-[[recording]]
-file = "hidden.csv"
-range = [5, 8]
-role = "holdout"
-"""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("arm")
     (folder / "arm.urdf").write_text(ARM.urdf())
-    (folder / "study.toml").write_text(STUDY)
     (folder / "loaded.toml").write_text('[[recording]]\nfile = "plain.csv"\nload = {mass = 1.0, length = 0.1}\n')
     (folder / "arm.toml").write_text('joints = ["elbow"]\n[[recording]]\nfile = "plain.csv"\n')
     for name, offset in (("plain", 0.0), ("hidden", 0.3)):
@@ -94,7 +81,6 @@ def test_identify_compare_and_diagnose_an_arm(done, folder):
     _, before, after = curves(folder / "found.html", "joint-1-velocity")
     assert np.abs(before["y"]).max() > 10 * np.abs(after["y"]).max()
     assert json.loads((folder / "diagnosis.json").read_text())["selected"] == ["torque_offset@elbow"]
-    out = done(*of_arm(folder, "compare", "better.json", "hidden.csv"))
 
 
 def test_torque_of_an_arm_that_is_logged_late_is_corrected_where_that_is_asked_for(done, folder):
@@ -105,13 +91,9 @@ def test_torque_of_an_arm_that_is_logged_late_is_corrected_where_that_is_asked_f
     scheme = ("--scheme", "filtered_dynamic")
     done(*of_arm(folder, "identify", "plain.csv", *scheme, "-o", "intime.json"))
     for command in (("identify", "late.csv", *scheme), ("compare", "intime.json", "late.csv")):
-        assert "ms late" not in done(*of_arm(folder, *command))
-        delay = re.search(
-            r"logged (\d+\.\d+) ± \S+ ms late\. It is corrected", done(*of_arm(folder, *command, "--align"))
-        )
+        out = done(*of_arm(folder, *command, "--align"))
+        delay = re.search(r"logged (\d+\.\d+) ± \S+ ms late\. It is corrected", out)
         assert float(delay[1]) == pytest.approx(1e3 * samples / late.rate, rel=0.05)
-    files = ("intime.json", "spring@elbow", "late.csv", "--align")
-    assert "late. It is corrected" in done(*of_arm(folder, "add", *files))
     errors = []
     for align in ((), ("--align",)):
         done(*of_arm(folder, "compare", "intime.json", "late.csv", "--json", "errors.json", *align))
@@ -168,13 +150,6 @@ def test_a_model_knows_whether_it_has_rotors_and_whether_the_driver_takes_gravit
     assert all(float(line.split()[-2]) < 2 for line in out.splitlines() if line.endswith("%"))
 
 
-def test_a_study_of_an_arm_has_ranges_roles_and_columns(done, folder):
-    out = done(*of_arm(folder, "diagnose", "study.toml", "--only", "torque_offset,spring", "-o", "study.json"))
-    assert "Missing: torque_offset@elbow" in out and "5000 samples" in out and "3000 samples" in out
-    theta = json.loads((folder / "study.json").read_text())["theta"]
-    assert theta["torque_offset@elbow"]["value"] == pytest.approx(0.3, rel=0.03)
-
-
 @pytest.fixture(scope="module")
 def lift(tmp_path_factory):
     """An arm on a torso that slides, with a gripper that the recording has open by 1 cm."""
@@ -187,14 +162,10 @@ def lift(tmp_path_factory):
     }
     robots.write({name.replace("torso", "torso [mm]"): values * (1e3 if name == "position_torso" else 1)
                   for name, values in columns.items() if name != "position_right"}, folder / "moved.csv")  # fmt: skip
-    for name, joints in (
-        ("study", ["torso", "shoulder", "elbow"]),
-        ("empty", "torso"),
-    ):
+    for name, joints in (("study", ["torso", "shoulder", "elbow"]), ("empty", "torso")):
         (folder / f"{name}.toml").write_text(f'joints = {json.dumps(joints)}\n[[recording]]\nfile = "run.csv"\n')
-    assert (
-        main([*map(str, of_arm(folder, "identify", "run.csv", *MOVING, "--scheme", "energy", "-o", "held.json"))]) == 0
-    )
+    asked = of_arm(folder, "identify", "run.csv", *MOVING, "--scheme", "energy", "-o", "held.json")
+    assert main([*map(str, asked)]) == 0
     return folder
 
 
@@ -231,28 +202,11 @@ def test_a_base_that_floats_is_taken_for_fixed_only_if_that_is_said(done, refuse
     assert "held: root at zero" in done(*of_arm(tmp_path, *asked, "--base", "fixed"))
 
 
-def test_record_an_arm_with_an_effect_at_a_joint(done, folder):
-    asked = ("--seconds", "4", "--rate", "500", "--amplitude", "12", "--noise", "0")
-    asked += ("--effect", "torque_offset@elbow=1")
-    out = done(*of_arm(folder, "record", *asked, "-o", "run.csv"))
-    assert "condition of the regressor" in out and "hidden: torque_offset@elbow" in out
-    recording = read_arm_recording(folder / "run.csv", ("shoulder", "elbow"))
-    assert len(recording) == 2000 and np.abs(recording.torque).max() <= 12
-    out = done(*of_arm(folder, "diagnose", "run.csv", "--only", "torque_offset,spring"))
-    assert "Missing: torque_offset@elbow" in out
-    arguments = ("--joints", "shoulder", "--seconds", "3", "--rate", "250", "-o", "one.csv")
-    out = done(*of_arm(folder, "record", *arguments))
-    assert "1 joint" in out and len(read_arm_recording(folder / "one.csv", ("shoulder",))) == 750
-
-
 MISTAKES = {
     "folder": [
         ("record -o x.csv --effect stribeck", "'stribeck' should say at which joint"),
-        ("record -o x.csv --theta inertia=1", "--theta is for pendulums"),
         ("record -o x.csv --backend simulated", "arms know pymunk and mujoco alone"),
         ("record -o x.csv --excitation prbs", "arms know rl alone"),
-        ("record -o x.csv --amplitude 0", "the largest torque cannot be 0"),
-        ("record -o arm.urdf", "is one of the inputs"),
         ("diagnose plain.csv --only backlash", "unknown effect of joints 'backlash'"),
         ("diagnose plain.csv --experiment x.csv", "--experiment is for pendulums"),
         (
@@ -260,7 +214,6 @@ MISTAKES = {
             "column 'torque_elbow' is given for torque_shoulder and for torque_elbow: which is it",
         ),
         ("identify loaded.toml", "plain.csv: `load` is of one joint"),
-        ("compare none.json plain.csv", "none.json"),
     ],
     "lift": [
         (
@@ -268,14 +221,12 @@ MISTAKES = {
             "there is none for left among .*: name them torque_left and so on.* naming those that move",
         ),
         ("identify run.csv --joints torso,sholder", "unknown joint 'sholder': did you mean shoulder"),
-        ("identify run.csv --joints torso,,elbow", "names of joints with commas"),
         ("identify empty.toml", "'joints' is 'torso': expected a list"),
         ("identify study.toml --joints torso", "told in two ways"),
         (
             "record -o x.csv --joints torso,shoulder,elbow --backend pymunk",
             "'torso' does not turn in .* --backend mujoco",
         ),
-        ("record -o x.csv --joints torso,shoulder,elbow --effect cogging@torso", "cogging is of joints that turn"),
         ("add held.json cogging@torso run.csv", "cogging is of joints that turn: it cannot be at 'torso'"),
         ("compare held.json run.csv --joints shoulder,elbow", "is of an arm with joints torso, shoulder"),
     ],
@@ -283,14 +234,9 @@ MISTAKES = {
         ("diagnose hidden.csv --only coupling", ""),  # it has no two joints
         ("record --effect stribeck@elbow -o x.csv", "is an effect at a joint of an arm, which takes --robot"),
         ("add m.json stribeck@elbow plain.csv", "is an effect at a joint of an arm"),
-        ("diagnose plain.csv --only stribeck@elbow", "is an effect at a joint of an arm"),
         ("record --max-speed 2 -o x.csv", "--max-speed is of an arm: give its links with --robot"),
         ("identify plain.csv --joints elbow", "--joints is of an arm: give its links with --robot"),
-        ("identify plain.csv --base fixed", "--base is of an arm: give its links with --robot"),
-        ("identify plain.csv --no-gravity", "--no-gravity is of an arm"),
-        ("identify plain.csv --rotors", "--rotors is of an arm"),
         ("identify arm.toml", "its study names joints of an arm"),
-        ("identify plain.csv --columns torque_elbow=torque_elbow", "columns are named for"),
     ],
 }
 
@@ -303,7 +249,7 @@ def test_mistakes_are_one_line(request, refused, monkeypatch, place, words, told
     assert re.search(told, refused(*words.split(), *(["--robot", "arm.urdf"] if place else [])))
 
 
-@pytest.mark.parametrize("words", ["record -o x.csv", "add arm.json stribeck@elbow plain.csv", "compare a.json b.csv"])
+@pytest.mark.parametrize("words", ["record -o x.csv", "compare a.json b.csv"])
 def test_without_pinocchio_the_pip_command_is_told(refused, folder, monkeypatch, words):
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     assert "pip install 'pendulum-ident[arms]'" in refused(*of_arm(folder, *words.split()))
@@ -388,14 +334,9 @@ def test_every_effect_that_may_be_hidden_can_be_simulated():
     ("selected", "ambiguous", "told"),
     [
         (("spring@elbow",), (), "found"),
-        (
-            ("stribeck@elbow",),
-            (("stribeck@elbow", "spring@elbow"),),
-            "found as one of a group that looks the same: spring@elbow and stribeck@",
-        ),
+        (("stribeck@elbow",), (("stribeck@elbow", "spring@elbow"),), "found as one of a group that looks the same"),
         (("stribeck@elbow",), (), "NOT found as it is: the diagnosis says stribeck@elbow"),
         ((), (), "NOT found as it is: the diagnosis says nothing"),
-        (("spring@elbow", "stribeck@elbow"), (), "NOT found as it is"),
     ],
 )
 def test_the_verdict_is_honest(selected, ambiguous, told):

@@ -27,10 +27,6 @@ SUGGESTION: dict[str, Any] = {
 }
 
 
-def theta(**entries: object) -> str:
-    return json.dumps({**MODEL, "theta": {**MODEL["theta"], **entries}})
-
-
 def suggested(**changes: object) -> str:
     return json.dumps({**DIAGNOSIS, "suggestion": {**SUGGESTION, **changes}})
 
@@ -39,117 +35,72 @@ def signal(**changes: object) -> str:
     return suggested(signal={**SUGGESTION["signal"], **changes})
 
 
-MODELS = [
-    (theta(inertia={"value": True}), "'theta.inertia.value' is True: expected a number"),
-    (json.dumps({**MODEL, "terms": ["inertia"] * 2}), "names a term twice"),
-    (json.dumps({**MODEL, "terms": ["\x1b[31m"]}), "unknown effect '\\x1b[31m'"),
-]
+MODELS = [(json.dumps({**MODEL, "terms": ["\x1b[31m"]}), "unknown effect '\\x1b[31m'")]
 DIAGNOSES = [
     ("{", "is not JSON; a diagnosis is what"),
     (json.dumps(MODEL), "is not a diagnosis"),
     (json.dumps(DIAGNOSIS), "leaves nothing open that an experiment would settle"),
     (json.dumps({**DIAGNOSIS, "inseparable": [["torque_offset", "spring"]]}), "no torque tells torque_offset"),
     (json.dumps({**DIAGNOSIS, "forbidden": "no experiment within 0.5 N m"}), "no experiment within 0.5 N m"),
-    (json.dumps({**DIAGNOSIS, "inseparable": [[3]]}), "'inseparable[0][0]' is 3: expected a text"),
     (suggested(reach=[1.0]), "'suggestion.reach' is [1.0]: expected a list of length 2"),
     (suggested(reach=[2, 1]), "'suggestion.reach' is [2, 1]: expected the lower angle first"),
-    (suggested(reach=[1.0, 1.0]), "'suggestion.reach' is [1, 1]: expected the lower angle first"),
     (suggested(seconds=1e308), "'suggestion.seconds' is 1e+308: expected a number <= 100000"),
-    (suggested(settles=[{}]), "'suggestion.settles[0]' lacks 'effect'"),
     (signal(phases=[1.0] * 3), "a signal is one of two_tone"),
     (signal(kind="levels", edges=[1.0], levels=[4.0]), "within its amplitude"),
 ]
-RIGS = [
-    (f'adapter = "serial"\n[serial]\nport = "{"a" * 2000}"', "expected a text of length <= 1000"),
-    (f"{'a' * 100_000} = 1", "unknown key 'aaa"),
-]
+RIGS = [(f"{'a' * 100_000} = 1", "unknown key 'aaa")]
 TRAININGS = [
     ("hidden = 1_000_000_000", "'hidden' is 1000000000: expected a whole number <= 4096"),
     ("pendulums = 100_000\nrollout = 1000", "pendulums times rollout is 100000000, at most 50000000 decisions"),
-    ("levels = [[1.0], 2.0]", "'levels[0]' is [1.0]: expected a number"),
 ]
 WORDS = [  # with files of `folder`
     ("", "COMMAND"),
     ("diagnos", "unknown command 'diagnos': did you mean diagnose?"),
-    ("report run.csv", "with --report FILE.html"),
-    ("diagnose", "RECORDING"),
     ("identify run.csv --scheme hamiltonia", "did you mean hamiltonian?"),
     ("identify run.csv --shceme all", "did you mean --scheme? (see pendulum-ident identify --help)"),
-    ("--shceme identify run.csv", "--shceme"),
     ("identify run.csv --columns time", "'time' should be QUANTITY=NAME"),
     ("diagnose run.csv --columns time=t,angle=q", "not for 'angle'"),
     ("compare m.json run.csv --columns time=t,time=ms:ms", "time is named twice"),
-    ("add model.json stribek run.csv", "did you mean stribeck?"),
-    ("record -o run.txt", "should end in .csv"),
     ("record --excitation chrip -o x.csv", "did you mean chirp?"),
-    ("record --effect cogging --effect cogging -o x.csv", "cogging"),
     ("record --theta coulomb=100 --seconds 1.5 -o x.csv", "the arm never moves"),
     ("record --counts 1 --seconds 1.5 -o x.csv", "or turn it by less than one of the 1 --counts"),
     ("record --backend dm1015b -o x.csv", "--backend dm1015b and --config FILE belong together"),
     ("record --backend dm1015b --config rig.toml --effect spring -o x.csv", "do not go with"),
     ("record --backend gazebo -o x.csv", "unknown backend 'gazebo'"),
-    ("record --seconds 0.2 -o x.csv", "should be a number from 1 to"),
     ("record --seconds 1e5 -o x.csv", "samples are asked for"),
-    ("record --amplitude 0 -o x.csv", "amplitude above zero"),
     ("record --amplitude nan -o x.csv", "'nan' should be a number"),
-    ("record --counts " + "9" * 400 + " -o x.csv", "should be a whole number from 0 to 4294967296"),
     ("record --theta inertia=1e308 -o x.csv", "inertia of a plant cannot be 1e+308"),
-    ("record --effect stribeck=1e308 -o x.csv", "stribeck of stribeck cannot be 1e+308"),
     ("record --effect " + "x" * 100_000 + " -o x.csv", "unknown effect 'xxx"),
-    ("record --seed -1 -o x.csv", "whole number"),
     ("record --excitation suggested -o x.csv", "needs --diagnosis FILE"),
     ("record --diagnosis d.json -o x.csv", "goes with --excitation suggested only"),
     ("record --excitation suggested --diagnosis d.json --amplitude 2 -o x.csv", "`diagnose --max-torque` bounds"),
     ("record --backend replay -o x.csv", "--replay FILE belong together"),
-    ("record --backend pymunk --replay x.csv -o y.csv", "--replay FILE belong together"),
-    ("record --replay x.csv -o y.csv", "--replay FILE belong together"),
     ("record --backend replay --replay x.csv -o y.csv", "there is no such file"),
     ("record --until diagnosed --backend simulated -o x.csv", "needs a backend that answers step by step"),
     ("evaluate --plants " + "9" * 5000, "should be a whole number from 2 to 10000"),
     ("diagnose run.csv --fix gravity", "NAME=VALUE"),
     ("diagnose run.csv --bound gravity=1", "NAME=LOW:HIGH"),
-    ("identify run.csv --fix gravity=much", "should be a number"),
     ("identify run.csv --fix gravity=nan", "'nan' should be a number from -1e+09 to 1e+09"),
-    ("identify run.csv --bound inertia=1e308:", "'1e308' should be a number from -1e+09 to 1e+09"),
-    ("diagnose run.csv --only stribek", "did you mean stribeck"),
     ("diagnose run.csv --report report.pdf", "name it"),
-    ("effects --plugin mine.py", "no Python file"),
     ("effects backlahs", "did you mean backlash?"),
     ("record -o nowhere/run.csv", "there is no folder"),
     ("identify run.csv -o nowhere/model.json", "there is no folder"),
-    ("compare model.json run.csv --json nowhere/c.json", "there is no folder"),
-    ("diagnose run.csv --report nowhere/d.html", "there is no folder"),
-    ("add model.json stribeck run.csv -o nowhere/m.json", "there is no folder"),
-    ("demo -o nowhere/report.html", "there is no folder"),
     ("identify run.csv -o run.csv", "is one of the inputs"),
     ("diagnose run.csv --holdout model.json --json run.csv", "is one of the inputs"),
     ("diagnose run.csv --json x.json -o x.json", "two outputs"),
     ("diagnose run.csv --json empty", "is a folder"),
     ("compare none.json run.csv", "lacks the term inertia"),
-    ("diagnose run.csv --model none.json", "lacks the term inertia"),
-    ("add run.csv stribeck run.csv", "is not JSON"),
     ("identify run.csv", "run.csv: no column for"),
     ("identify none.csv -o x.json", "none.csv: there is no such file"),
-    ("compare model.json none.csv --json x.json", "none.csv: there is no such file"),
-    ("diagnose none.csv --report x.html", "none.csv: there is no such file"),
-    ("add model.json stribeck run.csv --holdout none.csv -o x.json", "none.csv: there is no such file"),
     ("export model.json --to mjcf", "cannot hold cogging"),
     ("export model.json --to c --check run.csv", "--check goes with mjcf, not with c"),
-    ("export model.json --to fmu", "invalid choice"),
-    ("export model.json --to c --mass 1", "--mass goes with mjcf, not with c"),
-    ("export model.json --to c -o model.json", "is one of the inputs"),
-    ("export model.json --to c --step 0", "should be a number"),
     ("export model.json --to python --drive output=duty,kp=0.5,gain=1", "is a share of the bus: say its voltage"),
-    ("export model.json --to mjcf --drive output=duty,kp=0.5,gain=1", "is a share of the bus: say its voltage"),
     ("export model.json --to c --callback a.py", "--callback goes with mjcf"),
     ("export model.json --to mjcf --callback a.txt", "should end in .py or .c"),
-    ("export model.json --to mjcf --callback model.json", "is one of the inputs"),
     ("app none.csv --no-browser", "there is no such file"),
-    ("app --port -1", "should be a whole number"),
     ("app --port 99999 --no-browser", "'99999' should be a whole number from 0 to 65535"),
     ("survey empty -o out", "holds no recording"),
     ("survey nowhere -o out", "there is no such folder"),
-    ("survey empty -o run.csv", "is a file: name a folder for the tables"),
 ]
 PLAYED = ["record", "--excitation", "suggested", "--diagnosis", "d.json", "-o", "x.csv"]
 FILES = [
@@ -217,7 +168,6 @@ def test_a_joint_that_only_sticks_and_angles_that_are_wrapped_are_told(refused, 
     ("column", "value", "reason"),
     [
         ("torque", 1e308, "torque is 1e+308 at data row 151 (header not counted), of which 1e+09 is the most"),
-        ("torque", -1e10, "torque is -1e+10 at data row 151 "),
         ("time", 1e300, "time is"),
         ("velocity", 1e308, "velocity is 1e+308 at data row 151 "),
     ],
@@ -241,11 +191,8 @@ def test_time_that_would_become_billions_of_samples_is_refused(refused):
     "options",
     [
         ["--amplitude", "1e6"],
-        ["--noise", "1e6"],
         ["--theta", "gravity=1e9,inertia=1e-9"],
-        ["--theta", "viscous=1e9"],
         ["--effect", "quadratic_drag=1e9"],
-        ["--effect", "spring=1e9"],
     ],
     ids=" ".join,
 )
@@ -260,8 +207,7 @@ def test_a_sentence_is_short_and_holds_nothing_that_a_terminal_obeys() -> None:
     assert sentence(InputError("plain ± text")) == "plain ± text"
 
 
-@pytest.mark.parametrize("command", ["train", "evaluate"])
-@pytest.mark.parametrize("kind", ["package", "module"])
+@pytest.mark.parametrize(("command", "kind"), [("train", "package"), ("evaluate", "module")])
 def test_a_package_of_the_user_s_that_hides_one_of_ours_is_named_with_both_folders(tmp_path, command, kind):
     file = tmp_path / ("agents.py" if kind == "module" else "agents/__init__.py")
     file.parent.mkdir(exist_ok=True)

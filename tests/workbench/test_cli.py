@@ -10,7 +10,7 @@ import pytest
 
 import estimators.arguments
 from estimators import diagnose
-from pendulum_env.physics import BASE, Model, effects
+from pendulum_env.physics import Model, effects
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import read_recording
 from pendulum_env.words import bar, listing, plus_minus
@@ -68,23 +68,6 @@ def test_record_writes_what_can_be_read_says_what_is_hidden_and_repeats_itself_w
     assert one == again != other
 
 
-@pytest.mark.slow
-def test_late_torque_is_said_by_every_command_and_corrected_where_asked(runs, done):
-    good = read_recording("train.csv")
-    columns = np.column_stack([good.time[8:], good.position[8:], good.torque[:-8]])
-    np.savetxt("late.csv", columns, delimiter=",", header="time,position,torque", comments="", fmt="%.9g")
-    for command in (
-        "identify late.csv",
-        "compare base.json late.csv",
-        "add base.json stribeck late.csv -o mended.json",
-    ):
-        out = " ".join(done(command).split())
-        assert re.search(r"torque is logged (7\.9|8\.0)\d ± 0\.\d+ ms late", out) and "Correct it with --align" in out
-        out = " ".join(done(f"{command} --align").split())
-        assert "ms late" in out and "correct it with" not in out
-    assert Model.load("mended.json").estimates["inertia"].value == pytest.approx(0.0895, rel=0.01)
-
-
 def test_identify_prints_six_schemes_and_saves_a_model(runs, done):
     out = done("identify train.csv -o model.json --json found.json")
     schemes = ("dynamic", "filtered_dynamic", "energy", "filtered_power", "hamiltonian", "filtered_hamiltonian")
@@ -134,14 +117,6 @@ def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, few_effect
     assert held("d.json")["selected"] == ["stribeck"] and Model.load("m.json").effects == ("stribeck",)
     page = Path("d.html").read_text(encoding="utf-8")
     assert page.lstrip().lower().startswith("<!doctype html>") and f"<code>pendulum-ident {line}</code>" in page
-
-
-@pytest.mark.slow
-def test_diagnose_starts_from_a_model_and_holds_out_the_end(runs, few_effects, done):
-    done("add base.json stribeck train.csv -o m.json")
-    done("diagnose train.csv --model m.json --json d.json")
-    assert held("d.json")["base"]["terms"] == [*(term.id for term in BASE), "stribeck"]
-    assert held("d.json")["selected"] == []
 
 
 def test_record_plays_what_a_diagnosis_suggests(monkeypatch, done):
@@ -218,12 +193,9 @@ def test_interrupting_ends_with_one_line(runs, tmp_path, capsys, monkeypatch):
     [
         (plus_minus(0.0895123, 0.00012), "0.08951 ± 0.00012"),
         (plus_minus(1234.5, 56.0), "1234 ± 56"),
-        (plus_minus(2.01, 0.0), "2.01"),
         (plus_minus(2.01, float("inf")), "2.01"),
-        (listing(["a"]), "a"),
         (listing(["a", "b", "c"]), "a, b and c"),
         (bar(0.0, 10) + bar(0.001, 10), "█"),  # what is not nothing stays visible
-        (bar(0.5, 10), 5 * "█"),
         (bar(7.0, 10), 10 * "█"),
     ],
 )
