@@ -21,8 +21,9 @@ import numpy as np
 
 from benchmarks.six_joint import COULOMB, JOINTS, RATE, ROTORS, STEP, VISCOUS, body, simulate, urdf
 from estimators import identify
-from estimators.schemes.balance import measure_arm, motion
+from estimators.schemes.balance import motion
 from estimators.schemes.six import scheme
+from estimators.signals.measurements import measure_joints
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import ArmRecording
 
@@ -66,7 +67,7 @@ def theirs(recording: ArmRecording) -> dict[str, np.ndarray]:
             params.add(sysid.Parameter(f"{quantity}@{name}", value / 2, 0.0, 5 * value, modifier=_set))
     model = spec.compile()
     angles = sysid.TimeSeries.compute_all_state_mappings(model)[0]
-    (joints,) = measure_arm(recording)
+    (joints,) = measure_joints(recording.joints)
     position, velocity, _ = motion(joints)
     first, length, substeps = len(recording) - len(position) >> 1, round(PIECE * RATE), round(1 / RATE / STEP)
     pieces = []

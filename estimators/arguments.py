@@ -8,17 +8,16 @@ from typing import Any, Protocol
 
 from estimators.free_swings import needs_torque
 from estimators.regression.equations import IdentificationError
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import at_joints, body_of, check_places, joint_effects, kinds_at, placed
-from pendulum_env.arms.recording import ArmRecording, read_arm_recording
-from pendulum_env.lookup import find
+from pendulum_env.arms.joints import at_joints, body_of, check_places, effects_of, kinds_at, placed
+from pendulum_env.arms.recording import read_of
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term, nameable
 from pendulum_env.physics.library import term
 from pendulum_env.physics.limits import Bounds, check_names, limited, limited_term, limits_of
+from pendulum_env.physics.mechanism import PENDULUM, Mechanism, describe_joints
 from pendulum_env.physics.model import NO_INERTIA, ModelError
 from pendulum_env.reading import shown
-from pendulum_env.recording import Recording, Source, read_recording
+from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.arrays import is_data
 from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.storage import Readable, is_readable
@@ -29,39 +28,34 @@ Terms = str | Sequence[str | Term]
 
 
 def chosen_recordings(
-    given: Recordings, *, empty: bool = False, body: Body | None = None, log_format: Mapping[str, Any] | None = None
+    given: Recordings, *, empty: bool = False, body: Mechanism = PENDULUM, log_format: Mapping[str, Any] | None = None
 ) -> tuple[Recording, ...]:
     """One recording, or several; time counts from the start of each: logs often have seconds since 1970.
 
     Args:
         given: a recording, what `read_recording` reads (a path, a data frame, a mapping of arrays), or several.
         empty: whether there may be none.
-        body: of the arm that they are of; None of a pendulum.
+        body: that they are of.
         log_format: of a model, by which files and tables are read; recordings stay as they are.
 
     Raises:
-        TypeError: if it is something else, or a recording of an arm where its links are not known, or of a pendulum
-            where they are.
-        ValueError: if there is none, one cannot be read, or one is of an arm with other joints.
+        TypeError: if it is something else, or a recording of other joints.
+        ValueError: if there is none, or one cannot be read.
     """
     one = isinstance(given, Recording) or is_readable(given)
     sources = (given,) if one else listed(given)
     format = parse_log_format(log_format or {})
     several = [_recording(item, "" if one else f" {k + 1}", body, format) for k, item in enumerate(sources)]
     for item in several:
-        if isinstance(item, ArmRecording) != (body is not None):
-            raise TypeError(
-                f"{item.name}: {'is of a pendulum' if body else 'is of an arm'}: give the terms of one, such as "
-                f"{'BASE' if body else 'arm_base(body)'}"
-            )
-        if body is not None and isinstance(item, ArmRecording) and item.names != body.joints:
-            raise Mistake(f"{item.name}: has joints {', '.join(item.names)}, and {body.name} {', '.join(body.joints)}")
+        if item.names != body.joints:
+            ours, other = describe_joints(item.names), describe_joints(body.joints)
+            raise TypeError(f"{item.name}: is of {ours}, and the terms are of {other}: give BASE, or arm_base(body)")
     if not several and not empty:
         raise ValueError("there is no recording to work on: give one or several")
     return tuple(one if one.time[0] == 0.0 else replace(one, time=one.time - one.time[0]) for one in several)
 
 
-def _recording(given: Any, number: str, body: Body | None, format: Source) -> Recording:
+def _recording(given: Any, number: str, body: Mechanism, format: Source) -> Recording:
     """A recording as it is, or read from a file or table; tables in memory are numbered."""
     if isinstance(given, Recording):
         return given
@@ -71,15 +65,10 @@ def _recording(given: Any, number: str, body: Body | None, format: Source) -> Re
             "Recording"
         )
     name = f"recording{number}" if is_data(given) else None
-    columns, unwrap = format.columns or None, format.unwrap
     try:
-        if body is None:
-            read = read_recording(given, name=name, columns=columns, unwrap=unwrap, drive=format.drive)
-            return replace(read, load=format.load)
-        still = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
-        return read_arm_recording(given, body.joints, held=still, name=name, columns=columns, unwrap=unwrap)
+        return read_of(body, given, format, name)
     except ColumnError as error:
-        if not columns:
+        if not format.columns:
             raise
         remedy = "it was read by the log_format of the model: give read_recording(source) of a log of another format"
         raise ColumnError(f"{error}; {remedy}") from None
@@ -106,23 +95,20 @@ def chosen_terms(given: Terms | Model | None) -> tuple[Term, ...]:
             raise TypeError(f"{shown(item)} is not a term: give its id, such as 'stribeck', or Stribeck()")
     if not terms:
         raise ValueError("a model needs at least one term: leave the terms out for the paper's four")
-    if body is not None:
-        check_places(terms[1:], body.joints)
+    check_places(terms, body.joints)
     return terms
 
 
-def _term(text: str, body: Body | None) -> Term:
+def _term(text: str, body: Mechanism) -> Term:
     id, _, joint = text.partition("@")
-    if body is None or joint not in body.joints:
-        return term(text if body is None else id)()
-    return placed(term(id)(), joint, body.slides[body.joints.index(joint)])
+    return placed(term(id)(), joint, joint in body.sliding)
 
 
 def chosen_effects(
     library: Mapping[str, type[Term]] | None,
     only: Iterable[str] | None,
     without: Iterable[str],
-    body: Body | None = None,
+    body: Mechanism = PENDULUM,
 ) -> dict[str, type[Term]]:
     """Effects that may be named: of a library, or of all that are known, only some, or all but some.
 
@@ -131,12 +117,9 @@ def chosen_effects(
     Raises:
         ValueError: if an id is unknown, or none is left.
     """
-    if body is not None:
-        known = {kind.id: kind for kind in at_joints((joint_effects() if library is None else library).values(), body)}
-        barred, allowed = ({kind.id: kind for kind in kinds_at(listed(ids), body)} for ids in (without, only or ()))
-    else:
-        known = nameable() if library is None else dict(library)
-        barred, allowed = ({id: find("effect", id, known) for id in listed(ids)} for ids in (without, only or ()))
+    kinds = effects_of(body) if library is None else library
+    known = {kind.id: kind for kind in at_joints(kinds.values(), body)}
+    barred, allowed = ({kind.id: kind for kind in kinds_at(listed(ids), body, kinds)} for ids in (without, only or ()))
     chosen = {id: kind for id, kind in (known if only is None else allowed).items() if id not in barred}
     if not chosen and known:
         raise Mistake("no effect is left to look for: leave out fewer, or look for more")
@@ -161,10 +144,10 @@ def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recordin
     shown = {id: kind for id, kind in kinds.items() if kind.needs in measured}
     if kinds and not shown:
         id, kind = next(iter(kinds.items()))
-        _, of_arm, joint = id.partition("@")
+        column = f"{kind.needs}_{kind.at}" if kind.at else kind.needs
         raise IdentificationError(
             f"{id} needs the joint's {kind.needs}, which no recording has: record it, or say which column it is "
-            f"(--columns {f'{kind.needs}_{joint}' if of_arm else kind.needs}=NAME)"
+            f"(--columns {column}=NAME)"
         )
     return shown
 
@@ -181,7 +164,7 @@ def within_limits(
     limits = limits_of(fixed or {}, bounds or {})
     if not limits:
         return tuple(terms), dict(library)
-    if body_of(terms) is not None:
+    if body_of(terms) is not PENDULUM:
         raise Mistake("values and bounds are known of pendulums alone: leave them out for an arm")
     check_names(limits, (*(type(item) for item in terms), *nameable().values(), *library.values()))
     return (
@@ -208,7 +191,7 @@ def model_that_moves(given: Model | HasModel) -> Model:
     given = getattr(given, "model", given)
     if not isinstance(given, Model):
         raise TypeError(f"{shown(given)} is not a model: read a file with Model.load, or take the model of a result")
-    if body_of(given.terms) is None and "inertia" not in given:
+    if not any(item.kind == "inertial" for item in given.terms):
         raise ModelError(NO_INERTIA)
     return given
 

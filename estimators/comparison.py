@@ -26,8 +26,6 @@ from estimators.weak_form.dataset import dataset
 from pendulum_env._typing import JSON, Array
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import body_of
-from pendulum_env.arms.recording import of_arms
 from pendulum_env.mistake import Mistake
 from pendulum_env.notebook import headline, shown
 from pendulum_env.physics import Model, ModelError
@@ -133,7 +131,7 @@ class Comparison:
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
-        if (body := body_of(self.model.terms)) is not None:
+        if isinstance(body := self.model.body, Body):
             regions = [region.json() | {"joint": region.at} for region in self.regions]
             joints = of_joints(self.joint.errors, self.joint.floors, body)
             return {"schema": ARM_SCHEMA, "joints": joints, "regions": regions}
@@ -192,26 +190,26 @@ def compare(model: Model | HasModel, recordings: Recordings) -> Comparison:
     """
     check_order("compare(model, recordings)", (model, Model), (recordings, Recording))
     model = model_that_moves(model)
-    body = body_of(model.terms)
+    body = model.body
     recordings = in_units_of(model, chosen_recordings(recordings, body=body, log_format=model.log_format)).recordings
     that_may_show({term.id: type(term) for term in model.terms if term.needs}, recordings)
-    if body is not None:
-        parts, together = [], PreparedData.of_arm(of_arms(recordings), model.terms)
+    if isinstance(body, Body):
+        parts, together = [], PreparedData.of_arm(recordings, model.terms)
     else:
         parts = [_prepared(recording, model) for recording in recordings]
         together = joined(parts)
     joint = distance("all", together, model)
     distances = tuple(distance(part.recordings[0].name, part, model) for part in parts)
     left = together.residual(model.terms, model.theta)
-    told_by_torque = body is None and not are_driven(recordings)
+    told_by_torque = not isinstance(body, Body) and not are_driven(recordings)
     failing = joint.floors if _is_logged(recordings) else ()
     fits = own_fits([together.data], model.terms) if told_by_torque else []
-    terms, most = model.terms if body is not None else (), max(1, SHOWN // len(joint.floors))
+    terms, most = model.terms if isinstance(body, Body) else (), max(1, SHOWN // len(joint.floors))
     return Comparison(
         model,
         distances,
         joint,
-        tuple(profiles(together.samples, left, joint.noise_floor) if body is None else ()),
+        tuple(profiles(together.samples, left, joint.noise_floor) if not isinstance(body, Body) else ()),
         tuple(region for at in failing for region in _fails(together, left, at, most)),
         (*disagreements_with(model, fits), *misfits(fits)),
         recordings[0].torque_constant,

@@ -21,12 +21,11 @@ from estimators.weak_form import links
 from estimators.weak_form.dataset import Dataset, dataset
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Mask
-from pendulum_env.arms.joints import Coupling, Links, body_of
+from pendulum_env.arms.joints import Coupling, Links
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Model, Samples
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.thinning import thin
 
 if TYPE_CHECKING:
@@ -133,7 +132,7 @@ def predictions(model: Model, data: FitData) -> tuple[Prediction, ...]:
     """Predict the recordings that a result is of: those that were fitted, then those that were held out."""
     is_same = data.holdout is data.recordings  # compared, all alike
     seen = data.recordings if is_same else (*data.recordings, *data.holdout)
-    is_driven = body_of(model.terms) is None and are_driven(seen)
+    is_driven = are_driven(seen)
     found = [replace(_without_values(model, recording), is_in_loop=is_driven) for recording in seen]
     if is_same:
         found = [replace(own, is_held_out=None) for own in found]
@@ -150,11 +149,9 @@ def predictions(model: Model, data: FitData) -> tuple[Prediction, ...]:
 
 def _without_values(model: Model, recording: Recording) -> Prediction:
     """A prediction that is still to be made."""
-    shape, body = recording.position.shape, body_of(model.terms)
+    shape = recording.position.shape
     torque, predicted, simulated = (np.full(shape, np.nan) for _ in range(3))
-    units = {"": recording.torque_unit}
-    if body is not None:
-        units = {at: body.worded(at, NEWTON_METRE) for at in body.joints}
+    units = {at: model.body.worded(at, recording.torque_unit) for at in recording.names}
     counted, held_out = np.zeros(shape, dtype=bool), np.zeros(len(recording.time), dtype=bool)
     time, position = recording.time, recording.position
     return Prediction(recording.name, time, position, torque, predicted, simulated, counted, held_out, units)
@@ -162,9 +159,9 @@ def _without_values(model: Model, recording: Recording) -> Prediction:
 
 def _predict(model: Model, prepared: PreparedData, found: Sequence[Prediction], is_held_out: bool) -> None:
     """Fill in predictions of recordings, or of a part of each."""
-    prepared, body = prepared.with_link_states(model), body_of(model.terms)
+    prepared = prepared.with_link_states(model)
     data = prepared.data
-    runs = [number if body is None else w.run or 0 for number, w in enumerate(data.windows)]
+    runs = [number if w.run is None else w.run for number, w in enumerate(data.windows)]
     for run, own in enumerate(found):
         windows = [w for k, w in zip(runs, data.windows, strict=True) if k == run]
         if all(w.is_clear.any() for w in windows):

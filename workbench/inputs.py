@@ -25,6 +25,7 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.files import check_output, write_whole
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.limits import collect_limits
+from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.model import INERTIA_REMEDY
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.reading import Text, Unreadable, convert, read_json
@@ -135,7 +136,7 @@ class Opened:
     read: Callable[[Source], Recording] = Source.read  # how another recording is read
 
     @property
-    def body(self) -> Body | None:
+    def body(self) -> Mechanism:
         """The links of an arm; None of a pendulum."""
         return body_of(self.model.terms)
 
@@ -145,7 +146,7 @@ class Opened:
         """Recordings in torque where known loads tell the torque constant, or fixed parameters scale free swings."""
         known = known_values(self.model.terms) | dict(fixed or {})
         given = FitData.of(self.recordings, self.holdout, self.model.terms, known=known)
-        if self.body is not None:
+        if isinstance(self.body, Body):
             align = align or None  # looking takes long, so none is warned unasked
         return tell_preprocessed(given, align, terminal)
 

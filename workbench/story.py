@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from estimators.diagnosis.result import Diagnosis
+from pendulum_env.arms.body import Body
 from pendulum_env.physics import Estimate
 from pendulum_env.physics.model import short_name
 from pendulum_env.recording.record import NEWTON_METRE
@@ -45,13 +46,13 @@ def tell_diagnosis(
     What does not count is told if `verbose`, of every candidate if `every`; else `more` says how to see it.
     """
     estimates = found.model.readable
-    if found.body is not None:
+    if isinstance(found.body, Body):
         added = [term.id for term in found.model.terms if term.id in found.selected]
         estimates = {name: own for id in added for name, own in found.model.of(id).items()}
     step = next_step(found)
     lines = [*found.laws, errors_line(found)]
     lines += parameters_line(estimates, bool(found.unexplained))
-    first = found.unexplained[:1] if found.body is None else found.unexplained  # of an arm, one a joint
+    first = found.unexplained[:1] if not isinstance(found.body, Body) else found.unexplained  # of an arm, one a joint
     lines += [
         f"left: {describe_unexplained(found, region)}"
         for region in first
@@ -79,7 +80,7 @@ def errors_line(found: Diagnosis) -> str:
         is_new = len(found.steps) > 1 and not (math.isnan(before) and math.isnan(after))
         return f"{f'{number_text(before, 4)} -> ' if is_new else ''}{number_text(after, 4, unit)}"
 
-    if body is not None:
+    if isinstance(body, Body):
         units = {at: body.worded(at, NEWTON_METRE) for at in body.joints}
         falls = [
             f"{at} {fall(first.joints[at], own, units[at])} (noise alone {found.floors[at]:.3g})"

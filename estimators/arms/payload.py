@@ -19,14 +19,15 @@ from scipy.linalg import null_space
 from estimators.arms.standard import pseudo_inertia
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import Fit, solve
-from estimators.schemes.balance import ARM_SCHEMES, measure_arm
+from estimators.schemes.balance import ARM_SCHEMES
 from estimators.schemes.fitting import by_joint, regressions, stack
+from estimators.signals.measurements import measure_joints
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.body import STANDARD
 from pendulum_env.arms.joints import links_of
-from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.lookup import find
 from pendulum_env.physics import Estimate, Model
+from pendulum_env.recording import Recording
 
 SCHEME = ARM_SCHEMES[1]  # filtered dynamic: the torque of each joint, without differentiating noise
 HIDDEN = 1e-6  # share of a direction that no motion of the joints shows, from which a parameter is unknown
@@ -79,8 +80,8 @@ class Payload:
 
 def find_payload(
     model: Model,
-    carrying: Sequence[ArmRecording],
-    without: Sequence[ArmRecording] = (),
+    carrying: Sequence[Recording],
+    without: Sequence[Recording] = (),
     joint: str | None = None,
 ) -> Payload:
     """The body that an arm carries in some recordings.
@@ -103,7 +104,7 @@ def find_payload(
     combine = body.combine[:, 10 * k : 10 * (k + 1)]  # (P, 10)
     unseen = null_space(combine, rcond=HIDDEN)
     shown = null_space(unseen.T) if unseen.size else np.eye(len(STANDARD))  # (10, r)
-    segments = [measure_arm(recording) for recording in (*without, *carrying)]
+    segments = [measure_joints(recording.joints) for recording in (*without, *carrying)]
     data = stack(segments, partial(regressions(model.terms), SCHEME))
     loaded = data.recording >= len(without)
     of_base, of_friction = np.split(data.equations.phi, [len(combine)], axis=1)

@@ -36,8 +36,8 @@ from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arguments import check_order
+from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Links, arm_base, body_of
-from pendulum_env.arms.recording import of_arms
 from pendulum_env.physics import BASE, Column, Model, Term
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.term import LOAD
@@ -89,7 +89,7 @@ class ChannelFits:
         Raises:
             IdentificationError: if too little of the motion is clear of stick.
         """
-        is_arm = body_of(beside) is not None
+        is_arm = isinstance(body_of(beside), Body)
         data = _of_arm(recordings, beside) if is_arm else _under_loads(recordings)
         rows = np.flatnonzero(np.concatenate([_clear(w) for w in data.windows]))
         joints = [(data.where(at), data.part(at)) for at in data.joints]
@@ -378,7 +378,7 @@ def _of_arm(recordings: Sequence[Recording], terms: Sequence[Term]) -> Dataset:
     """Windows of all joints of an arm, each of which counts by what its links and friction leave of it."""
     links = terms[0]
     assert isinstance(links, Links)
-    data = prepare_arm(of_arms(recordings), links)
+    data = prepare_arm(recordings, links)
     return replace(data, weights=Regression(data).weights(arm_base(links.body)))
 
 

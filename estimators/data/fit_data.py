@@ -22,8 +22,8 @@ from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import PreparedData, with_impacts
 from estimators.weak_form.dataset import choose_half_width, prepare
+from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
-from pendulum_env.arms.recording import ArmRecording, of_arms
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
@@ -86,7 +86,7 @@ class FitData:
                 motion to tell anything, or if torque is applied in held-out recordings only and no parameter is known.
         """
         every = (*recordings, *holdout)
-        if body_of(terms) is not None:
+        if isinstance(body_of(terms), Body):
             return cls(tuple(recordings), tuple(holdout), terms=tuple(terms))
         if any(own.drive is not None and own.drive.ki and own.torque_unit != NEWTON_METRE for own in every):
             doubt = unknown_constant(Kind.INTEGRAL_CONTROLLER, recordings[0].torque_unit)
@@ -191,7 +191,7 @@ class FitData:
             IdentificationError: if a part holds too little motion, or torque is never applied.
         """
         if self.terms:
-            train, holdout = parted(of_arms(self.recordings), of_arms(self.holdout))
+            train, holdout = parted(self.recordings, self.holdout)
             return PreparedData.of_arm(train, self.terms), PreparedData.of_arm(holdout, self.terms)
         parts = gather(self.recordings, self.holdout, self.window_share)
         return parts if self.impacts_beside is None else with_impacts(parts, self.impacts_beside)
@@ -252,8 +252,8 @@ def _turned(recording: Recording, constant: TorqueConstant) -> Recording:
 
 
 def parted(
-    recordings: Sequence[ArmRecording], holdout: Sequence[ArmRecording] = ()
-) -> tuple[list[ArmRecording], list[ArmRecording]]:
+    recordings: Sequence[Recording], holdout: Sequence[Recording] = ()
+) -> tuple[list[Recording], list[Recording]]:
     """What is fitted of an arm and what is held out: the last 30 % of each recording, where no others are."""
     if holdout:
         return list(recordings), list(holdout)

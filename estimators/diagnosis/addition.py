@@ -25,10 +25,10 @@ from estimators.selection.motion import refit_by_likelihood
 from estimators.selection.physical import confirmation_gates
 from estimators.selection.search import SearchResult
 from pendulum_env.arguments import check_order
-from pendulum_env.arms.joints import body_of, kind_at
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import kind_at
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.friction import LoadDependentFriction
-from pendulum_env.physics.library import addition
 from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.terms import ids, is_hidden
 from pendulum_env.recording import Recording
@@ -74,12 +74,12 @@ def add(
     """
     check_order("add(model, id, recordings)", (model, Model), (id, Term), (recordings, Recording))
     model = model_that_moves(model)
-    body = body_of(model.terms)
+    body = model.body
     recordings = chosen_recordings(recordings, body=body, log_format=model.log_format)
     holdout = chosen_recordings(holdout, empty=True, body=body, log_format=model.log_format)
     if not isinstance(id, str):
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
-    kind = addition(id) if body is None else kind_at(id, body)
+    kind = kind_at(id, body)
     model.add(kind())  # raises if it is there already
     that_may_show({kind.id: kind}, recordings)  # raises if it needs a quantity that none has
     if all(recording.is_free for recording in recordings):
@@ -87,7 +87,7 @@ def add(
     terms, library = within_limits(model.terms, {kind.id: kind}, fixed, bounds)
     model, kind = replace(model, terms=terms), library[kind.id]
     setting = Setting(model.terms, library, progress=progress)
-    if body is not None:
+    if isinstance(body, Body):
         found = _added_at_joint(recordings, holdout, setting, kind)
     elif are_driven([*recordings, *holdout]):
         found = _added_in_loop(recordings, holdout, setting, kind)

@@ -21,10 +21,10 @@ from estimators.selection.score import Gain
 from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import body_of
 from pendulum_env.mistake import Mistake
 from pendulum_env.notebook import headline, shown
 from pendulum_env.physics import Model
+from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import json_per
@@ -164,9 +164,9 @@ class Diagnosis:
         return of_one(self.floors)
 
     @property
-    def body(self) -> Body | None:
-        """The links of an arm; None of a pendulum."""
-        return body_of(self.model.terms)
+    def body(self) -> Mechanism:
+        """Joints of the model."""
+        return self.model.body
 
     @property
     def is_in_loop(self) -> bool:
@@ -216,7 +216,7 @@ class Diagnosis:
 
     def json(self) -> JSON:
         """Plain dictionary for JSON, as the design of the command line fixes it."""
-        if self.body is not None:
+        if isinstance(self.body, Body):
             return self._json_of_arm(self.body)
         base = self.steps[0].model
         data = {

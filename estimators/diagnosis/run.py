@@ -45,6 +45,7 @@ from estimators.signals.measurements import measure_segments
 from estimators.signals.residual import Region
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.arguments import check_order
+from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
@@ -125,7 +126,7 @@ def diagnose(
 
 def _examined(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Diagnosis:
     """Find the effects by what was recorded: an arm, a servo with its controller, or a joint and its torque."""
-    if body_of(setting.base) is not None:
+    if isinstance(body_of(setting.base), Body):
         if setting.by_reference or setting.limits != Limits():
             raise Mistake("by_reference and bounds of an experiment are for pendulums alone: leave them out for an arm")
     elif are_driven([*recordings, *holdout]):
@@ -137,7 +138,7 @@ def _by_torque(recordings: Sequence[Recording], holdout: Sequence[Recording], se
     """Find the effects that recorded torque calls for; timed anew where an effect explains its delay."""
     setting.progress("reading the motion", 0.0)
     base = setting.base
-    if is_arm := body_of(setting.base) is not None:
+    if is_arm := isinstance(body_of(setting.base), Body):
         known, examine = ids(setting.base), examine_arm
         setting = replace(setting, library={id: kind for id, kind in setting.library.items() if id not in known})
         terms: tuple[Term | type[Term], ...] = (*setting.base, *setting.library.values())

@@ -11,6 +11,7 @@ from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.prepared import Comparable
+from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import at_joints, body_of
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import COMPETING, TABLES
@@ -43,7 +44,7 @@ class Setting:
         body, in_loop = body_of(self.base), prepared[0].in_loop
         is_free = all(recording.known_inertia for recording in prepared[0].recordings)
         alone = [kind for kind in COMPETING if not (is_free and needs_torque(kind))]
-        tables = at_joints(TABLES.values(), body) if body is not None else () if in_loop else alone
+        tables = at_joints(TABLES.values(), body) if isinstance(body, Body) else () if in_loop else alone
         return ModelEvaluator(
             *prepared, self.progress, self.library, self.criterion, self.rng, tuple(self.base), tables
         )

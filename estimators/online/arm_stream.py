@@ -11,6 +11,7 @@ from estimators.schemes.balance import for_arms, rows, through
 from estimators.schemes.six import GUARD, Scheme
 from estimators.signals.measurements import Smoothing, measure
 from pendulum_env._typing import Array, Mask
+from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Term
@@ -43,7 +44,7 @@ class ArmStream:
                 )
         self._terms, self._schemes, self._smoothing = tuple(terms), for_arms(schemes), smoothing
         body = body_of(terms)
-        assert body is not None
+        assert isinstance(body, Body)
         self.joints = body.joints
         self._clock = Clock(1.0 / period)
         # after a sample, what decides whether it is clear; before it, what its row depends on
@@ -136,7 +137,7 @@ def stream_of(
     Raises:
         ValueError: if there are several arms.
     """
-    if body_of(terms) is not None:
+    if isinstance(body_of(terms), Body):
         if batch != 1:
             raise ValueError("arms are followed one by one: take one for each")
         return ArmStream(terms, schemes, smoothing, period)

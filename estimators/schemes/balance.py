@@ -18,20 +18,14 @@ import numpy as np
 from estimators.regression.equations import Equations
 from estimators.schemes import six
 from estimators.schemes.six import SCHEMES, Regression, Regressor, Scheme, increments, means
-from estimators.signals.measurements import Measurements, measure_joints, remember
+from estimators.signals.measurements import Measurements, remember
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Links
-from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Term
 from pendulum_env.physics.term import loads
 
 Joints = tuple[Measurements, ...]  # of n joints
-
-
-def measure_arm(recording: ArmRecording) -> list[Joints]:
-    """Measurements of each segment of a recording, see `measure_joints`."""
-    return measure_joints(recording.joints)
 
 
 def series(joints: Joints, *names: str) -> tuple[Array, ...]:

@@ -90,7 +90,7 @@ class Identified:
         unit: of y and the residual.
         condition: condition number of the regressor, columns scaled to equal length.
         used: equations that were used, of all there are.
-        residuals: the norm of each joint of an arm, or of all together, in `units`; empty of a pendulum.
+        residuals: the norm of each joint, or of all together, in `units`.
         units: of these.
     """
 
@@ -141,7 +141,7 @@ class Identified:
         joints = {"rms": list(self.residuals), "units": list(self.units)}
         return {
             "theta": theta,
-            "residual": joints if self.units else {"rms": self.residual_rms, "unit": self.unit},
+            "residual": joints if isinstance(self.model.body, Body) else {"rms": self.residual_rms, "unit": self.unit},
             "condition": self.condition,
             "used": list(self.used),
             "convergence": self.convergence.json(),
@@ -153,7 +153,7 @@ def regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Reg
     kept: dict[tuple[int, str], list[Equations]] = {}
 
     def of(scheme: Regressor, joints: Joints) -> list[Regression]:
-        if body_of(terms) is None:
+        if not isinstance(body_of(terms), Body):
             return [scheme.regression(m, terms) for m in joints]
         assert isinstance(scheme, Scheme)
         key = id(joints), scheme.view
@@ -262,15 +262,14 @@ def fitted(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model 
         unit=scheme.unit,
         condition=fit.condition,
         used=(int(use.sum()), len(use)),
-        residuals=tuple(levels(fit.residual, data.joint[use]).tolist()) if body_of(terms) is not None else (),
+        residuals=tuple(levels(fit.residual, data.joint[use]).tolist()),
         units=_units(scheme, terms),
     )
 
 
 def _units(scheme: Regressor, terms: Sequence[Term]) -> tuple[str, ...]:
-    """Units of the residuals of an arm's joints, or of all together; none of a pendulum."""
-    if (body := body_of(terms)) is None:
-        return ()
+    """Units of the residuals of the joints, or of all together."""
+    body = body_of(terms)
     is_sum = isinstance(scheme, Scheme) and scheme.adds_up
     return (scheme.unit,) if is_sum else tuple(body.worded(at, scheme.unit) for at in body.joints)
 
@@ -279,7 +278,7 @@ def _of_momentum(terms: Sequence[Term]) -> list[int]:
     """Numbers of the columns that the momentum has."""
     body = body_of(terms)
     columns = [column for term in terms for column in term.columns]
-    of_links = _momentum_of(body) if body is not None else []
+    of_links = _momentum_of(body) if isinstance(body, Body) else []
     return [j for j, column in enumerate(columns) if column.mass is not zero or j in of_links]
 
 

@@ -19,7 +19,7 @@ from estimators.data.fit_data import FitData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import restore_known, swing_terms
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.balance import Joints, for_arms, measure_arm, series
+from estimators.schemes.balance import Joints, for_arms, series
 from estimators.schemes.fitting import Identified, Segments, fitted, regressions, stack
 from estimators.schemes.identifiability import (
     CONSTANT,
@@ -32,17 +32,17 @@ from estimators.schemes.identifiability import (
 from estimators.schemes.six import SCHEMES, LowPass, Regression, Regressor, Scheme, chosen_schemes
 from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.physical import driving_friction
-from estimators.signals.measurements import Measurements, measure_segments, remember
+from estimators.signals.measurements import Measurements, measure_joints, measure_segments, remember
 from estimators.weak_form.dataset import Dataset, prepare
 from pendulum_env._typing import JSON
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
-from pendulum_env.arms.recording import of_arms
 from pendulum_env.lookup import find
 from pendulum_env.notebook import headline, shown
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds
+from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.model import SURE
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
@@ -82,9 +82,9 @@ class Identification(Mapping[str, Identified]):
     data: Dataset | None = field(default=None, repr=False)
 
     @property
-    def of_arm(self) -> bool:
-        """Whether the recordings are of an arm."""
-        return any(one.units for one in self.schemes.values())
+    def body(self) -> Mechanism:
+        """Joints of the model."""
+        return next(iter(self.schemes.values())).model.body
 
     def __getitem__(self, scheme: str) -> Identified:
         return find("scheme", scheme, self.schemes)
@@ -137,7 +137,7 @@ class Identification(Mapping[str, Identified]):
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         return {
-            "schema": ARM_SCHEMA if self.of_arm else SCHEMA,
+            "schema": ARM_SCHEMA if isinstance(self.body, Body) else SCHEMA,
             "recordings": list(self.recordings),
             "torque_unit": self.torque_unit,
             "torque_constant": self.torque_constant.json() if self.torque_constant is not None else None,
@@ -182,8 +182,8 @@ def identify(
     terms, chosen = chosen_terms(terms), chosen_schemes(schemes)
     recordings = chosen_recordings(recordings, body=body_of(terms))
     terms, _ = within_limits(terms, {}, fixed, bounds)
-    body, log_format = body_of(terms), format_of(recordings)
-    found = _of_pendulum(recordings, terms, chosen) if body is None else _of_arm(recordings, terms, chosen, body)
+    log_format, of = format_of(recordings), _of_arm if isinstance(body_of(terms), Body) else _of_pendulum
+    found = of(recordings, terms, chosen)
     return replace(
         found,
         schemes={
@@ -251,13 +251,11 @@ def _undriven(recordings: Sequence[Recording]) -> str:
     )
 
 
-def _of_arm(
-    recordings: Sequence[Recording], terms: Sequence[Term], schemes: Sequence[Regressor], body: Body
-) -> Identification:
+def _of_arm(recordings: Sequence[Recording], terms: Sequence[Term], schemes: Sequence[Regressor]) -> Identification:
     """The same of an arm: its first term are the links."""
-    segments = [measure_arm(recording) for recording in of_arms(recordings)]
+    segments = [measure_joints(recording.joints) for recording in recordings]
     measured = [joints for own in segments for joints in own]
-    for k, joint in enumerate(body.joints):
+    for k, joint in enumerate(body_of(terms).joints):
         if not any(joints[k].moving.any() for joints in measured):
             raise IdentificationError(
                 f"{_names(recordings)}: joint '{joint}' never moves: record with all joints moving"
@@ -277,7 +275,7 @@ def _of_arm(
     results = {id: replace(one, model=one.model.withholding(unknown[id] | alike)) for id, one in results.items()}
     doubts += driving_friction(next(iter(results.values())).model)
     with suppress(IdentificationError):
-        prepared = PreparedData.of_arm(of_arms(recordings), terms)
+        prepared = PreparedData.of_arm(recordings, terms)
         missing, results = _missing(results, prepared, terms)
         doubts += missing
     return Identification(results, tuple(doubts), tuple(recording.name for recording in recordings))
@@ -334,7 +332,7 @@ def _by_schemes(
                 "motion"
             )
         hidden = np.setdiff1d(data.joint, data.joint[data.usable])
-        if len(hidden) and body is not None:
+        if len(hidden):
             raise IdentificationError(
                 f"{names}: joint '{body.joints[hidden[0]]}' is never clear of stick and reversals: record longer, "
                 "faster or wider motion of it"

@@ -22,7 +22,6 @@ from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import Coupling, Links, arm_base, body_of
-from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE, Model, Samples, Term
 from pendulum_env.physics.term import loads
 from pendulum_env.physics.terms import has_link, link_of
@@ -57,7 +56,7 @@ class PreparedData:
         return cls(data, tuple(choose_segments(w) for w in data.windows))
 
     @classmethod
-    def of_arm(cls, recordings: Sequence[ArmRecording], terms: Sequence[type[Term] | Term]) -> PreparedData:
+    def of_arm(cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> PreparedData:
         """Prepare recordings of an arm, with the columns of terms that joints share.
 
         Args:
@@ -122,11 +121,7 @@ class PreparedData:
         """Return the regions where a residual (R,) [N m] exceeds the noise at a joint, the most significant first."""
         own, least, body = residual[self.data.where(at)], self.data.negligible(at), body_of(self.base)
         found = stand_out(self.data.part(at).samples, own, self.floors[at], axes, most)
-        return [
-            replace(region, at=at, slides=body is not None and at in body.sliding)
-            for region in found
-            if abs(region.residual) > least
-        ]
+        return [replace(region, at=at, slides=at in body.sliding) for region in found if abs(region.residual) > least]
 
     def with_link_states(self, model: Model) -> PreparedData:
         """Return the data with the states of a model's link estimated from the motion around each instant."""
@@ -145,14 +140,12 @@ class PreparedData:
         return self.regression.balance(terms).error(theta)
 
     def errors(self, model: Model) -> Errors:
-        """Return the errors of a model in torque and in free-running position; for an arm, of each joint's torque."""
+        """Return the errors of a model in torque, of each joint and of all, and in free-running position."""
         residual, body = self.residual(model.terms, model.theta), body_of(self.base)
         torque, position, fit = float(np.sqrt(np.mean(residual**2))), np.nan, np.nan
-        joints, shares = self.data.errors(residual), {}
-        if body is not None:
-            torque = torque if len({*body.slides}) == 1 else np.nan  # no N m and N in one number
-            sizes = self.data.errors(self.data.torque())
-            shares = {at: error / sizes[at] if sizes[at] else None for at, error in joints.items()}
+        torque = torque if len({*body.slides}) == 1 else np.nan  # no N m and N in one number
+        joints, sizes = self.data.errors(residual), self.data.errors(self.data.torque())
+        shares = {at: error / sizes[at] if sizes[at] else None for at, error in joints.items()}
         if self.segments and model.has_known_inertia:
             position = position_rms(self.segments, model.terms, model.theta)
             fit = _fit(position, deviation(self.segments))

@@ -24,7 +24,7 @@ class Errors:
             and 0 is as good as a constant [%]. NaN if unknown.
         position_fit: the same of position in free run, relative to the deviation in each one-second window [%].
         joints: torque errors of the joints by name [N m].
-        shares: of an arm, what these are of the root mean square of the joint's torque; None without a motor.
+        shares: what these are of the root mean square of the joint's torque; None without a motor.
         in_loop: mean absolute error of whole recordings that are simulated with their controller in the loop [rad].
         in_loop_rms: root mean square of the same [rad].
 

@@ -19,15 +19,15 @@ from estimators.weak_form.windows import Rows, Windows, cut
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Coupling, Links
-from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Term
 from pendulum_env.physics.term import loads
+from pendulum_env.recording import Recording
 
 FEWEST = 20  # windows of each joint
 PLACES = 50  # samples of each recording over which a joint's inertia is averaged
 
 
-def prepare_arm(recordings: Sequence[ArmRecording], links: Links, shared: Sequence[type[Coupling]] = ()) -> Dataset:
+def prepare_arm(recordings: Sequence[Recording], links: Links, shared: Sequence[type[Coupling]] = ()) -> Dataset:
     """Windowed equations of recordings of an arm, in `links`, terms at joints, and `shared` by two joints.
 
     Raises:

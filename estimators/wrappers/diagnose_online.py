@@ -15,8 +15,9 @@ from estimators.online.change import Fit
 from estimators.online.diagnosis import Diagnoser, hindrance
 from estimators.wrappers.measuring import Measuring, MeasuringVector
 from estimators.wrappers.options import AnyEnv, Plant
-from pendulum_env.arms.model import ArmModel
+from pendulum_env.arms.model import load_model
 from pendulum_env.physics import Model, Term
+from pendulum_env.physics.mechanism import describe_joints
 
 
 class DiagnoseOnline(Measuring):
@@ -171,11 +172,10 @@ def load_given(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term, ...
         ValueError: if the model is that of another kind of plant or per another unit, or lacks inertia, or a file holds
             no model.
     """
-    body = plant.body
     if isinstance(model, str | Path):
-        model = Model.load(model) if body is None else ArmModel.load(model, body)
-    if isinstance(model, ArmModel) != (body is not None):
-        ours, other = ("an arm", "a pendulum") if body is None else ("a pendulum", "an arm")
+        model = load_model(model, plant.body)
+    if model.body.joints != plant.body.joints:
+        ours, other = (describe_joints(of.joints) for of in (model.body, plant.body))
         raise ValueError(f"the model is of {ours}, and what is diagnosed is {other}: give the model of one")
     model_that_moves(model)
     if model.torque_unit != plant.torque_unit:

@@ -17,12 +17,12 @@ from estimators.schemes.six import SCHEMES, Scheme, chosen_schemes
 from estimators.signals.differentiation import encoder_noise
 from estimators.signals.measurements import Smoothing, choose_smoothing, of_steps
 from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.joints import Coupling, Links, arm_base, joint_effects, kinds_at
+from pendulum_env.arms.joints import Coupling, arm_base, effects_of, kinds_at, model_terms
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.interface import note_identifier
 from pendulum_env.lookup import find
 from pendulum_env.physics import Term
-from pendulum_env.physics.library import effect
+from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
@@ -130,14 +130,14 @@ class Plant:
         rate: samples per second [Hz].
         smoothing: of the measurement.
         batch: of how many environments there are.
-        body: links of an arm; None of a pendulum.
+        body: its joints; of an arm, its links.
         torque_unit: unit of the measured torque, that of the recording which the environment plays or N m.
     """
 
     rate: float
     smoothing: Smoothing
     batch: int
-    body: Body | None
+    body: Mechanism
     torque_unit: str
 
     @classmethod
@@ -147,7 +147,7 @@ class Plant:
         Raises:
             ValueError: if nobody knows the rate, or the links of an arm; if the environment is a vector of arms.
         """
-        rate, body = rate_of(env, rate), None
+        rate, body = rate_of(env, rate), PENDULUM
         if robot is not None or _attribute(env, "joints") is not None:
             if not isinstance(env, gym.Env):
                 raise ValueError("arms are followed one by one: wrap each environment of the vector")
@@ -162,19 +162,15 @@ class Plant:
         Raises:
             ValueError: if a term is unknown or at no joint.
         """
-        if self.body is None:
-            return chosen_terms(terms)
-        return arm_base(self.body) if terms is None else chosen_terms((Links(self.body), *terms))
+        return arm_base(self.body) if terms is None else chosen_terms(model_terms(terms, self.body))
 
-    def effects(self, names: Sequence[str] | None) -> dict[str, type[Term]] | None:
-        """Effects that may be missing, by id; `stribeck` is at each joint of an arm. None are all of a pendulum.
+    def effects(self, names: Sequence[str] | None) -> dict[str, type[Term]]:
+        """Effects that may be missing, by id; `stribeck` is at each joint of an arm; by default all that are known.
 
         Raises:
             ValueError: if there is no such effect or joint.
         """
-        if self.body is None:
-            return None if names is None else {id: effect(id) for id in names}
-        known = [id for id in joint_effects() if id != Coupling.id] if names is None else names
+        known = [id for id in effects_of(self.body) if id != Coupling.id] if names is None else names
         return {kind.id: kind for kind in kinds_at(known, self.body)}
 
 

@@ -24,7 +24,8 @@ import numpy as np
 
 from pendulum_env._typing import Array, Index
 from pendulum_env.arms.robot import BodyError, pinocchio, read_robot
-from pendulum_env.words import along, listing
+from pendulum_env.physics.mechanism import Mechanism
+from pendulum_env.words import listing
 
 STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of a link, in its joint's frame
 UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # all others kg m^2
@@ -58,7 +59,7 @@ class BaseParameter:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class Body(Mechanism):
     """Links of an arm with n joints that turn or slide, in a tree on a fixed base; build it with `read_body`.
 
     All regressors broadcast over N samples of q, v and a, each (N, n) in rad, rad/s, rad/s^2 (m where joints slide),
@@ -66,10 +67,8 @@ class Body:
 
     Attributes:
         name: of the robot.
-        joints: names of the n joints that move by themselves, from the base on.
         held: joints that do not move, and where they are [rad] or [m].
         links: names of the joints that have a link behind them: `joints`, and those that follow them.
-        sliding: joints that slide instead of turning, also of those that do not move.
         model: Pinocchio's, of the links.
         ratios: R, how fast each link's joint moves with each joint (links, n).
         offsets: r, where it is with these at zero (links,) [rad] or [m].
@@ -77,10 +76,8 @@ class Body:
     """
 
     name: str
-    joints: tuple[str, ...]
     held: Mapping[str, float]
     links: tuple[str, ...]
-    sliding: frozenset[str]
     model: Any
     ratios: Array
     offsets: Array
@@ -88,11 +85,6 @@ class Body:
 
     def __repr__(self) -> str:
         return f"<Body {self.name!r}: {len(self.joints)} joints, {len(self.base)} base parameters>"
-
-    @property
-    def slides(self) -> tuple[bool, ...]:
-        """Whether each joint slides, (n,), instead of turning."""
-        return tuple(joint in self.sliding for joint in self.joints)
 
     @property
     def weightless(self) -> Body:
@@ -126,10 +118,6 @@ class Body:
         """
         if self.impossible_links:
             raise BodyError(f"{self.name}: {self.impossible_text}: mend mass, centre or inertia to simulate the arm")
-
-    def worded(self, joint: str, text: str) -> str:
-        """A text about a joint that turns, such as the unit `N m`, as it is for this one."""
-        return along(text) if joint in self.sliding else text
 
     # ---------------------------------------------------------------------------------------------- standard parameters
 

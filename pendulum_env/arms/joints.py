@@ -10,23 +10,23 @@ from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, S
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, ClassVar, cast
+from typing import ClassVar, TypeVar, cast
 
 import numpy as np
 
+from pendulum_env.arms.body import Body
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Column, Term, nameable
-from pendulum_env.physics.base import Coulomb, Viscous
+from pendulum_env.physics.base import BASE, Coulomb, Viscous
 from pendulum_env.physics.description import Description
-from pendulum_env.physics.library import MEASURED
+from pendulum_env.physics.library import MEASURED, addition
+from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.term import derived, loads, one
 from pendulum_env.words import along
 
-if TYPE_CHECKING:
-    from pendulum_env.arms.body import Body
-
+T = TypeVar("T")
 FRICTION: tuple[Term, ...] = (Viscous(), Coulomb())  # of a joint, where nothing else is known
 # What depends on more than the own joint's motion: a link behind the motor, the arm's weight, a load's inertia
 DRAWS, OF_NO_LINK = 60, 1e-6  # of random motion, and share of an inertia that no link's explains
@@ -43,11 +43,13 @@ def can_sit(id: str, slides: bool = False) -> bool:
 def at_joint(effect: type[Term], joint: str, slides: bool = False) -> type[Term]:
     """An effect as it is at one of several joints: the same law, with `@joint` behind its id and its parameters.
 
-    Where the joint slides, the units are those of m and N.
+    Where the joint slides, the units are those of m and N. Nothing changes at the joint of a pendulum, without a name.
 
     Raises:
         ValueError: if it is at a joint already.
     """
+    if not joint:
+        return effect
     if effect.at:
         raise Mistake(f"{effect.id} is at a joint already: place {effect.id.partition('@')[0]} at '{joint}' instead")
     return _at_joint(cast(Hashable, effect), joint, along if slides else str)
@@ -139,33 +141,43 @@ def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
         ValueError: with the term, and the joints that there are.
     """
     for term in terms:
-        if not set(loads(term.at)) <= set(joints):
+        if not isinstance(term, Links) and not set(loads(term.at)) <= set(joints):
             raise Mistake(
                 f"{term.id} is at none of the joints {', '.join(joints)}: place it, placed(term, {joints[0]!r})"
             )
 
 
-def friction(body: Body) -> tuple[Term, ...]:
+def friction(body: Mechanism) -> tuple[Term, ...]:
     """Viscous and Coulomb friction at each joint."""
     joints = zip(body.joints, body.slides, strict=True)
     return tuple(placed(term, joint, slides) for joint, slides in joints for term in FRICTION)
 
 
-def arm_base(body: Body) -> tuple[Term, ...]:
-    """What a model of an arm begins with: its links, and viscous and Coulomb friction at each joint."""
-    return (Links(body), *friction(body))
+def arm_base(body: Mechanism) -> tuple[Term, ...]:
+    """What a model begins with: links, or inertia and gravity, and viscous and Coulomb friction at each joint."""
+    return model_terms(friction(body), body) if isinstance(body, Body) else BASE
 
 
-def body_of(terms: Sequence[object]) -> Body | None:
-    """The body of an arm whose links are the first of some terms; None of a pendulum."""
-    return terms[0].body if terms and isinstance(terms[0], Links) else None
+def model_terms(terms: Sequence[T], body: Mechanism) -> tuple[T | Links, ...]:
+    """Terms of a model: those given for a pendulum, and behind the links of an arm those at its joints."""
+    return (Links(body), *terms) if isinstance(body, Body) else tuple(terms)
+
+
+def body_of(terms: Sequence[object]) -> Mechanism:
+    """Joints of a model by its first term: the links of an arm have a body, others are at the joint of a pendulum."""
+    return terms[0].mechanism if terms and isinstance(terms[0], Term) else PENDULUM
 
 
 def links_of(terms: Sequence[object]) -> Body:
     """The same of an arm, which the caller knows it to be."""
     body = body_of(terms)
-    assert body is not None
+    assert isinstance(body, Body)
     return body
+
+
+def effects_of(body: Mechanism) -> dict[str, type[Term]]:
+    """Effects that may be missing at the joints of a body, by id."""
+    return joint_effects() if isinstance(body, Body) else nameable()
 
 
 def joint_effects() -> dict[str, type[Term]]:
@@ -173,23 +185,28 @@ def joint_effects() -> dict[str, type[Term]]:
     return {id: effect for id, effect in nameable().items() if can_sit(id)} | {Coupling.id: Coupling}
 
 
-def at_joints(kinds: Iterable[type[Term]], body: Body) -> list[type[Term]]:
-    """Effects at each joint of an arm where they make sense; a coupling at each pair that follows each other.
+def at_joints(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Term]]:
+    """Effects at each joint where they make sense; a coupling at each pair of joints that follows each other.
 
     Those that are at a joint already stay there.
     """
-    joints, kinds = zip(body.joints, body.slides, strict=True), list(kinds)
+    kinds = list(kinds)
+    if not isinstance(body, Body):
+        return kinds
+    joints = zip(body.joints, body.slides, strict=True)
     alone = [kind for kind in kinds if kind is not Coupling and not kind.at]
     placed = [at_joint(kind, joint, slides) for joint, slides in joints for kind in alone if can_sit(kind.id, slides)]
     return [*placed, *(couplings(body) if Coupling in kinds else ()), *(kind for kind in kinds if kind.at)]
 
 
-def kind_at(text: str, body: Body) -> type[Term]:
-    """The effect of an arm that `stribeck@elbow`, or `coupling@elbow,-wrist`, names, or the table of a joint.
+def kind_at(text: str, body: Mechanism) -> type[Term]:
+    """The effect that `stribeck`, at an arm `stribeck@elbow` or `coupling@elbow,-wrist`, names, or a table.
 
     Raises:
         ValueError: if there is no such effect or joint; the message names the nearest.
     """
+    if not isinstance(body, Body):
+        return addition(text)
     joints, (id, _, at) = body.joints, text.partition("@")
     if id != Coupling.id:
         kind, joint = effect_at(text, joints, joint_effects() | TABLES, body.sliding)
@@ -201,14 +218,20 @@ def kind_at(text: str, body: Body) -> type[Term]:
     return coupling(at, body)
 
 
-def kinds_at(names: Iterable[str], body: Body) -> list[type[Term]]:
-    """Effects of an arm by name, `stribeck` at each joint where it makes sense, `stribeck@elbow` at that one.
+def kinds_at(names: Iterable[str], body: Mechanism, known: Mapping[str, type[Term]] | None = None) -> list[type[Term]]:
+    """Effects by name: `stribeck` at each joint where it makes sense, `stribeck@elbow` at that one.
+
+    Args:
+        names: of effects.
+        body: whose joints they are at.
+        known: effects by id; by default those of the library.
 
     Raises:
         ValueError: if there is no such effect or joint; the message names the nearest.
     """
-    names, known = list(names), joint_effects()
-    everywhere = [find("effect of joints", name, known) for name in names if "@" not in name]
+    names, known = list(names), effects_of(body) if known is None else known
+    what = "effect of joints" if isinstance(body, Body) else "effect"
+    everywhere = [find(what, name, known) for name in names if "@" not in name]
     return [*at_joints(everywhere, body), *(kind_at(name, body) for name in names if "@" in name)]
 
 
@@ -257,6 +280,11 @@ class Links(Term):
     def columns(self) -> tuple[Column, ...]:  # of which there are many
         """Base parameters; `Body` has their regressors."""
         return tuple(Column(parameter.name, parameter.unit) for parameter in self.body.base)
+
+    @property
+    def mechanism(self) -> Body:
+        """The body."""
+        return self.body
 
     @property
     def nonlinear_values(self) -> dict[str, float]:

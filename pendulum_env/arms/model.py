@@ -11,10 +11,11 @@ from msgspec import Struct
 
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Coupling, Links, at_joint, body_of, can_sit, coupled
+from pendulum_env.arms.joints import Coupling, Links, at_joint, can_sit, coupled, links_of
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Model, ModelError, Term, library
 from pendulum_env.physics.limits import collect_limits, limited_term, read_limits, write_limits
+from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.model import ARM_SCHEMA, read_estimate, read_log_format
 from pendulum_env.physics.table import Table, read_table
 from pendulum_env.physics.term import loads
@@ -34,9 +35,7 @@ class ArmModel(Model):
     @property
     def body(self) -> Body:
         """The links."""
-        links = self.terms[0]
-        assert isinstance(links, Links)
-        return links.body
+        return links_of(self.terms)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON; base parameters also say what they combine."""
@@ -126,9 +125,14 @@ class _ArmModelFile(_ArmFile, kw_only=True):
 
 def model_of(model: Model) -> Model:
     """A model as that of an arm, if links are the first of its terms."""
-    if body_of(model.terms) is None:
+    if not isinstance(model.body, Body):
         return model
     return ArmModel(model.terms, model.estimates, correlation=model.correlation)
+
+
+def load_model(path: str | Path, body: Mechanism) -> Model:
+    """Read the model of a pendulum or of an arm; raises ModelError as `Model.load` and `ArmModel.load`."""
+    return ArmModel.load(path, body) if isinstance(body, Body) else Model.load(path)
 
 
 @dataclass(frozen=True)

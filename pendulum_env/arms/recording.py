@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from pendulum_env._typing import Array
+from pendulum_env.arms.body import Body
 from pendulum_env.lookup import find
+from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import NONE, UNUSED, check_named, named_column
@@ -91,11 +93,6 @@ class ArmRecording(Recording):
         return f"{super().summary}, {len(self.names)} joint{'s' * (len(self.names) > 1)}"
 
 
-def of_arms(recordings: Sequence[Recording]) -> list[ArmRecording]:
-    """Those of some recordings that are of an arm."""
-    return [recording for recording in recordings if isinstance(recording, ArmRecording)]
-
-
 def read_arm_recording(
     source: Readable,
     joints: Sequence[str],
@@ -151,6 +148,16 @@ def read_arm_recording(
             if column not in (NONE, UNUSED)
         },
     )
+
+
+def read_of(body: Mechanism, source: Readable, format: Source, name: str | None = None) -> Recording:
+    """Read a recording of a pendulum or of an arm in the format of a log; raises as the functions that read either."""
+    columns, unwrap = format.columns or None, format.unwrap
+    if not isinstance(body, Body):
+        read = read_recording(source, name=name, columns=columns, unwrap=unwrap, drive=format.drive)
+        return replace(read, load=format.load)
+    still = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
+    return read_arm_recording(source, body.joints, held=still, name=name, columns=columns, unwrap=unwrap)
 
 
 def find_logged_joints(

@@ -20,6 +20,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import library
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.limits import collect_limits, limited_term, read_limits, write_limits
+from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.table import Curve, Table, read_table, refuse_held
 from pendulum_env.physics.term import Column, Samples, Term
@@ -239,6 +240,11 @@ class Model(Mapping[str, Estimate]):
         added = Model.build([term], theta)
         new = added.per(self.torque_unit).estimates
         return replace(self, terms=(*self.terms, term), estimates={**self.estimates, **new}, correlation=())
+
+    @property
+    def body(self) -> Mechanism:
+        """Joints that it is of: the one of a pendulum, or those of an arm."""
+        return self.terms[0].mechanism if self.terms else PENDULUM
 
     def at(self, values: Mapping[str, float]) -> Model:
         """Return a copy with some parameters, by name, at other values.

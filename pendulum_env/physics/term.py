@@ -21,6 +21,7 @@ import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.description import Description
+from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.symbols import may, name, repeated
 from pendulum_env.words import NAMES
 
@@ -209,6 +210,11 @@ class Term:
     def columns(self) -> tuple[Column, ...]:
         """Columns of the linear parameters."""
         return ()
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """Joints of a model that begins with this term."""
+        return PENDULUM
 
     @property
     def fixed(self) -> tuple[Column, ...]:

@@ -1,5 +1,7 @@
 """The record that everything else works on: time, position and torque, uniformly sampled between gaps."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -265,6 +267,16 @@ class Recording:
         if len(self.starts) == 1:
             return (self,)
         return tuple(self.slice(start, stop) for start, stop in pairwise((*self.starts, len(self))))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the joints (n,): the one of a pendulum has an empty name."""
+        return ("",)
+
+    @property
+    def joints(self) -> tuple[Recording, ...]:
+        """Each joint alone (n,)."""
+        return (self,)
 
     @property
     def columns(self) -> dict[str, Array]:

@@ -7,9 +7,8 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from estimators.figure import Figure
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import at_joints, joint_effects
-from pendulum_env.physics import addable, nameable
+from pendulum_env.arms.joints import at_joints, effects_of
+from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
 from pendulum_env.words import name, opening
 from workbench.report import page
@@ -66,12 +65,10 @@ def saves(file: str, what: str, of: str = "", primary: bool = False, **more: Any
     return button(file, {"save": what, "of": of}, primary=primary, **more)
 
 
-def effects_to_choose(body: Body | None = None, nothing: str = "", tables: bool = False) -> dict[str, str]:
+def effects_to_choose(body: Mechanism = PENDULUM, nothing: str = "", tables: bool = False) -> dict[str, str]:
     """Names of effects by id, and perhaps of none, and of tables; of an arm at its joints, or at every one."""
-    ids = list(addable() if tables else nameable())
-    if body is not None:
-        kinds = joint_effects() | (TABLES if tables else {})
-        ids = [*([] if tables else kinds), *(kind.id for kind in at_joints(kinds.values(), body))]
+    kinds = effects_of(body) | (TABLES if tables else {})
+    ids = dict.fromkeys([*([] if tables else kinds), *(kind.id for kind in at_joints(kinds.values(), body))])
     return ({"": nothing} if nothing else {}) | {id: opening(name(id)) for id in ids}
 
 

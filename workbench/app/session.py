@@ -13,6 +13,7 @@ from typing import Any
 from dash import Dash
 from dash.development.base_component import Component
 
+from pendulum_env.arms.body import Body
 from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.errors import ColumnError
@@ -156,7 +157,7 @@ class Session:
         Raises ModelError if it is no model, as the command line does.
         """
         body = self.state.body
-        terms = read_model(str(file)).terms if body is None else ArmModel.load(file, body).terms[1:]
+        terms = read_model(str(file)).terms if not isinstance(body, Body) else ArmModel.load(file, body).terms[1:]
         self.change(f"start from {file.name}", self.state.anew(terms=terms, model_file=file.name))
 
     def take_robot(self, robot: RobotFile) -> None:

@@ -27,10 +27,11 @@ from estimators.signals.measurements import measure_segments
 from estimators.signals.residual import Region, everywhere
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Links, arm_base, body_of, links_of
-from pendulum_env.arms.recording import ArmRecording, of_arms
+from pendulum_env.arms.joints import Links, arm_base, body_of, links_of, model_terms
+from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.recording import Recording, RecordingError, Source
 from pendulum_env.recording.record import PER_INERTIA
 from pendulum_env.recording.study import named_twice
@@ -164,7 +165,7 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
 
 @lru_cache(maxsize=4)
 def prepare_arm(
-    train: tuple[ArmRecording, ...], holdout: tuple[ArmRecording, ...], body: Body, terms: tuple[Term, ...]
+    train: tuple[Recording, ...], holdout: tuple[Recording, ...], body: Body, terms: tuple[Term, ...]
 ) -> Prepared:
     """The same of an arm, with friction at each joint or with given terms; raises alike."""
     fitted, _ = parted(train, holdout)
@@ -214,20 +215,18 @@ class State:
         return self.robot.read(source)
 
     @cached_property
-    def body(self) -> Body | None:
-        """The links of an arm, joints that do not move being where the recordings have them; None of a pendulum."""
-        return self.robot.holding(self._arms) if self.robot is not None else None
+    def body(self) -> Mechanism:
+        """Joints of the recordings; those of an arm that do not move are where the recordings have them."""
+        return self.robot.holding(self._arms) if self.robot is not None else PENDULUM
 
     @property
     def base_terms(self) -> tuple[Term, ...]:
         """Those of the base model, usual or not."""
-        if self.body is None:
-            return self.terms or BASE
-        return (Links(self.body), *self.terms) if self.terms else arm_base(self.body)
+        return model_terms(self.terms, self.body) if self.terms else arm_base(self.body)
 
     @property
     def _arms(self) -> list[ArmRecording]:
-        return of_arms([one.recording for one in self.loaded])
+        return [one.recording for one in self.loaded if isinstance(one.recording, ArmRecording)]
 
     @cached_property
     def questions(self) -> list[str]:
@@ -275,9 +274,9 @@ class State:
             return "every recording is held out: keep one to fit the model to" if self.loaded else NO_RECORDING
         try:
             known = Asked(fix=self.asked.fix, bound=self.asked.bound)
-            if self.body is None:
+            if not isinstance(self.body, Body):
                 return prepare(self.loaded, self.base_terms, self.is_aligned, known)
-            parts = (of_arms([one.recording for one in self.loaded if one.held_out is held]) for held in (False, True))
+            parts = ([one.recording for one in self.loaded if one.held_out is held] for held in (False, True))
             return prepare_arm(*map(tuple, parts), self.body, self.terms)
         except (Mistake, IdentificationError) as error:
             return str(error)
@@ -302,7 +301,7 @@ class State:
     @property
     def recordings(self) -> list[Recording]:
         """Those that are loaded, in N m and in time as far as that is known and asked for."""
-        if self.trouble or self.body is not None:
+        if self.trouble or isinstance(self.body, Body):
             return [one.recording for one in self.loaded]
         fitted, held_out = iter(self.train), iter(self.holdout)
         return [next(held_out if one.held_out else fitted) for one in self.loaded]
@@ -358,7 +357,7 @@ class State:
     @cached_property
     def doubts(self) -> tuple[Finding, ...]:
         """What the fitted recordings cannot tell about the model's parameters."""
-        if self.body is not None:
+        if isinstance(self.body, Body):
             return ()
         fitted = [r for r, one in zip(self.recordings, self.loaded, strict=True) if not one.held_out]
         measured = [segment for recording in fitted for segment in measure_segments(recording)]
@@ -381,12 +380,12 @@ class State:
         Of an arm, the diagnosis if there is one.
         """
         found = self.diagnosis
-        if found is not None and self.body is not None:
+        if found is not None and isinstance(self.body, Body):
             return found
         if found is not None and set(self.added) < set(self.called):
             return replace(found, steps=self.called_for)
         data = self.prepared.data
-        if self.body is not None and self.added:  # perhaps what joints share
+        if isinstance(self.body, Body) and self.added:  # perhaps what joints share
             data = replace(data, terms=self.model.terms)
         if found is not None:
             left = found.unexplained if self.added == self.called else unexplained(data.parts[0], self.model)

@@ -10,7 +10,6 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import links_of
-from pendulum_env.arms.recording import of_arms
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import read_as
@@ -70,7 +69,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(
             f"{recordings[0].name}: nobody knows its controller: say it with --drive, or [drive] in a study"
         )
-    if asked.body is None:
+    if not isinstance(asked.body, Body):
         given = tell_preprocessed(in_units_of(model, recordings), arguments.align, terminal)
     else:
         given = asked.preprocessed(terminal, arguments.align)
@@ -78,7 +77,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     with terminal.progress("comparing"):
         found = compare(model, recordings)
     payload, is_asked = None, arguments.payload is not None
-    if asked.body is not None:
+    if isinstance(asked.body, Body):
         payload = carried(arguments, asked, recordings, terminal)
     write_json(
         arguments.json,
@@ -103,7 +102,7 @@ def carried(
     empty = replace(asked, recordings=read_all(sources, terminal, asked.read), holdout=[])
     without = empty.preprocessed(terminal, arguments.align).recordings if sources else ()
     try:
-        return find_payload(asked.model, of_arms(recordings), of_arms(without), arguments.payload or None)
+        return find_payload(asked.model, recordings, without, arguments.payload or None)
     except IdentificationError:
         if arguments.payload is not None:
             raise

@@ -7,11 +7,12 @@ from estimators.arms.standard import nearest_body
 from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.weak_form.instruments import fit_by_reference
+from pendulum_env.arms.body import Body
 from pendulum_env.physics import BASE, Model
 from workbench.inputs import opened, write_json, write_model, wrote
 from workbench.narrator.arms import describe_nearest_body
 from workbench.narrator.diagnosis import identification_json, warnings
-from workbench.narrator.results import TRUST, schemes_table
+from workbench.narrator.results import schemes_table, trust_text
 from workbench.options import LIMITS, READING, ROBOT, declare
 from workbench.terminal import Terminal
 
@@ -46,9 +47,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     with terminal.progress("identifying"):
         found = identify(given.recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
         one = found.schemes.get(SAVED, next(iter(found.schemes.values())))
-        nearest = nearest_body(one.model) if body is not None else None
+        nearest = nearest_body(one.model) if isinstance(body, Body) else None
         model = one.model if nearest is not None else _model_to_write(found, arguments)
-    if body is not None:
+    if isinstance(body, Body):
         terminal.say(f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters")
         for parameter in (own for own in body.base if len(own.parts) > 1):
             terminal.say(f"  {parameter.name} stands for {parameter.text}")
@@ -56,9 +57,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         arguments.json, identification_json(found) | ({"nearest_body": nearest.json()} if nearest is not None else {})
     )
     terminal.heading("Estimates ± standard errors")
-    terminal.table(*schemes_table(found, model if arguments.instruments else None))
-    if body is not None and len(found.schemes) > 1:
-        terminal.say(TRUST)
+    estimates = schemes_table(found, model if arguments.instruments else None)
+    terminal.table(*estimates)
+    if text := trust_text(estimates):
+        terminal.say(text)
     for text in warnings(found):
         terminal.say(f"warning: {text}", style="yellow")
     if nearest is not None:
@@ -85,6 +87,6 @@ def _name_fit(found: Identification, arguments: argparse.Namespace) -> str:
     """Name the estimates that `-o` writes."""
     if arguments.instruments:
         return "the estimates by instruments"
-    if found.of_arm or len(found.schemes) == 1:
+    if isinstance(found.body, Body) or len(found.schemes) == 1:
         return f"the estimates of {SAVED if SAVED in found.schemes else next(iter(found.schemes))}"
     return OVER_WINDOWS

@@ -11,6 +11,7 @@ from estimators.findings import Finding, Kind
 from estimators.schemes.identification import Identification
 from estimators.signals.residual import SYMBOLS, Region
 from pendulum_env._typing import JSON
+from pendulum_env.arms.body import Body
 from pendulum_env.excitation import signal_json
 from pendulum_env.recording.record import NEWTON_METRE, WARNING
 from pendulum_env.words import listing, name, opening, per
@@ -52,7 +53,7 @@ def _describe_stretch(region: Region, unit: str) -> str:
 def describe_unexplained(found: Diagnosis, region: Region) -> str:
     """Describe what a diagnosis leaves unexplained in a region; of an arm at its joint, with its size."""
     text = describe_region(region, found.torque_unit)
-    if found.body is None or region.at not in found.left:
+    if not isinstance(found.body, Body) or region.at not in found.left:
         return text
     left = f"{found.left[region.at]:.2g} {found.body.worded(region.at, NEWTON_METRE)} at {region.at}"
     return f"{left}; {text}" if text else left
@@ -87,7 +88,7 @@ def describe_suggestion(found: Suggestion, unit: str = NEWTON_METRE) -> str:
 
 def headline(found: Diagnosis) -> str:
     """State the result in a phrase: `Stribeck friction is missing`; of an arm `Missing: stribeck@elbow`."""
-    if found.body is not None and found.searched:
+    if isinstance(found.body, Body) and found.searched:
         return _headline_of_arm(found)
     groups = [listing([name(id) for id in group], "or") for group in found.effects]
     if groups:
@@ -133,7 +134,7 @@ def next_step(found: Diagnosis) -> str:
 def advice(found: Diagnosis) -> list[str]:
     """List all that was found, and what follows for the next step."""
     texts = []
-    if found.searched and found.body is None and found.data is not None:
+    if found.searched and not isinstance(found.body, Body) and found.data is not None:
         notes = dict.fromkeys(note for recording in found.data.recordings for note in recording.notes)
         texts = [note.removeprefix(WARNING) for note in notes if note.startswith(WARNING)]
     texts += [_describe(found, finding) for finding in found.findings]
@@ -194,7 +195,7 @@ def diagnosis_json(found: Diagnosis) -> JSON:
     data["forbidden"] = None if found.forbidden is None else _describe(found, found.forbidden)
     for own, alignment in zip(data["alignments"], found.alignments, strict=True):
         own["text"] = describe_alignment(alignment)
-    if found.body is not None:
+    if isinstance(found.body, Body):
         for region in found.unexplained:
             if region.at in data["regions"]:
                 data["regions"][region.at]["text"] = describe_region(region)

@@ -34,7 +34,6 @@ from workbench.narrator import comparison
 from workbench.narrator.addition import describe_addition
 from workbench.narrator.diagnosis import advice, headline, next_step, remarks, warnings
 from workbench.narrator.results import (
-    TRUST,
     Part,
     disagreeing,
     kin,
@@ -43,6 +42,7 @@ from workbench.narrator.results import (
     of_comparison,
     of_diagnosis,
     schemes_table,
+    trust_text,
 )
 
 SETTLED = 0.25  # share of a recording after which estimates are in the picture
@@ -66,13 +66,13 @@ headlines.register(Addition, describe_addition)
 @shown.register
 def show_identification(found: Identification) -> str:
     """Estimates of the schemes side by side, how they settle, and what the recordings cannot tell."""
-    results = list(found.schemes.values())
+    results, estimates = list(found.schemes.values()), schemes_table(found)
     return card(
         f"Estimates from {listing(found.recordings)}",
         *_constant(found.torque_constant),
-        table(schemes_table(found)),
+        table(estimates),
         note("± is one standard error of noise: where schemes differ by more, the model lacks something."),
-        note(TRUST if found.of_arm else ""),
+        note(trust_text(estimates)),
         bullets(f"warning: {text}" for text in warnings(found)),
         folded(
             "how the estimates settle",

@@ -59,7 +59,7 @@ class Part(NamedTuple):
 def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[Part]:
     """A diagnosis, with the candidates that matter or every one; `how` the others are shown."""
     unit = found.torque_unit
-    if found.body is not None:
+    if isinstance(found.body, Body):
         table = joints_table(ends(found.steps), found.floors, found.body)
         errors = Part(f"Torque errors on held-out data, {CLEAR}", [table])
     else:
@@ -119,7 +119,7 @@ def of_addition(found: Addition) -> list[Part]:
     title, steps, parameters = "the model refitted without and with the effect", (found.before, found.after), []
     parameters = [Part("Parameters", [parameters_table(found.model)])]
     body = body_of(found.model.terms)
-    if body is None:
+    if not isinstance(body, Body):
         return [Part(f"Errors, {title}", [errors_table(steps, found.model.torque_unit), *sentences]), *parameters]
     fitted, unseen = (joints_table(ends(steps, part), found.floors, body) for part in ("train", "holdout"))
     return [
@@ -156,7 +156,7 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
     in_words = [text for text in (errors_in_loop(found), caveat(found)) if text]
     title = f"Errors of the model with {listing([term.id for term in found.model.terms])}"
     table = distances_table(found)
-    if body is not None:
+    if isinstance(body, Body):
         title = f"Torque errors, {CLEAR}"
         table = joints_table((found.joint.errors,), found.joint.floors, body, ("torque error",))
     return [
@@ -256,7 +256,7 @@ def schemes_of_arm(found: Identification) -> Table:
 
 def schemes_table(found: Identification, by_instruments: Model | None = None) -> Table:
     """Tabulate the estimates of every scheme, one a row, and those by instruments last; of an arm one a column."""
-    if found.of_arm:
+    if isinstance(found.body, Body):
         return schemes_of_arm(found)
     columns = next(iter(found.schemes.values())).model.columns
     names = [column.name for column in columns]
@@ -270,6 +270,11 @@ def schemes_table(found: Identification, by_instruments: Model | None = None) ->
     return Table(
         ("scheme", *(f"{column.name} [{per(column.unit, found.torque_unit)}]" for column in columns), "residual"), rows
     )
+
+
+def trust_text(shown: Table) -> str:
+    """Say what the row of errors in a table of schemes means, if the table has one."""
+    return TRUST if any(row[0] == TIMES for row in shown.rows) else ""
 
 
 def noise_text(floor: float, in_loop: bool = False, unit: str = NEWTON_METRE) -> str:

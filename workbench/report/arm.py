@@ -10,6 +10,7 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.selection.data import PreparedData
 from estimators.signals.residual import REGIONS, profiles
 from estimators.weak_form.dataset import NEGLIGIBLE
+from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of, links_of
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import percent
@@ -87,5 +88,5 @@ def strips(models: Sequence[Drawn], prepared: PreparedData) -> Section:
 def parameters(models: Sequence[Drawn]) -> Section:
     """Base parameters, and those of what acts at the joints, under each model."""
     body = body_of(models[-1][2].model.terms)
-    combined = [parameter for parameter in (body.base if body is not None else ()) if len(parameter.parts) > 1]
+    combined = [parameter for parameter in (body.base if isinstance(body, Body) else ()) if len(parameter.parts) > 1]
     return of_models([step.model for _, _, step in models], [label for label, _, _ in models], combined)

@@ -16,6 +16,7 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.selection.errors import Step
 from pendulum_env import words
 from pendulum_env.arguments import check_order
+from pendulum_env.arms.body import Body
 from pendulum_env.files import write_whole
 from workbench.narrator.comparison import caveat, errors_in_loop, headline
 from workbench.narrator.diagnosis import describe_detectable, describe_disagreement, describe_region, warnings
@@ -66,13 +67,13 @@ def plotly() -> str:
 def render(diagnosis: Diagnosis, command: str = "") -> str:
     """HTML of the report, see `write_report`, with the command lines that do the same, if known."""
     case = Case(diagnosis, command=command)
-    if diagnosis.body is not None:
+    if isinstance(diagnosis.body, Body):
         sections = arm.sections(case)
     elif diagnosis.is_in_loop:
         sections = [of_diagnosis(case), candidates(case), parameters(case)]
     else:
         sections = [section for make in SECTIONS if (section := make(case)) is not None]
-    kind = "comparison with" if diagnosis.body is not None and not diagnosis.searched else "diagnosis of"
+    kind = "comparison with" if isinstance(diagnosis.body, Body) and not diagnosis.searched else "diagnosis of"
     return _whole(case, sections, kind)
 
 
@@ -134,7 +135,7 @@ def render_comparison(compared: Comparison) -> str:
         data=compared.data,
     )
     case = Case(found, first="model")  # nothing is added to it
-    if found.body is not None:
+    if isinstance(found.body, Body):
         return _whole(case, arm.sections(case), "comparison with")
     title = headline(compared).replace(" N m", "\u00a0N\u00a0m").replace(" rad", "\u00a0rad")
     distances = Section("distances", "Result", title, {"compared": compared})

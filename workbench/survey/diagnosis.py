@@ -129,22 +129,18 @@ def joint_rows(found: Diagnosis) -> list[JSON]:
             "joint": joint,
             "effects": ", ".join(" or ".join(group) for group in effects[joint]),
             "selected": sorted(group[0] for group in effects[joint]),
-            "unexplained": bool(found.unexplained) if found.body is None else joint in found.left,
+            "unexplained": any(region.at == joint for region in found.unexplained),
             "biased": joint in biased,
             "error_before": _number(first.at(joint)),
             "error_after": _number(last.at(joint)),
             "noise_floor": _number(found.floors[joint]),
-            "error_unit": "rad" if found.is_in_loop else _torque_unit(found, joint),
+            "error_unit": "rad" if found.is_in_loop else found.body.worded(joint, found.torque_unit),
             "position_rms_before": _number(first.position_rms),
             "position_rms_after": _number(last.position_rms),
             "parameters": parameters[joint],
         }
         for joint in joints
     ]
-
-
-def _torque_unit(found: Diagnosis, joint: str) -> str:
-    return found.torque_unit if found.body is None else found.body.worded(joint, found.torque_unit)
 
 
 def _at_joint(name: str, joints: tuple[str, ...]) -> tuple[str, str]:

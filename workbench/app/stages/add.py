@@ -11,7 +11,6 @@ from estimators.diagnosis.addition import add
 from estimators.diagnosis.result import Addition
 from estimators.selection.errors import Step
 from pendulum_env.arms.joints import kind_at
-from pendulum_env.physics.library import addition
 from pendulum_env.words import listing, name, number, opening
 from workbench.app.parts import button, effects_to_choose, field, fragment, graph, labelled, panel
 from workbench.app.session import Session, Stage
@@ -94,7 +93,7 @@ def start(session: Session, id: str | None) -> None:
     if not id:
         raise InputError("choose an effect to add")
     state = session.state
-    kind = addition(id) if state.body is None else kind_at(id, state.body)
+    kind = kind_at(id, state.body)
     if kind.id in state.model.effects:
         raise InputError(f"{name(id)} is in the model already")
     task = partial(add, state.model, id, state.train, state.holdout, **state.asked.limits)

@@ -35,11 +35,11 @@ def show(session: Session) -> list[Component]:
     """Ways to get recordings, then what they are."""
     state = session.state
     parts: list[Component] = [card.show(one) for one in session.cards[:1]]
-    beside = _record() if state.body is None else _robot(state, state.body)
+    beside = _record() if not isinstance(state.body, Body) else _robot(state, state.body)
     parts.append(html.Div([upload(state), beside], className="columns"))
     if state.loaded:
         plots = [graph(figure) for k, own in enumerate(state.recordings[:4]) for figure in _courses(state, k, own)]
-        told = [*timing(state), _telling(state)] if state.body is None else []
+        told = [*timing(state), _telling(state)] if not isinstance(state.body, Body) else []
         parts += [recordings(state), *told, html.Div(plots, className="panel")]
     return parts
 
@@ -60,7 +60,7 @@ def _robot(state: State, body: Body) -> Component:
 
 def _courses(state: State, k: int, recording: Recording) -> list[Figure]:
     """Position and torque of a recording over time, of an arm joint by joint."""
-    if not isinstance(recording, ArmRecording) or state.body is None:
+    if not isinstance(recording, ArmRecording) or not isinstance(state.body, Body):
         return [course(recording, f"course-{k}", recording.name)]
     return [
         course(own, f"course-{k}-{n}", f"{joint}, {recording.name}", partial(state.body.worded, joint), 260)
@@ -105,7 +105,7 @@ def _record() -> Component:
 
 def recordings(state: State) -> Component:
     """What is loaded, as a table; of an arm, turns and torque are the largest of its joints."""
-    stick = _share_in_stick(state) if state.body is None else {}
+    stick = _share_in_stick(state) if not isinstance(state.body, Body) else {}
     rows = [_row(one, recording, stick) for one, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
     note = [] if any(one.held_out for one in state.loaded) else [html.P(split, className="note")]

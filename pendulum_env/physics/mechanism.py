@@ -1,0 +1,38 @@
+"""Joints of a mechanism: the one of a pendulum, or those of an arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pendulum_env.words import along
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """Joints that turn or slide. A pendulum has one joint, with an empty name; `pendulum_env.arms.Body` has links, too.
+
+    Attributes:
+        joints: names of the n joints that move by themselves, from the base on.
+        sliding: joints that slide instead of turning, also of those that do not move.
+    """
+
+    joints: tuple[str, ...]
+    sliding: frozenset[str]
+
+    @property
+    def slides(self) -> tuple[bool, ...]:
+        """Whether each joint slides, (n,), instead of turning."""
+        return tuple(joint in self.sliding for joint in self.joints)
+
+    def worded(self, joint: str, text: str) -> str:
+        """A text about a joint that turns, such as the unit `N m`, as it is for this one."""
+        return along(text) if joint in self.sliding else text
+
+
+def describe_joints(names: Sequence[str]) -> str:
+    """Name the kind of mechanism that has these joints: `a pendulum`, `an arm with joints hip, knee`."""
+    return f"an arm with joints {', '.join(names)}" if any(names) else "a pendulum"
+
+
+PENDULUM = Mechanism(joints=("",), sliding=frozenset())
