@@ -27,7 +27,7 @@ from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, 
 from benchmarks.parallel import each
 from benchmarks.scoring import positive, take_workers
 from benchmarks.truth import Truth
-from estimators.selection.data import PreparedData, fit_terms
+from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.selection.motion import SEGMENT
 from estimators.simulation import output_error
 from estimators.simulation.free_running import choose_segments
@@ -164,15 +164,15 @@ def realisation(study: Study, run: SimulatedRecording, seed: int) -> Recording:
     return Recording(study.name, run.time, position, torque)
 
 
-def fit_windows(prepared: PreparedData, hidden: Sequence[str]) -> Model:
+def fit_windows(prepared: RegressionData, hidden: Sequence[str]) -> Model:
     """The fit over windows of the base terms and some effects, nonlinear parameters searched."""
-    screen, terms = PreparedData(prepared.data, ()).screen, BASE
+    terms = BASE
     for id in hidden:
-        terms = min(screen.variants(terms, effect(id)), key=lambda trial: trial.fitted_rms).terms
+        terms = min(prepared.variants(terms, effect(id)), key=lambda trial: trial.fitted_rms).terms
     return fit_terms(prepared, terms)[0]
 
 
-def fit_segments(prepared: PreparedData, start: Model) -> Model:
+def fit_segments(prepared: RegressionData, start: Model) -> Model:
     """The same terms, refined by the innovations of short segments."""
     segments = [choose_segments(windows, SEGMENT) for windows in prepared.data.windows]
     return output_error.maximum_likelihood(segments, output_error.Point(start.terms, start.theta))
@@ -180,7 +180,7 @@ def fit_segments(prepared: PreparedData, start: Model) -> Model:
 
 def estimate(seed: int, study: Study, run: SimulatedRecording) -> tuple[Model, Model]:
     """Both estimates of one realisation."""
-    prepared = PreparedData.of([realisation(study, run, seed)])
+    prepared = RegressionData.of([realisation(study, run, seed)])
     windows = fit_windows(prepared, tuple(study.plant.effects))
     return windows, fit_segments(prepared, windows)
 

@@ -4,6 +4,7 @@ from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align
 from estimators.comparison import Comparison, compare
 from estimators.data.fit_data import FitData, gather
+from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.diagnosis.addition import add, fit
 from estimators.diagnosis.result import Addition, Diagnosis, Verdict
 from estimators.diagnosis.run import diagnose
@@ -13,7 +14,6 @@ from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import SCHEMES, scheme
 from estimators.search_hints import SearchHints, set_hints
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.errors import Errors
 
 __all__ = [
@@ -28,7 +28,7 @@ __all__ = [
     "Identification",
     "IdentificationError",
     "Prediction",
-    "PreparedData",
+    "RegressionData",
     "SearchHints",
     "Verdict",
     "add",

@@ -12,13 +12,13 @@ from estimators.arguments import HasModel, Recordings, chosen_recordings, model_
 from estimators.checks.homogeneity import AGREEMENT, Disagreement, disagreements_with, misfits, own_fits
 from estimators.checks.torque_constant import unit_of
 from estimators.data.fit_data import FitData
+from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import swing
 from estimators.in_loop.fit import in_loop
 from estimators.in_loop.rollouts import are_driven
 from estimators.prediction import Prediction, predictions
 from estimators.regression.equations import IdentificationError
-from estimators.selection.data import PreparedData
 from estimators.selection.errors import Errors, of_one
 from estimators.signals.residual import Profile, Region, everywhere, profiles
 from estimators.simulation.free_running import growth, select
@@ -157,7 +157,7 @@ class Comparison:
         return data | json_per({key: data[key] for key in ("profiles", "regions", "disagreements")}, self.torque_unit)
 
 
-def distance(name: str, prepared: PreparedData, model: Model) -> Distance:
+def distance(name: str, prepared: RegressionData, model: Model) -> Distance:
     """Errors of a model with inertia on prepared data, as they are, and in the loop if the recordings have drives."""
     simulated = prepared.segments if model.has_known_inertia else ()
     steady = [growth(segments, model.terms, model.theta) < GROWS for segments in simulated]
@@ -167,11 +167,11 @@ def distance(name: str, prepared: PreparedData, model: Model) -> Distance:
     return Distance(name, in_loop(model, prepared.recordings, errors), prepared.floors, unstable)
 
 
-def joined(parts: Sequence[PreparedData]) -> PreparedData:
+def joined(parts: Sequence[RegressionData]) -> RegressionData:
     """Prepared data of several recordings, with what link states of each."""
     data = dataset([window for part in parts for window in part.data.windows])
     link_states = {id: [x for part in parts for x in part.data.link_states[id]] for id in parts[0].data.link_states}
-    return PreparedData(
+    return RegressionData(
         replace(data, link_states=link_states), tuple(segment for part in parts for segment in part.segments)
     )
 
@@ -194,7 +194,7 @@ def compare(model: Model | HasModel, recordings: Recordings) -> Comparison:
     recordings = in_units_of(model, chosen_recordings(recordings, body=body, log_format=model.log_format)).recordings
     that_may_show({term.id: type(term) for term in model.terms if term.needs}, recordings)
     if isinstance(body, Body):
-        parts, together = [], PreparedData.of_arm(recordings, model.terms)
+        parts, together = [], RegressionData.of_arm(recordings, model.terms)
     else:
         parts = [_prepared(recording, model) for recording in recordings]
         together = joined(parts)
@@ -221,10 +221,10 @@ def _is_logged(recordings: Sequence[Recording]) -> bool:
     return any(recording.has_logged_torque for recording in recordings)
 
 
-def _fails(prepared: PreparedData, left: Array, at: str, most: int) -> list[Region]:
+def _fails(prepared: RegressionData, left: Array, at: str, most: int) -> list[Region]:
     """Where a residual (R,) stands out of the noise at a joint, everywhere if it is far beyond it at no one place."""
     found, floor = prepared.stand_out(left, at, most=most), prepared.floors[at]
-    error = prepared.data.errors(left)[at]
+    error = prepared.joint_errors(left)[at]
     if found or error <= AGREEMENT.misfits * max(floor, prepared.data.negligible(at)):
         return found
     cause = Finding(Kind.NOWHERE, {"residual": Quantity(error, unit=NEWTON_METRE), "times": Quantity(error / floor)})
@@ -245,9 +245,9 @@ def of_joints(errors: Errors, floors: Mapping[str, float], body: Body) -> list[J
     ]
 
 
-def _prepared(recording: Recording, model: Model) -> PreparedData:
+def _prepared(recording: Recording, model: Model) -> RegressionData:
     """Prepared data of a recording, with what turns the joint round there and is no friction of the model's."""
-    prepared = PreparedData.of([recording])
+    prepared = RegressionData.of([recording])
     if has_link(model.terms):
         return prepared.with_link_states(model)
     count, inertia = len(model.theta), abs(model.estimates["inertia"].value)

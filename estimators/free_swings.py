@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.regression.equations import IdentificationError
-from estimators.selection.columns import depends_on_torque
-from estimators.selection.regression import Regression
+from estimators.weak_form.columns import depends_on_torque
 from estimators.weak_form.dataset import prepare
+from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import limited_term
@@ -96,13 +96,13 @@ def _inertia_by_loads(recordings: Sequence[Recording], loads: Sequence[Load]) ->
 def _ratios(recordings: Sequence[Recording]) -> Array:
     """Return the parameters of the base (4,) over the inertia, both with the known load."""
     swings = [swing(recording, 1.0, PER_INERTIA) for recording in recordings]
-    return Regression(prepare(swings)).solve(swing_terms(BASE, swings))
+    return TorqueRows(prepare(swings)).solve(swing_terms(BASE, swings))
 
 
 def fitted_inertia(recordings: Sequence[Recording]) -> float:
     """Return the inertia [kg m^2] by a fit of the base model to recordings with torque; 0 if they are too short."""
     try:
-        return abs(float(Regression(prepare(recordings)).solve(BASE)[0]))
+        return abs(float(TorqueRows(prepare(recordings)).solve(BASE)[0]))
     except IdentificationError:
         return 0.0
 

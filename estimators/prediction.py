@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.data.fit_data import FitData
+from estimators.data.regression_data import RegressionData
 from estimators.figure import Figure, before_and_after, broken
 from estimators.in_loop.fit import likelier
 from estimators.in_loop.rollouts import are_driven
 from estimators.regression.equations import IdentificationError
-from estimators.selection.data import PreparedData
-from estimators.selection.regression import Regression
 from estimators.simulation.free_running import Segments, follow
 from estimators.weak_form import links
 from estimators.weak_form.dataset import Dataset, dataset
+from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.joints import Coupling, Links
@@ -157,7 +157,7 @@ def _without_values(model: Model, recording: Recording) -> Prediction:
     return Prediction(recording.name, time, position, torque, predicted, simulated, counted, held_out, units)
 
 
-def _predict(model: Model, prepared: PreparedData, found: Sequence[Prediction], is_held_out: bool) -> None:
+def _predict(model: Model, prepared: RegressionData, found: Sequence[Prediction], is_held_out: bool) -> None:
     """Fill in predictions of recordings, or of a part of each."""
     prepared = prepared.with_link_states(model)
     data = prepared.data
@@ -168,7 +168,7 @@ def _predict(model: Model, prepared: PreparedData, found: Sequence[Prediction], 
             link_states = {id: [each[run]] for id, each in data.link_states.items()}
             dense = _at_every_sample(model, windows, link_states)
             _write(
-                own, dense.windows, dense.applied_torque(), Regression(dense).equations(model.terms).error(model.theta)
+                own, dense.windows, dense.applied_torque(), TorqueRows(dense).equations(model.terms).error(model.theta)
             )
     ends = np.cumsum([len(w.centers) for w in data.windows])[:-1]
     coarse = (np.split(each, ends) for each in (data.applied_torque(), prepared.residual(model.terms, model.theta)))

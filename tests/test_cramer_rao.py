@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.cramer_rao import STUDIES, Steps, bound, fit_windows, linearise, realisation
 from benchmarks.independent_plant import Experiment, simulate
-from estimators.selection.data import PreparedData
+from estimators.data.regression_data import RegressionData
 
 
 def test_the_recursion_gives_the_information_of_all_measurements_at_once():
@@ -34,7 +34,7 @@ def test_the_fit_over_windows_comes_near_the_bound_and_does_not_beat_it():
     (run,) = simulate([(study.plant, experiment)])
     least = bound(linearise(study, run), study.position_noise, experiment.torque_noise)
     truth = np.array([study.plant.inertia, study.plant.gravity, study.plant.viscous, study.plant.coulomb])
-    errors = [fit_windows(PreparedData.of([realisation(study, run, j)]), ()).theta - truth for j in range(60)]
+    errors = [fit_windows(RegressionData.of([realisation(study, run, j)]), ()).theta - truth for j in range(60)]
     ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / least
     assert ratio.min() > 0.75  # sampling error of an RMS over 60: 9 %
     assert ratio.max() < 2.0

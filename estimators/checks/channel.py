@@ -27,12 +27,12 @@ from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
 from estimators.regression.balance import Balance, placed
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import outside
-from estimators.selection.regression import Regression
 from estimators.selection.score import BLOCK, Blocks, cross_validated
 from estimators.signals.channel import Channel
 from estimators.signals.motion import load_in_newton_metres
 from estimators.weak_form.dataset import Dataset, prepare, smooth_laws
 from estimators.weak_form.links import prepare_arm
+from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arguments import check_order
@@ -379,7 +379,7 @@ def _of_arm(recordings: Sequence[Recording], terms: Sequence[Term]) -> Dataset:
     links = terms[0]
     assert isinstance(links, Links)
     data = prepare_arm(recordings, links)
-    return replace(data, weights=Regression(data).weights(arm_base(links.body)))
+    return replace(data, weights=TorqueRows(data).weights(arm_base(links.body)))
 
 
 def _smooth_laws(data: Dataset) -> tuple[Term, ...]:

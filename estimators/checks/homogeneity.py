@@ -19,8 +19,8 @@ from scipy.special import stdtrit
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import information, solve
-from estimators.selection.regression import Regression
 from estimators.weak_form.dataset import Dataset
+from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Column, Model, Term
 from pendulum_env.recording.record import NEWTON_METRE
@@ -245,7 +245,7 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
     names, fits, number = [column.name for _, column in moved], [], 0
     level = 1 - AGREEMENT.chance / (2 * max(1, sum(len(data.windows) for data in datasets) * len(columns)))
     for data in datasets:
-        near = Regression(data).balance(terms).tangent()
+        near = TorqueRows(data).balance(terms).tangent()
         phi = near.slopes[:, fitted]
         y = near.error + phi @ near.theta[fitted]
         if any(known):

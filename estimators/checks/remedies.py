@@ -4,10 +4,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import solve
-from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.physical import driving_friction, is_significantly_negative, significant_sign
 from estimators.weak_form.dataset import Dataset, prepare
 from pendulum_env.physics import BASE, Column, Model, Term
@@ -81,7 +81,7 @@ def far_zero(data: Dataset, terms: Sequence[Term], recordings: Sequence[Recordin
     """
     if {"gravity", "gravity_tilt"} & {term.id for term in terms} != {"gravity"}:
         return []
-    prepared = PreparedData(data)
+    prepared = RegressionData(data)
     (_, level), (model, fit) = (fit_terms(prepared, own) for own in (terms, (*terms, GravityTilt())))
     share, far = (0.8, 0.0) if all(recording.is_free for recording in recordings) else (0.5, FAR)
     if np.linalg.norm(fit.residual) > share * np.linalg.norm(level.residual):

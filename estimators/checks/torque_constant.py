@@ -18,10 +18,10 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.checks.channel import DRIVEN, NONE, ChannelFits, driven_share, is_brake
+from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import as_read
 from estimators.regression.equations import IdentificationError
-from estimators.selection.data import PreparedData, fit_terms
 from estimators.weak_form.dataset import Dataset
 from pendulum_env.physics import Estimate, Model
 from pendulum_env.recording import Recording
@@ -59,7 +59,7 @@ def told(model: Model, data: Dataset, fit: Callable[[Dataset], Model] | None = N
     constant = recording.torque_constant
     if constant is None:
         return as_read(model.per(recording.torque_unit))
-    fit = fit or (lambda own: fit_terms(PreparedData(own, ()), model.terms)[0])
+    fit = fit or (lambda own: fit_terms(RegressionData(own, ()), model.terms)[0])
     return widened(model, constant, fit(data), fit(data.with_scaled_torque(1 + constant.std / constant.value)))
 
 

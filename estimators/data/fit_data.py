@@ -16,11 +16,11 @@ import numpy as np
 from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align_each
 from estimators.checks.torque_constant import torque_constant, unit_of, unknown_constant
+from estimators.data.regression_data import RegressionData, with_impacts
 from estimators.findings import Finding, Kind
 from estimators.free_swings import fitted_inertia, known_values, scale_swings, swing
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData, with_impacts
 from estimators.weak_form.dataset import choose_half_width, prepare
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
@@ -32,7 +32,7 @@ HELD_OUT = 0.3  # end of each recording that is held out when no recording is
 MOTION = 0.5  # of the motion, that has to come before what is held out of the end of recordings
 SHORTEST = 0.25  # share of the windows' length, the least, where longer windows are too few
 
-Parts = tuple[PreparedData, PreparedData]  # fitted and held out
+Parts = tuple[RegressionData, RegressionData]  # fitted and held out
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +192,7 @@ class FitData:
         """
         if self.terms:
             train, holdout = parted(self.recordings, self.holdout)
-            return PreparedData.of_arm(train, self.terms), PreparedData.of_arm(holdout, self.terms)
+            return RegressionData.of_arm(train, self.terms), RegressionData.of_arm(holdout, self.terms)
         parts = gather(self.recordings, self.holdout, self.window_share)
         return parts if self.impacts_beside is None else with_impacts(parts, self.impacts_beside)
 
@@ -288,10 +288,10 @@ def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), s
 def _gather(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> Parts:
     widths, checks = ([shorter * choose_half_width(r) for r in part] for part in (recordings, holdout))
     if holdout:
-        return PreparedData.of(recordings, widths), PreparedData.of(holdout, checks)
+        return RegressionData.of(recordings, widths), RegressionData.of(holdout, checks)
 
     def split(share: float) -> Parts:
-        return PreparedData.of(recordings, widths, (0.0, share)), PreparedData.of(recordings, widths, (share, 1.0))
+        return RegressionData.of(recordings, widths, (0.0, share)), RegressionData.of(recordings, widths, (share, 1.0))
 
     motion = np.concatenate([w.centers / len(w.recording) for w in prepare(recordings, widths).windows])
     if np.mean(motion < 1 - HELD_OUT) >= MOTION:

@@ -8,6 +8,7 @@ import numpy as np
 from estimators.arguments import HasModel, Recordings, chosen_recordings, model_that_moves, that_may_show, within_limits
 from estimators.checks.torque_constant import told
 from estimators.data.fit_data import FitData
+from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.in_loop import Looped, with_back_emf
 from estimators.diagnosis.reasons import BY_CHANCE, rejection
 from estimators.diagnosis.result import Addition
@@ -18,7 +19,6 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.candidates import best_variant, refit_nonlinear, release_parameters
-from estimators.selection.data import PreparedData
 from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit_by_likelihood
@@ -35,7 +35,7 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.study import format_of
 
 
-def fit(train: PreparedData, holdout: PreparedData, terms: Sequence[Term] = BASE) -> Step:
+def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = BASE) -> Step:
     """Fit a model's terms to what `gather` returns, as `diagnose` and `add` do: the model and its errors on both."""
     is_free = all(recording.known_inertia for recording in train.recordings)  # the terms have what is known
     evaluator = ModelEvaluator(train, holdout, base=tuple(terms) if is_free else BASE)

@@ -14,15 +14,12 @@ from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.unexplained import fit_that, held_out
 from estimators.findings import Finding, Kind
 from estimators.schemes.identifiability import untold_of_arm
-from estimators.selection.data import PreparedData
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.physical import driving_friction
-from estimators.selection.prepared import Comparable
 from estimators.selection.residuals import Terms
 from estimators.selection.search import search
 from estimators.selection.tables import find_explaining_law
 from estimators.signals.residual import Region, everywhere
-from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.windows import in_a_row
 from pendulum_env.arms.joints import links_of
 
@@ -74,17 +71,12 @@ def left_at_joints(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, f
             at: own.correlated_rms if own.z_score > evaluator.criterion.z_score else own.rms
             for at, own in found.items()
             if not evaluator.criterion.is_noise(
-                own, max(evaluator.residuals.noise_floor(part, at), _as_windows(part).negligible(at))
+                own, max(evaluator.residuals.noise_floor(part, at), part.data.negligible(at))
             )
         }
         for part, found in zip(evaluator.parts, evaluator.residuals.structures(terms), strict=True)
     )
     return fitted, {at: size for at, size in unseen.items() if at not in fitted}
-
-
-def _as_windows(part: Comparable) -> Dataset:
-    assert isinstance(part.data, Dataset)  # nothing simulates an arm in its loop
-    return part.data
 
 
 def where_it_stands_out(
@@ -96,10 +88,9 @@ def where_it_stands_out(
     """
     regions = []
     for part, residual, places, names in (
-        (evaluator.train, evaluator.regression.residual(terms), joints, ()),
+        (evaluator.train, evaluator.train.residual(terms), joints, ()),
         (evaluator.holdout, evaluator.residuals.holdout_residual(terms), unseen, held_out(evaluator)),
     ):
-        assert isinstance(part, PreparedData)
         for at in places:
             region = next(iter(part.stand_out(residual, at, most=1)), everywhere(at=at))
             regions.append(replace(region, held_out=names))

@@ -16,16 +16,16 @@ import numpy as np
 from estimators.checks.remedies import remedies
 from estimators.checks.torque_constant import widened
 from estimators.data.fit_data import HELD_OUT, FitData
+from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.diagnosis.ranking import rank_effects
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import LOOP
-from estimators.in_loop.prepared import InLoop
+from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.progress import no_progress
 from estimators.regression.equations import IdentificationError
-from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.errors import Step, of_one
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.physical import significant_sign
@@ -53,8 +53,8 @@ class Looped:
     """
 
     evaluator: ModelEvaluator
-    train: InLoop
-    check: InLoop
+    train: RolloutRows
+    check: RolloutRows
     given: FitData
 
     @classmethod
@@ -69,21 +69,23 @@ class Looped:
         fitted, unseen = given.recordings, given.holdout
         first, last = (WHOLE, WHOLE) if unseen else ((0.0, 1 - HELD_OUT), (1 - HELD_OUT, 1.0))
         unseen = unseen or fitted
-        base, windows = base_of(setting.base, fitted), PreparedData.of(fitted, part=first)
-        ways = [InLoop(Rollouts(fitted, is_held=held, shares=first), windows) for held in (True, False)]
+        base, windows = base_of(setting.base, fitted), RegressionData.of(fitted, part=first)
+        ways = [RolloutRows(Rollouts(fitted, is_held=held, shares=first), windows.torque) for held in (True, False)]
         library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
         train = likeliest_way(ways, base, list(library.values()))
-        rest = Rollouts(unseen, is_held=train.data.is_held, shares=last)
-        check = InLoop(rest, PreparedData.of(unseen, part=last), train)
+        rest = Rollouts(unseen, is_held=train.rollouts.is_held, shares=last)
+        check = RolloutRows(rest, RegressionData.of(unseen, part=last).torque, train)
         criterion = replace(setting.criterion, explained_share=LOOP.needed, needed_share=LOOP.needed)
-        evaluator = replace(setting, base=base, library=library, criterion=criterion).evaluator((train, check))
+        evaluator = replace(setting, base=base, library=library, criterion=criterion).evaluator(
+            (train.data, check.data)
+        )
         return cls(evaluator, train, check, given)
 
     @cached_property
-    def fine(self) -> tuple[InLoop, InLoop]:
+    def fine(self) -> tuple[RolloutRows, RolloutRows]:
         """The fitted and the held-out recordings with shorter steps of the integrator."""
-        train = replace(self.train, data=replace(self.train.data, steps=FINE))
-        return train, replace(self.check, data=replace(self.check.data, steps=FINE), guide=train)
+        train = self.train.with_steps(FINE)
+        return train, self.check.with_steps(FINE, train)
 
     def searched(self) -> tuple[SearchResult, SearchResult]:
         """What is found, and what of it stands with shorter steps of the integrator."""
@@ -92,7 +94,7 @@ class Looped:
 
     def confirmed(self, steps: Sequence[Step]) -> list[Step]:
         """Steps sharpened, without effects that predict no better with shorter steps: they made up for long ones."""
-        evaluator = replace(self.evaluator, train=self.fine[0], holdout=self.fine[1])
+        evaluator = replace(self.evaluator, train=self.fine[0].data, holdout=self.fine[1].data)
         found = [self.sharpened(step) for step in steps]
         rungs = {ids(step.model.terms): step.model.terms for step in found}
         terms, named = found[-1].model.terms, [step.added for step in steps[1:]]
@@ -103,7 +105,7 @@ class Looped:
         while idle := [id for id in named if not evaluator.is_significant(terms, without(id))]:
             named.remove(idle[-1])
             rest = without(idle[-1])
-            terms = rungs.get(ids(rest)) or self.fine[0].regression.with_nonlinear(rest)
+            terms = rungs.get(ids(rest)) or self.fine[0].with_nonlinear(rest)
         if len(named) == len(steps) - 1:
             return found
         return [found[0], *(self._fitted(id, without(*named[k + 1 :])) for k, id in enumerate(named))]
@@ -111,7 +113,7 @@ class Looped:
     def sharpened(self, step: Step) -> Step:
         """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
         start = Point.within(step.model.terms, np.asarray(step.model.theta))  # where nonlinear parameters follow
-        self.fine[0].regression.begin_at(start)
+        self.fine[0].begin_at(start)
         return self._fitted(step.added, start.terms)
 
     def readable(self, step: Step) -> Step:
@@ -128,15 +130,15 @@ class Looped:
             return step
         rest = tuple(term for term in step.model.terms if term.id != BackEmf.id)
         start = Point.within(rest, np.array(list((theta | {"viscous": both}).values())))
-        self.fine[0].regression.begin_at(start)
+        self.fine[0].begin_at(start)
         return self._fitted(step.added, start.terms)
 
     def _fitted(self, added: str | None, terms: Sequence[Term]) -> Step:
         """A step to some terms with shorter steps of the integrator."""
         train, unseen = self.fine
-        terms = train.regression.fitted_terms(terms)
-        model = self._in_unit(_timed(fit_terms(train, terms)[0], train))
-        return Step(added, model, {"train": train.errors(model), "holdout": unseen.errors(model)})
+        terms = train.fit(terms).terms
+        model = self._in_unit(_timed(fit_terms(train.data, terms)[0], train))
+        return Step(added, model, {"train": train.data.errors(model), "holdout": unseen.data.errors(model)})
 
     def _in_unit(self, model: Model) -> Model:
         """A model in the unit of the torque, with its constant, by whose error all parameters may be off alike."""
@@ -179,7 +181,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=tuple(left),
-        floors=servos.train.data.encoder,
+        floors=servos.train.rollouts.encoder,
         findings=(*remedies(model, recordings, groups), *filter(None, doubts)),
         forbidden=Finding(Kind.CHECK_DRIVE) if left else None,
         torque_unit=given.unit,
@@ -233,14 +235,15 @@ def _of_scale(recordings: Sequence[Recording]) -> Finding | None:
     return Finding(Kind.TORQUE_SCALED, {"factor": Quantity(share)})
 
 
-def _timed(model: Model, servos: InLoop) -> Model:
+def _timed(model: Model, rows: RolloutRows) -> Model:
     """A fitted model whose standard errors count that a log's clock is off by a share of a sample."""
     point = Point.of(model)
-    near, weights = servos.regression.near(model.terms), servos.regression.weights(model.terms)[:, None]
-    by_nonlinear, nonlinear = servos.regression.nonlinear_jacobian(model.terms, point.theta)
+    near, rollouts = rows.near(model.terms), rows.rollouts
+    by_nonlinear, nonlinear = rows.nonlinear_jacobian(model.terms, point.theta)
     slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_nonlinear])
-    late = np.column_stack([other.misses([point])[:, 0] for other in servos.data.mistimed])
-    moved = np.linalg.lstsq(weights * slopes, -weights * (late - servos.data.misses([point])), rcond=None)[0]
+    late = np.column_stack([other.misses([point])[:, 0] for other in rollouts.mistimed])
+    weights = near.weights[:, None]
+    moved = np.linalg.lstsq(weights * slopes, -weights * (late - rollouts.misses([point])), rcond=None)[0]
     names = [*(column.name for column in model.columns), *nonlinear]
     place = [list(model.estimates).index(name) for name in names]
     covariance = model.assumed_covariance[np.ix_(place, place)] + moved @ moved.T
@@ -251,18 +254,18 @@ def _timed(model: Model, servos: InLoop) -> Model:
     return replace(model, estimates={**model.estimates, **wider}).correlated(names, covariance)
 
 
-def likeliest_way(ways: Sequence[InLoop], base: Sequence[Term], effects: Sequence[type[Term]]) -> InLoop:
+def likeliest_way(ways: Sequence[RolloutRows], base: Sequence[Term], effects: Sequence[type[Term]]) -> RolloutRows:
     """That of several ways to look at recordings under which a model is likeliest, with one more effect if need be.
 
     A goal that is held is late by half a sample, which a model without what is missing may well prefer.
     """
 
-    def of(one: InLoop) -> float:
-        terms = one.regression.converge(base)
+    def of(one: RolloutRows) -> float:
+        terms = one.fit(base, exactly=True).terms
         beside = [effect for effect in effects if effect.id not in ids(terms)]
-        foreseen = [trial for effect in beside for trial in one.screen.ranked(terms, effect)[:1]]
+        foreseen = [trial for effect in beside for trial in one.data.ranked(terms, effect)[:1]]
         promising = sorted(foreseen, key=lambda trial: trial.fitted_rms)[: LOOP.promising]
-        return min(one.screen.trial(each).fitted_rms for each in (terms, *(trial.terms for trial in promising)))
+        return min(one.trial(each).fitted_rms for each in (terms, *(trial.terms for trial in promising)))
 
     return min(ways, key=of)
 
@@ -301,9 +304,9 @@ def under_voltage(recordings: Sequence[Recording]) -> list[Recording]:
     return [own for own in recordings if own.drive is not None and own.drive.output in ("duty", "voltage")]
 
 
-def unexplained(found: SearchResult, train: InLoop) -> list[Region]:
+def unexplained(found: SearchResult, train: RolloutRows) -> list[Region]:
     """What the final model leaves of the motion, and where most of it is."""
-    evaluator, last, data = found.evaluator, found.steps[-1], train.data
+    evaluator, last, data = found.evaluator, found.steps[-1], train.rollouts
     left = train.residual(last.model.terms, np.asarray(last.model.theta))
     if evaluator.residuals.is_noise_in(evaluator.train, left):
         return []

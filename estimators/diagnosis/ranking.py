@@ -148,8 +148,8 @@ def _gained(evaluator: ModelEvaluator, after: Terms, before: Terms) -> tuple[Gai
 
 def _held_out_rms(evaluator: ModelEvaluator, terms: Terms, at: str) -> float:
     """Return the held-out torque error of the terms fitted to the training data [N m]."""
-    error = evaluator.holdout.regression.equations(terms).error(evaluator.regression.solve(terms))
-    return error_at(evaluator.holdout.data.errors(error), at, np.nan)
+    error = evaluator.holdout.equations(terms).error(evaluator.train.solve(terms))
+    return error_at(evaluator.holdout.joint_errors(error), at, np.nan)
 
 
 def alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) -> dict[str, float]:
@@ -208,7 +208,7 @@ def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
     """Return whether a term with more parameters can reproduce any torque of another."""
     if complexity(larger) <= complexity(term) or not term.columns:
         return False
-    (own,), (other,) = evaluator.regression.columns([term]), evaluator.regression.columns([larger])
+    (own,), (other,) = evaluator.train.columns([term]), evaluator.train.columns([larger])
     left = own.linear - other.linear @ np.linalg.lstsq(other.linear, own.linear, rcond=None)[0]
     return bool(np.linalg.norm(left) < SAME * np.linalg.norm(own.linear))
 
@@ -216,10 +216,10 @@ def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
 def gate_of_excitation(evaluator: ModelEvaluator, longer: Terms) -> Gate:
     """Return the share of the torque of the last of some terms that the others cannot imitate, as a gate."""
     *others, term = longer
-    (columns,) = evaluator.regression.columns([term])
-    own = evaluator.regression.place_columns([term], [np.column_stack([columns.linear, columns.fixed])])
-    own = own[:, np.linalg.norm(own, axis=0) > 0] * evaluator.regression.weights(others)[:, None]
-    rest = outside(evaluator.regression.frame(others), own)
+    (columns,) = evaluator.train.columns([term])
+    own = evaluator.train.place_columns([term], [np.column_stack([columns.linear, columns.fixed])])
+    own = own[:, np.linalg.norm(own, axis=0) > 0] * evaluator.train.balance(others).weights[:, None]
+    rest = outside(evaluator.train.frame(others), own)
     shares = np.linalg.norm(rest, axis=0) / np.linalg.norm(own, axis=0)
     share, least = float(max(shares, default=0.0)), evaluator.criterion.least_excitation
     return Gate("excitation", share, least, share > least)

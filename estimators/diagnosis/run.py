@@ -19,6 +19,7 @@ from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.remedies import remedies, turned_round
 from estimators.checks.torque_constant import of_the_drive, told
 from estimators.data.fit_data import FitData
+from estimators.data.regression_data import fit_terms
 from estimators.diagnosis.arm import examine_arm
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.in_loop import diagnose_in_loop
@@ -34,11 +35,9 @@ from estimators.progress import Progress, forward, no_progress
 from estimators.schemes.identifiability import identifiability, untold
 from estimators.selection.candidates import refit_nonlinear
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import fit_terms
 from estimators.selection.evaluator import ModelEvaluator, held_out_cost
 from estimators.selection.motion import is_misfit, refit_by_likelihood, refit_if_misfit
 from estimators.selection.physical import violations
-from estimators.selection.prepared import Data
 from estimators.selection.search import SearchResult, search
 from estimators.selection.tables import find_explaining_law
 from estimators.signals.measurements import measure_segments
@@ -285,7 +284,7 @@ def _examine(given: FitData, setting: Setting) -> Diagnosis:
         floors=evaluator.residuals.floors,
         findings=(
             *(Finding(Kind.TIED, effects=group) for group in groups),
-            *_of_little(first.train.data),
+            *_of_little(len(first.train.layout.clusters)),
             *doubts,
             *_untested(steps[-1].model.terms, *first.train.reach()),
             *([kept] if kept and kept != forbidden else []),
@@ -331,9 +330,8 @@ def _looked_closer(given: FitData, evaluator: ModelEvaluator, setting: Setting) 
     return rough, given
 
 
-def _of_little(fitted: Data) -> list[Finding]:
+def _of_little(count: int) -> list[Finding]:
     """Return a finding where few stretches of motion are clear of stick."""
-    count = len(fitted.weights)
     return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < PLENTY else []
 
 

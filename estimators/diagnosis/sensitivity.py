@@ -26,13 +26,13 @@ def smallest(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -> float
     term, theta = of_typical_size(kind)
     if not len(theta):
         return None
-    (columns,) = evaluator.regression.columns([term])
-    torque, phi = columns.linear @ theta, evaluator.regression.balance(terms).phi
+    (columns,) = evaluator.train.columns([term])
+    torque, phi = columns.linear @ theta, evaluator.train.balance(terms).phi
     left = torque - phi @ np.linalg.lstsq(phi, torque, rcond=1e-10)[0]
     shown = float(np.sqrt(np.mean(left**2)))
     if shown < 1e-9 * float(np.sqrt(np.mean(torque**2))) or shown == 0.0:
         return None
-    noise = max(evaluator.residuals.noise_floor(), float(np.sqrt(np.mean(evaluator.regression.residual(terms) ** 2))))
+    noise = max(evaluator.residuals.noise_floor(), float(np.sqrt(np.mean(evaluator.train.residual(terms) ** 2))))
     correlated = (
         CLEAR * evaluator.criterion.z_score / float(np.sqrt(len(left)))
     )  # r^2 / (r^2 + s^2) that is significantly shared

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.experiment import Limits
 from estimators.free_swings import needs_torque
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.prepared import Comparable
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import at_joints, body_of
 from pendulum_env.physics import Term
@@ -39,12 +39,12 @@ class Setting:
     limits: Limits = field(default_factory=Limits)
     by_reference: bool = False
 
-    def evaluator(self, prepared: tuple[Comparable, Comparable]) -> ModelEvaluator:
+    def evaluator(self, prepared: tuple[RegressionData, RegressionData]) -> ModelEvaluator:
         """What some data say of models; at the joints of an arm any table may compete, in the loop of a servo none."""
-        body, in_loop = body_of(self.base), prepared[0].in_loop
+        body, competes = body_of(self.base), prepared[0].layout.predicts_torque
         is_free = all(recording.known_inertia for recording in prepared[0].recordings)
         alone = [kind for kind in COMPETING if not (is_free and needs_torque(kind))]
-        tables = at_joints(TABLES.values(), body) if isinstance(body, Body) else () if in_loop else alone
+        tables = at_joints(TABLES.values(), body) if isinstance(body, Body) else alone if competes else ()
         return ModelEvaluator(
             *prepared, self.progress, self.library, self.criterion, self.rng, tuple(self.base), tables
         )

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import is_misfit
 from estimators.selection.physical import violations
-from estimators.selection.prepared import Comparable
 from estimators.selection.search import SearchResult
 from estimators.signals.motion import SLOWEST
 from estimators.signals.residual import Region, everywhere, stand_out
@@ -63,7 +63,7 @@ def held_out(evaluator: ModelEvaluator) -> tuple[str, ...]:
     return tuple(dict.fromkeys(recording.name for recording in evaluator.holdout.recordings))
 
 
-def _nowhere(evaluator: ModelEvaluator, part: Comparable, left: Array) -> list[Region]:
+def _nowhere(evaluator: ModelEvaluator, part: RegressionData, left: Array) -> list[Region]:
     """Return the region of a residual (R,) that stands out nowhere, unless it may be noise."""
     size, floor = float(np.sqrt(np.mean(left**2))), evaluator.residuals.noise_floor(part)
     if size <= evaluator.criterion.misfit * floor:

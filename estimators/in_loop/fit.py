@@ -18,9 +18,9 @@ import numpy as np
 
 from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
 from estimators.regression.gauss_newton import Near, Rule, gauss_newton
-from estimators.selection.columns import bounds
 from estimators.selection.errors import Errors
 from estimators.simulation.output_error import Point
+from estimators.weak_form.columns import bounds
 from estimators.weak_form.nonlinear import continuous
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
@@ -43,7 +43,6 @@ class LoopSettings:
     typical: float = 0.05  # of the torque, a size at which a parameter matters
     hopeless: float = 15.0  # [nat], gain that linear equations foresee, below which a single turn says enough
     promising: int = 3  # effects that are fitted to tell whether goals are held
-    most: int = 24  # variants of a grid; continuous nonlinear parameters are fitted from the best
     seldom: float = 200.0  # [Hz], at which a slow controller looks at its encoder
     scale: float = 0.1  # that logged torque may differ from what the drive asks for, without a word
     needed: float = 0.3  # of what the others leave, that an effect has to explain: a small error sticks elsewhere

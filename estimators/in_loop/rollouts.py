@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
+from estimators.data.rows import ResidualStructure
 from estimators.signals.differentiation import encoder_noise
 from estimators.signals.motion import known_load, warmth
 from estimators.simulation.output_error import Point
-from estimators.weak_form.dataset import ResidualStructure
-from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index, Mask
-from pendulum_env.physics import KnownLoad, Samples
+from pendulum_env.physics import KnownLoad
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.servo.drive import LONGEST
@@ -125,7 +124,7 @@ class Rollouts:
     def encoder(self) -> dict[str, float]:
         """Mean absolute error that the encoder alone makes, by the joint's name [rad]."""
         noise = np.mean([encoder_noise(recording.position) for recording in self.recordings])
-        return dict.fromkeys(self.joints, float(np.sqrt(2 / np.pi) * noise))
+        return {"": float(np.sqrt(2 / np.pi) * noise)}
 
     @cached_property
     def mistimed(self) -> tuple[Self, Self]:
@@ -163,23 +162,6 @@ class Rollouts:
         farthest = 2.0  # [rad], error that a larger one counts as
         return np.clip(np.nan_to_num(told, nan=np.inf) - self.position[:, None], -farthest, farthest)
 
-    # what the one engine asks of data of any kind
-    windows: ClassVar[tuple[Windows, ...]] = ()
-    link_states: ClassVar[Mapping[str, Sequence[Samples]]] = {}
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the joints: a servo has one, without a name."""
-        return ("",)
-
-    def part(self, at: str) -> Self:
-        """The data of a joint."""
-        return self
-
-    def where(self, at: str) -> slice:
-        """Rows of a joint."""
-        return slice(None)
-
     @cached_property
     def time(self) -> Array:
         """Times of the positions that are compared, from the start of each recording (R,) [s]."""
@@ -187,11 +169,6 @@ class Rollouts:
         return np.concatenate(
             [part.time[0] + times[own] - self.recordings[k].time[0] for times, own, (k, part) in parts]
         )
-
-    @property
-    def weights(self) -> Array:
-        """Of the equations (R,)."""
-        return np.ones(len(self.position))
 
     @cached_property
     def clusters(self) -> Index:
@@ -204,31 +181,26 @@ class Rollouts:
         known, block = np.unique(pairs, axis=0, return_inverse=True)
         return block.ravel(), self.recording_of, known[:, 0]
 
-    def structure(self, residual: Array, inertia: float) -> ResidualStructure:
-        """What is left of a motion [rad]: errors of a rollout last, so that neighbours that share them tell nothing."""
-        size = float(np.sqrt(self.power(residual)))
-        return ResidualStructure(size, 0.0, size)
+    def structure(self, residual: Array) -> ResidualStructure:
+        """Return the size of a residual (R,) [rad]; its errors last, so that correlated neighbours tell nothing.
 
-    def power(self, residual: Array) -> float:
-        """Mean square of a residual (R,), that of each recording counting by its ratio to others [rad^2].
-
-        A servo that sticks elsewhere than its model is off for seconds, and one such recording says little of others.
+        The size is the geometric mean over recordings. A servo that sticks elsewhere than its model is off for seconds,
+        and one such recording says little of others.
         """
         squares = np.bincount(self.recording_of, residual**2) / np.bincount(self.recording_of)
-        return float(np.exp(np.mean(np.log(np.maximum(squares, 1e-300)))))
+        size = float(np.exp(0.5 * np.mean(np.log(np.maximum(squares, 1e-300)))))
+        return ResidualStructure(size, 0.0, size)
 
+    @cached_property
     def precision(self) -> float:
-        """Error that a simulation leaves, which is not exact either [rad]."""
+        """Error of the simulation itself [rad]."""
         return 1e-4 * float(np.std(self.position))  # share of the motion
 
-    def noise(self, inertia: float) -> float:
+    @cached_property
+    def noise(self) -> float:
         """Error that encoder and clock alone make [rad]."""
         late = [JITTER * float(np.std(np.gradient(r.position, r.time))) / r.rate for r in self.recordings]
-        return max(self.precision(), float(np.hypot(self.resolution, np.mean(late))))
-
-    def errors(self, residual: Array) -> dict[str, float]:
-        """Root mean square of a residual (R,) at the joint [rad]."""
-        return {"": float(np.sqrt(np.mean(residual**2)))}
+        return max(self.precision, float(np.hypot(self.resolution, np.mean(late))))
 
 
 def are_driven(recordings: Sequence[Recording]) -> bool:

@@ -16,6 +16,7 @@ from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits
 from estimators.checks.remedies import far_zero, wrong_columns
 from estimators.checks.torque_constant import told
 from estimators.data.fit_data import FitData
+from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import restore_known, swing_terms
 from estimators.regression.equations import IdentificationError
@@ -30,7 +31,6 @@ from estimators.schemes.identifiability import (
     untold_of_arm,
 )
 from estimators.schemes.six import SCHEMES, LowPass, Regression, Regressor, Scheme, chosen_schemes
-from estimators.selection.data import PreparedData, fit_terms
 from estimators.selection.physical import driving_friction
 from estimators.signals.measurements import Measurements, measure_joints, measure_segments, remember
 from estimators.weak_form.dataset import Dataset, prepare
@@ -105,7 +105,7 @@ class Identification(Mapping[str, Identified]):
         recordings = [] if self.data is None else [w.recording for w in self.data.windows]
         terms = swing_terms(first.terms, recordings) if recordings else first.terms
         unknown = {name for finding in self.findings for name in finding.withheld}
-        model = self.fitted(lambda data: fit_terms(PreparedData(data), terms)[0])
+        model = self.fitted(lambda data: fit_terms(RegressionData(data), terms)[0])
         model = restore_known(model, first.terms, recordings) if recordings else model
         inertia = model.estimates.get("inertia")
         if inertia is not None and abs(inertia.value) <= SURE * inertia.std:
@@ -225,7 +225,7 @@ def _of_pendulum(
         if data is not None:
             mistakes = [*mistakes, *_mistakes(given, own_fits([data], terms), terms)]
             if not mistakes:
-                mistakes, results = _missing(results, PreparedData(data), terms)
+                mistakes, results = _missing(results, RegressionData(data), terms)
     unknown = (given.doubt,) if given.doubt is not None else ()
     ends = tuple(np.cumsum([sum(len(m) * m.period for (m,) in own) for own in segments]).tolist())
     return Identification(
@@ -275,7 +275,7 @@ def _of_arm(recordings: Sequence[Recording], terms: Sequence[Term], schemes: Seq
     results = {id: replace(one, model=one.model.withholding(unknown[id] | alike)) for id, one in results.items()}
     doubts += driving_friction(next(iter(results.values())).model)
     with suppress(IdentificationError):
-        prepared = PreparedData.of_arm(recordings, terms)
+        prepared = RegressionData.of_arm(recordings, terms)
         missing, results = _missing(results, prepared, terms)
         doubts += missing
     return Identification(results, tuple(doubts), tuple(recording.name for recording in recordings))
@@ -357,7 +357,7 @@ def _mistakes(given: FitData, fits: Sequence[Own], terms: Sequence[Term]) -> lis
 
 
 def _missing(
-    results: dict[str, Identified], prepared: PreparedData, terms: Sequence[Term]
+    results: dict[str, Identified], prepared: RegressionData, terms: Sequence[Term]
 ) -> tuple[list[Finding], dict[str, Identified]]:
     """Test whether the terms explain the recordings: by the residual, and by the agreement of the schemes.
 
@@ -369,7 +369,7 @@ def _missing(
         of a single scheme, all estimates.
     """
     data, floors = prepared.data, prepared.floors
-    left = data.errors(prepared.regression.residual(terms))
+    left = prepared.joint_errors(prepared.residual(terms))
     least = {at: AGREEMENT.misfits * max(floors[at], data.negligible(at)) for at in left}
     times = {at: error / max(floors[at], 1e-300) for at, error in left.items() if error > least[at]}
     gaps = sorted(_gaps(list(results.values())))

@@ -3,10 +3,10 @@
 from collections.abc import Collection
 from typing import NamedTuple
 
+from estimators.data.rows import Trial
 from estimators.search_hints import hints_of, is_possible
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.gates import Gate
-from estimators.selection.prepared import Trial
 from estimators.selection.residuals import Terms
 from estimators.weak_form.nonlinear import release
 from pendulum_env.physics import Term
@@ -53,7 +53,7 @@ def _gate_of_transmission(evaluator: ModelEvaluator, terms: Terms, found: dict[s
     """
     if has_transmission(terms):
         return Gate("transmissions", 1, 0, False)
-    if evaluator.train.in_loop:
+    if not evaluator.train.layout.predicts_torque:
         return None
     if len(terms) > len(evaluator.base):
         return Gate("earlier_effects", len(terms) - len(evaluator.base), 0, False)
@@ -67,7 +67,7 @@ def _gate_of_transmission(evaluator: ModelEvaluator, terms: Terms, found: dict[s
 def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> Trial | None:
     """Return the best variant of an effect; with little gain or share, only the best of a coarse grid."""
     if not hints_of(effect).multimodal:
-        ranked = evaluator.screen.ranked(terms, effect)
+        ranked = evaluator.train.ranked(terms, effect)
         if not ranked:
             return None
         alike = len({len(trial.terms[-1].columns) for trial in ranked}) == 1  # else the richest comes first
@@ -84,7 +84,7 @@ def best_variant(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) ->
 
     A variant that needs negative gravity is replaced by the next one that does not.
     """
-    trials = evaluator.screen.variants(terms, effect)
+    trials = evaluator.train.variants(terms, effect)
     if not trials:
         return None
     simplest, *others = trials
@@ -115,7 +115,8 @@ def release_parameters(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
         for variants in release(old):
             if len(variants) > 1:  # of whole numbers the best, where there is time to compare them
                 variants = [v for v in variants if is_possible(v, evaluator.train.motions[old.at])]
-                trials = [] if evaluator.train.in_loop or not variants else evaluator.screen.trials(others, variants)
+                is_tried = variants and evaluator.train.layout.has_fast_fits
+                trials = evaluator.train.trials(others, variants) if is_tried else []
                 variants = [trial.terms[-1] for trial in sorted(trials, key=lambda trial: trial.fitted_rms)[:1]]
             longer = [tuple(new if term is old else term for term in terms) for new in variants]
             found += [refine_parameters(evaluator, one, old.id) for one in longer]
@@ -124,16 +125,16 @@ def release_parameters(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
 
 def refine_parameters(evaluator: ModelEvaluator, terms: Terms, id: str) -> Terms:
     """Fit the nonlinear parameters of one term, by its id."""
-    return evaluator.screen.refine(evaluator.screen.trial(terms), id).terms
+    return evaluator.train.refine(evaluator.train.trial(terms), id).terms
 
 
 def refit_nonlinear(evaluator: ModelEvaluator, terms: Terms) -> Terms:
     """Refit every nonlinear parameter with all terms present."""
-    trial = evaluator.screen.trial(terms)
+    trial = evaluator.train.trial(terms)
     for term in terms:
         if any(not parameter.integer for parameter in term.free) and term.id not in evaluator.train.data.link_states:
-            trial = evaluator.screen.refine(trial, term.id)
-    return evaluator.regression.converge(trial.terms)
+            trial = evaluator.train.refine(trial, term.id)
+    return evaluator.train.fit(trial.terms, exactly=True).terms
 
 
 def screen_replacements(evaluator: ModelEvaluator, terms: Terms, term: Term) -> list[Terms]:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from estimators.weak_form.dataset import ResidualStructure
+from estimators.data.rows import ResidualStructure
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.memoize import memoized
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import fit_terms
 from estimators.selection.errors import Step
 from estimators.selection.gates import Gate
 from estimators.selection.physical import confirmation_gates, violations
-from estimators.selection.prepared import Comparable
 from estimators.selection.residuals import Residuals, Terms, with_time_grid
 from estimators.selection.score import BLOCK, Blocks, Bootstrap, Gain, cross_validated, predicted
 from estimators.simulation import output_error
@@ -45,8 +44,8 @@ class ModelEvaluator:
         drawn: random weights of blocks; drawn from `rng` by default.
     """
 
-    train: Comparable
-    holdout: Comparable
+    train: RegressionData
+    holdout: RegressionData
     progress: Progress = no_progress
     library: Mapping[str, type[Term]] = field(default_factory=effects)
     criterion: Criterion = field(default_factory=Criterion)
@@ -57,7 +56,7 @@ class ModelEvaluator:
     drawn: Bootstrap | None = None
 
     def __post_init__(self) -> None:
-        self.regression, self.screen, self.parts = self.train.regression, self.train.screen, (self.train, self.holdout)
+        self.parts = self.train, self.holdout
         known = ids(self.base)
         self.tables = [table for table in self.tables if table.id not in known]
         self.residuals = Residuals(self.train, self.holdout, self.criterion, self.base)
@@ -81,9 +80,9 @@ class ModelEvaluator:
         if any(isinstance(term, ByTime) for term in terms):
             return self.refitted_density(terms)
         of_torque, (first, second) = self._density_of_torque(terms), self._blocks
-        fitted, unseen = (part.regression.equations(terms).recorded for part in self.parts)
+        fitted, unseen = (part.equations(terms).recorded for part in self.parts)
         if fitted is not None and unseen is not None:
-            known = replace(fitted, weights=self.regression.weights(terms))
+            known = replace(fitted, weights=self.train.balance(terms).weights)
             recorded = np.concatenate([cross_validated(known, first), predicted(known.solve(), unseen, second)])
             for lag in (term for term in terms if term.lead):
                 without = tuple(other for other in terms if other is not lag)
@@ -100,18 +99,17 @@ class ModelEvaluator:
             terms: of the model.
             without: a filter to compare with; as much noise is added as the derivative of the acceleration has there.
         """
-        regression, (first, second) = self.regression, self._blocks
-        fitted, unseen = (part.regression.equations(terms) for part in self.parts)
-        absorbed = [part.regression.absorbed_noise(terms) for part in self.parts]
+        first, second = self._blocks
+        absorbed = [part.absorbed_noise(terms) for part in self.parts]
         if without is not None:
             inertia = self.residuals.inertia[without.at or self.residuals.joints[0]]
             for own, part in zip(absorbed, self.parts, strict=True):
                 noise = [w.rate_noise(inertia) for w in part.data.part(without.at).windows]
-                own.append((part.data.where(without.at), float(np.mean(np.square(noise))) * without.lead**2))
+                own.append((part.where(without.at), float(np.mean(np.square(noise))) * without.lead**2))
         return np.concatenate(
             [
-                cross_validated(fitted, first, absorbed[0], regression.solve_without(terms)),
-                predicted(regression.solve(terms), unseen, second, absorbed[1]),
+                cross_validated(self.train.balance(terms), first, absorbed[0]),
+                predicted(self.train.solve(terms), self.holdout.equations(terms), second, absorbed[1]),
             ]
         )
 
@@ -124,7 +122,7 @@ class ModelEvaluator:
         parts = []
         for part, pieces in zip(self.parts, self._pieces, strict=True):
             own = with_time_grid(part, terms)
-            parts.append(cross_validated(part.regression.balance(own), pieces, part.regression.absorbed_noise(own)))
+            parts.append(cross_validated(part.balance(own), pieces, part.absorbed_noise(own)))
         return np.concatenate(parts)
 
     def screening_score(self, terms: Terms) -> float:
@@ -142,7 +140,7 @@ class ModelEvaluator:
     def n_variants(self, after: Terms, before: Terms) -> int:
         """Return the number of variants tried of the effects by which one model is larger, at least one."""
         known = {other.id: other for other in before}
-        tried = [self.screen.n_tried(before, type(term)) for term in after if term.id not in known]
+        tried = [self.train.n_tried(before, type(term)) for term in after if term.id not in known]
         more = [
             parameter
             for term in after
@@ -191,12 +189,11 @@ class ModelEvaluator:
 
     def model(self, terms: Terms) -> Model:
         """Fit the terms to the training data, without standard errors, which take time."""
-        model = Model.build(self.regression.fitted_terms(terms), self.regression.solve(terms))
-        return model.withholding(self._unknown)
+        return Model.build(*self.train.fit(terms)).withholding(self._unknown)
 
     def _find_unknown(self) -> frozenset[str]:
         """Name the inertia if it is within 3 standard errors of zero by noise alone: nothing is simulated by it."""
-        if self.train.in_loop or "inertia" not in ids(self.base):
+        if not self.train.layout.predicts_torque or "inertia" not in ids(self.base):
             return frozenset()
         model, fit = fit_terms(self.train, self.base)
         inertia, rms = model.estimates["inertia"], float(np.sqrt(np.mean(fit.residual**2)))
@@ -252,9 +249,9 @@ class ModelEvaluator:
         return np.inf if self.linked is None else held_out_cost(self.linked)
 
 
-def _blocks(part: Comparable, length: float) -> Blocks:
+def _blocks(part: RegressionData, length: float) -> Blocks:
     """Return blocks of some data, with folds of pieces of a length [s]."""
-    return Blocks(*part.data.blocks(BLOCK), part.data.blocks(length)[0])
+    return Blocks(*part.layout.blocks(BLOCK), part.layout.blocks(length)[0])
 
 
 def held_out_cost(step: Step) -> float:

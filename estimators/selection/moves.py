@@ -78,7 +78,7 @@ def add_effect(state: SearchState) -> SearchState | None:
             continue
         longer = refit_nonlinear(evaluator, longer)
         evaluator.progress(f"confirming {', '.join(sorted(one[0] for one in forms(longer) - forms(terms)))}", 0.9)
-        if has_link(longer) and not has_link(terms) and not evaluator.train.in_loop:
+        if has_link(longer) and not has_link(terms) and evaluator.train.layout.predicts_torque:
             if not confirmed and (linked := add_link(state, longer)) is not None:
                 return linked
         elif evaluator.lowers_errors(longer, terms) or improves_form(evaluator, longer, terms):
@@ -94,7 +94,7 @@ def improves_form(evaluator: ModelEvaluator, longer: Terms, terms: Terms) -> boo
     The effect has to lower both errors. The form has to lower only the torque error, since a simulation may be chaotic.
     """
     changed = {id for id, *_ in forms(longer) ^ forms(terms)}
-    if ids(longer) != ids(terms) or len(changed) != 1 or evaluator.train.in_loop:
+    if ids(longer) != ids(terms) or len(changed) != 1 or not evaluator.train.layout.predicts_torque:
         return False
     (effect,) = (term for term in longer if term.id in changed)
     after, before = (evaluator.fit(None, one).errors["holdout"].at(effect.at) for one in (longer, terms))
@@ -109,8 +109,9 @@ def add_pair(state: SearchState, firsts: Sequence[Terms]) -> SearchState | None:
         firsts: its terms with the first effects to try.
     """
     evaluator, terms, found = state.evaluator, state.terms, list[Terms]()
-    if len(state.effects) + 2 > evaluator.criterion.max_effects or state.is_noise or evaluator.train.in_loop:
-        return None  # in the loop each fit takes seconds
+    is_full = len(state.effects) + 2 > evaluator.criterion.max_effects
+    if is_full or state.is_noise or not evaluator.train.layout.has_fast_fits:
+        return None
     for first in (one for one in firsts if not has_link(one)):  # links are fitted first, see `add_effect`
         elsewhere = [id for id, effect in evaluator.library.items() if effect.at != first[-1].at]
         for pair in [one for one in screen_effects(evaluator, first, elsewhere) if not has_link(one)][:1]:

@@ -8,13 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.data.regression_data import RegressionData, fit_terms
+from estimators.data.rows import ResidualStructure
 from estimators.memoize import memoized
 from estimators.regression.least_squares import information, least_squares, robust_covariance
 from estimators.search_hints import grid
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import fit_terms
-from estimators.selection.prepared import Comparable
-from estimators.weak_form.dataset import ResidualStructure
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import ByTime
@@ -45,31 +44,31 @@ class Residuals:
         base: terms whose fit gives the inertia.
     """
 
-    train: Comparable
-    holdout: Comparable
+    train: RegressionData
+    holdout: RegressionData
     criterion: Criterion
     base: Terms
 
     def __post_init__(self) -> None:
         self.parts = (self.train, self.holdout)
-        self.joints = self.train.data.joints
+        self.joints = tuple(self.train.layout.joints)
         self.inertia = self.train.inertias(self.base)
         self.floors = self.train.floors
-        self._holdout_floors = {at: self.holdout.data.part(at).noise(self.inertia[at]) for at in self.joints}
+        self._holdout_floors = {at: self.holdout.layout.noise(at, self.inertia[at]) for at in self.joints}
 
-    def noise_floor(self, part: Comparable | None = None, at: str | None = None) -> float:
+    def noise_floor(self, part: RegressionData | None = None, at: str | None = None) -> float:
         """Return the torque error due to sensor noise [N m], by default at the first joint of the training data."""
         return (self._holdout_floors if part is self.holdout else self.floors)[self.joints[0] if at is None else at]
 
     @memoized
     def structures(self, terms: Terms) -> tuple[dict[str, ResidualStructure], dict[str, ResidualStructure]]:
         """Return the structure of a fit's residual at each joint, on training and on held-out data."""
-        fitted = self._structures_in(self.train, self.train.regression.residual(terms))
+        fitted = self._structures_in(self.train, self.train.residual(terms))
         return fitted, self._structures_in(self.holdout, self.holdout_residual(terms))
 
-    def _structures_in(self, part: Comparable, residual: Array) -> dict[str, ResidualStructure]:
-        data = part.data
-        return {at: data.part(at).structure(residual[data.where(at)], self.inertia[at]) for at in self.joints}
+    def _structures_in(self, part: RegressionData, residual: Array) -> dict[str, ResidualStructure]:
+        layout = part.layout
+        return {at: layout.structure(at, residual[layout.joints[at]], self.inertia[at]) for at in self.joints}
 
     def is_noise(self, terms: Terms) -> bool:
         """Return whether the residual of a fit is noise at every joint, on all data."""
@@ -86,11 +85,11 @@ class Residuals:
         """Return whether the residual of a fit is noise at a joint, on the training data."""
         return self._are_noise(self.train, {at: self.structures(terms)[0][at]})
 
-    def is_noise_in(self, part: Comparable, residual: Array) -> bool:
+    def is_noise_in(self, part: RegressionData, residual: Array) -> bool:
         """Return whether a residual (R,) [N m] of the training or of the held-out data is noise at every joint."""
         return self._are_noise(part, self._structures_in(part, residual))
 
-    def _are_noise(self, part: Comparable, structures: Mapping[str, ResidualStructure]) -> bool:
+    def _are_noise(self, part: RegressionData, structures: Mapping[str, ResidualStructure]) -> bool:
         return all(self.criterion.is_noise(own, self.noise_floor(part, at)) for at, own in structures.items())
 
     def relative_rms(self, terms: Terms) -> float:
@@ -104,14 +103,13 @@ class Residuals:
         The right law has the same parameters in all data. A law that imitates another along one motion needs different
         parameters along the next.
         """
-        known, regression = fit_terms(self.train, terms)[1], self.holdout.regression
-        balance = regression.balance(terms)
+        known, balance = fit_terms(self.train, terms)[1], self.holdout.balance(terms)
         free = np.flatnonzero(np.diag(known.covariance))  # the others are given, or at their bounds
-        slopes = balance.slopes(known.theta, regression.nonlinear_jacobian(terms, known.theta)[0])[:, free]
+        slopes = balance.slopes(known.theta, self.holdout.maker.nonlinear_jacobian(terms, known.theta)[0])[:, free]
         error, weights = balance.error(known.theta), balance.weights
         step = least_squares(slopes * weights[:, None], error * weights)
         covariance = robust_covariance(
-            slopes * weights[:, None], (error - slopes @ step) * weights, self.holdout.data.clusters
+            slopes * weights[:, None], (error - slopes @ step) * weights, self.holdout.layout.clusters
         )
         prior, own = information(known.covariance[np.ix_(free, free)]), information(covariance)
         return np.asarray(error - slopes @ least_squares(prior + own, own @ step))
@@ -122,14 +120,13 @@ class Residuals:
         found = []
         for part in self.parts:
             if any(isinstance(term, ByTime) for term in terms):
-                residual = part.regression.residual(with_time_grid(part, terms))
+                residual = part.residual(with_time_grid(part, terms))
             else:
-                residual = part.regression.equations(terms).error(self.train.regression.solve(terms))
+                residual = part.equations(terms).error(self.train.solve(terms))
             structures, powers = self._structures_in(part, residual), {}
             for at in self.joints:
-                absorbed = part.regression.absorbed_noise([term for term in terms if term.at == at])
-                own = part.data.part(at).power(residual[part.data.where(at)])
-                total = own + sum(variance for _, variance in absorbed)
+                absorbed = part.absorbed_noise([term for term in terms if term.at == at])
+                total = structures[at].rms ** 2 + sum(variance for _, variance in absorbed)
                 powers[at] = Power(total, structures[at].correlated_rms ** 2)
             found.append(powers)
         return found
@@ -150,7 +147,7 @@ class Residuals:
         return max(self._explained_at(at, after, before) for at in self.joints)
 
     def _explained_at(self, at: str, after: Terms, before: Terms) -> float:
-        least, shares, structures = self.train.data.part(at).precision() ** 2, [], self.structures(before)
+        least, shares, structures = self.train.layout.precision[at] ** 2, [], self.structures(before)
         structured = [
             self.criterion.has_structure(own[at], self.noise_floor(part, at))
             for part, own in zip(self.parts, structures, strict=True)
@@ -166,13 +163,13 @@ class Residuals:
             elif not has_structure:
                 shares.append(removed / old.total)
             elif own[at].z_score >= self.criterion.z_score:
-                resolution = new.total / len(part.data.part(at).weights) ** 0.5
+                resolution = new.total / len(part.layout.clusters[part.where(at)]) ** 0.5
                 shares.append(removed / (removed + new.correlated + resolution))
             else:
                 shares.append(removed / max(old.total - self.noise_floor(part, at) ** 2, removed))
         return min(shares)
 
 
-def with_time_grid(part: Comparable, terms: Sequence[Term]) -> Terms:
+def with_time_grid(part: RegressionData, terms: Sequence[Term]) -> Terms:
     """Return the terms with functions of time on a grid that covers some data."""
     return tuple(grid(type(t), part.samples, np.empty(0))[0] if isinstance(t, ByTime) else t for t in terms)

@@ -64,16 +64,15 @@ def weighted_squares(squares: Array, scale: Array | float) -> Array:
     return np.asarray((NU + 1) * squares / (NU + squares / scale))
 
 
-def cross_validated(balance: Balance, where: Blocks, hidden: Hidden = (), theta: Array | None = None) -> Array:
+def cross_validated(balance: Balance, where: Blocks, hidden: Hidden = ()) -> Array:
     """Return the log density of each block (S,), predicted by the fit to the others [nat].
 
     Args:
         balance: equations of the model.
         where: block and recording of each equation.
         hidden: torque noise that the model absorbs, which still counts as error.
-        theta: parameters fitted without each fold (FOLDS, P), if known.
     """
-    return _density(balance, balance.solve_without(where.fold, FOLDS) if theta is None else theta, where, hidden)
+    return _density(balance, balance.solve_without(where.fold, FOLDS), where, hidden)
 
 
 def predicted(theta: Array, balance: Balance, where: Blocks, hidden: Hidden = ()) -> Array:

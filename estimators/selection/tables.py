@@ -90,7 +90,7 @@ def other_table_forms(state: SearchState) -> list[Terms]:
     """Return the terms with each other form of their table, with more or fewer pieces."""
     table = table_of(state, state.terms)
     kind = next(kind for kind in state.evaluator.tables if kind.id == table.id)
-    trials = state.evaluator.screen.variants(without(state.terms, table), kind)
+    trials = state.evaluator.train.variants(without(state.terms, table), kind)
     return [trial.terms for trial in trials if trial.terms[-1] != table]
 
 

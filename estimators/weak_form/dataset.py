@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from estimators.data.rows import ResidualStructure
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.signals.motion import HALF_WIDTHS
 from estimators.weak_form.windows import WHOLE, Part, Rows, Windows, cut, in_a_row, trace_all
@@ -39,20 +40,6 @@ class WeakFormSettings:
 
 
 WEAK_FORM = WeakFormSettings()
-
-
-class ResidualStructure(NamedTuple):
-    """Size of a torque residual, and of its part that neighbouring windows have in common.
-
-    Attributes:
-        correlated_rms: root of the covariance of neighbouring windows, beyond that of sensor noise [N m].
-        z_score: correlation of neighbouring windows over its standard error.
-        rms: root mean square of the residual [N m].
-    """
-
-    correlated_rms: float
-    z_score: float
-    rms: float
 
 
 class Given(NamedTuple):
@@ -200,10 +187,6 @@ class Dataset:
         size = float(np.sqrt(max(product.mean(), 0.0)))
         return ResidualStructure(size if size > self.precision() else 0.0, z_score, everything)
 
-    def power(self, residual: Array) -> float:
-        """Mean square of a residual (R,) [N^2 m^2]."""
-        return float(np.mean(residual**2))
-
     def precision(self) -> float:
         """Torque error of smoothing and integration [N m]."""
         return WEAK_FORM.precision * float(np.std(self.applied_torque()))
@@ -284,10 +267,6 @@ class Dataset:
         counts = [len(w.centers) for w in self.windows]
         parts = [count * w.absorbed(term) for count, w in zip(counts, self.windows, strict=True) if count]
         return sum(parts) / max(1, sum(counts))
-
-    def errors(self, residual: Array) -> dict[str, float]:
-        """Root mean square of a residual (R,) at each joint [N m]."""
-        return {at: float(np.sqrt(np.mean(residual[self.where(at)] ** 2))) for at in self.joints}
 
     def noise(self, inertia: float) -> float:
         """Noise floor: root mean square over the windows of the error due to measurement noise [N m]."""

@@ -13,6 +13,7 @@ from estimators.arguments import chosen_effects, within_limits
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.torque_constant import told
 from estimators.data.fit_data import FitData, parted
+from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.addition import fit
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.findings import Finding
@@ -21,7 +22,6 @@ from estimators.regression.equations import IdentificationError
 from estimators.schemes.identifiability import identifiability
 from estimators.schemes.identification import SAVED, Identification, identify
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData
 from estimators.selection.errors import Step
 from estimators.signals.measurements import measure_segments
 from estimators.signals.residual import Region, everywhere
@@ -175,7 +175,7 @@ def prepare_arm(
     return Prepared(data, data, Step(None, model, errors), found)
 
 
-def unexplained(prepared: PreparedData, model: Model) -> tuple[Region, ...]:
+def unexplained(prepared: RegressionData, model: Model) -> tuple[Region, ...]:
     """Where a model leaves more than noise in the data that it is fitted to, joint by joint."""
     residual: Array = prepared.with_link_states(model).residual(model.terms, model.theta)
     felt, data, regions = prepared.inertias(prepared.base), prepared.data, list[Region]()

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from estimators.data.regression_data import RegressionData
 from estimators.in_loop.fit import likelier
 from estimators.in_loop.rollouts import GRAIN
-from estimators.selection.data import PreparedData
 from estimators.signals.motion import load_in_newton_metres
 from estimators.simulation.free_running import Segments, simulate_all, start_memory
 from estimators.simulation.output_error import Point
@@ -39,7 +39,7 @@ def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> 
     recording holds too little motion, and InputError if the extra `export` is not installed.
     """
     refuse_loads(recordings)
-    segments = PreparedData.of(recordings).with_link_states(model).segments
+    segments = RegressionData.of(recordings).with_link_states(model).segments
     own = [path[:, 0] for path in simulate_all(segments, [(model.terms, model.theta)])]
     theirs = [_simulated(model, exported, segment) for segment in segments]
     measured = [segment.position for segment in segments]

@@ -6,8 +6,8 @@ from functools import partial
 import numpy as np
 
 from estimators.comparison import of_joints
+from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.result import Diagnosis
-from estimators.selection.data import PreparedData
 from estimators.signals.residual import REGIONS, profiles
 from estimators.weak_form.dataset import NEGLIGIBLE
 from pendulum_env.arms.body import Body
@@ -58,7 +58,7 @@ def joints(
     return Section("joints", "Result", headline, content)
 
 
-def strips(models: Sequence[Drawn], prepared: PreparedData) -> Section:
+def strips(models: Sequence[Drawn], prepared: RegressionData) -> Section:
     """One strip of plots a joint: mean residual over angle, velocity and time, of each model."""
     curves, data = [(label, color) for label, color, _ in models], prepared.data
     body = links_of(models[-1][2].model.terms)

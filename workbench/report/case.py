@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from estimators.data.fit_data import FitData
+from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.result import Diagnosis
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import SCHEMES
-from estimators.selection.data import PreparedData
 from estimators.selection.errors import Step
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
@@ -61,16 +61,16 @@ class Case:
         return bool(self.diagnosis.selected or self.diagnosis.unexplained)
 
     @cached_property
-    def _with_link_states(self) -> dict[int, list[PreparedData]]:
+    def _with_link_states(self) -> dict[int, list[RegressionData]]:
         return {}
 
-    def with_link_states(self, prepared: PreparedData) -> list[PreparedData]:
+    def with_link_states(self, prepared: RegressionData) -> list[RegressionData]:
         """Prepared data for each drawn model, with its link watched if it has one; worked out once."""
         if id(prepared) not in self._with_link_states:
             self._with_link_states[id(prepared)] = [prepared.with_link_states(model) for _, _, model in self.models]
         return self._with_link_states[id(prepared)]
 
-    def residuals(self, prepared: PreparedData) -> list[Array]:
+    def residuals(self, prepared: RegressionData) -> list[Array]:
         """Measured minus modelled torque (R,) [N m] of each drawn model."""
         seen = zip(self.with_link_states(prepared), self.models, strict=True)
         return [own.residual(model.terms, model.theta) for own, (_, _, model) in seen]

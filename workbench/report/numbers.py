@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimators.data.regression_data import RegressionData
 from estimators.figure import DRAWING, Figure, axis, band, line, segment
 from estimators.schemes.identification import Identification
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData
 from pendulum_env._typing import JSON
 from pendulum_env.physics import Estimate, Model
 from pendulum_env.physics.table import Curve, Table
@@ -50,7 +50,7 @@ def errors(case: Case) -> Section:
     return Section("errors", "Errors", "How the error falls", content)
 
 
-def whiteness(label: str, case: Case, prepared: PreparedData, drawn: int) -> tuple[str, float, float, str]:
+def whiteness(label: str, case: Case, prepared: RegressionData, drawn: int) -> tuple[str, float, float, str]:
     """Test of the residual of a drawn model for correlation between neighbours, beyond what their overlap gives.
 
     Label, what they share [N m], the same in standard errors of white noise, and what that means.

@@ -9,10 +9,10 @@ import pytest
 from benchmarks.two_link import Multisine
 from estimators import identify
 from estimators.data.fit_data import FitData
+from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.setting import Setting
 from estimators.regression.balance import Columns
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import PreparedData
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import search
 from pendulum_env.arms.joints import Links, arm_base, at_joint, coupling, couplings, placed
@@ -36,13 +36,13 @@ def base(body):
 
 @pytest.fixture(scope="module")
 def prepared(run, base):
-    return PreparedData.of_arm([run], base)
+    return RegressionData.of_arm([run], base)
 
 
 @pytest.mark.parametrize("counts", [4096, 65_536])
 def test_a_whole_model_leaves_what_the_sensors_of_all_joints_give(body, base, counts):
-    coarse = PreparedData.of_arm([recorded(seconds=8.0, noise=1e-3, counts=counts)], base)
-    left = coarse.data.errors(coarse.regression.residual(base))
+    coarse = RegressionData.of_arm([recorded(seconds=8.0, noise=1e-3, counts=counts)], base)
+    left = coarse.joint_errors(coarse.residual(base))
     assert left == pytest.approx(coarse.floors, rel=0.25)
 
 
@@ -53,12 +53,12 @@ LAWS = ("load_dependent_friction", "torque_saturation", "actuator_lag", "torque_
 @pytest.mark.parametrize("other", [None, "load_dependent_friction", "torque_saturation"])
 def test_what_other_joints_share_may_be_condensed_wherever_a_law_acts(body, prepared, base, joint, law, other):
     at, elsewhere = body.joints[joint], body.joints[1 - joint]
-    regression = prepared.regression
+    regression = prepared.torque
     terms = base if other is None else (*base, at_joint(effect(other), elsewhere)())
     variant = at_joint(effect(law), at)()
     (own,) = regression.columns([variant])
-    whole = regression.assemble((*terms, variant), [*regression.parts(terms), own], regression.weights(terms))
-    small = regression.beside(terms, prepared.data.where(at))(variant, own)
+    whole = regression.assemble((*terms, variant), [*regression.columns_of_each(terms), own], regression.weights(terms))
+    small = regression.with_variant(terms, prepared.data.where(at))(variant, own)
     assert isinstance(own, Columns) and len(small.y) <= len(whole.y)
     left, full = (np.linalg.norm(one.weights * one.error(one.solve())) for one in (small, whole))
     assert left == pytest.approx(full, rel=1e-5)
@@ -68,7 +68,7 @@ def test_a_lag_that_only_makes_torque_smaller_gains_nothing_beside_a_true_one(ru
     elbow = Multisine.paper(0, (3.5, 2.2)).held(TIME, 1e-3)[:, 1]
     lags = 0.02 * np.gradient(elbow, 1e-3)  # the elbow's drive follows with a lag of 20 ms
     hums = np.sin(2 * np.pi * 15.0 * TIME)  # and something hums in the shoulder's channel
-    prepared = PreparedData.of_arm([replace(run, torque=run.torque + np.column_stack([hums, lags]))], base)
+    prepared = RegressionData.of_arm([replace(run, torque=run.torque + np.column_stack([hums, lags]))], base)
     evaluator = ModelEvaluator(prepared, prepared, base=base, tables=())
     lag = effect("actuator_lag")
     true = (*base, at_joint(lag, "elbow")(0.02))

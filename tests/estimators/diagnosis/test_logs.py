@@ -8,8 +8,8 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import align, identify
 from estimators.data.fit_data import gather
+from estimators.data.regression_data import with_impacts
 from estimators.findings import Kind
-from estimators.selection.data import with_impacts
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import BASE, Term, effect

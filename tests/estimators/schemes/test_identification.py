@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
+from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.diagnosis.run import diagnose
 from estimators.findings import Kind
 from estimators.regression.equations import IdentificationError
 from estimators.schemes import six
 from estimators.schemes.identification import identify
 from estimators.schemes.six import PAPER, SCHEMES, Integral
-from estimators.selection.data import PreparedData, fit_terms
 from estimators.weak_form.dataset import prepare
 from estimators.weak_form.windows import cut
 from pendulum_env.backends import record
@@ -71,7 +71,7 @@ def test_the_papers_hamiltonian_pair_borrows_inertia(paper_run):
 def test_the_fit_over_windows_is_the_one_that_a_diagnosis_begins_with(paper_run):
     found = identify([paper_run], schemes="energy", fixed={"gravity": 2.0})
     data = prepare([paper_run])
-    model, _ = fit_terms(PreparedData(data, ()), found["energy"].model.terms)
+    model, _ = fit_terms(RegressionData(data, ()), found["energy"].model.terms)
     np.testing.assert_array_equal(found.windows.theta, model.theta)
     assert found.windows.estimates["gravity"].value == 2.0
     with pytest.raises(IdentificationError, match="too little of the motion is clear of stick"):

@@ -2,8 +2,8 @@
 
 import pytest
 
+from estimators.data.rows import ResidualStructure
 from estimators.selection.criterion import Criterion
-from estimators.weak_form.dataset import ResidualStructure
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,10 @@ from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.fit_data import gather
 from estimators.regression.balance import Balance
 from estimators.search_hints import grid
-from estimators.selection.columns import depends_on_torque
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.regression import Regression
+from estimators.weak_form.columns import depends_on_torque
 from estimators.weak_form.dataset import prepare
+from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env.filters import lag
 from pendulum_env.physics import BASE, Column, NonlinearParameter, Samples, Term, effects
 from pendulum_env.physics.term import Memory
@@ -60,8 +60,8 @@ LAWS = {kind.id: kind for kind in (*effects().values(), Squashed, TwoLags) if de
 
 
 @pytest.fixture(scope="module")
-def regression() -> Regression:
-    return Regression(prepare(recorded(Plant(), Experiment(rate=500.0, seconds=6.0, seed=1, excitation="pd_loop"))))
+def regression() -> TorqueRows:
+    return TorqueRows(prepare(recorded(Plant(), Experiment(rate=500.0, seconds=6.0, seed=1, excitation="pd_loop"))))
 
 
 def unpredicted(balance: Balance, theta: np.ndarray) -> np.ndarray:
@@ -71,7 +71,7 @@ def unpredicted(balance: Balance, theta: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("id", LAWS)
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5])
-def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(regression: Regression, id: str, share: float):
+def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(regression: TorqueRows, id: str, share: float):
     """Of a model whose motion takes no torque, all that was recorded is left, whatever becomes of it on the way."""
     recorded = regression.data.torque()
     for term in grid(LAWS[id], regression.data.samples, recorded):
@@ -81,7 +81,7 @@ def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(regress
         assert left > 0.9 * np.linalg.norm(recorded), term  # all but what the least slope of an equation hides
 
 
-def test_a_bent_torque_is_solved_for_what_was_recorded(regression: Regression):
+def test_a_bent_torque_is_solved_for_what_was_recorded(regression: TorqueRows):
     """Half of a limit is the torque of artanh 1/2: as much of it as the law takes has been recorded, not less."""
     limit = 2.0 * float(np.abs(regression.data.torque()).max())
     term = effects()["torque_saturation"](limit)
@@ -92,7 +92,7 @@ def test_a_bent_torque_is_solved_for_what_was_recorded(regression: Regression):
     np.testing.assert_allclose(unpredicted(balance, theta), exact, atol=5e-3 * limit)
 
 
-def test_torque_behind_a_lag_is_predicted_with_its_lead(regression: Regression):
+def test_torque_behind_a_lag_is_predicted_with_its_lead(regression: TorqueRows):
     """(1 + T d/dt) of a torque that is a function of the motion, here of gravity alone."""
     term = effects()["actuator_lag"](0.03)
     balance = regression.balance((*BASE, term))
@@ -103,11 +103,11 @@ def test_torque_behind_a_lag_is_predicted_with_its_lead(regression: Regression):
     np.testing.assert_allclose(unpredicted(balance, theta), regression.data.torque() - led, atol=5e-3)
 
 
-def test_a_lag_of_a_torque_that_is_none_leaves_what_the_joint_needs(regression: Regression):
+def test_a_lag_of_a_torque_that_is_none_leaves_what_the_joint_needs(regression: TorqueRows):
     """A free swing, held out: nothing is taken away, and nothing is blown up."""
     (w,) = regression.data.windows
     free = Recording("free", w.recording.time, w.recording.position, np.zeros(len(w.recording)))
-    own = Regression(prepare([free]))
+    own = TorqueRows(prepare([free]))
     theta = np.array([0.09, 2.0, 0.36, 0.9])
     lagging, plain = (own.balance(terms).error(theta) for terms in ((*BASE, effects()["actuator_lag"](0.03)), BASE))
     np.testing.assert_allclose(lagging, plain, rtol=1e-9)
@@ -119,5 +119,5 @@ def test_a_filter_that_makes_the_torque_smaller_counts_by_what_was_recorded():
     hum = 3.0 * np.sin(2 * np.pi * 15.0 * run.time)
     evaluator = ModelEvaluator(*gather([replace(run, torque=run.torque + hum)]))
     lag, base = (*BASE, effects()["actuator_lag"](0.01)), tuple(BASE)
-    assert np.std(evaluator.regression.residual(lag)) < 0.9 * np.std(evaluator.regression.residual(base))
+    assert np.std(evaluator.train.residual(lag)) < 0.9 * np.std(evaluator.train.residual(base))
     assert evaluator.density(lag).sum() < evaluator.density(base).sum()

@@ -161,4 +161,4 @@ def test_a_law_that_imitates_another_does_not_fit_where_the_joint_moves_otherwis
         train, test = recorded(Plant(effects=hidden), slow, fast)
         evaluator = ModelEvaluator(*gather([train], [test]))
         assert evaluator.residuals.is_noise(model) == right
-        assert evaluator.residuals.is_noise_in(evaluator.train, evaluator.regression.residual(model))
+        assert evaluator.residuals.is_noise_in(evaluator.train, evaluator.train.residual(model))

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from estimators.data.rows import FittedTerms, Trial
 from estimators.selection.candidates import screen_library
 from estimators.selection.criterion import Criterion
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, add_effect, add_pair, drop_effect, revise, swap_effect
-from estimators.selection.prepared import Trial
 from estimators.selection.score import Bootstrap
 from estimators.selection.tables import replace_by_table
 from pendulum_env.physics import BASE, Term, effect
@@ -33,9 +33,11 @@ class ScoredEvaluator(ModelEvaluator):
         self.gains, self.criterion, self.base, self.tables = gains, Criterion(), BASE, tables
         self.library = {kind.id: kind for kind in LIBRARY.values()}
         self.bootstrap = Bootstrap(np.zeros(BLOCKS, dtype=np.intp), np.random.default_rng(0))
-        self.train = SimpleNamespace(in_loop=False, motions={}, data=SimpleNamespace(link_states={}))
-        self.regression = SimpleNamespace(converge=lambda terms: terms)
-        self.screen = SimpleNamespace(
+        self.train = SimpleNamespace(
+            layout=SimpleNamespace(predicts_torque=True, has_fast_fits=True),
+            motions={},
+            data=SimpleNamespace(link_states={}),
+            fit=lambda terms, exactly: FittedTerms(terms, np.empty(0)),
             trial=lambda terms: Trial(tuple(terms), 0.0),
             ranked=lambda terms, kind: [Trial((*terms, kind()), 0.0)],
             variants=lambda terms, kind: [Trial((*terms, kind()), 0.0)],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.selection.data import PreparedData
+from estimators.data.regression_data import RegressionData
 from estimators.simulation.free_running import simulate_all
 from estimators.simulation.output_error import torque_again
 from estimators.weak_form.windows import trace_all
@@ -14,10 +14,10 @@ from pendulum_env.physics import BASE, effect
 from tests.cases import TRUTH, recorded
 
 
-def prepared(*rates: float) -> PreparedData:
+def prepared(*rates: float) -> RegressionData:
     """One recording at each rate."""
     experiments = (Experiment(rate=rate, seconds=5.0, seed=k) for k, rate in enumerate(rates))
-    return PreparedData.of(recorded(Plant(), *experiments))
+    return RegressionData.of(recorded(Plant(), *experiments))
 
 
 def test_recordings_fly_together_as_they_fly_alone():

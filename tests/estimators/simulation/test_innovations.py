@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment
-from estimators.selection.data import PreparedData, fit_terms
+from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.simulation import output_error
 from estimators.simulation.free_running import choose_segments
 from estimators.simulation.output_error import Point
@@ -14,10 +14,10 @@ from tests.cases import PLANT, TRUTH, recorded
 AT = Point(BASE, TRUTH)
 
 
-def each(seeds: range, counts: int = 1_024_000) -> list[PreparedData]:
+def each(seeds: range, counts: int = 1_024_000) -> list[RegressionData]:
     of_all = {"rate": 500.0, "seconds": 10.0, "counts": counts, "torque_noise": 0.05}
     runs = recorded(PLANT, *(Experiment(seed=seed, **of_all) for seed in seeds))
-    return [PreparedData.of([run]) for run in runs]
+    return [RegressionData.of([run]) for run in runs]
 
 
 @pytest.mark.parametrize("counts", [8192, 1_024_000])

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.fit_data import gather
-from estimators.selection.data import PreparedData
+from estimators.data.regression_data import RegressionData
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit_by_likelihood
 from estimators.selection.search import SearchResult
@@ -27,13 +27,13 @@ def model(theta: np.ndarray, **shape: float) -> Model:
 
 
 @pytest.fixture(scope="module")
-def loose() -> PreparedData:
+def loose() -> RegressionData:
     play = {"Jm": MOTOR, "bl_gap": GAP, "bl_k": STIFFNESS, "bl_d": DAMPING}
     experiment = Experiment(rate=1000.0, seconds=6.0, seed=4, torque_noise=0.02, excitation="multisine")
-    return PreparedData.of(recorded(Plant(**BASIC, effects={"backlash": play}), experiment))
+    return RegressionData.of(recorded(Plant(**BASIC, effects={"backlash": play}), experiment))
 
 
-def test_a_wrong_start_leads_to_the_link_and_its_play(loose: PreparedData):
+def test_a_wrong_start_leads_to_the_link_and_its_play(loose: RegressionData):
     start = model(np.array([0.078, 1.95, 0.34, 0.85, 0.065]), gap=0.012, resonance=65.0, damping=15.0, gravity=31.0)
     found = estimate(loose.data.windows, start)
     for name, value in TRUE.items():
@@ -42,14 +42,14 @@ def test_a_wrong_start_leads_to_the_link_and_its_play(loose: PreparedData):
         assert 0 < found.estimates[name].std < 0.05 * value, name
 
 
-def test_a_link_that_is_watched_leaves_less_unexplained_than_one_that_is_carried_along(loose: PreparedData):
+def test_a_link_that_is_watched_leaves_less_unexplained_than_one_that_is_carried_along(loose: RegressionData):
     true = model(np.array([*BASIC.values(), LINK]), **SHAPE)
     carried, watched = loose.errors(true), loose.with_link_states(true).errors(true)
     assert watched.torque_rms < 0.2 * carried.torque_rms
     assert watched.position_rms < carried.position_rms
 
 
-def test_a_link_is_watched_behind_a_command_that_is_late_and_in_a_short_part(loose: PreparedData):
+def test_a_link_is_watched_behind_a_command_that_is_late_and_in_a_short_part(loose: RegressionData):
     true = model(np.array([*BASIC.values(), LINK]), **SHAPE)
     late = Model.build((*true.terms, effect("dead_time")(dead_time=0.002)), true.theta)
     assert (
@@ -58,7 +58,7 @@ def test_a_link_is_watched_behind_a_command_that_is_late_and_in_a_short_part(loo
     )
     (recording,) = (windows.recording for windows in loose.data.windows)
     short = Recording("short", *(series[:900] for series in (recording.time, recording.position, recording.torque)))
-    part = PreparedData.of([short], part=(0.7, 1.0)).with_link_states(true)
+    part = RegressionData.of([short], part=(0.7, 1.0)).with_link_states(true)
     assert np.isfinite(part.errors(true).torque_rms)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.selection.data import PreparedData
+from estimators.data.regression_data import RegressionData
 from estimators.simulation import output_error
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, effect
@@ -15,9 +15,9 @@ from tests.cases import recorded
 TRUTH = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.9}
 
 
-def prepared_of(effects: dict[str, dict[str, float]], **experiment: float) -> PreparedData:
+def prepared_of(effects: dict[str, dict[str, float]], **experiment: float) -> RegressionData:
     plant = Plant(**TRUTH, effects=effects)
-    return PreparedData.of(recorded(plant, Experiment(rate=1000.0, seconds=8.0, seed=3, **experiment)))
+    return RegressionData.of(recorded(plant, Experiment(rate=1000.0, seconds=8.0, seed=3, **experiment)))
 
 
 def test_a_wrong_start_leads_to_the_true_parameters():

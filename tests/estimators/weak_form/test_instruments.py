@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.excitation import smooth_reference
 from benchmarks.independent_plant import Experiment, Plant
-from estimators import IdentificationError, PreparedData, fit_terms
+from estimators import IdentificationError, RegressionData, fit_terms
 from estimators.arguments import within_limits
 from estimators.data.fit_data import gather
 from estimators.weak_form.dataset import prepare
@@ -29,7 +29,7 @@ def disturbed() -> list[Recording]:
 
 
 def test_instruments_are_unbiased_where_least_squares_finds_the_controller(disturbed):
-    least_squares = fit_terms(PreparedData.of(disturbed), BASE)[0].theta
+    least_squares = fit_terms(RegressionData.of(disturbed), BASE)[0].theta
     model = fit_by_reference(prepare(disturbed), BASE)
     off = np.abs(model.theta - TRUTH)
     std = np.array([estimate.std for estimate in model.estimates.values()])

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
+from estimators.data.regression_data import RegressionData, fit_terms, with_impacts
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import solve
-from estimators.selection.data import PreparedData, fit_terms, with_impacts
 from estimators.signals.differentiation import encoder_noise, white_noise
 from estimators.weak_form.dataset import Dataset, choose_half_width, dataset, prepare
 from estimators.weak_form.windows import cut
@@ -44,7 +44,7 @@ def test_windows_never_touch_stick_or_a_reversal_and_a_turn_by_friction_is_no_kn
         assert abs(np.sign(run.velocity[window]).sum()) == 2 * reach + 3
         assert np.all(np.sign(windows.samples.velocity[window]) == np.sign(run.velocity[window]))
     assert len(windows.turning) > 0
-    assert knocked(PreparedData.of([told(run)])).impacts == 0
+    assert knocked(RegressionData.of([told(run)])).impacts == 0
 
 
 def drifting(rate: float, seconds: float, inertia: float, seed: int = 0) -> Recording:
@@ -185,7 +185,7 @@ def test_a_moment_while_the_joint_rests_is_not_known_better_than_the_rest_lasts(
     plant = Plant(effects={"payload_change": {"pay_t": 4.0, "pay_I": 0.04, "pay_mgl": 0.0}})
     runs = recorded(plant, *[Experiment(seed=1, seconds=10.0, rate=500.0)] * 2, commands=[command, paused])
     terms = (*BASE, effect("payload_change")(moment=4.0))
-    moving, resting = (fit_terms(PreparedData.of([run]), terms)[0] for run in runs)
+    moving, resting = (fit_terms(RegressionData.of([run]), terms)[0] for run in runs)
     assert moving.estimates["payload_change.moment"].std < 0.05
     assert 0.5 < resting.estimates["payload_change.moment"].std < 2.0
 
@@ -196,7 +196,7 @@ def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
     """Encoder noise turns the sign from window to window, torque noise keeps it: neither is told as something there."""
     experiments, shared = (Experiment(rate=500, seconds=10, seed=seed, **coarse) for seed in range(6)), []
     for run in recorded(Plant(coulomb=0.1), *experiments):
-        prepared = PreparedData.of([run])
+        prepared = RegressionData.of([run])
         model, fit = fit_terms(prepared, BASE)
         shared.append(prepared.data.structure(fit.residual, model.estimates["inertia"].value)[1])
         without = prepared.data.structure(
@@ -206,12 +206,12 @@ def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
     assert np.abs(np.mean(shared)) < 2 and np.max(np.abs(shared)) < 4.5
 
 
-def knocked(prepared: PreparedData, terms: Sequence[Term] = BASE) -> Dataset:
+def knocked(prepared: RegressionData, terms: Sequence[Term] = BASE) -> Dataset:
     return with_impacts((prepared, prepared), terms)[0].data
 
 
 def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met(bouncing):
-    prepared = PreparedData.of([bouncing])
+    prepared = RegressionData.of([bouncing])
     (before,), (after,) = prepared.data.windows, (data := knocked(prepared)).windows
     added = bouncing.position[np.setdiff1d(after.centers, before.centers)]
     assert data.impacts >= 3
@@ -228,7 +228,7 @@ def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met(bouncing):
 )
 def test_a_turn_that_friction_of_another_law_makes_is_no_knock(hidden, terms):
     runs = recorded(Plant(effects=hidden), Experiment(rate=500, seconds=8, seed=3))
-    assert knocked(PreparedData.of(runs), (*BASE, *terms)).impacts == 0
+    assert knocked(RegressionData.of(runs), (*BASE, *terms)).impacts == 0
 
 
 def test_noise_of_the_rate_of_a_torque_is_that_of_white_encoder_noise():

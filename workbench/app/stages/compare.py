@@ -14,8 +14,8 @@ from dash import ALL, Dash, Input, Output, State, dcc, html
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
+from estimators.data.regression_data import RegressionData
 from estimators.figure import Figure, axis, broken, line, numbers, span
-from estimators.selection.data import PreparedData
 from estimators.signals.residual import AXES, Region, profiles, stand_out, turns, wrapped
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.physics import Samples, effect
@@ -183,7 +183,7 @@ def _views(state: Work, id: str, shown: int) -> list[Component]:
 def _strips(state: Work, id: str) -> list[Component]:
     """Residuals of a recording, joint by joint, under the ends of the ladder."""
     recording = state.recordings[state.loaded.index(state.find(id))]
-    section = strips(ends(state.ladder), PreparedData.of_arm([recording], state.model.terms))
+    section = strips(ends(state.ladder), RegressionData.of_arm([recording], state.model.terms))
     parts = []
     for strip in section.content["strips"]:
         texts: list[Component] = []

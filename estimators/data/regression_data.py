@@ -1,0 +1,341 @@
+"""Data of a regression: rows for fits, segments for simulation, and variants of effects compared by the rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from estimators.data.rows import FittedTerms, RowLayout, RowMaker, Terms, Trial
+from estimators.memoize import memoized
+from estimators.regression.balance import Balance, Columns, placed
+from estimators.regression.least_squares import Fit
+from estimators.search_hints import grid, hints_of, n_tried
+from estimators.selection.errors import Errors
+from estimators.signals.residual import SYMBOLS, Region, stand_out
+from estimators.simulation.free_running import Segments, choose_segments, deviation, position_rms
+from estimators.simulation.multiple_shooting import hidden_state, watch
+from estimators.weak_form.dataset import Dataset, prepare
+from estimators.weak_form.links import prepare_arm
+from estimators.weak_form.torque_rows import TorqueRows
+from estimators.weak_form.windows import WHOLE, Part
+from pendulum_env._typing import Array
+from pendulum_env.arms.joints import Coupling, Links, arm_base, body_of
+from pendulum_env.physics import BASE, Model, Samples, Term
+from pendulum_env.physics.table import Table
+from pendulum_env.physics.term import loads
+from pendulum_env.physics.terms import complexity, has_link, link_of
+from pendulum_env.recording import Recording
+
+REPEATED = 2  # impacts, least number: a single one may be an accident
+DISPLACEMENTS = (1e-3, 10.0)  # [s], of an instant in trials, for its standard error
+STARTS = 2  # variants of the grid from which a search over nonlinear parameters starts
+MOST_SLOW = 24  # variants of a grid of continuous parameters, where each fit takes seconds
+
+
+@dataclass(frozen=True, eq=False)
+class RegressionData:
+    """Rows y = phi(terms) theta of recordings of n >= 1 joints, and segments for simulation; results are memoised.
+
+    Attributes:
+        data: windows of the recorded motion and torque.
+        segments: for simulation; none of an arm, and none where the rows are simulated.
+        base: terms of the model whose inertia scales the noise, of an arm its links first.
+        rollouts: maker of rows from rollouts; by default the rows are of torque.
+    """
+
+    data: Dataset
+    segments: tuple[Segments, ...] = ()
+    base: tuple[Term, ...] = BASE
+    rollouts: RowMaker | None = None
+
+    @classmethod
+    def of(
+        cls, recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
+    ) -> RegressionData:
+        """Prepare recordings, or a part of each; raises IdentificationError if they hold too little motion."""
+        data = prepare(recordings, half_widths, part)
+        return cls(data, tuple(choose_segments(w) for w in data.windows))
+
+    @classmethod
+    def of_arm(cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> RegressionData:
+        """Prepare recordings of an arm, with the columns of terms that joints share.
+
+        Args:
+            recordings: of the arm.
+            terms: that may be fitted to it, the links first.
+
+        Raises:
+            IdentificationError: if a joint hardly moves clear of stick.
+        """
+        links, *others = terms
+        assert isinstance(links, Links)
+        kinds = dict.fromkeys(term if isinstance(term, type) else type(term) for term in others)
+        shared = [kind for kind in kinds if issubclass(kind, Coupling)]
+        return cls(prepare_arm(recordings, links, shared), base=arm_base(links.body))
+
+    @cached_property
+    def torque(self) -> TorqueRows:
+        """Rows of the recorded torque."""
+        return TorqueRows(self.data)
+
+    @property
+    def maker(self) -> RowMaker:
+        """Maker of the rows."""
+        return self.torque if self.rollouts is None else self.rollouts
+
+    @property
+    def layout(self) -> RowLayout:
+        """Joints, blocks and noise of the rows."""
+        return self.maker.layout
+
+    def where(self, at: str) -> slice:
+        """Return the rows of a joint; all rows for terms at no single joint."""
+        return self.layout.joints.get(at, slice(None))
+
+    def columns(self, variants: Terms) -> list[Columns]:
+        """Return the columns of each variant of one effect, on the rows of its joint."""
+        return self.maker.columns(variants)
+
+    def place_columns(self, terms: Terms, parts: Sequence[Array]) -> Array:
+        """Return the columns of some terms side by side (R, P), each on the rows of its joint."""
+        count = len(self.layout.clusters)
+        return placed(count, [(self.where(term.at), own) for term, own in zip(terms, parts, strict=True)])
+
+    def equations(self, terms: Terms) -> Balance:
+        """Return the rows of some terms, weighted by noise alone."""
+        return self.maker.equations(terms)
+
+    def balance(self, terms: Terms) -> Balance:
+        """Return the rows of some terms as they are fitted: recordings with larger residuals have smaller weights."""
+        return replace(self.maker.equations(terms), weights=self.maker.weights(terms))
+
+    def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
+        """Fit the linear parameters of some terms; `exactly` continues an iterative fit to convergence."""
+        return self.maker.fit(terms, exactly)
+
+    def solve(self, terms: Terms) -> Array:
+        """Fit the linear parameters (P,) of the terms."""
+        return self.maker.fit(terms).theta
+
+    def residual(self, terms: Terms, theta: Array | None = None) -> Array:
+        """Return the residual (R,) of some terms at parameters (P,), by default those of their fit."""
+        if theta is not None:
+            return self.maker.residual(terms, np.asarray(theta))
+        return self.balance(terms).error(self.solve(terms))
+
+    def frame(self, terms: Terms) -> Array:
+        """Return an orthonormal basis (R, P) of changes of the weighted residual by the parameters."""
+        balance = self.balance(terms)
+        return np.linalg.qr(balance.tangent().slopes * balance.weights[:, None])[0]
+
+    def absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
+        """Return the variance of torque noise that terms filter out of rows of torque, with these rows [(N m)^2]."""
+        return self.torque.absorbed_noise(terms) if self.layout.predicts_torque else []
+
+    def trial(self, terms: Terms) -> Trial:
+        """Fit one set of terms."""
+        return self.maker.trial(terms)
+
+    def trials(self, terms: Terms, variants: Terms) -> list[Trial]:
+        """Compare the terms with each variant of one further effect; errors may be extrapolated."""
+        errors = self.maker.compare(terms, variants)
+        return [Trial((*terms, variant), error) for variant, error in zip(variants, errors, strict=True)]
+
+    def refine(self, trial: Trial, id: str) -> Trial:
+        """Fit the continuous nonlinear parameters of one term of a trial from their values."""
+        return self.maker.refine(trial, id)
+
+    def grid(self, terms: Terms, effect: type[Term]) -> list[Term]:
+        """Return variants of an effect beside the terms, from which a search starts."""
+        found = grid(effect, *self._unexplained_torque(terms, effect))
+        if not self.layout.has_fast_fits and any(not own.integer for own in effect.nonlinear_parameters):
+            found = found[:: max(1, -(-len(found) // MOST_SLOW))]
+        return [variant.beside(terms) if isinstance(variant, Table) else variant for variant in found]
+
+    @memoized
+    def n_tried(self, terms: Terms, effect: type[Term]) -> int:
+        """Return the number of variants among which `grid` chose."""
+        return n_tried(effect, *self._unexplained_torque(terms, effect))
+
+    def _unexplained_torque(self, terms: Terms, effect: type[Term]) -> tuple[Samples, Array]:
+        """Samples at the joint of an effect, and the torque there that a fit of some terms leaves (R,) [N m]."""
+        residual = self.torque.balance(terms).error(self.torque.solve(terms))
+        return self.data.part(effect.at).samples, residual[self.data.where(effect.at)]
+
+    @memoized
+    def ranked(self, terms: Terms, effect: type[Term]) -> list[Trial]:
+        """Compare the terms with each variant of the grid of an effect, the smallest error first.
+
+        Variants of one effect may differ in class, or in the number of columns.
+        """
+        kinds: dict[tuple[type[Term], int], list[Term]] = {}
+        for variant in self.grid(terms, effect):
+            kinds.setdefault((type(variant), len(variant.columns)), []).append(variant)
+        trials = [trial for same in kinds.values() for trial in self.trials(terms, same)]
+        return sorted(trials, key=lambda trial: trial.fitted_rms)
+
+    @memoized
+    def variants(self, terms: Terms, effect: type[Term]) -> list[Trial]:
+        """Return the best variant of each form of an effect, refined; those with the fewest parameters come first.
+
+        A form is a set of free nonlinear parameters. Empty where the data offer no variant.
+        """
+        if hints_of(effect).multimodal and self.layout.has_fast_fits:
+            variants = self.grid(terms, effect)
+            return [self.torque.search_basins(terms, variants)] if variants else []
+        ranked = self.ranked(terms, effect)
+        if len(ranked) < 2:
+            return ranked
+        forms: dict[object, list[Trial]] = {}
+        for trial in ranked:
+            last = trial.terms[-1]
+            forms.setdefault((last.free, len(last.columns)), []).append(trial)
+        sought = effect.nonlinear_parameters
+        whole = bool(sought) and all(known.integer for known in sought)  # there is nothing to refine
+        ends = [
+            few[0] if whole else min((self.refine(t, effect.id) for t in few[:STARTS]), key=lambda one: one.fitted_rms)
+            for few in forms.values()
+        ]
+        return sorted(ends, key=lambda trial: (complexity(trial.terms[-1]), trial.fitted_rms))
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """Recordings; the data may be parts of them."""
+        return tuple(w.recording for w in self.data.windows)
+
+    @property
+    def samples(self) -> Samples:
+        """Samples at the windows' centres, (R,) each."""
+        return self.data.samples
+
+    @property
+    def motions(self) -> dict[str, Samples]:
+        """Samples at the windows' centres of each joint, by its name."""
+        return {at: self.data.part(at).samples for at in self.data.joints}
+
+    def reach(self, joint: str = "") -> tuple[float, float]:
+        """Return the least and the largest recorded position of a joint, or of the joints that a term loads [rad]."""
+        positions = [w.recording.position for w in self.data.windows if w.at in loads(joint)]
+        return float(min(q.min() for q in positions)), float(max(q.max() for q in positions))
+
+    def inertias(self, base: Sequence[Term]) -> dict[str, float]:
+        """Return the inertia at each joint under a base model, by the joint's name [kg m^2]."""
+        first, data = base[0], self.data
+        if first.id not in data.given:
+            return {at: base_inertia(self.torque.at(at)) for at in data.joints}
+        theta = self.torque.solve(base)[: len(first.columns)]
+        return dict(zip(data.joints, np.abs(data.given[first.id].inertia @ theta).tolist(), strict=True))
+
+    @cached_property
+    def floors(self) -> dict[str, float]:
+        """Error of the rows due to sensor noise at each joint, by the scatter of the log [N m], or [rad]."""
+        return {at: self.layout.noise(at, inertia) for at, inertia in self.inertias(self.base).items()}
+
+    def stand_out(self, residual: Array, at: str, axes: Sequence[str] = tuple(SYMBOLS), most: int = 6) -> list[Region]:
+        """Return the regions where a residual (R,) [N m] exceeds the noise at a joint, the most significant first."""
+        own, least, body = residual[self.data.where(at)], self.data.negligible(at), body_of(self.base)
+        found = stand_out(self.data.part(at).samples, own, self.floors[at], axes, most)
+        return [replace(region, at=at, slides=at in body.sliding) for region in found if abs(region.residual) > least]
+
+    def with_link_states(self, model: Model) -> RegressionData:
+        """Return the data with the states of a model's link estimated from the motion around each instant."""
+        if not (has_link(model.terms) and self.layout.predicts_torque):
+            return self
+        term = link_of(model.terms)
+        link_states = [watch(windows, model) for windows in self.data.windows]
+        segments = [
+            replace(segment, hidden={term.id: hidden_state(segment, x, term)})
+            for segment, x in zip(self.segments, link_states, strict=True)
+        ]
+        return replace(self, data=replace(self.data, link_states={term.id: link_states}), segments=tuple(segments))
+
+    def joint_errors(self, residual: Array) -> dict[str, float]:
+        """Return the root mean square of a residual (R,) at each joint."""
+        return {at: float(np.sqrt(np.mean(residual[here] ** 2))) for at, here in self.layout.joints.items()}
+
+    def errors(self, model: Model) -> Errors:
+        """Return the errors of a model in torque, of each joint and of all, and in free-running position."""
+        residual, body = self.residual(model.terms, model.theta), body_of(self.base)
+        if not self.layout.predicts_torque:
+            return Errors(np.nan, np.nan).with_loop(residual)
+        torque, position, fit = float(np.sqrt(np.mean(residual**2))), np.nan, np.nan
+        torque = torque if len({*body.slides}) == 1 else np.nan  # no N m and N in one number
+        joints, sizes = self.joint_errors(residual), self.joint_errors(self.data.torque())
+        shares = {at: error / sizes[at] if sizes[at] else None for at, error in joints.items()}
+        if self.segments and model.has_known_inertia:
+            position = position_rms(self.segments, model.terms, model.theta)
+            fit = _fit(position, deviation(self.segments))
+        torque_fit = _fit(torque, float(np.std(self.data.applied_torque())))
+        return Errors(torque, position, torque_fit, fit, joints, shares)
+
+
+def _fit(error: float, deviation: float) -> float:
+    """Return the fit in percent (100 % less NRMSE) from error and deviation; 0 without any deviation."""
+    return 100.0 * (1.0 - error / deviation) if deviation > 0 else 0.0
+
+
+def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
+    """Fit the linear parameters of the terms; standard errors include the nonlinear parameters."""
+    terms, theta = data.fit(terms, exactly=True)
+    balance = data.balance(terms)
+    jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
+    fit = balance.fit(data.layout.clusters, jacobian if names else None, theta)
+    count = len(theta)
+    nonlinear_std = dict(zip(names, fit.std[count:].tolist(), strict=True))
+    first_column = 0
+    for term in terms:
+        own = theta[first_column : first_column + len(term.columns)]
+        first_column += len(term.columns)
+        for parameter in term.nonlinear_parameters:
+            if parameter.instant:
+                here = data.where(term.at)
+                noise = fit.residual[here] * balance.weights[here]
+                std = _std_of_instant(data, balance.weights[here], term, parameter.name, own, noise)
+                nonlinear_std[term.full(parameter.name)] = std
+    columns = [column.name for term in terms for column in term.columns]
+    model = Model.build(terms, theta, fit.std[:count], **nonlinear_std)
+    return model.correlated([*columns, *names], fit.covariance), fit
+
+
+def base_inertia(rows: TorqueRows) -> float:
+    """Return the inertia of the joint by the base model, clear of impacts [kg m^2], which scales the noise."""
+    data = rows.data
+    if all(known := [w.recording.known_inertia for w in data.windows]):
+        return max(known)
+    theta = (TorqueRows(data.clear) if data.impacts else rows).solve(BASE)
+    return abs(float(theta[[term.id for term in BASE].index("inertia")]))
+
+
+def with_impacts(
+    data: tuple[RegressionData, RegressionData], terms: Terms, repeated: int = REPEATED
+) -> tuple[RegressionData, RegressionData]:
+    """Return training and held-out data with impacts at reversals, see `Dataset.with_impacts`.
+
+    Data with fewer impacts than `repeated` stay as they are, since a single one may be an accident, and so do data for
+    a model with a link, which has impacts of its own.
+    """
+    if has_link(terms):
+        return data
+    fit = fit_terms(data[0], terms)[1]
+    count = len(fit.theta)
+    known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(data[0].torque)
+    first, second = (replace(part, data=part.data.with_impacts(*known)) for part in data)
+    return (first, second) if first.data.impacts >= repeated else data
+
+
+def _std_of_instant(data: RegressionData, weights: Array, term: Term, name: str, own: Array, noise: Array) -> float:
+    """Return the standard error of an instant [s]: the displacement that changes the torque significantly.
+
+    Few rows depend on the instant, none if the joint is at rest then, so that the fit may have no slope there. At one
+    standard error the torque changes by one standard deviation.
+    """
+    instant = term.nonlinear_values[name]
+    steps = np.geomspace(*DISPLACEMENTS, 30)
+    variants = [replace(term, **{name: instant + sign * step}) for sign in (0, 1, -1) for step in steps]
+    torque = np.array([(part.linear @ own + part.fixed) * weights for part in data.columns(variants)])
+    noticed = np.linalg.norm(torque[len(steps) :] - torque[0], axis=1) > np.std(noise)  # (2 x 30,)
+    sides = [steps[np.argmax(side)] if side.any() else steps[-1] for side in noticed.reshape(2, -1)]
+    return float(max(sides))

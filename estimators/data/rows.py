@@ -1,0 +1,106 @@
+"""Rows of regressions y = phi(terms) theta: their layout and noise, and the interface of their makers.
+
+Windows of torque make rows (`weak_form.torque_rows`), of one joint or of the joints of an arm; rollouts of a servo make
+rows that are linearised at the fit of each set of terms (`in_loop.rollout_rows`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from estimators.regression.balance import Balance, Columns
+from pendulum_env._typing import Array, Index
+from pendulum_env.physics import Term
+
+Terms = Sequence[Term]
+
+
+class ResidualStructure(NamedTuple):
+    """Size of a residual, and of its part that neighbouring rows have in common [N m], or [rad] of rollouts.
+
+    Attributes:
+        correlated_rms: root of the covariance of neighbouring rows, beyond that of sensor noise.
+        z_score: correlation of neighbouring rows over its standard error.
+        rms: root mean square of the residual.
+    """
+
+    correlated_rms: float
+    z_score: float
+    rms: float
+
+
+@dataclass(frozen=True)
+class RowLayout:
+    """Joints, blocks and noise of R rows.
+
+    Attributes:
+        joints: rows of each joint, by its name; the one joint of a pendulum has an empty name.
+        clusters: block of time of each row (R,), for standard errors under correlated residuals.
+        precision: error of the rows of each joint without any sensor noise.
+        blocks: maps a length [s] to block and entry of each row (R,), and to the recording of each block (S,).
+        noise: maps a joint and its inertia [kg m^2] to the noise floor of its rows.
+        structure: maps a joint, a residual of its rows and its inertia to the structure of the residual.
+        predicts_torque: whether the rows are of torque [N m], from estimated states of a link; else they are of
+            positions [rad] that are simulated, and a link with them.
+        has_fast_fits: whether many sets of terms may be fitted; each takes seconds otherwise.
+    """
+
+    joints: Mapping[str, slice]
+    clusters: Index
+    precision: Mapping[str, float]
+    blocks: Callable[[float], tuple[Index, Index, Index]]
+    noise: Callable[[str, float], float]
+    structure: Callable[[str, Array, float], ResidualStructure]
+    predicts_torque: bool = True
+    has_fast_fits: bool = True
+
+
+class FittedTerms(NamedTuple):
+    """Terms with their linear parameters theta (P,); nonlinear parameters that follow others are as fitted."""
+
+    terms: tuple[Term, ...]
+    theta: Array
+
+
+class Trial(NamedTuple):
+    """Set of terms with the error of its fit, in torque [N m] or in the loop [rad]."""
+
+    terms: tuple[Term, ...]
+    fitted_rms: float
+
+
+class RowMaker(Protocol):
+    """Maker of the rows of some recordings."""
+
+    @property
+    def layout(self) -> RowLayout:
+        """Joints, blocks and noise of the rows."""
+
+    def equations(self, terms: Terms) -> Balance:
+        """Return the rows of some terms, linearised at their fit if need be."""
+
+    def weights(self, terms: Terms) -> Array:
+        """Return the weight of each row (R,) in a fit of some terms."""
+
+    def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
+        """Fit the linear parameters of some terms; `exactly` continues an iterative fit to convergence."""
+
+    def columns(self, variants: Terms) -> list[Columns]:
+        """Return the columns of each variant of one effect, on the rows of its joint."""
+
+    def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
+        """Return derivatives (R, S) of phi theta by continuous nonlinear parameters, and the names of these."""
+
+    def residual(self, terms: Terms, theta: Array) -> Array:
+        """Return the measured minus the predicted values (R,) at some parameters."""
+
+    def compare(self, terms: Terms, variants: Terms) -> list[float]:
+        """Return the error of the terms with each variant of one further effect; it may be extrapolated."""
+
+    def trial(self, terms: Terms) -> Trial:
+        """Fit one set of terms."""
+
+    def refine(self, trial: Trial, id: str) -> Trial:
+        """Fit the continuous nonlinear parameters of one term of a trial from their values."""

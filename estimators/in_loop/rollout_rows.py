@@ -1,0 +1,255 @@
+"""Rows of the positions of servos, linearised at the fit of each set of terms to whole rollouts.
+
+Around the likeliest parameters of a model its simulated positions are as good as linear in them. There its rows stand:
+y = phi theta, with positions on the left and their derivatives on the right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from estimators.data.regression_data import RegressionData
+from estimators.data.rows import FittedTerms, ResidualStructure, RowLayout, Terms, Trial
+from estimators.in_loop.fit import LOOP, Linear, fit, likeliest, linear, scale_of
+from estimators.in_loop.rollouts import Rollouts
+from estimators.memoize import memoized
+from estimators.regression.balance import Balance, Columns
+from estimators.simulation.output_error import Point
+from estimators.weak_form.columns import bounds
+from estimators.weak_form.nonlinear import continuous
+from estimators.weak_form.torque_rows import TorqueRows
+from pendulum_env._typing import Array
+from pendulum_env.physics import Term
+
+Key = tuple[Term, ...]
+
+
+@dataclass(eq=False)
+class RolloutRows:
+    """Rows of the positions of rollouts; fits are memoised.
+
+    Attributes:
+        rollouts: simulations of the recordings.
+        torque: rows of the torque of the same recordings, which tell typical sizes and where to begin.
+        guide: rows of the recordings by whose parameters these have to be predicted; None of these themselves.
+    """
+
+    rollouts: Rollouts
+    torque: TorqueRows
+    guide: RolloutRows | None = None
+    _linear: dict[Key, Linear] = field(default_factory=dict, init=False)
+    _starts: dict[Key, Point] = field(default_factory=dict, init=False)  # where a linear fit has the parameters
+    _least_errors: dict[tuple[Key, str], float] = field(default_factory=dict, init=False)  # least error foreseen [rad]
+    _converged: set[Key] = field(default_factory=set, init=False)
+
+    @cached_property
+    def layout(self) -> RowLayout:
+        """Blocks and noise of the rows, of one joint without a name."""
+        return RowLayout(
+            joints={"": slice(None)},
+            clusters=self.rollouts.clusters,
+            precision={"": self.rollouts.precision},
+            blocks=self.rollouts.blocks,
+            noise=self._noise,
+            structure=self._structure,
+            predicts_torque=False,
+            has_fast_fits=False,
+        )
+
+    def _noise(self, at: str, inertia: float) -> float:
+        return self.rollouts.noise
+
+    def _structure(self, at: str, residual: Array, inertia: float) -> ResidualStructure:
+        return self.rollouts.structure(residual)
+
+    @cached_property
+    def data(self) -> RegressionData:
+        """Data of the regression with these rows."""
+        return RegressionData(self.torque.data, rollouts=self)
+
+    def with_steps(self, steps: int, guide: RolloutRows | None = None) -> Self:
+        """Return the rows with more or fewer steps of the integrator, and nothing fitted."""
+        return replace(self, rollouts=replace(self.rollouts, steps=steps), guide=guide)
+
+    def near(self, terms: Terms) -> Linear:
+        """Errors around the fit of the terms."""
+        key = tuple(terms)
+        if key not in self._linear:
+            if self.guide is not None:
+                self._linear[key] = linear(self.rollouts, self.guide.near(key).point, self.typical(key), False)
+            else:
+                share = 1.0 if self._is_hopeless(key) else LOOP.roughly
+                self._keep(key, fit(self.rollouts, self._begin(key), self.typical(key), share=share))
+        return self._linear[key]
+
+    def _is_hopeless(self, terms: Key) -> bool:
+        """Whether the last of the terms promises nothing beside the others: then a single turn says enough of it."""
+        others, last = terms[:-1], terms[-1]
+        if others not in self._linear or (others, last.id) not in self._least_errors:
+            return False
+        best = self._least_errors[others, last.id]
+        gain = len(self.rollouts.position) * np.log(scale_of(self.rollouts, self.near(others).error) / best)
+        return bool(gain < LOOP.hopeless)
+
+    def _keep(self, terms: Key, found: Linear) -> None:
+        """Know a fit by the terms that it was asked for, and by those that it has: some parameters follow others."""
+        self._linear[terms] = self._linear[found.point.terms] = found
+
+    def begin_at(self, point: Point, terms: Key | None = None) -> None:
+        """Where the fit of a model begins, of the terms of the point if no others are given."""
+        self._starts[terms or point.terms] = point
+
+    def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
+        """Fit some terms, `exactly` as closely as can be; nonlinear parameters that follow others are as fitted."""
+        key = tuple(terms)
+        if exactly and self.guide is None and key not in self._converged:
+            self._keep(key, fit(self.rollouts, self.near(key).point, self.typical(key), share=0.0))
+            self._converged |= {key, self.near(key).point.terms}
+        point = self.near(key).point
+        return FittedTerms(point.terms, point.theta)
+
+    def with_nonlinear(self, terms: Terms) -> Key:
+        """The terms with all continuous nonlinear parameters fitted from where they are."""
+        point = self.near(terms).point
+        if len(point.values) == len(point.theta):
+            return point.terms
+        found = fit(self.rollouts, point, self.typical(terms), nonlinear=True)
+        self._keep(found.point.terms, found)
+        return found.point.terms
+
+    def typical(self, terms: Terms) -> Array:
+        """Size of each linear parameter that matters (P,)."""
+        return np.concatenate([np.empty(0), *(self._typical_of(term) for term in terms)])
+
+    @memoized
+    def _typical_of(self, term: Term) -> Array:
+        rms = np.sqrt(np.mean(self.torque.data.torque() ** 2))
+        own = np.sqrt(np.mean(self.torque.data.columns([term])[0][0] ** 2, axis=0))
+        return np.asarray(LOOP.typical * rms / np.maximum(own, 1e-9))
+
+    def _begin(self, terms: Key) -> Point:
+        """Where a fit begins: the likeliest of what is known of models that are nearly the same."""
+        known = {term.id for term in terms}
+        parents = sorted(
+            self._linear, key=lambda other: (len(known ^ {term.id for term in other}), -len(set(other) & set(terms)))
+        )
+        if not parents:
+            return self._starts.get(terms) or likeliest(self.rollouts, [*self._first(terms)])[0]
+        parent = self._linear[parents[0]].point
+        values = dict(zip((c.name for term in parent.terms for c in term.columns), parent.theta, strict=True))
+        names = [column.name for term in terms for column in term.columns]
+        sizes = list(zip(names, self.typical(terms), strict=True))
+        starts = [
+            Point.within(terms, np.array([values.get(name, share * size) for name, size in sizes]))
+            for share in (0.0, 1.0, 3.0)
+        ]
+        if all(name in values for name in names):
+            del starts[1:]
+        if terms in self._starts:
+            starts.append(self._starts[terms])
+        return starts[0] if len(starts) == 1 else likeliest(self.rollouts, starts)[0]
+
+    def _first(self, terms: Key) -> Iterator[Point]:
+        """Where the first fit may begin: where torque has the parameters, or with what a joint has at least."""
+        theta, typical = self.torque.solve(terms), self.typical(terms)
+        for share in (0.0, 1.0, 5.0):
+            values = np.maximum(np.abs(theta), share * typical) if share else theta
+            yield Point.within(terms, values)
+
+    def equations(self, terms: Terms) -> Balance:
+        """Return the rows around the fit of some terms, weighted by how large each error is."""
+        near = self.near(terms)
+        theta = near.point.theta
+        phi = near.slopes[:, : len(theta)]
+        return Balance(phi, phi @ theta - near.error, np.zeros_like(phi), *bounds(terms), near.weights)
+
+    def weights(self, terms: Terms) -> Array:
+        """Return the weight of each row (R,)."""
+        return self.near(terms).weights
+
+    def residual(self, terms: Terms, theta: Array) -> Array:
+        """Return the measured minus the simulated positions (R,) [rad]."""
+        return -self.rollouts.misses([Point(tuple(terms), theta)])[:, 0]
+
+    def trial(self, terms: Terms) -> Trial:
+        """Fit one set of terms; its error is the scale of its errors [rad]."""
+        return Trial(tuple(terms), scale_of(self.rollouts, self.near(terms).error))
+
+    def refine(self, trial: Trial, id: str) -> Trial:
+        """Fit all continuous nonlinear parameters of a trial from their values."""
+        return self.trial(self.with_nonlinear(trial.terms))
+
+    def compare(self, terms: Terms, variants: Terms) -> list[float]:
+        """Return the scale of the errors with each variant of one effect, extrapolated from the fit of the terms [rad].
+
+        Later fits of the terms and a variant begin at its linear fit.
+        """
+        near, terms = self.near(terms), tuple(terms)
+        key = terms, variants[0].id
+        slopes = near.slopes[:, : (free := len(near.point.theta))]
+        others = slice(None), Columns(slopes, np.zeros(len(slopes)), np.zeros_like(slopes))
+        found = []
+        for variant, own in zip(variants, self._columns(variants, near.point), strict=True):
+            least, most = bounds([variant])
+            unbounded = np.full(free, np.inf)
+            balance = Balance.of(-near.error, near.weights).beside(
+                [others, (slice(None), own)], np.append(-unbounded, least), np.append(unbounded, most)
+            )
+            step = balance.solve()
+            theta = np.append(near.point.theta + step[:free], step[free:])
+            self.begin_at(Point.within((*near.point.terms, variant), theta), (*terms, variant))
+            found.append(scale_of(self.rollouts, -balance.error(step)))
+        self._least_errors[key] = min([*found, self._least_errors.get(key, np.inf)])
+        return found
+
+    def columns(self, variants: Terms) -> list[Columns]:
+        """Return the effect of each variant of one effect on the positions beside the first model that was fitted."""
+        return self._columns(variants, next(iter(self._linear.values())).point)
+
+    def _columns(self, variants: Terms, point: Point) -> list[Columns]:
+        """Effect of each variant of one effect on the positions beside some terms and parameters."""
+        others = [term.id for term in point.terms]
+        if variants[0].id in others:
+            point = Point(
+                tuple(term for term in point.terms if term.id != variants[0].id),
+                self._without(point, others.index(variants[0].id)),
+            )
+        points = [point]
+        slices = []
+        for variant in variants:
+            size = self._typical_of(variant)
+            shifts = np.diag(size) if len(size) else np.zeros((1, 0))
+            if variant.fixed and len(size):
+                shifts = np.vstack([np.zeros(len(size)), shifts])
+            slices.append((len(points), len(points) + len(shifts)))
+            points += [Point((*point.terms, variant), np.r_[point.theta, shift]) for shift in shifts]
+        base = self.rollouts.misses(points[:1])
+        errors = np.column_stack([base, self.rollouts.misses(points[1:])])
+        found = []
+        for variant, (first, last) in zip(variants, slices, strict=True):
+            own, size = errors[:, first:last], self._typical_of(variant)
+            fixed = own[:, :1] - base if variant.fixed else np.zeros_like(base)
+            linear = own[:, len(own[0]) - len(size) :] - base - fixed if len(size) else np.empty((len(own), 0))
+            found.append(Columns(linear / size, fixed[:, 0], np.zeros((len(own), len(size)))))
+        return found
+
+    @staticmethod
+    def _without(point: Point, place: int) -> Array:
+        first = sum(len(term.columns) for term in point.terms[:place])
+        return np.delete(point.theta, np.s_[first : first + len(point.terms[place].columns)])
+
+    def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
+        """Derivatives (R, S) of the positions with respect to continuous nonlinear parameters, and their names."""
+        point = self.near(terms).point
+        names = [term.full(parameter.name) for term in terms for parameter in continuous(term)]
+        slopes = (
+            linear(self.rollouts, point, self.typical(terms), True).slopes
+            if names
+            else np.empty((len(self.rollouts.position), 0))
+        )
+        return slopes[:, len(slopes[0]) - len(names) :], names

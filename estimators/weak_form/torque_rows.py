@@ -1,0 +1,385 @@
+"""Rows of the torque balance, averaged over windows: fits of sets of terms, and of variants of effects beside them.
+
+Recordings are weighted by their residual, so an unexplained recording does not bias the others. All nonlinear
+parameters of an effect are compared through Gram matrices of the rows, so that a fit of many variants costs one batch
+of small solves. Results are memoised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
+
+import numpy as np
+
+from estimators.data.rows import FittedTerms, ResidualStructure, RowLayout, Terms, Trial
+from estimators.memoize import memoized
+from estimators.regression.balance import Balance, Columns, Tangent, condensed, placed, unbent
+from estimators.regression.least_squares import quietest_most
+from estimators.search_hints import hints_of, is_possible
+from estimators.weak_form.columns import bounds, depends_on_torque, is_known
+from estimators.weak_form.dataset import Dataset
+from estimators.weak_form.grams import grams_of_variants, squared_errors
+from estimators.weak_form.nonlinear import Residuals, cross_entropy, nonlinear_slopes, refined, scan
+from pendulum_env._typing import Array
+from pendulum_env.physics import Term
+
+RECENT = 4  # sets of terms whose equations are kept
+PERTURBATION = 1e-6  # of the largest torque, for slopes by it
+PERTURBATIONS = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])  # of it, either way, for bent laws
+
+
+@dataclass(frozen=True)
+class VariantSettings:
+    """Extent of the search for the best variant of an effect."""
+
+    exact: int = 3  # most promising variants of a law of the torque, which are fitted exactly
+    reach: float = 0.03  # of the recording, range of the scan for an instant
+    follows: int = 3  # iterations that set a nonlinear parameter to the parameter that it follows
+
+
+VARIANTS = VariantSettings()
+
+
+@dataclass(eq=False)
+class TorqueRows:
+    """Rows of the torque of one dataset.
+
+    Attributes:
+        data: windows of recordings.
+    """
+
+    data: Dataset
+    _columns: dict[Term, Columns] = field(default_factory=dict, init=False)
+    _recent: dict[tuple[Term, ...], Balance] = field(default_factory=dict, init=False)
+
+    @cached_property
+    def layout(self) -> RowLayout:
+        """Joints, blocks and noise of the rows."""
+        data = self.data
+        precision = {at: data.part(at).precision() for at in data.joints}
+        joints = {at: data.where(at) for at in data.joints}
+        return RowLayout(joints, data.clusters, precision, data.blocks, self._noise, self._structure)
+
+    def _noise(self, at: str, inertia: float) -> float:
+        return self.data.part(at).noise(inertia)
+
+    def _structure(self, at: str, residual: Array, inertia: float) -> ResidualStructure:
+        return self.data.part(at).structure(residual, inertia)
+
+    @cached_property
+    def _torque(self) -> Array:
+        return self.data.net_torque()
+
+    @memoized
+    def _of_joint(self, joint: str) -> TorqueRows:
+        return TorqueRows(self.data.part(joint))
+
+    def at(self, joint: str) -> TorqueRows:
+        """Return the rows of a joint; all rows for a term at no single joint."""
+        return self if self.data.part(joint) is self.data else self._of_joint(joint)
+
+    def columns(self, variants: Terms) -> list[Columns]:
+        """Return the windowed columns of each variant of one effect, on the rows of its joint."""
+        if (own := self.at(variants[0].at)) is not self:
+            return own.columns(variants)
+        missing = [variant for variant in variants if variant not in self._columns]
+        if missing:
+            self._columns.update(zip(missing, self.make_columns(missing), strict=True))
+        return [self._columns[variant] for variant in variants]
+
+    def make_columns(self, variants: Terms) -> list[Columns]:
+        """Return the columns of variants that a search meets only once: they are not memoised."""
+        if (own := self.at(variants[0].at)) is not self:
+            return own.make_columns(variants)
+        plain, kind, torque = self.data.columns(variants), variants[0], self.data.torque()
+        if not depends_on_torque(kind):
+            return [Columns(own, fixed, np.zeros_like(own)) for own, fixed in plain]
+        step = PERTURBATION * self._largest_torque
+        pairs = zip(plain, self._perturbed.columns(variants), strict=True)
+        slopes = [(more - own) / step for (own, _), (more, _) in pairs]
+        parts = [Columns(own, fixed, slope) for (own, fixed), slope in zip(plain, slopes, strict=True)]
+        if not kind.fixed:
+            return parts
+        if kind.has_state():
+            whole = float(np.linalg.norm(torque))
+            left = [float(np.linalg.norm(torque - part.fixed)) for part in parts]
+            return [
+                part if variant.delay or rest >= whole else part._replace(passed=max(rest / whole, 1e-12))
+                for variant, part, rest in zip(variants, parts, left, strict=True)
+            ]
+        lost = [self.data.rows.lost(own, self._perturbations) for own in variants]
+        return [
+            part._replace(taken=np.nan_to_num(more, nan=0.0, posinf=0.0, neginf=0.0) - part.fixed[:, None])
+            for part, more in zip(parts, lost, strict=True)
+        ]
+
+    @property
+    def _largest_torque(self) -> float:
+        return max(float(np.abs(self.data.torque()).max()), 1e-12)
+
+    @cached_property
+    def _perturbed(self) -> Dataset:
+        return self.data.with_more_torque(PERTURBATION * self._largest_torque)
+
+    @property
+    def _perturbations(self) -> Array:
+        """Increasing perturbations of the torque (J,) [N m], zero in the middle, to solve nonlinear laws for it."""
+        return self._largest_torque * np.concatenate([-PERTURBATIONS[::-1], [0.0], PERTURBATIONS])
+
+    @cached_property
+    def perturbations(self) -> Array:
+        """Perturbations of the torque in each row of all joints (R, J) [N m]."""
+        joints = [self.at(at) for at in self.data.joints]
+        return np.concatenate([np.tile(own._perturbations, (len(own.data.weights), 1)) for own in joints])
+
+    @memoized
+    def _rates(self, term: Term) -> Array:
+        """Time derivatives of the linear columns of a term (R, P), on the rows of its joint."""
+        return self.data.rates(term)
+
+    def equations(self, terms: Terms) -> Balance:
+        """Return the rows of some terms, weighted by noise alone; those of the last sets are memoised."""
+        key = tuple(terms)
+        if key not in self._recent:
+            if len(self._recent) >= RECENT:
+                self._recent.pop(next(iter(self._recent)))
+            self._recent[key] = self.assemble(terms, self.columns_of_each(terms), self.data.weights)
+        return self._recent[key]
+
+    def balance(self, terms: Terms) -> Balance:
+        """Return the rows of some terms, with smaller weights for recordings with larger residuals."""
+        return replace(self.equations(terms), weights=self.weights(terms))
+
+    def columns_of_each(self, terms: Terms) -> list[Columns]:
+        """Return the columns of each of some terms."""
+        return [self.columns([term])[0] for term in terms]
+
+    def assemble(self, terms: Terms, parts: Sequence[Columns], weights: Array) -> Balance:
+        """Return the rows of some terms from the columns of each and weights (R,)."""
+        rows = [self.data.where(term.at) for term in terms]
+        balance = Balance.of(self._torque, weights).beside(
+            list(zip(rows, parts, strict=True)), *bounds(terms), self.perturbations
+        )
+        if not any(term.lead for term in terms):
+            return balance
+        unfiltered, lead = self._torque.copy(), np.zeros(len(weights))
+        for here, term, part in zip(rows, terms, parts, strict=True):
+            unfiltered[here] -= 0.0 if term.lead else part.fixed
+            lead[here] += term.lead
+        rates = placed(len(weights), [(here, self._rates(term)) for here, term in zip(rows, terms, strict=True)])
+        y = unfiltered - lead * self.data.load_rates
+        return replace(balance, recorded=replace(balance, phi=balance.phi + lead[:, None] * rates, y=y, passed=1.0))
+
+    def with_variant(self, terms: Terms, here: slice) -> Callable[[Term, Columns], Balance]:
+        """Return a function that gives the rows of the terms and a variant, from the variant's columns.
+
+        The part of the terms is computed once. Rows of other joints that are linear are condensed to their fit.
+        """
+        if not terms or any(term.lead for term in terms):  # there is nothing to begin with, or that is seen twice
+            shared, w = self.columns_of_each(terms), self.weights(terms)
+            return lambda variant, own: self.assemble((*terms, variant), [*shared, own], w)
+        first, perturbations = self.balance(terms), self.perturbations
+        elsewhere = np.ones(len(perturbations), dtype=bool)
+        elsewhere[here] = False
+        if elsewhere.any() and unbent(first)[elsewhere].all():
+            first, own_rows = condensed(first, elsewhere), perturbations[here]
+            wide = np.tile(perturbations.max(axis=0), (len(first.y) - len(own_rows), 1))
+            here, perturbations = slice(0, len(own_rows)), np.concatenate([own_rows, wide])
+        return lambda variant, own: first.beside([(here, own)], *bounds([variant]), perturbations)
+
+    def weights(self, terms: Terms) -> Array:
+        """Return the weight of each row (R,), smaller for recordings with larger residuals."""
+        if len(self.data.windows) == 1 or not terms:
+            return self.data.weights
+        return self._weight_of_each(terms)[self.data.recording_of_window]
+
+    @memoized
+    def _weight_of_each(self, terms: Terms) -> Array:
+        """Weight of each recording (E,)."""
+        balance, owner = self.equations(terms), self.data.recording_of_window
+        squares = np.bincount(owner, balance.error(balance.solve()) ** 2).astype(float)
+        return quietest_most(squares, np.bincount(owner), self.data.least())
+
+    @memoized
+    def solve(self, terms: Terms) -> Array:
+        """Fit the linear parameters (P,) of the terms to all windows."""
+        return self.balance(terms).solve()
+
+    def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
+        """Fit the linear parameters of some terms, always to convergence; a search sets nonlinear parameters."""
+        return FittedTerms(tuple(terms), self.solve(terms))
+
+    def residual(self, terms: Terms, theta: Array) -> Array:
+        """Return the measured minus the predicted torque (R,) at some parameters [N m]."""
+        return self.equations(terms).error(theta)
+
+    @memoized
+    def tangent(self, terms: Terms) -> Tangent:
+        """Return the errors near the fit of the terms, to first order."""
+        return self.balance(terms).tangent()
+
+    @memoized
+    def _frame(self, terms: Terms) -> Array:
+        """Orthonormal basis (R, P) of changes of the weighted errors by the parameters."""
+        return np.linalg.qr(self.tangent(terms).slopes * self.weights(terms)[:, None])[0]
+
+    def absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
+        """Return the variance of torque noise that terms filter out of the rows, with these rows [(N m)^2].
+
+        It still counts as error: a lag smooths the noise of the torque together with the torque, which must not raise
+        its likelihood.
+        """
+        filters = [term for term in terms if term.fixed and term.has_state()]
+        return [(self.data.where(term.at), self._absorbed(term)) for term in filters]
+
+    @memoized
+    def _absorbed(self, term: Term) -> float:
+        return self.data.part(term.at).absorbed(term)
+
+    def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
+        """Return derivatives (R, S) of the modelled torque by continuous nonlinear parameters, and their names.
+
+        Those of a link with estimated states are left out, since its motion determines them. Along one motion its
+        torque J (q'' - w^2 s - c s' + g sin q) is the same for any J, if w, c, g and the joint's own parameters follow.
+        """
+        slopes: dict[str, Array] = {}
+        first = 0
+        for term in terms:
+            own = theta[first : (first := first + len(term.columns))]
+            if term.id in self.data.link_states:
+                continue
+
+            def torques(variants: Terms, own: Array = own) -> list[Array]:
+                return [linear @ own + fixed for linear, fixed in self.data.columns(variants)]
+
+            for name, slope in nonlinear_slopes(term, torques).items():
+                slopes[name] = whole = np.zeros(len(self.data.weights))
+                whole[self.data.where(term.at)] = slope
+        return np.column_stack([np.empty((len(self.data.weights), 0)), *slopes.values()]), list(slopes)
+
+    def compare(self, terms: Terms, variants: Terms) -> list[float]:
+        """Return the torque error of the fit of the terms with each of V variants of one further effect [N m]."""
+        w, here = self.weights(terms), self.data.where(variants[0].at)
+        parts = self.columns(variants)
+        with_variant = cache(lambda: self.with_variant(terms, here))  # most variants do without
+
+        def exact(variant: Term, own: Columns) -> float:
+            return with_variant()(variant, own).least_squared()
+
+        if not terms or variants[0].fixed or is_known(*terms, variants[0]):
+            squares = np.array([exact(*pair) for pair in zip(variants, parts, strict=True)])
+        else:
+            near = self.tangent(terms)
+            squares, theta = squared_errors(grams_of_variants(near, parts, w, here))
+            theta[:, : len(near.theta)] += near.theta
+            least, most = bounds((*terms, variants[0]))
+            for k in np.flatnonzero(np.any((theta < least) | (theta > most), axis=1)).tolist():
+                squares[k] = exact(variants[k], parts[k])
+            if depends_on_torque(variants[0]):
+                squares = self._bent(near, list(zip(variants, parts, strict=True)), squares, exact, w)
+        absorbed = [self._mean_absorbed((*terms, variant), w) for variant in variants]
+        return np.sqrt(squares / (w @ w) + absorbed).tolist()
+
+    def _bent(
+        self,
+        near: Tangent,
+        pairs: Sequence[tuple[Term, Columns]],
+        plain: Array,
+        exact: Callable[[Term, Columns], float],
+        w: Array,
+    ) -> Array:
+        """Squared errors (V,) of variants that scale with the torque, exact for the best of them.
+
+        The best are those of the fit with the recorded torque, and of the fit with the predicted torque.
+        """
+        here = self.data.where(pairs[0][0].at)
+        moved = [own._replace(linear=own.linear - near.error[here, None] * own.slope) for _, own in pairs]
+        estimates = (plain, squared_errors(grams_of_variants(near, moved, w, here))[0])
+        tried = np.unique([np.argsort(estimate)[: VARIANTS.exact] for estimate in estimates])
+        squares = np.array([exact(*pairs[k]) for k in tried.tolist()])
+        found = np.maximum(plain, squares.min())
+        found[tried] = squares
+        return found
+
+    def _mean_absorbed(self, terms: Terms, w: Array) -> float:
+        """Torque noise that terms absorb, mean over all weighted rows (R,) [(N m)^2]."""
+        absorbed = self.absorbed_noise(terms)
+        return sum(float(w[here] @ w[here]) * variance for here, variance in absorbed) / float(w @ w)
+
+    def trial(self, terms: Terms) -> Trial:
+        """Fit one set of terms."""
+        *others, last = terms
+        return Trial(tuple(terms), self.compare(others, [last])[0])
+
+    def search_basins(self, terms: Terms, variants: Terms) -> Trial:
+        """Search from each value of the parameter over which the error is multimodal, and return the best trial."""
+        residuals, name = self._residuals(terms), hints_of(type(variants[0])).multimodal
+        places = {variant.nonlinear_values[name] for variant in variants}
+        basins = [[v for v in variants if v.nonlinear_values[name] == place] for place in sorted(places)]
+        found = [self.trial((*terms, cross_entropy(basin, residuals))) for basin in basins]
+        best = min(found, key=lambda trial: trial.fitted_rms)
+        closer = self.trial((*terms, refined(best.terms[-1], residuals)))
+        return min(best, closer, key=lambda trial: trial.fitted_rms)
+
+    def refine(self, trial: Trial, id: str) -> Trial:
+        """Search the continuous nonlinear parameters of one term of a trial from their values."""
+        place = next(i for i, term in enumerate(trial.terms) if term.id == id)
+        term = trial.terms[place]
+        if hints_of(type(term)).multimodal:
+            return trial
+        others = (*trial.terms[:place], *trial.terms[place + 1 :])
+        following = [parameter for parameter in term.nonlinear_parameters if parameter.follows]
+        for _ in range(VARIANTS.follows if following else 0):
+            theta = self.solve((*others, term))
+            known = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))
+            term = replace(term, **{s.name: float(known[s.follows]) for s in following if s.follows in known})
+        residuals, samples = self._residuals(others), self.data.part(term.at).samples
+        found = scan(refined(term, residuals), residuals, VARIANTS.reach * float(np.ptp(samples.time)))
+        closer = self.trial((*trial.terms[:place], found, *trial.terms[place + 1 :]))
+        worse = closer.fitted_rms > trial.fitted_rms and not following
+        return trial if worse or not is_possible(found, samples) else closer
+
+    def _residuals(self, terms: Terms) -> Residuals:
+        """Return a function that gives the weighted residual (R,) of the best fit of the terms with each variant.
+
+        The columns of the terms are projected out once; each variant then takes a small solve.
+        """
+        shared, w = self.columns_of_each(terms), self.weights(terms)
+        near, frame = self.tangent(terms), self._frame(terms)
+        scale = w * near.scale
+
+        def clear(columns: Array, here: slice) -> Array:
+            cleared = -frame @ (frame[here].T @ columns)
+            cleared[here] += columns
+            return np.asarray(cleared)
+
+        left = clear(w * near.error, slice(None))
+
+        with_variant = cache(lambda at: self.with_variant(terms, self.data.where(at)))
+
+        def exact(balance: Balance) -> Array:
+            return balance.weights * balance.error(balance.solve())
+
+        def residual(variant: Term, own: Columns) -> Array:
+            if is_known(*terms, variant) or not variant.columns:
+                return exact(self.assemble((*terms, variant), [*shared, own], w))
+            here = self.data.where(variant.at)
+            target = left if not variant.fixed else left - clear(scale[here] * own.fixed, here)
+            extra = clear(scale[here, None] * own.linear, here)
+            size = np.maximum(np.linalg.norm(extra, axis=0), 1e-300)
+            extra = extra / size
+            theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ target) / size
+            least, most = bounds([variant])
+            if np.any((theta < least) | (theta > most)):
+                return exact(self.assemble((*terms, variant), [*shared, own], w))
+            return np.asarray(target - (extra * size) @ theta)
+
+        def residuals(variants: Terms) -> list[Array]:
+            pairs = list(zip(variants, self.make_columns(variants), strict=True))
+            if not depends_on_torque(variants[0]):
+                return [residual(*pair) for pair in pairs]
+            return [exact(with_variant(variants[0].at)(*pair)) for pair in pairs]
+
+        return residuals
