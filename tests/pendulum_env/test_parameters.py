@@ -57,15 +57,6 @@ def test_a_reset_changes_linear_and_shape_parameters_for_later_episodes_and_a_sc
         assert (seen["coulomb"] == 0.5).all() and seen["gravity"][-1] == gravity
 
 
-def test_an_effect_can_begin_and_end_while_the_joint_moves(make):
-    env = make(effects=["stribeck=0.4"], schedule={0.1: {"stribeck": 0.0}, 0.2: {"stribeck": 0.4}}, counts=0)
-    seen = run(env, np.full(400, 1.0))
-    assert abs(seen["position"][100]) < 1e-4  # 1 N m do not overcome 0.9 + 0.4 N m
-    assert np.ptp(seen["position"][100:200]) > 1e-3
-    without = run(make(effects=["stribeck=0.4"], schedule={0.1: {"stribeck": 0.0}}, counts=0), np.full(400, 1.0))
-    assert np.ptp(without["position"][200:]) > 1.5 * np.ptp(seen["position"][200:])
-
-
 @pytest.mark.parametrize("effect", ["presliding", "joint_flexibility", "actuator_lag", "dead_time", "backlash"])
 def test_states_of_effects_live_on_when_a_parameter_changes(make, effect):
     torque = 3.0 * np.sin(12.07 * np.arange(400) / 1000) + 2.0
@@ -111,16 +102,7 @@ def test_each_pendulum_of_a_batch_follows_the_schedule_by_its_own_time(mode):
             assert (info["final_info"]["plant"]["viscous"][ended] == 1.0).all()
 
 
-def test_parameters_set_while_it_runs_last_until_the_next_reset(make):
-    env = make()
-    env.reset(seed=0)
-    env.unwrapped.set_parameters({"gravity": 1.5})
-    action = np.zeros(env.action_space.shape, dtype=np.float32)
-    assert np.all(env.step(action)[-1]["plant"]["gravity"] == 1.5)
-    assert np.all(env.reset()[1]["plant"]["gravity"] == PAPER["gravity"])
-
-
-def test_a_refused_reset_changes_nothing(make):
+def test_a_refused_reset_changes_nothing_and_parameters_set_while_it_runs_last_until_the_next(make):
     env = make(effects=["stribeck"], schedule={0.002: {"gravity": 1.5}})
     env.reset(seed=0)
     action = np.zeros(env.action_space.shape, dtype=np.float32)
@@ -131,7 +113,8 @@ def test_a_refused_reset_changes_nothing(make):
     for _ in range(4):
         plant = env.step(action)[-1]["plant"]
     assert np.all(plant["gravity"] == 1.5) and np.all(plant["coulomb"] == 0.5)
-    assert np.all(env.reset()[1]["plant"]["viscous"] == PAPER["viscous"])
+    plant = env.reset()[1]["plant"]
+    assert all(np.all(plant[name] == PAPER[name]) for name in ("viscous", "coulomb"))
 
 
 def test_the_plant_cannot_be_assigned_and_the_refusal_names_what_works(make):
@@ -149,7 +132,6 @@ def test_the_plant_cannot_be_assigned_and_the_refusal_names_what_works(make):
         ({"cogging.sin": 0.1}, r"no effect 'cogging' to change: make it with effects=\['cogging=0'\]"),
         ({"stribeck.stribeck_velocity": 0.0}, "stribeck_velocity of stribeck cannot be 0: give a number from"),
         ({"inertia": 0.0}, "inertia of a plant cannot be 0: give a positive number"),
-        ({"gravity": np.nan}, "gravity of a plant cannot be nan"),
         ({"gravity": "heavy"}, "gravity of a plant cannot be 'heavy': give a number"),
         ({"hard_stop.upper": -1.0}, "lower has to be below upper"),
     ],

@@ -17,7 +17,8 @@ def test_values_in_order_by_name_and_typical_agree():
     alone, ordered, named = hide(plant, "cogging"), hide(plant, "cogging=0.15,0.1"), hide(plant, "cogging:order=12")
     assert alone == ordered == named
     assert hide(plant, "cogging=0.2,0.3,14") == hide(plant, "cogging:order=14,sin=0.2, cos=0.3")
-    assert hide(plant, "cogging=0.2,0.3,14").estimates["cogging.order"].value == 14
+    several = hide(plant, "cogging:order=7,order_2=28,sin_2=0.03").estimates
+    assert [several[f"cogging.{name}"].value for name in ("order", "order_2", "sin_2")] == [7, 28, 0.03]
 
 
 @pytest.mark.parametrize(
@@ -25,13 +26,10 @@ def test_values_in_order_by_name_and_typical_agree():
     [
         ("stribek", r"did you mean stribeck\?"),
         ("stribeck=a", "'a' in 'stribeck=a' is not a number"),
-        ("stribeck=", "is not a number"),
         ("stribeck=1,2,2,3", r"at most 3 values \(stribeck, stribeck_velocity, exponent\), got 4"),
         ("stribeck=nan", "is not a number"),
         ("cogging:ordre=3", r"unknown parameter of cogging 'ordre': did you mean order\?"),
-        ("cogging:order=3.5", "order of cogging cannot be 3.5: give an integer from 2"),
         ("cogging:order", "'order' in 'order' is not of the form name=value"),
-        ("stribeck=inf", "stribeck of stribeck cannot be inf: give a number"),
         ("hard_stop:lower=inf", "lower of hard_stop cannot be inf: give a number from -inf"),
         ("hard_stop:lower=0.5,upper=-0.5", "hard_stop cannot be as .* says: lower has to be below upper"),
         ("cogging:order=7,order_2=7", "its orders have to differ"),
@@ -84,7 +82,6 @@ def test_a_stop_may_be_left_out():
     [
         ("inertai=0.1", r"unknown parameter 'inertai': did you mean inertia\?"),
         ("inertia=0", "inertia of a plant cannot be 0"),
-        ("gravity=-2", "gravity of a plant cannot be -2"),
         ("gravity", "not of the form name=value"),
     ],
 )
@@ -92,10 +89,3 @@ def test_parameters_of_the_plant_are_set_by_name_and_what_makes_no_plant_is_refu
     assert paper_plant(read_parameters("inertia=0.1, coulomb=0")).theta == pytest.approx([0.1, 2.01, 0.3638, 0.0])
     with pytest.raises(ValueError, match=match):
         paper_plant(read_parameters(text))
-
-
-def test_further_orders_of_cogging_are_hidden_by_name():
-    plant = hide(paper_plant(), "cogging:order=7,order_2=28,sin_2=0.03")
-    values = {name: estimate.value for name, estimate in plant.estimates.items()}
-    assert (values["cogging.order"], values["cogging.order_2"]) == (7, 28)
-    assert values["cogging.sin_2"] == 0.03

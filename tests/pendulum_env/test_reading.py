@@ -26,13 +26,10 @@ JSON, TOML = (lambda path: read_json(path, "a hint"), ".json"), (read_toml, ".to
         (JSON, '{"a": 1%s}' % ("0" * 300), f"holds a number of more than {DIGITS} digits"),
         (JSON, '{"a": ["b\\u0000"]}', r"holds 'b\\x00', which is no text"),
         (JSON, '{"\\ud800": 1}', r"holds '\\ud800', which is no text"),
-        (JSON, "", "is not JSON; a hint"),
         (JSON, '{"a": 1%s}' % ("0" * 5000), "is not JSON; a hint"),
         (TOML, "a = " + "[" * 100_000, r"is not TOML \(maximum recursion"),
-        (TOML, "a = " + "9" * 5000, r"is not TOML \(Exceeds the limit"),
         (TOML, "a = [" + "9" * 400 + "]", f"holds a number of more than {DIGITS} digits"),
         (TOML, 'a = "\\u0000"', r"holds '\\x00', which is no text"),
-        (TOML, " " * 900_000 + "a", "is not TOML"),
     ],
 )
 def test_a_document_that_no_one_meant_is_refused(tmp_path: Path, kind: Any, text: str, match: str) -> None:
@@ -62,7 +59,6 @@ class Outer(Struct):
         ("", {"size": "x" * 10_000}, r"^'inner\[1\].size' is 'x{27}\.\.\.x{28}': expected a number$"),
         ("", {"size": 10**400}, r"^'inner\[1\].size' is 10{27}\.\.\.0{29}: number out of range$"),
         ("", {"size": float("nan")}, r"is nan: expected a number >= -1e\+09$"),
-        ("", {"size": True}, "is True: expected a number$"),
         ("", {"size": 1, "word": "of"}, r"^'inner\[1\].word' is 'of': expected one of off, on$"),
         ("", {"size": 1, "sign": 2}, r"^'inner\[1\].sign' is 2: expected one of -1, 1$"),
         ("", {"size": 1, "names": [{"a": [[]]}]}, r"^'inner\[1\].names\[0\]' is {.*}: expected a text$"),
@@ -98,10 +94,8 @@ def test_a_pipe_and_a_device_are_refused_at_once(tmp_path: Path) -> None:
         (dict(constraint=np.array("peek")), "its constraint is 'peek', none of peak, rms"),
         (dict(levels=np.array([np.nan] * 5)), "levels holds something else than numbers up to 1e"),
         (dict(levels=np.array([-2.0, -0.5, 0.0, 0.5, 1.0])), "a level is beyond 1"),
-        (dict(levels=np.array(["a"] * 5)), "levels holds something else"),
         (dict(levels=np.zeros(4)), "its layers, outputs and levels do not follow"),
         (dict(bias0=np.zeros((64, 1))), "bias0 has 2 axes, where 1 is needed"),
-        (dict(weight0=np.array(1.0)), "weight0 has 0 axes, where 2 are needed"),
         (dict(bias0=np.full(64, np.longdouble("1e4000"))), "bias0 holds something else"),
     ],
 )

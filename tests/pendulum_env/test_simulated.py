@@ -26,7 +26,8 @@ def test_a_recording_is_as_long_and_as_noisy_as_asked_for_and_repeats():
     assert turns == pytest.approx(np.round(turns), abs=1e-6)
 
 
-def test_a_recording_is_of_the_motion_that_the_model_simulates(rng):
+def test_a_recording_is_of_the_motion_that_the_model_simulates_usually_the_paper_s(rng):
+    assert dict(zip(PAPER, paper_plant().theta, strict=True)) == PAPER
     recording = run(rng, counts=0, torque_noise=0.0)
     path = paper_plant().simulate(1e-3, recording.torque, 0.0, 0.0)
     np.testing.assert_array_equal(recording.position, path.position[:-1, 0])
@@ -44,8 +45,3 @@ def test_a_recording_is_of_the_motion_that_the_model_simulates(rng):
 def test_numbers_out_of_range_are_refused(rng, options, match):
     with pytest.raises(ValueError, match=match):
         run(rng, **options)
-
-
-def test_default_plant_is_the_paper_s(rng):
-    assert np.array_equal(run(rng, None, torque_noise=0.0).position, run(rng, paper_plant()).position)
-    assert dict(zip(PAPER, paper_plant().theta, strict=True)) == PAPER

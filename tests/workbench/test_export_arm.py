@@ -99,16 +99,7 @@ def test_what_mujoco_does_not_have_is_named_with_its_joint(tmp_path, files, refu
     assert "mjcf cannot hold stribeck" in (said := refused(*asked)) and "(at elbow)" in said
     assert main([*asked, "--approximate"]) == 0
     assert "cannot hold stribeck" in (tmp_path / "new.xml").read_text()
-
-
-def test_what_is_no_form_of_an_arm_is_one_sentence(tmp_path, files, refused):
-    path, saved, _ = files
-    model_of(tmp_path / "arm.urdf", robots.urdf(robots.TORSO)).save(saved)
-    for more, said in (
-        (["--to", "c"], "an arm is exported to mjcf, not to c"),
-        (["--to", "mjcf", "--mass", "2"], "--mass is for pendulums"),
-    ):
-        assert said in refused("export", saved, "--robot", path, *more)
+    assert "an arm is exported to mjcf, not to c" in refused("export", saved, "--robot", path, "--to", "c")
     assert "--robot" in refused("export", saved, "--to", "mjcf")
 
 

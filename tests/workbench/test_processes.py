@@ -12,26 +12,10 @@ import pytest
 from estimators.progress import Progress
 from pendulum_env.physics import plugin
 from tests.patience import PATIENCE, wait_until
+from tests.pendulum_env.physics.test_limits import PLUGIN
 from workbench import processes
 from workbench.mistakes import InputError
 from workbench.processes import LOST, End, Job, Workers, local_workers
-
-PLUGIN = '''
-from dataclasses import dataclass
-from pendulum_env.physics import Column, Term, register
-
-
-@register
-@dataclass(frozen=True)
-class OfAFile(Term):
-    """Damping that grows with the cube of the speed."""
-
-    id, law, kind = "of_a_file", "c q'^3", "dissipative"
-
-    @property
-    def columns(self):
-        return (Column("of_a_file", "N m s^3/rad^3", force=lambda x: x.velocity**3),)
-'''
 
 
 def count(to: int, tell: Progress) -> int:

@@ -1,6 +1,5 @@
 """Robot files as they come: links with inertias that no body has, and joints that a recording leaves alone."""
 
-import json
 import re
 
 import numpy as np
@@ -8,16 +7,13 @@ import pytest
 
 from agents.arm_env import ArmExcitationDesignVector
 from estimators.arms.excitation import design_excitation
-from estimators.arms.standard import nearest_body
-from estimators.schemes.identification import identify
-from pendulum_env.arms import arm_base, find_logged_joints, planar_links, read_arm_recording, read_body
+from pendulum_env.arms import find_logged_joints, planar_links, read_arm_recording, read_body
 from pendulum_env.arms.body import BodyError
 from pendulum_env.arms.env import SpatialArm
 from pendulum_env.arms.robot import find_movable_joints
 from tests import robots
 from tests.pendulum_env.arms.test_body import written
-from tests.robots import ANGULAR, ELBOW, PARALLEL, SHOULDER, urdf
-from workbench.cli import main
+from tests.robots import ELBOW, PARALLEL, SHOULDER, urdf
 
 TWO = (SHOULDER, ELBOW)
 
@@ -75,25 +71,6 @@ def test_a_frame_without_inertia_and_continuous_joints_are_no_fault(tmp_path):
     assert np.isinf(body.position_limits[1]).all()
 
 
-@pytest.mark.slow
-def test_identification_needs_the_kinematics_alone(tmp_path, log, capsys):
-    said = []
-    for name, text in (("good", urdf(PARALLEL)), ("bad", spoil(urdf(PARALLEL)))):
-        path, found = written(tmp_path, text, f"{name}.urdf"), tmp_path / f"{name}.json"
-        model = str(tmp_path / f"{name}.model.json")
-        command = ["identify", str(log), "--robot", str(path), "--scheme", "dynamic", "--json", str(found), "-o", model]
-        assert main(command) == 0
-        said.append((capsys.readouterr().out, json.loads(found.read_text())))
-    (good, wanted), (bad, got) = said
-    assert "no body has" not in good and re.search(r"no\s+body\s+has.*shoulder.*elbow", bad, re.S)
-    assert all("left at zero" in text and "right at zero" in text for text in (good, bad))
-    assert list(got["schemes"]["dynamic"]["theta"]) == list(wanted["schemes"]["dynamic"]["theta"])
-    for name, own in wanted["schemes"]["dynamic"]["theta"].items():
-        assert got["schemes"]["dynamic"]["theta"][name]["value"] == pytest.approx(own["value"], rel=1e-9)
-    assert main(["compare", model, str(log), "--robot", str(path)]) == 0  # the model knows what is held
-    assert "no body has" in capsys.readouterr().out
-
-
 def test_joints_without_columns_are_found_and_so_is_their_order(tmp_path, log):
     path = written(tmp_path, urdf(PARALLEL))
     assert find_movable_joints(path) == ("shoulder", "elbow", "left")
@@ -120,18 +97,3 @@ def test_a_position_alone_is_of_a_joint_that_is_held_unless_it_moves(tmp_path):
     assert find_logged_joints(tmp_path / "numbers.csv", ["a", "b"]) == ("a", "b")
     named = {"torque_b": "torque_2", "position_b": "position_2"}
     assert find_logged_joints(tmp_path / "numbers.csv", ["a", "b"], named) == ("b",)
-
-
-def test_fingers_that_turn_and_mimic_are_held_with_the_one_that_leads(tmp_path):
-    path = written(tmp_path, urdf(ANGULAR))
-    assert find_movable_joints(path) == ("shoulder", "elbow", "wrist", "left")
-    body = read_body(path, joints=("shoulder", "elbow", "wrist"))
-    assert set(body.held) == {"left", "right", "thumb"}
-
-
-@pytest.mark.slow
-def test_the_nearest_body_of_a_model_needs_no_inertia_in_the_file(tmp_path, log):
-    body = read_body(written(tmp_path, spoil(urdf(PARALLEL))), joints=("shoulder", "elbow"))
-    found = identify([read_arm_recording(log, body.joints)], arm_base(body), schemes=["dynamic"])
-    nearest = nearest_body(found["dynamic"].model)
-    assert np.isfinite(nearest.distance) and nearest.parameters["m@elbow"].value > 0

@@ -7,7 +7,7 @@ import re
 import signal
 import subprocess
 import sys
-from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
@@ -76,14 +76,11 @@ class Counted:
         return read_values(source, settings)
 
 
-def run(folder, output, task, *options, start=ThreadPoolExecutor, workers=1):
+def run(folder, output, *task, options=(), start=ThreadPoolExecutor, workers=1):
     asked = arguments(folder, *options)
     found = find_recordings(folder, asked)
-    return survey(found, hashes(found), Settings.of(asked), output, start, workers, task=task)
-
-
-def hashes(found):
-    return [content_hash(own.source.file) for own in found]
+    hashes = [content_hash(own.source.file) for own in found]
+    return survey(found, hashes, Settings.of(asked), output, start, workers, **({"task": task[0]} if task else {}))
 
 
 @pytest.fixture
@@ -95,15 +92,9 @@ def folder(tmp_path):
     return tmp_path / "data"
 
 
-def test_a_second_run_diagnoses_nothing(folder, tmp_path):
-    first, second = Counted(), Counted()
-    rows = run(folder, tmp_path / "out", first)
-    assert run(folder, tmp_path / "out", second) == rows
-    assert (len(first.done), second.done) == (6, [])
-
-
-def test_new_and_changed_files_and_other_options_are_diagnosed(folder, tmp_path):
-    run(folder, tmp_path / "out", Counted())
+def test_new_and_changed_files_and_other_options_alone_are_diagnosed_again(folder, tmp_path):
+    rows = run(folder, tmp_path / "out", Counted())
+    assert run(folder, tmp_path / "out", Counted(most=0)) == rows and len(rows) == 6
     write(folder, "arm", 3, coulomb=1.0)
     changed = write(folder, "leg", 0, coulomb=1.2)
     os.utime(folder / "arm/2026-01-12.csv", (0, 0))  # its content is the same
@@ -113,7 +104,7 @@ def test_new_and_changed_files_and_other_options_are_diagnosed(folder, tmp_path)
     assert sorted(task.done) == [changed.name, "2026-01-26.csv"] and len(rows) == 7
     assert "leg/2026-01-13.csv" in {row["recording"] for row in rows}
     task = Counted()
-    run(folder, tmp_path / "out", task, "--fix", "gravity=2")
+    run(folder, tmp_path / "out", task, options=("--fix", "gravity=2"))
     assert len(task.done) == 7
 
 
@@ -126,21 +117,14 @@ def test_an_interrupted_survey_continues_to_the_same_rows(folder, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        *('{"rows": [', "[]", "3", "{}", '{"rows": 3}', '{"start": null, "rows": []}', '{"start": null, "rows": [{}]}'),
-        *(None, '"value": "0.9"', '"value": NaN', '"value": []'),
-    ],
+    "content",
+    [b'{"rows": [', b"[]", b'{"start": null, "rows": []}', b"\xff", b'"value": "0.9"', b'"value": NaN'],
 )
-def test_a_result_that_is_damaged_is_made_again(folder, tmp_path, text):
+def test_a_result_that_is_damaged_is_made_again(folder, tmp_path, content):
     rows = run(folder, tmp_path / "out", Counted())
     file = next((tmp_path / "out" / RESULTS).iterdir())
-    if text is None:
-        file.write_bytes(b"\xff\xfe")
-    elif text.startswith('"value"'):
-        file.write_text(re.sub('"value": [0-9.]+', text, file.read_text(), count=1))
-    else:
-        file.write_text(text)
+    is_part = content.startswith(b'"value"')
+    file.write_bytes(re.sub(b'"value": [0-9.]+', content, file.read_bytes(), count=1) if is_part else content)
     task = Counted()
     assert run(folder, tmp_path / "out", task) == rows and len(task.done) == 1
 
@@ -174,26 +158,6 @@ def test_a_worker_that_is_killed_costs_its_recording_alone(folder, tmp_path):
         for machine in ("arm", "leg")
         for day in ("2026-01-05", "2026-01-12", "2026-01-19")
     }
-
-
-class DyingPool(ThreadPoolExecutor):
-    """Workers of whom one dies after two tasks are submitted, unless it is alone."""
-
-    def __init__(self, workers):
-        super().__init__(workers)
-        self.left = 2 if workers > 1 else 1000
-
-    def submit(self, *task):
-        self.left -= 1
-        if self.left < 0:
-            raise BrokenExecutor
-        return super().submit(*task)
-
-
-def test_a_worker_that_is_killed_while_tasks_are_submitted_costs_nothing(folder, tmp_path):
-    task = Counted()
-    rows = run(folder, tmp_path / "out", task, start=DyingPool, workers=2)
-    assert len(rows) == len(task.done) == 6 and not any("error" in row for row in rows)
 
 
 # ------------------------------------------------------------------------------------------------------ recordings
@@ -230,9 +194,7 @@ def test_a_clock_that_counts_from_1970_gives_the_date(tmp_path, swing):
     rows = np.column_stack([swing.time + start.timestamp(), swing.position, swing.torque])
     (tmp_path / "data").mkdir()
     np.savetxt(tmp_path / "data" / "run.csv", rows, "%.9f", ",", header="time,position,torque", comments="")
-    asked = arguments(tmp_path / "data", "--only", "spring")
-    found = find_recordings(tmp_path / "data", asked)
-    (row,) = survey(found, hashes(found), Settings.of(asked), tmp_path / "out", ThreadPoolExecutor, 1)
+    (row,) = run(tmp_path / "data", tmp_path / "out", options=("--only", "spring"))
     assert row["dated_by"] == "clock" and abs(row["date"] - start) < timedelta(seconds=1)
 
 
@@ -246,10 +208,8 @@ def test_a_clock_without_a_credible_date_leaves_the_date_of_the_name(folder, tmp
     ("name", "date"),
     [
         ("2026-03-01_2500Hz.csv", datetime(2026, 3, 1, tzinfo=UTC)),
-        ("2026-03-01_2000Hz.csv", datetime(2026, 3, 1, tzinfo=UTC)),
         ("20260301-4711.csv", datetime(2026, 3, 1, tzinfo=UTC)),
         ("20260301_140599.csv", datetime(2026, 3, 1, tzinfo=UTC)),
-        ("2026-03-01_2026-03-02.csv", datetime(2026, 3, 1, tzinfo=UTC)),
         ("2026-03-01_14-05-30-2.csv", datetime(2026, 3, 1, 14, 5, 30, tzinfo=UTC)),
         ("2026-02-31_2026-03-01T14h05.csv", datetime(2026, 3, 1, 14, 5, tzinfo=UTC)),
         ("serial_29991231.csv", None),
@@ -310,24 +270,19 @@ def test_biased_and_unknown_estimates_are_in_no_trend(rows):
 
 def test_a_row_has_no_value_of_an_unknown_parameter_and_says_what_is_biased(swing):
     found = diagnose(swing, only=FEW)
-    first, *others = found.model.estimates
+    first, second, *_ = found.model.estimates
     assert not joint_rows(found)[0]["biased"] and None not in joint_rows(found)[0]["parameters"][first].values()
     *steps, last = found.steps
     found = replace(found, steps=(*steps, replace(last, model=last.model.biased().withholding([first]))))
     (row,) = joint_rows(found)
     assert row["biased"] and (row["parameters"][first]["value"], row["parameters"][first]["std"]) == (None, None)
-    assert [row["parameters"][name]["value"] for name in others] == [
-        found.model.estimates[name].value for name in others
-    ]
+    assert row["parameters"][second]["value"] == found.model.estimates[second].value
 
 
-def test_the_report_is_one_page_with_the_parameters_that_change(rows):
+def test_the_report_is_one_page_with_the_parameters_that_change_or_none(rows):
     page = whole(render(rows, find_series(rows)))
     assert [trace["name"] for trace in page.figures[0]["data"]] == ["drifts coulomb", "jumps inertia"]
     assert sum(tag == "tr" for tag, _ in page.tags) == 1 + 2 + 1 + len(rows)
-
-
-def test_a_survey_without_parameters_has_a_report(rows):
     failed = [row | {"parameters": {}, "error": "it is <damaged>"} for row in rows]
     assert "it is <damaged>" in whole(render(failed, find_series(failed))).text
 
@@ -351,10 +306,7 @@ def test_the_command_writes_tables_of_diagnoses_and_of_a_damaged_file(tmp_path, 
     assert "0 known from before, 1 diagnosed, 1 failed" in told and "no column for torque" in told
     assert "no column for torque" in whole(page.read_text()).text
     good, damaged = pq.read_table(recordings / "out" / "survey.parquet").to_pylist()
-    assert (damaged["error"].split(":")[0], damaged["inertia"]) == (
-        "no column for torque among 'time', 'position', 'force'",
-        None,
-    )
+    assert damaged["error"].startswith("no column for torque among") and damaged["inertia"] is None
     found = diagnose(read_recording(recordings / "elbow" / "2026-03-01.csv"), only=FEW)
     for name, own in found.model.estimates.items():
         assert (good[name], good[f"{name}_std"]) == (own.value, own.std)
@@ -381,14 +333,8 @@ def test_a_dask_cluster_gives_the_same_table(recordings, tmp_path, done):
     ("options", "why"),
     [
         (["--fix", "inertai=1"], "inertai"),
-        (["--model", "none.json"], "none.json"),
         (["--robot", "{arm}", "--only", "stribeck@elbwo"], "elbwo"),
-        (["--robot", "{arm}", "--only", "spring", "--without", "spring"], "no effect is left"),
         (["--robot", "{arm}", "--fix", "gravity=2"], "--fix is for pendulums"),
-        pytest.param(
-            *(["--scheduler", "tcp://127.0.0.1:1"], "there is no Dask cluster at tcp://127.0.0.1:1"),
-            marks=pytest.mark.slow,  # Dask tries for ten seconds
-        ),
     ],
 )
 def test_what_would_fail_for_every_recording_is_said_at_once(recordings, tmp_path, capsys, options, why):

@@ -30,17 +30,6 @@ def test_the_arm_moves_as_the_textbook_integrated_between_events():
     assert np.sqrt(np.mean((np.array(positions) - told) ** 2, axis=0)).max() < 1e-3
 
 
-def test_energy_is_conserved_without_friction():
-    env = gym.make(ID, links=FREE, counts=0, velocity="ideal", substeps=2).unwrapped
-    _, info = env.reset(options={"position": [2.0, 1.0], "velocity": [1.0, -2.0]})
-    energies = []
-    for _ in range(2000):
-        energies.append(ARM.energy(info["position"], info["velocity"]))
-        info = env.step(np.zeros(2))[4]
-    assert np.ptp(energies) < 5e-3  # [J], of some 10 J that go to and fro
-    assert abs(np.mean(energies[-200:]) - energies[0]) < 2e-3
-
-
 def test_a_joint_sticks_exactly_where_friction_can_hold_it():
     env = gym.make(ID, counts=0).unwrapped
     env.reset()

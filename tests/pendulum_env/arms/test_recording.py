@@ -38,15 +38,6 @@ def test_columns_of_an_arm_may_stand_behind_many_others_and_end_with_a_gap_of_al
     assert np.allclose(recording.torque, TORQUE[kept])
 
 
-def test_columns_are_named_with_units_where_their_names_do_not_tell(tmp_path):
-    columns = {"t": TIME, "a": np.degrees(POSITION[:, 0])} | ARM
-    del columns["position_shoulder"]
-    recording = read_arm_recording(
-        table(tmp_path / "run.csv", **columns), JOINTS, columns={"position_shoulder": "a:deg"}
-    )
-    assert np.allclose(recording.position, POSITION)
-
-
 OFF = np.where(abs(TIME - 1.0) < 0.2, np.nan, POSITION[:, 1])
 
 

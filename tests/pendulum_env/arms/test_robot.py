@@ -2,7 +2,6 @@
 
 import mujoco
 import numpy as np
-import pinocchio
 import pytest
 
 from pendulum_env.arms.body import BodyError, read_body
@@ -118,11 +117,8 @@ def test_what_comes_again_with_each_turn_is_not_offered_where_a_joint_slides(tmp
         kind_at("coupling@-shoulder,elbow", body)
     with pytest.raises(ValueError, match="coupling is nothing that the simulator here has: leave it out"):
         effect_at("coupling@shoulder,elbow", body.joints)
-    assert links.nonlinear_values == {}
-    (speed,) = [
-        shape for shape in kind_at("stribeck@torso", body).nonlinear_parameters if shape.name == "stribeck_velocity"
-    ]
-    assert speed.unit == "m/s"
+    units = {shape.name: shape.unit for shape in kind_at("stribeck@torso", body).nonlinear_parameters}
+    assert units["stribeck_velocity"] == "m/s"
 
 
 def test_a_single_axis_that_slides_is_a_mass(tmp_path):
@@ -146,9 +142,7 @@ def floating(text):
         (urdf(PARALLEL).replace('joint="left" m', 'joint="none" m'), {}, "'right' mimics 'none', which is no joint"),
         (urdf(PARALLEL).replace('multiplier="1.0"', 'multiplier="one"'), {}, "mimics another by 'one 0.0': give 2 num"),
         (floating(urdf(PARALLEL)), {}, "'shoulder' lets the base float: say --base fixed"),
-        (floating(urdf(PARALLEL)), {"joints": ["elbow"]}, "'shoulder' lets the base float: say --base fixed"),
         ("<mujoco><include file='arm.xml'/></mujoco>", {}, "<include>, which is not followed: write all of it"),
-        ("<mujoco><worldbody><frame pos='1 0 0'><body/></frame></worldbody></mujoco>", {}, "has <frame>, which is not"),
         ("<mujoco><worldbody><body name='a'><replicate><body/></replicate></body></worldbody></mujoco>", {}, "<replic"),
         ("<?xml version='1.0' encoding='UTF-7'?><robot/>", {}, "is no XML .*encodings are not supported"),
         ("<mujoco><asset><hfield/></asset><worldbody/></mujoco>", {}, "read it: hfields are not supported yet$"),
@@ -167,13 +161,3 @@ def test_a_base_that_is_bolted_down_is_held_and_so_is_one_that_is_no_joint_of_ou
     assert body.joints == ("elbow", "left") and body.held == {"shoulder": 0.0}
     body = read_body(written(tmp_path, text.replace('type="revolute"', 'type="planar"', 1)), joints=["elbow"])
     assert body.joints == ("elbow",) and body.held == {"shoulder": 0.0, "left": 0.0, "right": 0.0}
-
-
-def test_lines_of_urdfdom_do_not_reach_the_user(tmp_path, capfd):
-    path = written(tmp_path, urdf(PARALLEL).replace("<limit", '<safety_controller k_velocity="x"/><limit', 1))
-    with pytest.raises(ValueError, match="valid URDF"):
-        pinocchio.buildModelFromUrdf(str(path))
-    assert "urdf_parser" in capfd.readouterr().err  # so it would be
-    with pytest.raises(BodyError, match=r"arm\.urdf: Pinocchio cannot read it"):
-        read_body(path)
-    assert capfd.readouterr() == ("", "")

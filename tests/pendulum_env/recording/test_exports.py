@@ -201,22 +201,6 @@ def test_empty_columns_give_way_and_units_in_brackets_need_not_be_told(tmp_path:
     assert "Stellgröße [V]:" not in str(refusal.value)
 
 
-def test_a_log_of_a_serial_monitor_without_names_is_asked_for_them(tmp_path: Path) -> None:
-    counts = np.round(ANGLE / (2 * np.pi) * 1920).astype(int)
-    rows = [f"{t:.0f},{n},{u:.0f},{1e3 * u:.1f}" for t, n, u in zip(MILLIS, counts, TORQUE, strict=True)]
-    content = "\n".join(["=~=~=~= PuTTY log 2024.05.21 14:03:12 =~=~=~=", *rows, "12"])
-    path = tmp_path / "run.log"
-    path.write_text(content)
-    with pytest.raises(RecordingError, match="the file has no header: put a line above that names the 4 columns"):
-        read_recording(path)
-    path.write_text("time_ms,enc_counts,pwm,current_mA\n" + content)
-    with pytest.raises(RecordingError, match=r"enc_counts:counts/4096.* torque=current_mA:mA\*.* torque=pwm:duty\*"):
-        read_recording(path)
-    read = read_recording(path, columns={"position": "enc_counts:counts/1920", "torque": "current_mA*0.5"})
-    assert read.position == pytest.approx(ANGLE, abs=np.pi / 1920 + 1e-9)
-    assert read.torque == pytest.approx(TORQUE / 2, abs=1e-4)
-
-
 @pytest.mark.parametrize("told", ["current*0.1", "current:A*?"])
 def test_a_current_that_no_joint_draws_is_asked_for_its_unit(told: str) -> None:
     log = {"time": TIME, "angle": ANGLE, "current": 1600 * np.cos(TIME)}

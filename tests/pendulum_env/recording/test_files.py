@@ -1,5 +1,4 @@
 import gzip
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -212,15 +211,6 @@ def test_no_file_and_half_of_a_file(tmp_path: Path, swing: Recording, suffix: st
 def test_unknown_ending(tmp_path: Path, name: str) -> None:
     with pytest.raises(RecordingError, match=r"does not end in \.csv, \.csv\.gz, \.tsv, \.txt, \.parquet, \.npz"):
         read_recording(tmp_path / name)
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are text")
-@pytest.mark.parametrize("ending", [".csv", ".parquet"])
-def test_a_name_that_is_no_utf_8_is_told(tmp_path: Path, ending: str) -> None:
-    path = tmp_path / f"\udcff{ending}"
-    path.write_bytes(HEADER)
-    with pytest.raises(RecordingError, match="its name is no UTF-8, which libraries need: rename it"):
-        read_recording(path)
 
 
 # What a recording says

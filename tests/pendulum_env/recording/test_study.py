@@ -14,9 +14,7 @@ from pendulum_env.recording import (
     RecordingError,
     Source,
     StudyError,
-    read_recording,
     read_study,
-    study,
     write_recording,
     write_study,
 )
@@ -126,18 +124,6 @@ def test_a_range_needs_samples(bench: Path) -> None:
     (bench / "study.toml").write_text(STUDY.replace("[2, 8]", "[20, 30]"))
     with pytest.raises(RecordingError, match=r"a\.csv: holds no two samples from 20 to 30 s: it lasts 10 s"):
         read_study(bench / "study.toml")
-
-
-def test_a_file_is_read_once_for_all_of_its_ranges(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    ranges = "".join(f'[[recording]]\nfile = "a.csv"\nrange = [{k / 4}, {(k + 1) / 4}]\n' for k in range(40))
-    (bench / "study.toml").write_text(STUDY.partition("[[")[0] + ranges)
-    read = []
-    monkeypatch.setattr(study, "read_recording", lambda file, **_: read.append(file) or read_recording(file, **_))
-    parts = read_study(bench / "study.toml").recordings
-    assert [len(part) for part in parts] == [125] * 40 and len(read) == 1
-    assert all(part.position.base is None or len(part.position.base) == 125 for part in parts)  # the rest is not kept
-    (bench / "a.csv").write_bytes((bench / "b.csv").read_bytes())
-    assert read_study(bench / "study.toml").recordings[0].torque[0] == 2 * parts[0].torque[0]  # it was written anew
 
 
 def test_files_below_the_study_are_named_relative_to_it(tmp_path: Path, swing: Recording) -> None:

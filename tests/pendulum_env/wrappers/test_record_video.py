@@ -22,7 +22,6 @@ def filmed(env: RecordVideo, steps: int) -> list[np.ndarray]:
 @pytest.mark.parametrize(
     ("id", "settings", "seconds"),
     [
-        (PENDULUM, {"rate": 500.0}, 0.2),
         (PENDULUM, {"rate": 120.0}, 0.5),
         (PENDULUM, {"rate": 12.5}, 0.8),
         (ARM, {"rate": 1000.0}, 0.1),

@@ -15,7 +15,6 @@ from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import write_recording
-from tests import robots
 from tests.two_link import recorded
 from tests.workbench.app.plants import drop, reloaded, upload
 from workbench.app.card import Choice
@@ -123,19 +122,6 @@ def test_a_person_says_which_column_is_of_which_joint(session, tmp_path):
 
 def stage_text(session) -> str:
     return str(data.show(session))
-
-
-def test_joints_of_a_study_move_and_others_are_held_where_the_recordings_have_them(session, tmp_path):
-    (tmp_path / "robot.urdf").write_text(robots.urdf(robots.TORSO))
-    robots.write(robots.simulate(robots.TORSO, {"left": 0.01}, seconds=4.0), tmp_path / "run.csv")
-    (tmp_path / "study.toml").write_text('joints = ["torso", "shoulder", "elbow"]\n[[recording]]\nfile = "run.csv"\n')
-    drop(session, *(tmp_path / name for name in ("robot.urdf", "run.csv", "study.toml")))
-    assert session.notice == "" and session.state.body.joints == ("torso", "shoulder", "elbow")
-    assert session.state.body.held["left"] == pytest.approx(0.01, abs=1e-4)
-    assert "Held: left at 0.01 m" in str(data.show(session))
-    assert '["torso", "shoulder", "elbow"]' in file(session.state, "study", "")[1].decode()
-    drop(session, *two_link(tmp_path, 4.0)[:1])
-    assert "what is loaded is not of this robot" in session.notice
 
 
 def test_a_saved_study_and_model_bring_back_the_robot_its_recordings_and_its_terms(session, tmp_path):

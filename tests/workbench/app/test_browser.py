@@ -414,35 +414,6 @@ def test_fields_keep_what_was_typed_and_a_diagnosis_is_undone(tab, folder):
 
 
 @pytest.mark.slow
-def test_a_saved_study_and_model_open_in_another_tab(tab, browser, folder):
-    page = tab.page
-    write_recording(recorded("check", 2, 5.0, rate=250.0), folder / "check.csv")
-    files = [folder / "swing.csv", folder / "check.csv"]
-    for file in files:
-        tab.load(file)
-    page.click(press("check") + "[aria-label='check check']")
-    page.wait_for_selector("[aria-label='check check'][aria-pressed=true]")
-    tab.go("add")
-    tab.choose("Stribeck friction")
-    page.click(press("add-any"))
-    page.wait_for_selector(press("undo"))
-    tab.go("export")
-    saved = {name: tab.save(name).read_bytes() for name in ("study.toml", "model.json")}
-    saved |= {file.name: file.read_bytes() for file in files}
-    other = Tab(browser, tab.address)
-    payloads = [{"name": name, "mimeType": "text/plain", "buffer": content} for name, content in saved.items()]
-    other.choose_files("upload", payloads)
-    other.page.wait_for_selector("[aria-label='check check'][aria-pressed=true]")
-    other.page.wait_for_selector("[aria-label='fit swing'][aria-pressed=true]")
-    assert "model: model.json" in other.page.inner_text(".kicker") and other.page.inner_text("#notice") == ""
-    words = "fitted to, the torque error is"
-    assert number_after(words, other.page.inner_text("#story")) == number_after(words, page.inner_text("#story"))
-    other.go("model")
-    assert "Stribeck friction" in other.page.inner_text(".terms")
-    other.close()
-
-
-@pytest.mark.slow
 def test_a_keyboard_is_enough(tab):
     """The demo, a stage, a region of the residual and a diagnosis, without a mouse."""
     page = tab.page
