@@ -167,9 +167,7 @@ def _predict(model: Model, prepared: RegressionData, found: Sequence[Prediction]
         if all(w.is_clear.any() for w in windows):
             link_states = {id: [each[run]] for id, each in data.link_states.items()}
             dense = _at_every_sample(model, windows, link_states)
-            _write(
-                own, dense.windows, dense.applied_torque(), TorqueRows(dense).equations(model.terms).error(model.theta)
-            )
+            _write(own, dense.windows, dense.applied_torque(), TorqueRows(dense).residual(model.terms, model.theta))
     ends = np.cumsum([len(w.centers) for w in data.windows])[:-1]
     coarse = (np.split(each, ends) for each in (data.applied_torque(), prepared.residual(model.terms, model.theta)))
     for run, w, torque, residual in zip(runs, data.windows, *coarse, strict=True):

@@ -245,7 +245,7 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
     names, fits, number = [column.name for _, column in moved], [], 0
     level = 1 - AGREEMENT.chance / (2 * max(1, sum(len(data.windows) for data in datasets) * len(columns)))
     for data in datasets:
-        near = TorqueRows(data).balance(terms).tangent()
+        near = TorqueRows(data).equations(terms).tangent()
         phi = near.slopes[:, fitted]
         y = near.error + phi @ near.theta[fitted]
         if any(known):

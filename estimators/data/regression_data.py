@@ -104,13 +104,9 @@ class RegressionData:
         count = len(self.layout.clusters)
         return placed(count, [(self.where(term.at), own) for term, own in zip(terms, parts, strict=True)])
 
-    def equations(self, terms: Terms) -> Balance:
-        """Return the rows of some terms, weighted by noise alone."""
-        return self.maker.equations(terms)
-
-    def balance(self, terms: Terms) -> Balance:
-        """Return the rows of some terms as they are fitted: recordings with larger residuals have smaller weights."""
-        return replace(self.maker.equations(terms), weights=self.maker.weights(terms))
+    def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
+        """Return the rows of some terms, weighted as in a fit, or `by_noise` alone."""
+        return self.maker.equations(terms, by_noise)
 
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
         """Fit the linear parameters of some terms; `exactly` continues an iterative fit to convergence."""
@@ -124,11 +120,11 @@ class RegressionData:
         """Return the residual (R,) of some terms at parameters (P,), by default those of their fit."""
         if theta is not None:
             return self.maker.residual(terms, np.asarray(theta))
-        return self.balance(terms).error(self.solve(terms))
+        return self.equations(terms).error(self.solve(terms))
 
     def frame(self, terms: Terms) -> Array:
         """Return an orthonormal basis (R, P) of changes of the weighted residual by the parameters."""
-        balance = self.balance(terms)
+        balance = self.equations(terms)
         return np.linalg.qr(balance.tangent().slopes * balance.weights[:, None])[0]
 
     def absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
@@ -162,7 +158,7 @@ class RegressionData:
 
     def _unexplained_torque(self, terms: Terms, effect: type[Term]) -> tuple[Samples, Array]:
         """Samples at the joint of an effect, and the torque there that a fit of some terms leaves (R,) [N m]."""
-        residual = self.torque.balance(terms).error(self.torque.solve(terms))
+        residual = self.torque.equations(terms).error(self.torque.solve(terms))
         return self.data.part(effect.at).samples, residual[self.data.where(effect.at)]
 
     @memoized
@@ -280,7 +276,7 @@ def _fit(error: float, deviation: float) -> float:
 def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     """Fit the linear parameters of the terms; standard errors include the nonlinear parameters."""
     terms, theta = data.fit(terms, exactly=True)
-    balance = data.balance(terms)
+    balance = data.equations(terms)
     jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
     fit = balance.fit(data.layout.clusters, jacobian if names else None, theta)
     count = len(theta)

@@ -78,11 +78,11 @@ class RowMaker(Protocol):
     def layout(self) -> RowLayout:
         """Joints, blocks and noise of the rows."""
 
-    def equations(self, terms: Terms) -> Balance:
-        """Return the rows of some terms, linearised at their fit if need be."""
+    def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
+        """Return the rows of some terms, linearised at their fit if need be.
 
-    def weights(self, terms: Terms) -> Array:
-        """Return the weight of each row (R,) in a fit of some terms."""
+        Their weights are those of a fit, in which recordings with larger residuals count less, or `by_noise` alone.
+        """
 
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
         """Fit the linear parameters of some terms; `exactly` continues an iterative fit to convergence."""

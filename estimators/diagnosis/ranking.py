@@ -148,7 +148,7 @@ def _gained(evaluator: ModelEvaluator, after: Terms, before: Terms) -> tuple[Gai
 
 def _held_out_rms(evaluator: ModelEvaluator, terms: Terms, at: str) -> float:
     """Return the held-out torque error of the terms fitted to the training data [N m]."""
-    error = evaluator.holdout.equations(terms).error(evaluator.train.solve(terms))
+    error = evaluator.holdout.equations(terms, by_noise=True).error(evaluator.train.solve(terms))
     return error_at(evaluator.holdout.joint_errors(error), at, np.nan)
 
 
@@ -218,7 +218,7 @@ def gate_of_excitation(evaluator: ModelEvaluator, longer: Terms) -> Gate:
     *others, term = longer
     (columns,) = evaluator.train.columns([term])
     own = evaluator.train.place_columns([term], [np.column_stack([columns.linear, columns.fixed])])
-    own = own[:, np.linalg.norm(own, axis=0) > 0] * evaluator.train.balance(others).weights[:, None]
+    own = own[:, np.linalg.norm(own, axis=0) > 0] * evaluator.train.equations(others).weights[:, None]
     rest = outside(evaluator.train.frame(others), own)
     shares = np.linalg.norm(rest, axis=0) / np.linalg.norm(own, axis=0)
     share, least = float(max(shares, default=0.0)), evaluator.criterion.least_excitation

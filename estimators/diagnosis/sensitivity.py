@@ -27,7 +27,7 @@ def smallest(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -> float
     if not len(theta):
         return None
     (columns,) = evaluator.train.columns([term])
-    torque, phi = columns.linear @ theta, evaluator.train.balance(terms).phi
+    torque, phi = columns.linear @ theta, evaluator.train.equations(terms).phi
     left = torque - phi @ np.linalg.lstsq(phi, torque, rcond=1e-10)[0]
     shown = float(np.sqrt(np.mean(left**2)))
     if shown < 1e-9 * float(np.sqrt(np.mean(torque**2))) or shown == 0.0:

@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.data.rows import FittedTerms, ResidualStructure, RowLayout, Terms, Trial
+from estimators.data.rows import FittedTerms, RowLayout, Terms, Trial
 from estimators.in_loop.fit import LOOP, Linear, fit, likeliest, linear, scale_of
 from estimators.in_loop.rollouts import Rollouts
 from estimators.memoize import memoized
@@ -55,17 +55,11 @@ class RolloutRows:
             clusters=self.rollouts.clusters,
             precision={"": self.rollouts.precision},
             blocks=self.rollouts.blocks,
-            noise=self._noise,
-            structure=self._structure,
+            noise=lambda at, inertia: self.rollouts.noise,
+            structure=lambda at, residual, inertia: self.rollouts.structure(residual),
             predicts_torque=False,
             has_fast_fits=False,
         )
-
-    def _noise(self, at: str, inertia: float) -> float:
-        return self.rollouts.noise
-
-    def _structure(self, at: str, residual: Array, inertia: float) -> ResidualStructure:
-        return self.rollouts.structure(residual)
 
     @cached_property
     def data(self) -> RegressionData:
@@ -161,16 +155,12 @@ class RolloutRows:
             values = np.maximum(np.abs(theta), share * typical) if share else theta
             yield Point.within(terms, values)
 
-    def equations(self, terms: Terms) -> Balance:
-        """Return the rows around the fit of some terms, weighted by how large each error is."""
+    def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
+        """Return the rows around the fit of some terms, weighted by the size of each error in any case."""
         near = self.near(terms)
         theta = near.point.theta
         phi = near.slopes[:, : len(theta)]
         return Balance(phi, phi @ theta - near.error, np.zeros_like(phi), *bounds(terms), near.weights)
-
-    def weights(self, terms: Terms) -> Array:
-        """Return the weight of each row (R,)."""
-        return self.near(terms).weights
 
     def residual(self, terms: Terms, theta: Array) -> Array:
         """Return the measured minus the simulated positions (R,) [rad]."""

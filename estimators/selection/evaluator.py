@@ -80,9 +80,9 @@ class ModelEvaluator:
         if any(isinstance(term, ByTime) for term in terms):
             return self.refitted_density(terms)
         of_torque, (first, second) = self._density_of_torque(terms), self._blocks
-        fitted, unseen = (part.equations(terms).recorded for part in self.parts)
+        fitted, unseen = (part.equations(terms, by_noise=True).recorded for part in self.parts)
         if fitted is not None and unseen is not None:
-            known = replace(fitted, weights=self.train.balance(terms).weights)
+            known = replace(fitted, weights=self.train.equations(terms).weights)
             recorded = np.concatenate([cross_validated(known, first), predicted(known.solve(), unseen, second)])
             for lag in (term for term in terms if term.lead):
                 without = tuple(other for other in terms if other is not lag)
@@ -108,8 +108,8 @@ class ModelEvaluator:
                 own.append((part.where(without.at), float(np.mean(np.square(noise))) * without.lead**2))
         return np.concatenate(
             [
-                cross_validated(self.train.balance(terms), first, absorbed[0]),
-                predicted(self.train.solve(terms), self.holdout.equations(terms), second, absorbed[1]),
+                cross_validated(self.train.equations(terms), first, absorbed[0]),
+                predicted(self.train.solve(terms), self.holdout.equations(terms, by_noise=True), second, absorbed[1]),
             ]
         )
 
@@ -122,7 +122,7 @@ class ModelEvaluator:
         parts = []
         for part, pieces in zip(self.parts, self._pieces, strict=True):
             own = with_time_grid(part, terms)
-            parts.append(cross_validated(part.balance(own), pieces, part.absorbed_noise(own)))
+            parts.append(cross_validated(part.equations(own), pieces, part.absorbed_noise(own)))
         return np.concatenate(parts)
 
     def screening_score(self, terms: Terms) -> float:

@@ -103,7 +103,7 @@ class Residuals:
         The right law has the same parameters in all data. A law that imitates another along one motion needs different
         parameters along the next.
         """
-        known, balance = fit_terms(self.train, terms)[1], self.holdout.balance(terms)
+        known, balance = fit_terms(self.train, terms)[1], self.holdout.equations(terms)
         free = np.flatnonzero(np.diag(known.covariance))  # the others are given, or at their bounds
         slopes = balance.slopes(known.theta, self.holdout.maker.nonlinear_jacobian(terms, known.theta)[0])[:, free]
         error, weights = balance.error(known.theta), balance.weights
@@ -122,7 +122,7 @@ class Residuals:
             if any(isinstance(term, ByTime) for term in terms):
                 residual = part.residual(with_time_grid(part, terms))
             else:
-                residual = part.equations(terms).error(self.train.solve(terms))
+                residual = part.equations(terms, by_noise=True).error(self.train.solve(terms))
             structures, powers = self._structures_in(part, residual), {}
             for at in self.joints:
                 absorbed = part.absorbed_noise([term for term in terms if term.at == at])

@@ -13,7 +13,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from estimators.data.rows import FittedTerms, ResidualStructure, RowLayout, Terms, Trial
+from estimators.data.rows import FittedTerms, RowLayout, Terms, Trial
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, Tangent, condensed, placed, unbent
 from estimators.regression.least_squares import quietest_most
@@ -59,14 +59,14 @@ class TorqueRows:
         """Joints, blocks and noise of the rows."""
         data = self.data
         precision = {at: data.part(at).precision() for at in data.joints}
-        joints = {at: data.where(at) for at in data.joints}
-        return RowLayout(joints, data.clusters, precision, data.blocks, self._noise, self._structure)
-
-    def _noise(self, at: str, inertia: float) -> float:
-        return self.data.part(at).noise(inertia)
-
-    def _structure(self, at: str, residual: Array, inertia: float) -> ResidualStructure:
-        return self.data.part(at).structure(residual, inertia)
+        return RowLayout(
+            joints={at: data.where(at) for at in data.joints},
+            clusters=data.clusters,
+            precision=precision,
+            blocks=data.blocks,
+            noise=lambda at, inertia: data.part(at).noise(inertia),
+            structure=lambda at, residual, inertia: data.part(at).structure(residual, inertia),
+        )
 
     @cached_property
     def _torque(self) -> Array:
@@ -139,18 +139,15 @@ class TorqueRows:
         """Time derivatives of the linear columns of a term (R, P), on the rows of its joint."""
         return self.data.rates(term)
 
-    def equations(self, terms: Terms) -> Balance:
-        """Return the rows of some terms, weighted by noise alone; those of the last sets are memoised."""
+    def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
+        """Return the rows of some terms, weighted as in a fit, or `by_noise` alone; the last sets are memoised."""
         key = tuple(terms)
         if key not in self._recent:
             if len(self._recent) >= RECENT:
                 self._recent.pop(next(iter(self._recent)))
             self._recent[key] = self.assemble(terms, self.columns_of_each(terms), self.data.weights)
-        return self._recent[key]
-
-    def balance(self, terms: Terms) -> Balance:
-        """Return the rows of some terms, with smaller weights for recordings with larger residuals."""
-        return replace(self.equations(terms), weights=self.weights(terms))
+        found = self._recent[key]
+        return found if by_noise else replace(found, weights=self.weights(terms))
 
     def columns_of_each(self, terms: Terms) -> list[Columns]:
         """Return the columns of each of some terms."""
@@ -180,7 +177,7 @@ class TorqueRows:
         if not terms or any(term.lead for term in terms):  # there is nothing to begin with, or that is seen twice
             shared, w = self.columns_of_each(terms), self.weights(terms)
             return lambda variant, own: self.assemble((*terms, variant), [*shared, own], w)
-        first, perturbations = self.balance(terms), self.perturbations
+        first, perturbations = self.equations(terms), self.perturbations
         elsewhere = np.ones(len(perturbations), dtype=bool)
         elsewhere[here] = False
         if elsewhere.any() and unbent(first)[elsewhere].all():
@@ -198,14 +195,14 @@ class TorqueRows:
     @memoized
     def _weight_of_each(self, terms: Terms) -> Array:
         """Weight of each recording (E,)."""
-        balance, owner = self.equations(terms), self.data.recording_of_window
+        balance, owner = self.equations(terms, by_noise=True), self.data.recording_of_window
         squares = np.bincount(owner, balance.error(balance.solve()) ** 2).astype(float)
         return quietest_most(squares, np.bincount(owner), self.data.least())
 
     @memoized
     def solve(self, terms: Terms) -> Array:
         """Fit the linear parameters (P,) of the terms to all windows."""
-        return self.balance(terms).solve()
+        return self.equations(terms).solve()
 
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
         """Fit the linear parameters of some terms, always to convergence; a search sets nonlinear parameters."""
@@ -213,12 +210,12 @@ class TorqueRows:
 
     def residual(self, terms: Terms, theta: Array) -> Array:
         """Return the measured minus the predicted torque (R,) at some parameters [N m]."""
-        return self.equations(terms).error(theta)
+        return self.equations(terms, by_noise=True).error(theta)
 
     @memoized
     def tangent(self, terms: Terms) -> Tangent:
         """Return the errors near the fit of the terms, to first order."""
-        return self.balance(terms).tangent()
+        return self.equations(terms).tangent()
 
     @memoized
     def _frame(self, terms: Terms) -> Array:

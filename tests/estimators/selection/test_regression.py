@@ -75,7 +75,7 @@ def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(regress
     """Of a model whose motion takes no torque, all that was recorded is left, whatever becomes of it on the way."""
     recorded = regression.data.torque()
     for term in grid(LAWS[id], regression.data.samples, recorded):
-        balance = regression.balance((*BASE, term))
+        balance = regression.equations((*BASE, term))
         theta = np.where(balance.of_torque, np.minimum(balance.most, share), 0.0)
         left = np.linalg.norm(unpredicted(balance, theta))
         assert left > 0.9 * np.linalg.norm(recorded), term  # all but what the least slope of an equation hides
@@ -85,7 +85,7 @@ def test_a_bent_torque_is_solved_for_what_was_recorded(regression: TorqueRows):
     """Half of a limit is the torque of artanh 1/2: as much of it as the law takes has been recorded, not less."""
     limit = 2.0 * float(np.abs(regression.data.torque()).max())
     term = effects()["torque_saturation"](limit)
-    balance = regression.balance((*BASE, term))
+    balance = regression.equations((*BASE, term))
     theta = regression.solve(BASE)
     need = regression.data.equations(BASE).phi @ theta
     exact = regression.data.torque() - limit * np.arctanh(need / limit)
@@ -95,7 +95,7 @@ def test_a_bent_torque_is_solved_for_what_was_recorded(regression: TorqueRows):
 def test_torque_behind_a_lag_is_predicted_with_its_lead(regression: TorqueRows):
     """(1 + T d/dt) of a torque that is a function of the motion, here of gravity alone."""
     term = effects()["actuator_lag"](0.03)
-    balance = regression.balance((*BASE, term))
+    balance = regression.equations((*BASE, term))
     theta = np.array([0.0, 2.0, 0.0, 0.0])
     (w,) = regression.data.windows
     rate = np.cos(w.samples.position) * w.samples.velocity
@@ -109,7 +109,7 @@ def test_a_lag_of_a_torque_that_is_none_leaves_what_the_joint_needs(regression: 
     free = Recording("free", w.recording.time, w.recording.position, np.zeros(len(w.recording)))
     own = TorqueRows(prepare([free]))
     theta = np.array([0.09, 2.0, 0.36, 0.9])
-    lagging, plain = (own.balance(terms).error(theta) for terms in ((*BASE, effects()["actuator_lag"](0.03)), BASE))
+    lagging, plain = (own.equations(terms).error(theta) for terms in ((*BASE, effects()["actuator_lag"](0.03)), BASE))
     np.testing.assert_allclose(lagging, plain, rtol=1e-9)
 
 
