@@ -22,7 +22,7 @@ from estimators.regression.equations import IdentificationError
 from estimators.selection.errors import Errors, of_one
 from estimators.signals.residual import Profile, Region, everywhere, profiles
 from estimators.simulation.free_running import growth, select
-from estimators.weak_form.dataset import dataset
+from estimators.weak_form.torque_windows import join_windows
 from pendulum_env._typing import JSON, Array
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
@@ -169,7 +169,7 @@ def distance(name: str, prepared: RegressionData, model: Model) -> Distance:
 
 def joined(parts: Sequence[RegressionData]) -> RegressionData:
     """Prepared data of several recordings, with what link states of each."""
-    data = dataset([window for part in parts for window in part.data.windows])
+    data = join_windows([window for part in parts for window in part.data.windows])
     link_states = {id: [x for part in parts for x in part.data.link_states[id]] for id in parts[0].data.link_states}
     return RegressionData(
         replace(data, link_states=link_states), tuple(segment for part in parts for segment in part.segments)

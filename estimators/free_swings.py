@@ -15,8 +15,8 @@ import numpy as np
 
 from estimators.regression.equations import IdentificationError
 from estimators.weak_form.columns import depends_on_torque
-from estimators.weak_form.dataset import prepare
 from estimators.weak_form.torque_rows import TorqueRows
+from estimators.weak_form.torque_windows import prepare
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import limited_term

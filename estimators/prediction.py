@@ -17,8 +17,8 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.regression.equations import IdentificationError
 from estimators.simulation.free_running import Segments, follow
 from estimators.weak_form import links
-from estimators.weak_form.dataset import Dataset, dataset
 from estimators.weak_form.torque_rows import TorqueRows
+from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.joints import Coupling, Links
@@ -182,12 +182,14 @@ def _predict(model: Model, prepared: RegressionData, found: Sequence[Prediction]
         _simulate(model, segments, own.simulated_position)
 
 
-def _at_every_sample(model: Model, windows: Sequence[Windows], link_states: Mapping[str, Sequence[Samples]]) -> Dataset:
+def _at_every_sample(
+    model: Model, windows: Sequence[Windows], link_states: Mapping[str, Sequence[Samples]]
+) -> TorqueWindows:
     """Equations of one recording about every sample that is clear of stick."""
     first = model.terms[0]
     if isinstance(first, Links):
         return links.at_every_sample(windows, first, [type(term) for term in model.terms if isinstance(term, Coupling)])
-    return replace(dataset([w.at_every_sample() for w in windows]), link_states=link_states)
+    return replace(join_windows([w.at_every_sample() for w in windows]), link_states=link_states)
 
 
 def _by_joint(values: Array) -> Array:

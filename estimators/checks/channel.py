@@ -24,15 +24,15 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
-from estimators.regression.balance import Balance, placed
+from estimators.regression.balance import Balance, place_columns
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import outside
 from estimators.selection.score import BLOCK, Blocks, cross_validated
 from estimators.signals.channel import Channel
 from estimators.signals.motion import load_in_newton_metres
-from estimators.weak_form.dataset import Dataset, prepare, smooth_laws
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.torque_rows import TorqueRows
+from estimators.weak_form.torque_windows import TorqueWindows, prepare, smooth_laws
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arguments import check_order
@@ -71,7 +71,7 @@ class ChannelFits:
         torques: weighted torque (R,) that acts in the windows by law of the channel, as far as they were asked for.
     """
 
-    data: Dataset
+    data: TorqueWindows
     rows: Index
     phi: Array
     by_torque: Array
@@ -97,12 +97,12 @@ class ChannelFits:
         beside = [term for term in beside if not term.fixed]
         of_torque = [term for term in beside if any(column.of_torque for column in term.columns)]
         known = [(data.where(term.at), data.columns([term])[0][0]) for term in beside if term not in of_torque]
-        load, *friction = (data.rows.column(column, data.rows.samples) for column in (LOAD, OWN, HUNG))
+        load, *friction = (data.averages.column(column, data.averages.samples) for column in (LOAD, OWN, HUNG))
         carried, gain = (load, []) if recordings[0].torque_unit == NEWTON_METRE else (0.0 * load, [load])
         has_several = len({r.load for r in recordings}) > 1
         has_several |= any(r.has_varying_load for r in recordings) and not is_brake(data)
         pressed = [] if is_arm else friction if has_several else friction[:1]
-        phi = np.column_stack([*gain, *pressed, placed(len(load), [*laws, *known])])
+        phi = np.column_stack([*gain, *pressed, place_columns(len(load), [*laws, *known])])
         if len(rows) < SEARCH.fewest_equations * phi.shape[1]:
             return None
         block, _, of_block = data.blocks(BLOCK)
@@ -132,11 +132,13 @@ class ChannelFits:
             windows.append(w.under(w.recording.torque, acting))
         moved = replace(self.data, windows=tuple(windows))
         parts = [(moved.where(term.at), moved.columns([term])[0][0]) for term in terms]
-        return placed(len(self.data.weights), parts)[self.rows]
+        return place_columns(len(self.data.weights), parts)[self.rows]
 
     def rubbing(self) -> Self:
         """The same with friction that is pressed by the motor."""
-        parts = [self.data.rows.column(column, self.data.rows.samples)[self.rows, None] for column in (MOTOR, SENSE)]
+        parts = [
+            self.data.averages.column(column, self.data.averages.samples)[self.rows, None] for column in (MOTOR, SENSE)
+        ]
         return self.beside(*parts)
 
     def under_its_own(self, columns: Callable[[Array], Array]) -> Self:
@@ -298,12 +300,12 @@ class ChannelFits:
         return [np.unique(clusters[self.rows], return_inverse=True)[1] for clusters in several]
 
 
-def is_brake(data: Dataset) -> bool:
+def is_brake(data: TorqueWindows) -> bool:
     """Return whether the load torque opposes the motion nearly always, as friction that is pressed by it does."""
     return driven_share(data, -np.asarray(data.samples.load.torque)) > DRIVEN
 
 
-def driven_share(data: Dataset, torque: Array) -> float:
+def driven_share(data: TorqueWindows, torque: Array) -> float:
     """Share of the samples in which a torque (N,) or () has the direction of the motion."""
     return float(np.mean(torque * data.samples.velocity > 0))
 
@@ -367,14 +369,14 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
     return alone if any(one.is_found for one in alone) else [joint] * len(each)
 
 
-def _under_loads(recordings: Sequence[Recording]) -> Dataset:
+def _under_loads(recordings: Sequence[Recording]) -> TorqueWindows:
     """Windows of a pendulum, each with its known load."""
     data = prepare(recordings)
     hung = zip(data.windows, map(load_in_newton_metres, recordings), strict=True)
     return replace(data, windows=tuple(replace(w, samples=replace(w.samples, load=load)) for w, load in hung))
 
 
-def _of_arm(recordings: Sequence[Recording], terms: Sequence[Term]) -> Dataset:
+def _of_arm(recordings: Sequence[Recording], terms: Sequence[Term]) -> TorqueWindows:
     """Windows of all joints of an arm, each of which counts by what its links and friction leave of it."""
     links = terms[0]
     assert isinstance(links, Links)
@@ -382,7 +384,7 @@ def _of_arm(recordings: Sequence[Recording], terms: Sequence[Term]) -> Dataset:
     return replace(data, weights=TorqueRows(data).weights(arm_base(links.body)))
 
 
-def _smooth_laws(data: Dataset) -> tuple[Term, ...]:
+def _smooth_laws(data: TorqueWindows) -> tuple[Term, ...]:
     """Terms that follow nearly any physics of one joint."""
     fast = float(np.percentile(np.abs(data.samples.velocity), 95))
     return (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in SEARCH.friction))

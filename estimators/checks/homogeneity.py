@@ -19,8 +19,8 @@ from scipy.special import stdtrit
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import information, solve
-from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.torque_rows import TorqueRows
+from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Column, Model, Term
 from pendulum_env.recording.record import NEWTON_METRE
@@ -228,7 +228,7 @@ def misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
     )
 
 
-def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
+def own_fits(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[Own]:
     """Fits of parameters to each recording of some windowed equations alone, where it excites enough to allow one.
 
     Not compared is what changes with time, of which each recording has a course of its own, nor what hangs behind a

@@ -9,7 +9,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import solve
 from estimators.selection.physical import driving_friction, is_significantly_negative, significant_sign
-from estimators.weak_form.dataset import Dataset, prepare
+from estimators.weak_form.torque_windows import TorqueWindows, prepare
 from pendulum_env.physics import BASE, Column, Model, Term
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording
@@ -74,7 +74,7 @@ def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Finding
     return []
 
 
-def far_zero(data: Dataset, terms: Sequence[Term], recordings: Sequence[Recording]) -> list[Finding]:
+def far_zero(data: TorqueWindows, terms: Sequence[Term], recordings: Sequence[Recording]) -> list[Finding]:
     """Find a zero that is off, by a fit with gravity about another zero that leaves much less of the residual.
 
     Under torque, an angle of more than `FAR` is asked for: a constant torque imitates a smaller one.
@@ -104,7 +104,7 @@ def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> boo
         return False
     base = {term.id for term in BASE}  # an effect that was added may imitate twice the load
     equations = data.equations([term for term in model.terms if term.id in base])
-    phi = np.column_stack([equations.phi, data.rows.column(LOAD_TORQUE, data.rows.samples)])
+    phi = np.column_stack([equations.phi, data.averages.column(LOAD_TORQUE, data.averages.samples)])
     found = solve(Equations(phi, equations.y), data.weights, data.blocks(TURNED_BLOCK)[0])
     excess = -1.0 - float(found.theta[-1])  # share of the load beyond the other columns that is no noise
     return found.condition < DEPENDENT and excess > max(TURNED_SHARE, TURNED_ERRORS * float(found.std[-1]))

@@ -22,7 +22,7 @@ from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import as_read
 from estimators.regression.equations import IdentificationError
-from estimators.weak_form.dataset import Dataset
+from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env.physics import Estimate, Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
@@ -46,7 +46,7 @@ def unit_of(recordings: Sequence[Recording]) -> str:
     return units[0]
 
 
-def told(model: Model, data: Dataset, fit: Callable[[Dataset], Model] | None = None) -> Model:
+def told(model: Model, data: TorqueWindows, fit: Callable[[TorqueWindows], Model] | None = None) -> Model:
     """A model that was fitted to data, in the unit of their torque, with the torque constant and what it errs by.
 
     Args:
@@ -115,7 +115,7 @@ def unknown_constant(kind: Kind, unit: str, **numbers: Quantity) -> Finding:
     return Finding(kind, {"torque_constant": Quantity(np.nan, unit=f"{NEWTON_METRE}/{unit}")} | numbers)
 
 
-def of_the_drive(model: Model, constant: TorqueConstant, data: Dataset) -> list[Finding]:
+def of_the_drive(model: Model, constant: TorqueConstant, data: TorqueWindows) -> list[Finding]:
     """Find what a torque constant leaves open.
 
     Args:

@@ -21,7 +21,7 @@ from estimators.findings import Finding, Kind
 from estimators.free_swings import fitted_inertia, known_values, scale_swings, swing
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
-from estimators.weak_form.dataset import choose_half_width, prepare
+from estimators.weak_form.torque_windows import choose_half_width, prepare
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.physics import Term

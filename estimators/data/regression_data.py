@@ -10,16 +10,16 @@ import numpy as np
 
 from estimators.data.rows import FittedTerms, RowLayout, RowMaker, Terms, Trial
 from estimators.memoize import memoized
-from estimators.regression.balance import Balance, Columns, placed
+from estimators.regression.balance import Balance, Columns, place_columns
 from estimators.regression.least_squares import Fit
 from estimators.search_hints import grid, hints_of, n_tried
 from estimators.selection.errors import Errors
 from estimators.signals.residual import SYMBOLS, Region, stand_out
 from estimators.simulation.free_running import Segments, choose_segments, deviation, position_rms
 from estimators.simulation.multiple_shooting import hidden_state, watch
-from estimators.weak_form.dataset import Dataset, prepare
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.torque_rows import TorqueRows
+from estimators.weak_form.torque_windows import TorqueWindows, prepare
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import Coupling, Links, arm_base, body_of
@@ -46,7 +46,7 @@ class RegressionData:
         rollouts: maker of rows from rollouts; by default the rows are of torque.
     """
 
-    data: Dataset
+    data: TorqueWindows
     segments: tuple[Segments, ...] = ()
     base: tuple[Term, ...] = BASE
     rollouts: RowMaker | None = None
@@ -102,7 +102,7 @@ class RegressionData:
     def place_columns(self, terms: Terms, parts: Sequence[Array]) -> Array:
         """Return the columns of some terms side by side (R, P), each on the rows of its joint."""
         count = len(self.layout.clusters)
-        return placed(count, [(self.where(term.at), own) for term, own in zip(terms, parts, strict=True)])
+        return place_columns(count, [(self.where(term.at), own) for term, own in zip(terms, parts, strict=True)])
 
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
         """Return the rows of some terms, weighted as in a fit, or `by_noise` alone."""
@@ -308,7 +308,7 @@ def base_inertia(rows: TorqueRows) -> float:
 def with_impacts(
     data: tuple[RegressionData, RegressionData], terms: Terms, repeated: int = REPEATED
 ) -> tuple[RegressionData, RegressionData]:
-    """Return training and held-out data with impacts at reversals, see `Dataset.with_impacts`.
+    """Return training and held-out data with impacts at reversals, see `TorqueWindows.with_impacts`.
 
     Data with fewer impacts than `repeated` stay as they are, since a single one may be an accident, and so do data for
     a model with a link, which has impacts of its own.

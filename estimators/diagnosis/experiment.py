@@ -26,7 +26,7 @@ from estimators.schemes.six import give
 from estimators.selection.candidates import best_variant
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.signals.residual import Region, turns
-from estimators.weak_form.dataset import Dataset, dataset
+from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.excitation import Excitation, family
@@ -117,7 +117,7 @@ class Question:
     terms: tuple[Term, ...]
     torque: tuple[Term, Array] | None = None
 
-    def unexplained(self, data: Dataset, equations: Equations) -> float:
+    def unexplained(self, data: TorqueWindows, equations: Equations) -> float:
         """RMS torque of a simulated experiment that the rival model, with its equations, cannot explain [N m]."""
         known = known_values(self.terms)
         given = [k for k, name in enumerate(c.name for term in self.terms for c in term.columns) if name in known]
@@ -270,9 +270,9 @@ class Run:
         return self.reach[1] - self.reach[0]
 
     @cached_property
-    def data(self) -> Dataset:
+    def data(self) -> TorqueWindows:
         """The motion as windowed equations."""
-        return dataset([cut(self.recording, self.half_width)])
+        return join_windows([cut(self.recording, self.half_width)])
 
     def suggestion(self, settled: tuple[Aim, ...]) -> Suggestion:
         """The experiment, with what to expect of it."""

@@ -187,7 +187,7 @@ class RolloutRows:
         for variant, own in zip(variants, self._columns(variants, near.point), strict=True):
             least, most = bounds([variant])
             unbounded = np.full(free, np.inf)
-            balance = Balance.of(-near.error, near.weights).beside(
+            balance = Balance.of(-near.error, near.weights).with_columns(
                 [others, (slice(None), own)], np.append(-unbounded, least), np.append(unbounded, most)
             )
             step = balance.solve()

@@ -32,15 +32,15 @@ class Columns(NamedTuple):
         linear: (R, P).
         fixed: sum of the columns without a parameter (R,) [N m].
         slope: of the linear ones (R, P) [1/(N m)], zero but for effects that depend on the torque.
-        taken: what more the fixed ones are under each push of the torque (R, J), where they depend on it at once.
-        passed: share of the torque that they leave, if they depend on what it was before.
+        fixed_change: of the fixed ones under each perturbation of the torque (R, J), if they depend on it at once.
+        torque_share: share of the torque that they leave, if they depend on what it was before.
     """
 
     linear: Array
     fixed: Array
     slope: Array
-    taken: Array | None = None
-    passed: float = 1.0
+    fixed_change: Array | None = None
+    torque_share: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -49,25 +49,24 @@ class Balance:
     with the load.
 
     Least squares would then explain torque by torque rather than by motion. What counts is the error of the torque that
-    a model predicts from the motion: of the push of the recorded torque under which an equation would hold,
+    a model predicts from the motion: of the perturbation p of the recorded torque under which an equation would hold,
 
-        y + response(push) = (phi + push by_torque) theta,
+        y + response(p) = (phi + p by_torque) theta,
 
-    exactly, however bent the response is. Where hardly any push makes up for what is missing, as beyond a saturation,
-    the model is hardly possible, and the error is as large.
+    exactly, for a nonlinear response as well. Beyond a saturation no perturbation suffices, and the error is large.
 
     Attributes:
         phi: regressor (R, P).
         y: left-hand side (R,) [N m].
         by_torque: slopes of the regressor by the torque (R, P) [1/(N m)].
         response: by which the left-hand side grows when the torque does, (R, J); the torque itself if not given.
-        pushes: of the torque in each equation (R, J) [N m], growing, zero in their middle.
+        perturbations: of the torque in each equation (R, J) [N m], increasing, zero in their middle.
         least, most: bounds of the parameters (P,); one that would leave them stays at the bound.
         weights: of the equations in a fit (R,).
-        passed: share of the torque that laws with memory leave, or that in each equation (R,); what takes torque away
-            explains none of it.
-        recorded: the same equations solved for what was recorded, where torque acts through a filter: one that only
-            takes torque away explains nothing of it.
+        torque_share: share of the torque that laws with memory leave, of each equation (R,) or of all; a law that only
+            removes torque explains none of it.
+        unfiltered: the same equations solved for the recorded torque, where torque acts through a filter; a filter that
+            only removes torque explains none of it.
     """
 
     phi: Array
@@ -77,12 +76,12 @@ class Balance:
     most: Array
     weights: Array
     response: Array | None = None
-    pushes: Array | None = None
-    passed: float | Array = 1.0
-    recorded: Balance | None = None
+    perturbations: Array | None = None
+    torque_share: float | Array = 1.0
+    unfiltered: Balance | None = None
 
     def __getitem__(self, rows: Mask) -> Balance:
-        names = "phi", "y", "by_torque", "weights", "response", "pushes", "passed", "recorded"
+        names = "phi", "y", "by_torque", "weights", "response", "perturbations", "torque_share", "unfiltered"
         parts = ((name, getattr(self, name)) for name in names)
         chosen: dict[str, Any] = {name: part[rows] for name, part in parts if isinstance(part, np.ndarray | Balance)}
         return replace(self, **chosen)
@@ -98,15 +97,15 @@ class Balance:
         """
         slope = 1.0 - theta @ self.by_torque.T if self.of_torque.any() else np.ones((len(theta), len(self.y)))
         if self.response is not None:
-            bends = self._bends[1]
+            bends = self._response_slopes[1]
             middle = bends.shape[1] // 2
             slope = slope - 1.0 + 0.5 * (bends[:, middle - 1] + bends[:, middle])
-        return self.y - theta @ self.phi.T, np.maximum(slope * self.passed, SOLVER.tiny)
+        return self.y - theta @ self.phi.T, np.maximum(slope * self.torque_share, SOLVER.tiny)
 
     @property
     def reach(self) -> Array:
         """Largest error of the predicted torque that is told from a larger one, of each equation (R,) [N m]."""
-        return np.full(len(self.y), np.inf) if self.pushes is None else 0.5 * self.pushes[:, -1]
+        return np.full(len(self.y), np.inf) if self.perturbations is None else 0.5 * self.perturbations[:, -1]
 
     @cached_property
     def of_torque(self) -> Mask:
@@ -119,38 +118,38 @@ class Balance:
         return self.response is None and not self.of_torque.any()
 
     @cached_property
-    def _bends(self) -> tuple[Array, Array]:
-        """From each push to the next (R, J - 1): by how much it is larger, and by what factor the response is."""
-        assert self.pushes is not None and self.response is not None
-        steps = np.diff(self.pushes, axis=1)
+    def _response_slopes(self) -> tuple[Array, Array]:
+        """Steps of the perturbations, and slopes of the response over each step, (R, J - 1) each."""
+        assert self.perturbations is not None and self.response is not None
+        steps = np.diff(self.perturbations, axis=1)
         return steps, np.diff(self.response, axis=1) / steps
 
     def _error(self, theta: Array) -> tuple[Array, Array]:
         """Errors (R,) and the slopes of the equations by the torque (R,) there."""
-        left = (self.y - self.phi @ theta) / self.passed
+        left = (self.y - self.phi @ theta) / self.torque_share
         if self.is_linear:
             return left, np.ones(len(left))
-        taken = self.by_torque @ theta
-        if self.response is None or self.pushes is None:
-            slope = np.maximum(1.0 - taken, LEAST_SLOPE)
+        response_slope = self.by_torque @ theta
+        if self.response is None or self.perturbations is None:
+            slope = np.maximum(1.0 - response_slope, LEAST_SLOPE)
             return left / slope, slope
-        steps, bends = self._bends
-        slopes = np.maximum(bends - taken[:, None], LEAST_SLOPE)  # (R, J - 1)
-        balance = np.cumsum(np.column_stack([left, slopes * steps]), axis=1)  # at each push (R, J)
+        steps, bends = self._response_slopes
+        slopes = np.maximum(bends - response_slope[:, None], LEAST_SLOPE)  # (R, J - 1)
+        balance = np.cumsum(np.column_stack([left, slopes * steps]), axis=1)  # at each perturbation (R, J)
         balance += (left - balance[:, steps.shape[1] // 2])[:, None]
         rows, place = np.arange(len(left)), np.clip(np.sum(balance < 0, axis=1) - 1, 0, steps.shape[1] - 1)
         slope = slopes[rows, place]
-        return balance[rows, place] / slope - self.pushes[rows, place], slope
+        return balance[rows, place] / slope - self.perturbations[rows, place], slope
 
     def solve(self, start: Array | None = None) -> Array:
         """Parameters (P,) of least squared error within the bounds, looked for from those of torque (P,) near them."""
         free = np.ones(self.phi.shape[1], dtype=bool)
         theta = np.zeros(len(free)) if start is None else start * self.of_torque
-        return within_bounds(_smaller(self)._solve, theta, free, self.least, self.most)[0]
+        return within_bounds(_without_linear_rows(self)._solve, theta, free, self.least, self.most)[0]
 
     def least_squared(self) -> float:
         """Squared weighted error of the solution."""
-        small = _smaller(self)
+        small = _without_linear_rows(self)
         return float(np.sum((small.weights * small.error(small.solve())) ** 2))
 
     @classmethod
@@ -158,26 +157,29 @@ class Balance:
         """Equations of a left-hand side (R,) that no term explains yet, with weights (R,)."""
         return cls(np.empty((len(y), 0)), y, np.empty((len(y), 0)), np.empty(0), np.empty(0), weights)
 
-    def beside(
-        self, parts: Sequence[tuple[slice, Columns]], least: Array, most: Array, pushes: Array | None = None
+    def with_columns(
+        self, parts: Sequence[tuple[slice, Columns]], least: Array, most: Array, perturbations: Array | None = None
     ) -> Balance:
-        """The equations with the columns of more terms, each on some of them.
+        """Return the equations with the columns of more terms, each on some of them.
 
-        Their parameters have the bounds `least` and `most`; `pushes` are of the torque (R, J), where a law is bent.
+        Args:
+            parts: rows and columns of each term.
+            least, most: bounds of their parameters.
+            perturbations: of the torque (R, J), for nonlinear laws of it.
         """
         count = len(self.y)
-        y, passed = self.y.copy(), np.broadcast_to(self.passed, count).copy()
-        response, known = self.response, self.pushes
+        y, torque_share = self.y.copy(), np.broadcast_to(self.torque_share, count).copy()
+        response, known = self.response, self.perturbations
         for here, own in parts:
             y[here] -= own.fixed
-            passed[here] *= own.passed
-            if own.taken is not None and pushes is not None:
-                response, known = (pushes if response is None else response).copy(), pushes
-                response[here] -= own.taken
-        linear = placed(count, [(here, own.linear) for here, own in parts])
+            torque_share[here] *= own.torque_share
+            if own.fixed_change is not None and perturbations is not None:
+                response, known = (perturbations if response is None else response).copy(), perturbations
+                response[here] -= own.fixed_change
+        linear = place_columns(count, [(here, own.linear) for here, own in parts])
         slopes = np.zeros(linear.shape)
         if any(own.slope.any() for _, own in parts):
-            slopes = placed(count, [(here, own.slope) for here, own in parts])
+            slopes = place_columns(count, [(here, own.slope) for here, own in parts])
         if self.phi.shape[1]:
             linear, slopes = np.column_stack([self.phi, linear]), np.column_stack([self.by_torque, slopes])
         return replace(
@@ -188,9 +190,9 @@ class Balance:
             least=np.append(self.least, least),
             most=np.append(self.most, most),
             response=response,
-            pushes=known,
-            passed=1.0 if (passed == 1.0).all() else passed,
-            recorded=None,
+            perturbations=known,
+            torque_share=1.0 if (torque_share == 1.0).all() else torque_share,
+            unfiltered=None,
         )
 
     def solve_without(self, fold: Index, count: int) -> Array:
@@ -208,16 +210,13 @@ class Balance:
             if step is not None:
                 found[k] = near.theta + step
                 left = np.append(1.0, -step)
-                if self.is_linear or self._is_as_foreseen(found[k], fold != k, float(left @ gram @ left)):
+                if self.is_linear or self._fits_tangent(found[k], fold != k, float(left @ gram @ left)):
                     continue
             found[k] = self[fold != k].solve(near.theta)
         return found
 
-    def _is_as_foreseen(self, theta: Array, rows: Mask, square: float) -> bool:
-        """Whether parameters (P,) leave as little of some equations as a linear model of them foresaw.
-
-        By so much less likely they are than those of the fit, or less.
-        """
+    def _fits_tangent(self, theta: Array, rows: Mask, square: float) -> bool:
+        """Return whether the squared error of some equations at parameters (P,) is about that of the tangent."""
         left = float(np.sum((self.weights * self.error(theta))[rows] ** 2))
         return bool(np.count_nonzero(rows) * (left - square) < 2 * SOLVER.unlikelier * max(square, 1e-300))
 
@@ -249,24 +248,24 @@ class Balance:
     def _linear(self, theta: Array, jacobian: Array | None = None) -> tuple[Array, Array]:
         """Errors (R,) and these derivatives."""
         error, slope = self._error(theta)
-        passed = np.broadcast_to(self.passed, slope.shape)[:, None]
+        torque_share = np.broadcast_to(self.torque_share, slope.shape)[:, None]
         if self.is_linear and jacobian is None:
-            return error, self.phi / passed
-        own = self.phi / passed - error[:, None] * self.by_torque
-        whole = own if jacobian is None else np.column_stack([own, jacobian / passed])
+            return error, self.phi / torque_share
+        own = self.phi / torque_share - error[:, None] * self.by_torque
+        whole = own if jacobian is None else np.column_stack([own, jacobian / torque_share])
         return error, whole / slope[:, None]
 
     def tangent(self) -> Tangent:
         """The errors, linear around the fit; exactly so where they are linear, and then around zero."""
         theta = np.zeros(self.phi.shape[1]) if self.is_linear else self.solve()
         error, slope = self._error(theta)
-        return Tangent(theta, error, self.slopes(theta), 1.0 / (slope * self.passed))
+        return Tangent(theta, error, self.slopes(theta), 1.0 / (slope * self.torque_share))
 
     def _solve(self, theta: Array, free: Mask) -> Array:
         """The parameters with the free ones moved to where the squared error is least (Gauss-Newton)."""
         plain, w = free & ~self.of_torque, self.weights
         theta = np.where(plain, 0.0, theta)
-        slope = np.maximum(1.0 - self.by_torque @ theta, LEAST_SLOPE) * self.passed
+        slope = np.maximum(1.0 - self.by_torque @ theta, LEAST_SLOPE) * self.torque_share
         known = (self.y - self.phi @ theta) * w / slope
         theta[plain] = least_squares(self.phi[:, plain] * (w / slope)[:, None], known)
         if self.is_linear or not free.any():
@@ -290,39 +289,39 @@ class Balance:
         return gauss_newton(theta, near, best, Rule(SOLVER.turns, of_cost=SOLVER.enough))
 
 
-def unbent(balance: Balance) -> Mask:
-    """Equations that torque does not bend (R,), as of other joints than the one where it does."""
+def find_linear_rows(balance: Balance) -> Mask:
+    """Find the equations without a law of the torque (R,), such as those of other joints."""
     plain = ~balance.by_torque.any(axis=1)
-    if balance.pushes is not None:
-        plain &= np.abs(balance._bends[1] - 1.0).max(axis=1) < SOLVER.unbent
+    if balance.perturbations is not None:
+        plain &= np.abs(balance._response_slopes[1] - 1.0).max(axis=1) < SOLVER.linear_response
     return np.asarray(plain)
 
 
-def condensed(balance: Balance, plain: Mask) -> Balance:
-    """Fewer equations with the same solutions, those that are kept first.
+def condense(balance: Balance, plain: Mask) -> Balance:
+    """Return fewer equations with the same solutions, those that are kept first.
 
-    Equations that no torque bends, `plain` (R,), are as good as the triangle of their QR decomposition.
+    Equations without a law of the torque, `plain` (R,), are equivalent to the triangle of their QR decomposition.
     """
-    rows = np.column_stack([balance.phi, balance.y])[plain] * (balance.weights / balance.passed)[plain, None]
+    rows = np.column_stack([balance.phi, balance.y])[plain] * (balance.weights / balance.torque_share)[plain, None]
     triangle = np.asarray(np.linalg.qr(rows, mode="r"))
     kept, ones = balance[~plain], np.ones(len(triangle))
     zeros = np.zeros((len(triangle), balance.phi.shape[1]))
-    added = {"phi": triangle[:, :-1], "y": triangle[:, -1], "by_torque": zeros, "weights": ones, "passed": ones}
-    if balance.pushes is not None:
-        added["response"] = added["pushes"] = np.tile(balance.pushes.max(axis=0), (len(triangle), 1))
-    kept = replace(kept, passed=np.broadcast_to(kept.passed, kept.y.shape), recorded=None)
+    added = {"phi": triangle[:, :-1], "y": triangle[:, -1], "by_torque": zeros, "weights": ones, "torque_share": ones}
+    if balance.perturbations is not None:
+        added["response"] = added["perturbations"] = np.tile(balance.perturbations.max(axis=0), (len(triangle), 1))
+    kept = replace(kept, torque_share=np.broadcast_to(kept.torque_share, kept.y.shape), unfiltered=None)
     both: dict[str, Any] = {name: np.concatenate([getattr(kept, name), more]) for name, more in added.items()}
     return replace(kept, **both)
 
 
-def _smaller(balance: Balance) -> Balance:
-    """Equations with the same solutions, without what needs no iteration, where that is much."""
-    if balance.is_linear or np.count_nonzero(plain := unbent(balance)) <= 2 * balance.phi.shape[1]:
+def _without_linear_rows(balance: Balance) -> Balance:
+    """Return equations with the same solutions, with many linear ones condensed: they need no iteration."""
+    if balance.is_linear or np.count_nonzero(plain := find_linear_rows(balance)) <= 2 * balance.phi.shape[1]:
         return balance
-    return condensed(balance, plain)
+    return condense(balance, plain)
 
 
-def placed(count: int, parts: Sequence[tuple[slice, Array]]) -> Array:
+def place_columns(count: int, parts: Sequence[tuple[slice, Array]]) -> Array:
     """Columns side by side (R, P), each on its rows of R = `count` equations, zero elsewhere."""
     if all(len(own) == count for _, own in parts):
         return np.column_stack([np.empty((count, 0)), *(own for _, own in parts)])

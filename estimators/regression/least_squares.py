@@ -22,7 +22,7 @@ class SolverSettings:
     shares: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1)  # of its step that are tried
     distinct: float = 1e-6  # least eigenvalue of scaled normal equations, from which they keep ten digits
     unlikelier: float = 0.1  # [nat], by which a fit without a fold may be less likely than the best
-    unbent: float = 1e-9  # by which a response to torque may differ from the torque itself
+    linear_response: float = 1e-9  # by which a response to torque may differ from the torque itself
     tiny: float = 1e-9  # slope of an equation by the torque that says nothing of it
     turns: int = 30  # of Gauss-Newton, at most
     enough: float = 1e-9  # relative fall of the squared error, at which Gauss-Newton ends

@@ -33,7 +33,7 @@ from estimators.schemes.identifiability import (
 from estimators.schemes.six import SCHEMES, LowPass, Regression, Regressor, Scheme, chosen_schemes
 from estimators.selection.physical import driving_friction
 from estimators.signals.measurements import Measurements, measure_joints, measure_segments, remember
-from estimators.weak_form.dataset import Dataset, prepare
+from estimators.weak_form.torque_windows import TorqueWindows, prepare
 from pendulum_env._typing import JSON
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.body import Body
@@ -79,7 +79,7 @@ class Identification(Mapping[str, Identified]):
     ends: tuple[float, ...] = ()
     torque_unit: str = NEWTON_METRE
     torque_constant: TorqueConstant | None = None
-    data: Dataset | None = field(default=None, repr=False)
+    data: TorqueWindows | None = field(default=None, repr=False)
 
     @property
     def body(self) -> Mechanism:
@@ -112,7 +112,7 @@ class Identification(Mapping[str, Identified]):
             unknown.add("inertia")
         return model.biased(disputed).withholding(unknown)
 
-    def fitted(self, fit: Callable[[Dataset], Model]) -> Model:
+    def fitted(self, fit: Callable[[TorqueWindows], Model]) -> Model:
         """The model that a fit finds in the windows, in their unit of torque, and with their torque constant.
 
         Raises:

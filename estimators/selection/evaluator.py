@@ -80,7 +80,7 @@ class ModelEvaluator:
         if any(isinstance(term, ByTime) for term in terms):
             return self.refitted_density(terms)
         of_torque, (first, second) = self._density_of_torque(terms), self._blocks
-        fitted, unseen = (part.equations(terms, by_noise=True).recorded for part in self.parts)
+        fitted, unseen = (part.equations(terms, by_noise=True).unfiltered for part in self.parts)
         if fitted is not None and unseen is not None:
             known = replace(fitted, weights=self.train.equations(terms).weights)
             recorded = np.concatenate([cross_validated(known, first), predicted(known.solve(), unseen, second)])

@@ -16,21 +16,19 @@ def grams_of_variants(near: Tangent, parts: Sequence[Columns], weights: Array, h
 
     Args:
         near: what the others leave.
-        parts: columns of each variant.
+        parts: columns of each variant, without fixed ones.
         weights: of the equations (R,).
         here: rows of the variants' joint.
     """
     shared = weights[:, None] * np.column_stack([near.slopes, near.error])
-    own = (weights * near.scale)[here, None] * np.stack([np.column_stack([part.linear, -part.fixed]) for part in parts])
+    own = (weights * near.scale)[here, None] * np.stack([part.linear for part in parts])
     first, more = shared.shape[1], own.shape[2]
     grams = np.empty((len(parts), first + more, first + more))
     grams[:, :first, :first], grams[:, :first, first:] = shared.T @ shared, shared[here].T @ own
     grams[:, first:, :first] = np.swapaxes(grams[:, :first, first:], 1, 2)
     grams[:, first:, first:] = np.swapaxes(own, 1, 2) @ own
-    order = [*range(first - 1), *range(first, first + more - 1), first - 1]
-    fold = np.eye(first + more)[:, order]
-    fold[-1, -1] = 1.0  # what is fixed is on the left-hand side as well
-    return np.asarray(fold.T @ grams @ fold)
+    order = [*range(first - 1), *range(first, first + more), first - 1]
+    return grams[:, order][:, :, order]
 
 
 def squared_errors(grams: Array) -> tuple[Array, Array]:

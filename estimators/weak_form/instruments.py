@@ -19,7 +19,7 @@ import numpy as np
 
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import within_bounds
-from estimators.weak_form.dataset import Dataset, dataset
+from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Model, Term
@@ -28,7 +28,7 @@ from pendulum_env.recording import Recording
 HOPELESS = 1e8  # condition number
 
 
-def fit_by_reference(data: Dataset, terms: Sequence[Term]) -> Model:
+def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
     """Linear parameters of the terms, with the terms' columns along the reference as instruments.
 
     Args:
@@ -49,7 +49,7 @@ def fit_by_reference(data: Dataset, terms: Sequence[Term]) -> Model:
         for w, own in zip(data.windows, followed, strict=True)
     ]
     equations, weights = data.equations(terms), data.weights[:, None]
-    z = dataset(along).equations(terms).phi * weights  # (R, P)
+    z = join_windows(along).equations(terms).phi * weights  # (R, P)
     phi, y = equations.phi * weights, equations.y * weights[:, 0]
     columns = [column for term in terms for column in term.columns]
     least, most = (np.array([getattr(column, end) for column in columns]) for end in ("least", "most"))

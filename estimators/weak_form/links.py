@@ -14,8 +14,15 @@ import numpy as np
 
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import least_squares
-from estimators.weak_form.dataset import Dataset, Given, choose_half_width, dataset, quieter, smooth_laws
-from estimators.weak_form.windows import Rows, Windows, cut
+from estimators.weak_form.torque_windows import (
+    TermColumns,
+    TorqueWindows,
+    choose_half_width,
+    join_windows,
+    quieter,
+    smooth_laws,
+)
+from estimators.weak_form.windows import WindowAverages, Windows, cut
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Coupling, Links
@@ -27,7 +34,7 @@ FEWEST = 20  # windows of each joint
 PLACES = 50  # samples of each recording over which a joint's inertia is averaged
 
 
-def prepare_arm(recordings: Sequence[Recording], links: Links, shared: Sequence[type[Coupling]] = ()) -> Dataset:
+def prepare_arm(recordings: Sequence[Recording], links: Links, shared: Sequence[type[Coupling]] = ()) -> TorqueWindows:
     """Windowed equations of recordings of an arm, in `links`, terms at joints, and `shared` by two joints.
 
     Raises:
@@ -55,7 +62,7 @@ def prepare_arm(recordings: Sequence[Recording], links: Links, shared: Sequence[
     return _joined(calibrated, parts, links, shared)
 
 
-def at_every_sample(windows: Sequence[Windows], links: Links, shared: Sequence[type[Coupling]] = ()) -> Dataset:
+def at_every_sample(windows: Sequence[Windows], links: Links, shared: Sequence[type[Coupling]] = ()) -> TorqueWindows:
     """Equations of one recording of an arm about every sample that is clear of stick, from windows of each joint."""
     entries = [w.at_every_sample() for w in windows]
     return _joined([entries], [_columns(entries, links.body)], links, shared)
@@ -63,7 +70,7 @@ def at_every_sample(windows: Sequence[Windows], links: Links, shared: Sequence[t
 
 def _joined(
     entries: Sequence[Sequence[Windows]], parts: Sequence[_Columns], links: Links, shared: Sequence[type[Coupling]]
-) -> Dataset:
+) -> TorqueWindows:
     """Equations of recordings from the windows of each joint and the links' columns there."""
     joints = range(len(links.body.joints))  # the windows of a joint stand in a row
     linear, rates = (
@@ -71,15 +78,15 @@ def _joined(
         for each in zip(*((part.linear, part.rates) for part in parts), strict=True)
     )
     inertia = np.mean([np.diagonal(part.masses.mean(axis=0), axis1=1, axis2=2).T for part in parts], axis=0)
-    data = dataset([own[k] for k in joints for own in entries], {links.id: Given(linear, rates, inertia)})
+    data = join_windows([own[k] for k in joints for own in entries], {links.id: TermColumns(linear, rates, inertia)})
     return replace(data, given={**data.given, **{kind.id: _coupled(entries, kind) for kind in shared}})
 
 
-def _coupled(entries: Sequence[Sequence[Windows]], kind: type[Coupling]) -> Given:
+def _coupled(entries: Sequence[Sequence[Windows]], kind: type[Coupling]) -> TermColumns:
     """Columns of a motor coupled to two joints, on the rows of all joints."""
     parts = [_shared(own[k], own, kind()) for k in range(len(entries[0])) for own in entries]
     linear, rates = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return Given(linear, rates, np.zeros((len(entries[0]), linear.shape[1])))
+    return TermColumns(linear, rates, np.zeros((len(entries[0]), linear.shape[1])))
 
 
 def _shared(w: Windows, entries: Sequence[Windows], term: Term) -> tuple[Array, Array]:
@@ -114,13 +121,13 @@ def _columns(entries: Sequence[Windows], body: Body) -> _Columns:
     q, v, a = _motion(entries)
     smooth, heavy = body.torque(q, v, np.zeros_like(v)), body.momentum(q, a)  # (N, n, P)
 
-    def averaged(rows: Rows, k: int) -> Array:
+    def averaged(rows: WindowAverages, k: int) -> Array:
         return np.asarray(rows.wider @ smooth[:, k] + rows.narrow @ heavy[:, k])
 
     some = q[:: max(1, len(q) // PLACES)]
     masses = [body.momentum(some, np.broadcast_to(unit, some.shape)) for unit in np.eye(len(entries))]  # (S, n, P) each
     return _Columns(
-        [averaged(w.rows, k) for k, w in enumerate(entries)],
+        [averaged(w.averages, k) for k, w in enumerate(entries)],
         [averaged(w.rates, k) for k, w in enumerate(entries)],
         np.transpose(masses, (1, 3, 2, 0)),
     )

@@ -15,13 +15,13 @@ import numpy as np
 
 from estimators.data.rows import FittedTerms, RowLayout, Terms, Trial
 from estimators.memoize import memoized
-from estimators.regression.balance import Balance, Columns, Tangent, condensed, placed, unbent
+from estimators.regression.balance import Balance, Columns, Tangent, condense, find_linear_rows, place_columns
 from estimators.regression.least_squares import quietest_most
 from estimators.search_hints import hints_of, is_possible
 from estimators.weak_form.columns import bounds, depends_on_torque, is_known
-from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.grams import grams_of_variants, squared_errors
 from estimators.weak_form.nonlinear import Residuals, cross_entropy, nonlinear_slopes, refined, scan
+from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 
@@ -44,13 +44,13 @@ VARIANTS = VariantSettings()
 
 @dataclass(eq=False)
 class TorqueRows:
-    """Rows of the torque of one dataset.
+    """Rows of the torque of some windows.
 
     Attributes:
         data: windows of recordings.
     """
 
-    data: Dataset
+    data: TorqueWindows
     _columns: dict[Term, Columns] = field(default_factory=dict, init=False)
     _recent: dict[tuple[Term, ...], Balance] = field(default_factory=dict, init=False)
 
@@ -106,12 +106,12 @@ class TorqueRows:
             whole = float(np.linalg.norm(torque))
             left = [float(np.linalg.norm(torque - part.fixed)) for part in parts]
             return [
-                part if variant.delay or rest >= whole else part._replace(passed=max(rest / whole, 1e-12))
+                part if variant.delay or rest >= whole else part._replace(torque_share=max(rest / whole, 1e-12))
                 for variant, part, rest in zip(variants, parts, left, strict=True)
             ]
-        lost = [self.data.rows.lost(own, self._perturbations) for own in variants]
+        lost = [self.data.averages.fixed_under(own, self._perturbations) for own in variants]
         return [
-            part._replace(taken=np.nan_to_num(more, nan=0.0, posinf=0.0, neginf=0.0) - part.fixed[:, None])
+            part._replace(fixed_change=np.nan_to_num(more, nan=0.0, posinf=0.0, neginf=0.0) - part.fixed[:, None])
             for part, more in zip(parts, lost, strict=True)
         ]
 
@@ -120,7 +120,7 @@ class TorqueRows:
         return max(float(np.abs(self.data.torque()).max()), 1e-12)
 
     @cached_property
-    def _perturbed(self) -> Dataset:
+    def _perturbed(self) -> TorqueWindows:
         return self.data.with_more_torque(PERTURBATION * self._largest_torque)
 
     @property
@@ -156,7 +156,7 @@ class TorqueRows:
     def assemble(self, terms: Terms, parts: Sequence[Columns], weights: Array) -> Balance:
         """Return the rows of some terms from the columns of each and weights (R,)."""
         rows = [self.data.where(term.at) for term in terms]
-        balance = Balance.of(self._torque, weights).beside(
+        balance = Balance.of(self._torque, weights).with_columns(
             list(zip(rows, parts, strict=True)), *bounds(terms), self.perturbations
         )
         if not any(term.lead for term in terms):
@@ -165,9 +165,11 @@ class TorqueRows:
         for here, term, part in zip(rows, terms, parts, strict=True):
             unfiltered[here] -= 0.0 if term.lead else part.fixed
             lead[here] += term.lead
-        rates = placed(len(weights), [(here, self._rates(term)) for here, term in zip(rows, terms, strict=True)])
+        rates = place_columns(len(weights), [(here, self._rates(term)) for here, term in zip(rows, terms, strict=True)])
         y = unfiltered - lead * self.data.load_rates
-        return replace(balance, recorded=replace(balance, phi=balance.phi + lead[:, None] * rates, y=y, passed=1.0))
+        return replace(
+            balance, unfiltered=replace(balance, phi=balance.phi + lead[:, None] * rates, y=y, torque_share=1.0)
+        )
 
     def with_variant(self, terms: Terms, here: slice) -> Callable[[Term, Columns], Balance]:
         """Return a function that gives the rows of the terms and a variant, from the variant's columns.
@@ -180,11 +182,11 @@ class TorqueRows:
         first, perturbations = self.equations(terms), self.perturbations
         elsewhere = np.ones(len(perturbations), dtype=bool)
         elsewhere[here] = False
-        if elsewhere.any() and unbent(first)[elsewhere].all():
-            first, own_rows = condensed(first, elsewhere), perturbations[here]
+        if elsewhere.any() and find_linear_rows(first)[elsewhere].all():
+            first, own_rows = condense(first, elsewhere), perturbations[here]
             wide = np.tile(perturbations.max(axis=0), (len(first.y) - len(own_rows), 1))
             here, perturbations = slice(0, len(own_rows)), np.concatenate([own_rows, wide])
-        return lambda variant, own: first.beside([(here, own)], *bounds([variant]), perturbations)
+        return lambda variant, own: first.with_columns([(here, own)], *bounds([variant]), perturbations)
 
     def weights(self, terms: Terms) -> Array:
         """Return the weight of each row (R,), smaller for recordings with larger residuals."""
@@ -363,15 +365,14 @@ class TorqueRows:
             if is_known(*terms, variant) or not variant.columns:
                 return exact(self.assemble((*terms, variant), [*shared, own], w))
             here = self.data.where(variant.at)
-            target = left if not variant.fixed else left - clear(scale[here] * own.fixed, here)
             extra = clear(scale[here, None] * own.linear, here)
             size = np.maximum(np.linalg.norm(extra, axis=0), 1e-300)
             extra = extra / size
-            theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ target) / size
+            theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ left) / size
             least, most = bounds([variant])
             if np.any((theta < least) | (theta > most)):
                 return exact(self.assemble((*terms, variant), [*shared, own], w))
-            return np.asarray(target - (extra * size) @ theta)
+            return np.asarray(left - (extra * size) @ theta)
 
         def residuals(variants: Terms) -> list[Array]:
             pairs = list(zip(variants, self.make_columns(variants), strict=True))

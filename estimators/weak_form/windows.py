@@ -38,7 +38,7 @@ DENSEST = 4  # entries of a matrix of averages per sample, above which averages 
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class WindowAverages:
     """Averages over the windows of one recording, or of several in a row: rows of a regression.
 
     Attributes:
@@ -54,7 +54,7 @@ class Rows:
     wider: csr_array | LinearOperator
 
     @classmethod
-    def joined(cls, parts: Sequence[Rows]) -> Rows:
+    def joined(cls, parts: Sequence[WindowAverages]) -> WindowAverages:
         """Those of several recordings in a row."""
         if len(parts) == 1:
             return parts[0]
@@ -91,11 +91,13 @@ class Rows:
             parts.append((np.column_stack(linear) if linear else np.empty((len(none), 0)), fixed))
         return parts
 
-    def lost(self, term: Term, pushes: Array) -> Array:
-        """Fixed columns of a term without memory (R, J) under each of several pushes of the torque (J,) [N m]."""
-        x = replace(self.samples, torque=self.samples.torque + pushes[:, None])
-        parts = [self.narrow @ np.broadcast_to(c.force(x), (len(pushes), self.narrow.shape[1])).T for c in term.fixed]
-        return np.asarray(sum(parts, np.zeros((self.narrow.shape[0], len(pushes)))))
+    def fixed_under(self, term: Term, perturbations: Array) -> Array:
+        """Return the fixed columns of a term without memory (R, J) under perturbations of the torque (J,) [N m]."""
+        x = replace(self.samples, torque=self.samples.torque + perturbations[:, None])
+        parts = [
+            self.narrow @ np.broadcast_to(c.force(x), (len(perturbations), self.narrow.shape[1])).T for c in term.fixed
+        ]
+        return np.asarray(sum(parts, np.zeros((self.narrow.shape[0], len(perturbations)))))
 
 
 def _averaged(averages: csr_array, series: ArrayLike) -> Array:
@@ -179,19 +181,19 @@ class Windows:
         return self.torque_noise / float(np.linalg.norm(np.convolve(self.kernel, [0.5, 0.5])))
 
     @cached_property
-    def rows(self) -> Rows:
+    def rows(self) -> WindowAverages:
         """Averages over the windows."""
-        return self._rows(self.kernel)
+        return self._averages_by(self.kernel)
 
     @cached_property
-    def rates(self) -> Rows:
+    def rates(self) -> WindowAverages:
         """The same of time derivatives, for torque with a lag: <w f'> = -<w' f>."""
         padded = np.pad(self.kernel, 2)
-        return self._rows(0.5 * self.recording.rate * (padded[:-2] - padded[2:]))
+        return self._averages_by(0.5 * self.recording.rate * (padded[:-2] - padded[2:]))
 
-    def _rows(self, kernel: Array) -> Rows:
+    def _averages_by(self, kernel: Array) -> WindowAverages:
         wider = np.convolve(kernel, [1 / 12, 10 / 12, 1 / 12])
-        return Rows(self.samples, self.acceleration, self._averages(kernel), self._averages(wider))
+        return WindowAverages(self.samples, self.acceleration, self._averages(kernel), self._averages(wider))
 
     def at_every_sample(self) -> Windows:
         """Copy with a window about every sample that is clear of stick."""
@@ -216,7 +218,7 @@ class Windows:
 
     def average(self, series: Array) -> Array:
         """Averages (R,) of a series (N,) over the windows."""
-        return np.asarray(self.rows.narrow @ series)
+        return np.asarray(self.averages.narrow @ series)
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
         """Samples with the state variables of each of several variants of one effect along the recording."""
@@ -231,7 +233,7 @@ class Windows:
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
         """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,)."""
-        return self.rows.columns(variants, self.trace(variants))
+        return self.averages.columns(variants, self.trace(variants))
 
     def absorbed(self, term: Term) -> float:
         """Variance of white torque noise that the term's fixed columns absorb in the windows [(N m)^2]."""
@@ -252,7 +254,7 @@ class Windows:
 
     def net_torque(self) -> Array:
         """Averages (R,) of the measured torque less that of the known load: the model's left-hand side [N m]."""
-        return self.torque() - self.rows.column(LOAD, self.samples) if self.samples.load else self.torque()
+        return self.torque() - self.averages.column(LOAD, self.samples) if self.samples.load else self.torque()
 
     def at_centers(self) -> Samples:
         """Samples at the windows' centres, (R,) each."""

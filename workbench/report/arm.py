@@ -9,7 +9,7 @@ from estimators.comparison import of_joints
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.result import Diagnosis
 from estimators.signals.residual import REGIONS, profiles
-from estimators.weak_form.dataset import NEGLIGIBLE
+from estimators.weak_form.torque_windows import NEGLIGIBLE
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of, links_of
 from pendulum_env.recording.record import NEWTON_METRE

@@ -9,7 +9,7 @@ from benchmarks.independent_plant import Experiment, Plant, random_case, simulat
 from estimators import compare, identify
 from estimators.checks.homogeneity import Known, Own, disagreements, misfits, own_fits, pool
 from estimators.findings import Kind
-from estimators.weak_form.dataset import prepare
+from estimators.weak_form.torque_windows import prepare
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests import slow

@@ -15,7 +15,7 @@ from estimators.findings import Kind
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.schemes.six import SCHEMES
-from estimators.weak_form.dataset import prepare
+from estimators.weak_form.torque_windows import prepare
 from pendulum_env.physics import BASE, Estimate, KnownLoad, Model, ModelError, effect
 from pendulum_env.physics import simulate as fly
 from pendulum_env.recording import Load, Recording

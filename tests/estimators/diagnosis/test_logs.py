@@ -11,7 +11,7 @@ from estimators.data.fit_data import gather
 from estimators.data.regression_data import with_impacts
 from estimators.findings import Kind
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.weak_form.dataset import prepare
+from estimators.weak_form.torque_windows import prepare
 from pendulum_env.physics import BASE, Term, effect
 from pendulum_env.recording import Recording
 from tests import slow

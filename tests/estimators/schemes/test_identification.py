@@ -11,7 +11,7 @@ from estimators.regression.equations import IdentificationError
 from estimators.schemes import six
 from estimators.schemes.identification import identify
 from estimators.schemes.six import PAPER, SCHEMES, Integral
-from estimators.weak_form.dataset import prepare
+from estimators.weak_form.torque_windows import prepare
 from estimators.weak_form.windows import cut
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation

@@ -11,8 +11,8 @@ from estimators.regression.balance import Balance
 from estimators.search_hints import grid
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.columns import depends_on_torque
-from estimators.weak_form.dataset import prepare
 from estimators.weak_form.torque_rows import TorqueRows
+from estimators.weak_form.torque_windows import prepare
 from pendulum_env.filters import lag
 from pendulum_env.physics import BASE, Column, NonlinearParameter, Samples, Term, effects
 from pendulum_env.physics.term import Memory
@@ -66,7 +66,7 @@ def regression() -> TorqueRows:
 
 def unpredicted(balance: Balance, theta: np.ndarray) -> np.ndarray:
     """What parameters leave of the torque as it was recorded [N m]."""
-    return (balance.recorded or balance).error(theta)
+    return (balance.unfiltered or balance).error(theta)
 
 
 @pytest.mark.parametrize("id", LAWS)

@@ -72,7 +72,7 @@ def clipped(phi: np.ndarray, torque: np.ndarray, limit: float) -> Balance:
     pushes = np.tile(2 * np.abs(torque).max() * np.linspace(-1, 1, 41), (len(torque), 1))
     acting = limit * np.tanh(torque / limit)
     response = limit * np.tanh((torque[:, None] + pushes) / limit) - acting[:, None]
-    return replace(linear(phi, acting), response=response, pushes=pushes)
+    return replace(linear(phi, acting), response=response, perturbations=pushes)
 
 
 @pytest.mark.parametrize("share", [0.03, 0.3, 1.0])

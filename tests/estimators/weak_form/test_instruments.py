@@ -10,8 +10,8 @@ from benchmarks.independent_plant import Experiment, Plant
 from estimators import IdentificationError, RegressionData, fit_terms
 from estimators.arguments import within_limits
 from estimators.data.fit_data import gather
-from estimators.weak_form.dataset import prepare
 from estimators.weak_form.instruments import fit_by_reference
+from estimators.weak_form.torque_windows import prepare
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests.cases import TRUTH, diagnosed, recorded

@@ -11,7 +11,7 @@ from estimators.data.regression_data import RegressionData, fit_terms, with_impa
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import solve
 from estimators.signals.differentiation import encoder_noise, white_noise
-from estimators.weak_form.dataset import Dataset, choose_half_width, dataset, prepare
+from estimators.weak_form.torque_windows import TorqueWindows, choose_half_width, join_windows, prepare
 from estimators.weak_form.windows import cut
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
 from pendulum_env.recording import Recording
@@ -125,13 +125,13 @@ def test_windows_grow_with_the_coarseness_of_the_encoder():
 
 def test_windows_of_several_recordings_share_equations_but_no_cluster():
     parts = [cut(run, 0.012) for run in recorded(Plant(), *(Experiment(500, 6, seed=seed) for seed in range(2)))]
-    data = dataset(parts)
+    data = join_windows(parts)
     equations = data.equations(BASE)
     first = len(parts[0].centers)
     assert len(equations.y) == len(data.weights) == first + len(parts[1].centers)
     assert not set(data.clusters[:first]) & set(data.clusters[first:])
     assert np.all(np.diff(data.clusters) >= 0)
-    np.testing.assert_array_equal(equations.y[:first], dataset(parts[:1]).equations(BASE).y)
+    np.testing.assert_array_equal(equations.y[:first], join_windows(parts[:1]).equations(BASE).y)
 
 
 def test_a_noisier_recording_counts_less():
@@ -153,7 +153,7 @@ def test_a_measured_velocity_is_used_where_it_is_less_noisy_and_agrees(coarse):
     measured = replace(plain, velocity=coarse.velocity + noise)
     without, with_velocity = cut(plain, 0.02), cut(measured, 0.02)
     assert with_velocity.acceleration_noise < 0.5 * without.acceleration_noise
-    data = [dataset((windows,)) for windows in (without, with_velocity)]
+    data = [join_windows((windows,)) for windows in (without, with_velocity)]
     before, after = (solve(own.equations(BASE), own.weights, own.clusters) for own in data)
     assert after.std[0] < before.std[0] and after.rms < before.rms
     np.testing.assert_allclose(after.theta, TRUTH, rtol=0.02)
@@ -206,7 +206,7 @@ def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
     assert np.abs(np.mean(shared)) < 2 and np.max(np.abs(shared)) < 4.5
 
 
-def knocked(prepared: RegressionData, terms: Sequence[Term] = BASE) -> Dataset:
+def knocked(prepared: RegressionData, terms: Sequence[Term] = BASE) -> TorqueWindows:
     return with_impacts((prepared, prepared), terms)[0].data
 
 

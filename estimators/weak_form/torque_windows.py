@@ -13,7 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from estimators.data.rows import ResidualStructure
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.signals.motion import HALF_WIDTHS
-from estimators.weak_form.windows import WHOLE, Part, Rows, Windows, cut, in_a_row, trace_all
+from estimators.weak_form.windows import WHOLE, Part, WindowAverages, Windows, cut, in_a_row, trace_all
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import BASE, Samples, Term
 from pendulum_env.physics.actuation import TorqueOffset
@@ -42,7 +42,7 @@ class WeakFormSettings:
 WEAK_FORM = WeakFormSettings()
 
 
-class Given(NamedTuple):
+class TermColumns(NamedTuple):
     """Windowed columns of a term that depends on the motion of all joints.
 
     Attributes:
@@ -57,7 +57,7 @@ class Given(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Dataset:
+class TorqueWindows:
     """Windows of one or several recordings that share one set of parameters, of one joint or of several.
 
     Attributes:
@@ -73,7 +73,7 @@ class Dataset:
     weights: Array
     clusters: Index
     link_states: Mapping[str, Sequence[Samples]] = field(default_factory=dict)
-    given: Mapping[str, Given] = field(default_factory=dict)
+    given: Mapping[str, TermColumns] = field(default_factory=dict)
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -81,20 +81,20 @@ class Dataset:
         return tuple(dict.fromkeys(w.at for w in self.windows))
 
     @cached_property
-    def _parts(self) -> dict[str, tuple[slice, Dataset]]:
+    def _parts(self) -> dict[str, tuple[slice, TorqueWindows]]:
         found, first = {}, 0
         for joint in self.joints if len(self.joints) > 1 else ():
             own = tuple(w for w in self.windows if w.at == joint)
             here = slice(first, first := first + sum(len(w.centers) for w in own))
             clusters = np.unique(self.clusters[here], return_inverse=True)[1]
-            found[joint] = here, Dataset(own, self.weights[here], clusters)
+            found[joint] = here, TorqueWindows(own, self.weights[here], clusters)
         return found
 
     def where(self, at: str) -> slice:
         """Rows of a joint; all rows for terms at no single joint."""
         return self._parts[at][0] if at in self._parts else slice(None)
 
-    def part(self, at: str) -> Dataset:
+    def part(self, at: str) -> TorqueWindows:
         """The data of a joint; all data for terms at no single joint."""
         return self._parts[at][1] if at in self._parts else self
 
@@ -104,13 +104,13 @@ class Dataset:
         return in_a_row([w.at_centers() for w in self.windows])
 
     @cached_property
-    def rows(self) -> Rows:
+    def rows(self) -> WindowAverages:
         """Averages over the windows, all recordings in a row."""
-        return Rows.joined([w.rows for w in self.windows])
+        return WindowAverages.joined([w.averages for w in self.windows])
 
     @cached_property
-    def _rates(self) -> Rows:
-        return Rows.joined([w.rates for w in self.windows])
+    def _rates(self) -> WindowAverages:
+        return WindowAverages.joined([w.rates for w in self.windows])
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
         """Samples with the state variables of each of several variants of one effect, all recordings in a row."""
@@ -118,7 +118,7 @@ class Dataset:
         if known:
             return [in_a_row(known)] * len(variants)
         if not type(variants[0]).has_state():
-            return [self.rows.samples] * len(variants)
+            return [self.averages.samples] * len(variants)
         return [in_a_row(own) for own in zip(*trace_all(self.windows, variants), strict=True)]
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
@@ -129,7 +129,7 @@ class Dataset:
         if variants[0].id in self.given:
             return [(self.given[variant.id].linear, np.zeros(len(self.weights))) for variant in variants]
         own = self.part(variants[0].at)
-        return own.rows.columns(variants, own.trace(variants))
+        return own.averages.columns(variants, own.trace(variants))
 
     def rates(self, term: Term) -> Array:
         """Time derivatives of the linear columns of a term (R, P), on the rows of its joint."""
@@ -199,17 +199,17 @@ class Dataset:
         """Torque that may be left of a joint of an arm without a meaning [N m]: other joints' errors enter it."""
         return max(NEGLIGIBLE * float(np.std(self.part(at).torque())), self.least()) if self.given else 0.0
 
-    def with_more_torque(self, more: float) -> Dataset:
+    def with_more_torque(self, more: float) -> TorqueWindows:
         """The same motion under a torque with an offset [N m], for the slope of columns by the torque."""
         pushed = (w.under(w.recording.torque + more, w.samples.torque + more) for w in self.windows)
         return replace(self, windows=tuple(pushed))
 
-    def with_scaled_torque(self, factor: float) -> Dataset:
+    def with_scaled_torque(self, factor: float) -> TorqueWindows:
         """The same motion under a torque, and a noise of it, that is larger by a factor."""
         larger = (w.under(factor * w.recording.torque, factor * w.samples.torque) for w in self.windows)
         return replace(self, windows=tuple(replace(w, torque_noise=factor * w.torque_noise) for w in larger))
 
-    def with_impacts(self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float) -> Dataset:
+    def with_impacts(self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float) -> TorqueWindows:
         """The data with those windows near reversals whose residual exceeds dry friction: impacts.
 
         At a reversal friction is unknown, but it lies between its values in motion one way and the other, unless it is
@@ -222,14 +222,14 @@ class Dataset:
             covariance: of these (P, P).
             inertia: of the joint [kg m^2].
         """
-        turned = dataset([replace(w, centers=w.turning) for w in self.windows])
+        turned = join_windows([replace(w, centers=w.turning) for w in self.windows])
         equations, counts = turned.equations(terms), [len(w.turning) for w in self.windows]
         noise = np.repeat([w.noise(inertia) for w in self.windows], counts)
         doubt = np.hypot(noise, _deviations(equations.phi, covariance))
         friction = np.concatenate([_most_friction(w, terms, theta, covariance) for w in turned.windows])
         impacts = np.abs(equations.y - equations.phi @ theta) > 2 * friction + WEAK_FORM.significant * doubt
         parts = zip(self.windows, np.split(impacts, np.cumsum(counts)[:-1]), strict=True)
-        return dataset([replace(w, centers=np.sort(np.r_[w.centers, w.turning[own]])) for w, own in parts])
+        return join_windows([replace(w, centers=np.sort(np.r_[w.centers, w.turning[own]])) for w, own in parts])
 
     @property
     def impacts(self) -> int:
@@ -240,9 +240,9 @@ class Dataset:
         )
 
     @property
-    def clear(self) -> Dataset:
+    def clear(self) -> TorqueWindows:
         """The data without impacts."""
-        return dataset([replace(w, centers=w.centers[~np.isin(w.centers, w.turning)]) for w in self.windows])
+        return join_windows([replace(w, centers=w.centers[~np.isin(w.centers, w.turning)]) for w in self.windows])
 
     def torque(self) -> Array:
         """Windowed measured torque, (R,) [N m]."""
@@ -376,7 +376,7 @@ def choose_half_width(recording: Recording) -> float:
     carried = float(np.max(cuts[0].samples.load.inertia))
     inertia, real = carried, 1.0  # and share of the torque noise that is real
     for w in reversed(cuts):  # the longest with enough windows has the least noise
-        equations = dataset((w,)).equations(BASE)
+        equations = join_windows((w,)).equations(BASE)
         if len(equations.y) >= 40:
             fitted = recording.known_inertia or np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]
             inertia = carried + abs(float(fitted))
@@ -395,7 +395,7 @@ def choose_half_width(recording: Recording) -> float:
     return widths[quiet[0] if quiet else feasible[-1]]
 
 
-def dataset(windows: Sequence[Windows], given: Mapping[str, Given] | None = None) -> Dataset:
+def join_windows(windows: Sequence[Windows], given: Mapping[str, TermColumns] | None = None) -> TorqueWindows:
     """Join windows of several recordings, weighted by their noise."""
     joints, count = {w.at for w in windows}, sum(own.linear.shape[1] for own in (given or {}).values())
     total = sum(w.recording.duration for w in windows) / len(joints)
@@ -408,7 +408,7 @@ def dataset(windows: Sequence[Windows], given: Mapping[str, Given] | None = None
     least = WEAK_FORM.precision * max(usual.values())  # a joint without a motor has no torque, but no smaller error
     levels = [max(w.noise(0.05), 0.003 * usual[w.at], least, 1e-12) for w in windows]
     weights = [np.full(len(w.centers), min(levels) / level) for w, level in zip(windows, levels, strict=True)]
-    return Dataset(
+    return TorqueWindows(
         tuple(windows),
         np.concatenate(weights),
         _numbers(windows, min(0.5, max(total / max(30, WEAK_FORM.clusters * count), shortest))),
@@ -416,7 +416,9 @@ def dataset(windows: Sequence[Windows], given: Mapping[str, Given] | None = None
     )
 
 
-def prepare(recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE) -> Dataset:
+def prepare(
+    recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
+) -> TorqueWindows:
     """Windowed equations of recordings or of a part of each, with window lengths fit to their noise unless given.
 
     Raises:
@@ -431,4 +433,4 @@ def prepare(recordings: Sequence[Recording], half_widths: Sequence[float] | None
             f"{names}: only {usable} stretches of motion are clear of stick and reversals, at least {WEAK_FORM.fewest} "
             "are needed: record longer, faster or wider motion"
         )
-    return dataset(windows)
+    return join_windows(windows)
