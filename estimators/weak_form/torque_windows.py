@@ -104,7 +104,7 @@ class TorqueWindows:
         return in_a_row([w.at_centers() for w in self.windows])
 
     @cached_property
-    def rows(self) -> WindowAverages:
+    def averages(self) -> WindowAverages:
         """Averages over the windows, all recordings in a row."""
         return WindowAverages.joined([w.averages for w in self.windows])
 

@@ -181,7 +181,7 @@ class Windows:
         return self.torque_noise / float(np.linalg.norm(np.convolve(self.kernel, [0.5, 0.5])))
 
     @cached_property
-    def rows(self) -> WindowAverages:
+    def averages(self) -> WindowAverages:
         """Averages over the windows."""
         return self._averages_by(self.kernel)
 
