@@ -11,7 +11,7 @@ import numpy as np
 from estimators.data.rows import FittedTerms, RowLayout, RowMaker, Terms, Trial
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, place_columns
-from estimators.regression.least_squares import Fit
+from estimators.regression.least_squares import Fit, outside
 from estimators.search_hints import grid, hints_of, n_tried
 from estimators.selection.errors import Errors
 from estimators.signals.residual import SYMBOLS, Region, stand_out
@@ -32,7 +32,7 @@ from pendulum_env.recording import Recording
 REPEATED = 2  # impacts, least number: a single one may be an accident
 DISPLACEMENTS = (1e-3, 10.0)  # [s], of an instant in trials, for its standard error
 STARTS = 2  # variants of the grid from which a search over nonlinear parameters starts
-MOST_SLOW = 24  # variants of a grid of continuous parameters, where each fit takes seconds
+COARSE_GRID = 24  # largest number of variants of continuous parameters, where each fit takes seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,11 +99,6 @@ class RegressionData:
         """Return the columns of each variant of one effect, on the rows of its joint."""
         return self.maker.columns(variants)
 
-    def place_columns(self, terms: Terms, parts: Sequence[Array]) -> Array:
-        """Return the columns of some terms side by side (R, P), each on the rows of its joint."""
-        count = len(self.layout.clusters)
-        return place_columns(count, [(self.where(term.at), own) for term, own in zip(terms, parts, strict=True)])
-
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
         """Return the rows of some terms, weighted as in a fit, or `by_noise` alone."""
         return self.maker.equations(terms, by_noise)
@@ -122,10 +117,14 @@ class RegressionData:
             return self.maker.residual(terms, np.asarray(theta))
         return self.equations(terms).error(self.solve(terms))
 
-    def frame(self, terms: Terms) -> Array:
-        """Return an orthonormal basis (R, P) of changes of the weighted residual by the parameters."""
-        balance = self.equations(terms)
-        return np.linalg.qr(balance.tangent().slopes * balance.weights[:, None])[0]
+    def unique_share(self, terms: Terms, term: Term) -> float:
+        """Return the share of a term's columns that parameters of some terms cannot imitate, the largest of all."""
+        (columns,), balance = self.columns([term]), self.equations(terms)
+        weights = balance.weights[:, None]
+        own = place_columns(len(weights), [(self.where(term.at), np.column_stack([columns.linear, columns.fixed]))])
+        own = own[:, np.linalg.norm(own, axis=0) > 0] * weights
+        rest = outside(np.linalg.qr(balance.tangent().slopes * weights)[0], own)
+        return float(max(np.linalg.norm(rest, axis=0) / np.linalg.norm(own, axis=0), default=0.0))
 
     def absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
         """Return the variance of torque noise that terms filter out of rows of torque, with these rows [(N m)^2]."""
@@ -148,7 +147,7 @@ class RegressionData:
         """Return variants of an effect beside the terms, from which a search starts."""
         found = grid(effect, *self._unexplained_torque(terms, effect))
         if not self.layout.has_fast_fits and any(not own.integer for own in effect.nonlinear_parameters):
-            found = found[:: max(1, -(-len(found) // MOST_SLOW))]
+            found = found[:: max(1, -(-len(found) // COARSE_GRID))]
         return [variant.beside(terms) if isinstance(variant, Table) else variant for variant in found]
 
     @memoized

@@ -9,7 +9,6 @@ import numpy as np
 from estimators.diagnosis.reasons import fall, rejection
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.findings import Finding, Kind, Quantity
-from estimators.regression.least_squares import outside
 from estimators.selection.candidates import screen_library, screen_replacements
 from estimators.selection.errors import Step, error_at
 from estimators.selection.evaluator import ModelEvaluator
@@ -216,10 +215,5 @@ def contains(evaluator: ModelEvaluator, larger: Term, term: Term) -> bool:
 def gate_of_excitation(evaluator: ModelEvaluator, longer: Terms) -> Gate:
     """Return the share of the torque of the last of some terms that the others cannot imitate, as a gate."""
     *others, term = longer
-    (columns,) = evaluator.train.columns([term])
-    own = evaluator.train.place_columns([term], [np.column_stack([columns.linear, columns.fixed])])
-    own = own[:, np.linalg.norm(own, axis=0) > 0] * evaluator.train.equations(others).weights[:, None]
-    rest = outside(evaluator.train.frame(others), own)
-    shares = np.linalg.norm(rest, axis=0) / np.linalg.norm(own, axis=0)
-    share, least = float(max(shares, default=0.0)), evaluator.criterion.least_excitation
+    share, least = evaluator.train.unique_share(others, term), evaluator.criterion.least_excitation
     return Gate("excitation", share, least, share > least)

@@ -11,8 +11,10 @@ from benchmarks import servos
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import add, compare, diagnose
 from estimators.arguments import within_limits
+from estimators.data.regression_data import RegressionData
 from estimators.findings import Kind
 from estimators.in_loop.fit import fit, likelihood, linear
+from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts, are_driven
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, Estimate, Model, effects
@@ -62,6 +64,16 @@ def rubbed() -> list[Recording]:
 @pytest.fixture
 def rollouts(plain) -> Rollouts:
     return Rollouts(tuple(plain[:2]), is_held=False)
+
+
+def test_rows_around_a_fit_are_derivatives_of_simulations(rollouts: Rollouts):
+    data = RolloutRows(rollouts, RegressionData.of(rollouts.recordings).torque).data
+    terms, theta = data.fit(TILTED)
+    np.testing.assert_allclose(data.residual(terms), data.residual(terms, theta), atol=1e-9)
+    nearby = theta * (1.0 + 5e-3 * np.array([1, -1, 1, -1, 1]))
+    simulated, linear = data.residual(terms, nearby), data.equations(terms).error(nearby)
+    changed = np.std(simulated - data.residual(terms))
+    assert np.std(simulated - linear) < 0.3 * changed  # a servo that sticks elsewhere is not linear
 
 
 @pytest.mark.slow
