@@ -15,7 +15,7 @@ from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import swing
-from estimators.in_loop.fit import in_loop
+from estimators.in_loop.fit import with_loop_errors
 from estimators.in_loop.rollouts import are_driven
 from estimators.prediction import Prediction, predictions
 from estimators.regression.equations import IdentificationError
@@ -164,7 +164,7 @@ def distance(name: str, prepared: RegressionData, model: Model) -> Distance:
     kept = tuple(select(*pair) for pair in zip(simulated, steady, strict=True) if pair[1].any())
     errors = (replace(prepared, segments=kept) if kept else prepared).errors(model)
     unstable = 1.0 - float(np.mean(np.concatenate(steady))) if steady else 0.0
-    return Distance(name, in_loop(model, prepared.recordings, errors), prepared.floors, unstable)
+    return Distance(name, with_loop_errors(model, prepared.recordings, errors), prepared.floors, unstable)
 
 
 def joined(parts: Sequence[RegressionData]) -> RegressionData:

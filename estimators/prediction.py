@@ -12,7 +12,7 @@ import numpy as np
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.figure import Figure, before_and_after, broken
-from estimators.in_loop.fit import likelier
+from estimators.in_loop.fit import choose_rollouts
 from estimators.in_loop.rollouts import are_driven
 from estimators.regression.equations import IdentificationError
 from estimators.simulation.free_running import Segments, follow
@@ -222,7 +222,7 @@ def _simulate(model: Model, segments: Segments, position: Array) -> None:
 
 def _in_loop(model: Model, recordings: Sequence[Recording]) -> Iterator[Array]:
     """Positions (N,) [rad] of servos, simulated from their goals, for each recording."""
-    rollouts, missed = likelier(model, recordings)
+    rollouts, missed = choose_rollouts(model, recordings)
     simulated = rollouts.position + missed
     for k, recording in enumerate(recordings):
         own, path = rollouts.recording_of == k, []

@@ -241,9 +241,9 @@ def _timed(model: Model, rows: RolloutRows) -> Model:
     near, rollouts = rows.near(model.terms), rows.rollouts
     by_nonlinear, nonlinear = rows.nonlinear_jacobian(model.terms, point.theta)
     slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_nonlinear])
-    late = np.column_stack([other.misses([point])[:, 0] for other in rollouts.mistimed])
+    late = np.column_stack([other.position_errors([point])[:, 0] for other in rollouts.mistimed])
     weights = near.weights[:, None]
-    moved = np.linalg.lstsq(weights * slopes, -weights * (late - rollouts.misses([point])), rcond=None)[0]
+    moved = np.linalg.lstsq(weights * slopes, -weights * (late - rollouts.position_errors([point])), rcond=None)[0]
     names = [*(column.name for column in model.columns), *nonlinear]
     place = [list(model.estimates).index(name) for name in names]
     covariance = model.assumed_covariance[np.ix_(place, place)] + moved @ moved.T

@@ -1,10 +1,10 @@
-"""Fits of whole rollouts: parameters moved until simulated motion is as likely as can be (Gauss-Newton).
+"""Maximum-likelihood fits of whole rollouts by Gauss-Newton.
 
-Errors of a rollout last for seconds, and some of them are large, where a servo sticks elsewhere than its model: what
-counts is their density as that of a hyperbolic secant, sech(pi e / 2 s) / 2 s, which is normal in the middle and
-exponential in its tails. So no error is left out, and what is large counts as it does in the mean distance that servos
-are compared by. One scale s serves all recordings of a servo. (The score of a search, which compares blocks of models
-that are fitted, keeps Student's t, under which no block decides by itself.)
+Errors of a rollout last for seconds, and some are large, where a servo sticks elsewhere than its model. Their density
+is that of a hyperbolic secant, sech(pi e / 2 s) / 2 s, which is normal in the middle and exponential in its tails. No
+error is left out, and a large error counts as in the mean distance by which servos are compared. One scale s serves all
+recordings of a servo. (The score of a search, which compares blocks of fitted models, keeps Student's t, under which no
+block decides by itself.)
 
 Source: Fischer, Generalized Hyperbolic Secant Distributions, 2014.
 """
@@ -29,7 +29,7 @@ from pendulum_env.recording import Recording
 
 @dataclass(frozen=True)
 class LoopSettings:
-    """Numbers of fits in the loop, and of a search that stands on them."""
+    """Numbers of fits in the loop, and of a search by such fits."""
 
     turns: int = 30  # largest number
     dampings: tuple[float, ...] = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of the steps of each turn
@@ -52,7 +52,7 @@ LOOP = LoopSettings()
 
 
 def scales(rollouts: Rollouts, errors: Array) -> Array:
-    """Scale (V,) that fits errors (R, V) of V models best [rad]; no encoder tells less than its resolution."""
+    """Return the scale (V,) of the errors (R, V) of V models [rad], at least the resolution of the encoder."""
     absolute = np.pi / 2 * np.abs(errors)
     scale = np.maximum(np.mean(absolute, axis=0), rollouts.resolution)
     for _ in range(LOOP.scales):
@@ -62,14 +62,14 @@ def scales(rollouts: Rollouts, errors: Array) -> Array:
 
 
 def likelihood(rollouts: Rollouts, errors: Array) -> Array:
-    """Log density of errors of V models (R, V) with the scales that fit them, but for a constant (V,) [nat]."""
+    """Return the log density (V,) of the errors (R, V) of V models with their scales, without a constant [nat]."""
     scale = scales(rollouts, errors)
     relative = np.pi / 2 * np.abs(errors) / scale
     return np.asarray(-len(errors) * np.log(scale) - np.sum(relative + np.log1p(np.exp(-2 * relative)), axis=0))
 
 
 def scale_of(rollouts: Rollouts, error: Array) -> float:
-    """Scale that errors (R,) are as likely as [rad]: smaller is likelier."""
+    """Return the scale with the same likelihood as the errors (R,) [rad]; a smaller scale is likelier."""
     return float(np.exp(-likelihood(rollouts, error[:, None])[0] / len(error)))
 
 
@@ -91,7 +91,7 @@ class Linear:
 
 
 def sizes(point: Point, typical: Array) -> Array:
-    """Size of each free parameter, against which it is moved (P + S,)."""
+    """Return the size of each free parameter, relative to which it is moved (P + S,)."""
     values = np.abs(point.values)
     count = len(point.theta)
     values[:count] = np.maximum(values[:count], typical)
@@ -99,15 +99,15 @@ def sizes(point: Point, typical: Array) -> Array:
 
 
 def linear(rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool) -> Linear:
-    """Errors around a point, with slopes by linear parameters, and by nonlinear parameters if they are free."""
+    """Linearise the errors around a point by linear parameters, and by nonlinear parameters if they are free."""
     values, size = point.values, sizes(point, typical)
     count = len(values) if nonlinear else len(point.theta)
     _, high = bounds_of(point)
     steps = LOOP.difference * size[:count]
-    steps = np.where(values[:count] + steps > high[:count], -steps, steps)  # what is at its bound has a slope, too
+    steps = np.where(values[:count] + steps > high[:count], -steps, steps)  # into the bounds
     nearby = [point.at(values + own) for own in np.eye(count, len(values)) * steps[:, None]]
-    errors = rollouts.misses([point, *nearby])
-    slopes = (errors[:, 1:] - errors[:, :1]) / steps  # of what is known: `Point.at` keeps it where it is
+    errors = rollouts.position_errors([point, *nearby])
+    slopes = (errors[:, 1:] - errors[:, :1]) / steps  # zero by known parameters, which `Point.at` keeps
     scale = scales(rollouts, errors[:, :1])[0]
     relative = np.maximum(np.pi / 2 * np.abs(errors[:, 0]) / scale, 1e-6)
     weights = np.pi / 2 / scale * np.sqrt(np.tanh(relative) / relative)
@@ -115,7 +115,7 @@ def linear(rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool) ->
 
 
 def bounds_of(point: Point) -> tuple[Array, Array]:
-    """Least and largest value of each free parameter (P + S,)."""
+    """Return the bounds of each free parameter, (P + S,) each."""
     sought = [parameter for term in point.terms for parameter in continuous(term)]
     least, most = bounds(point.terms)
     return np.r_[least, [parameter.low for parameter in sought]], np.r_[most, [parameter.high for parameter in sought]]
@@ -124,14 +124,14 @@ def bounds_of(point: Point) -> tuple[Array, Array]:
 def fit(
     rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool = False, share: float = LOOP.roughly
 ) -> Linear:
-    """Errors around the likeliest parameters near a point.
+    """Fit the parameters near a point, and return the errors around the fit.
 
     Args:
         rollouts: to fit.
         point: to start from.
         typical: size of each linear parameter that matters (P,).
         nonlinear: whether continuous nonlinear parameters are fitted as well.
-        share: of what it has gained, at which it ends.
+        share: of the gain so far; a turn that gains less is the last.
     """
     made: list[Near[Linear]] = []
 
@@ -163,7 +163,7 @@ def fit(
 def _likeliest_of(
     rollouts: Rollouts, near: Near[Linear], steps: Sequence[Array], typical: Array
 ) -> tuple[Point, float]:
-    """The likeliest of the points that are some steps (S,) away in sizes of parameters, and its negative density."""
+    """Return the likeliest of the points at some steps (S,), in sizes of parameters, and its negative density."""
     point = near.known.point
     values, size, rest = point.values, sizes(point, typical), len(point.values) - near.slopes.shape[1]
     found, gain = likeliest(rollouts, [point.at(values + np.pad(step, (0, rest)) * size) for step in steps])
@@ -171,35 +171,38 @@ def _likeliest_of(
 
 
 def likeliest(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float]:
-    """The likeliest of some points, and its log density [nat]."""
-    told = likelihood(rollouts, rollouts.misses(points))
-    return points[int(np.argmax(told))], float(told.max())
+    """Return the likeliest of some points, and its log density [nat]."""
+    found = likelihood(rollouts, rollouts.position_errors(points))
+    return points[int(np.argmax(found))], float(found.max())
 
 
 def _around(slopes: Array) -> list[Array]:
-    """Steps (S,) of one parameter after the other, and along what the data tell least: where slopes tell of a kink."""
+    """Return steps (S,) of each parameter, and along the directions of least information, past a kink of the errors."""
     count = slopes.shape[1]
     directions = np.vstack([np.eye(count), np.linalg.eigh(slopes.T @ slopes)[1].T[: count // 2]])
     directions /= np.abs(directions).max(axis=1, keepdims=True)
     return [sign * share * own for own in directions for share in LOOP.poll for sign in (1, -1)]
 
 
-def likelier(model: Model, recordings: Sequence[Recording]) -> tuple[Rollouts, Array]:
-    """Rollouts whose goals are held, or run on, as the model has it likelier; and what it misses them by (R,) [rad]."""
+def choose_rollouts(model: Model, recordings: Sequence[Recording]) -> tuple[Rollouts, Array]:
+    """Return the likelier rollouts, with goals held or interpolated, and their position errors (R,) [rad]."""
     point = Point.of(model)
-    ways = [(one, one.misses([point])) for one in (Rollouts(tuple(recordings), FINE, held) for held in (True, False))]
+    ways = [
+        (one, one.position_errors([point]))
+        for one in (Rollouts(tuple(recordings), FINE, held) for held in (True, False))
+    ]
     rollouts, missed = max(ways, key=lambda way: float(likelihood(*way)[0]))
     return rollouts, missed[:, 0]
 
 
-def followed(model: Model, recording: Recording) -> tuple[Array, Array, Array]:
-    """Times (R,) [s], simulated and measured positions (R,) [rad] of a recording with a drive."""
-    rollouts, missed = likelier(model, [recording])
+def simulate_recording(model: Model, recording: Recording) -> tuple[Array, Array, Array]:
+    """Return times (R,) [s], simulated and measured positions (R,) [rad] of a recording with a drive."""
+    rollouts, missed = choose_rollouts(model, [recording])
     return rollouts.time, rollouts.position + missed, rollouts.position
 
 
-def in_loop(model: Model, recordings: Sequence[Recording], errors: Errors) -> Errors:
-    """Errors of a model with those in the loop, if the recordings have drives."""
+def with_loop_errors(model: Model, recordings: Sequence[Recording], errors: Errors) -> Errors:
+    """Return the errors of a model with those in the loop, if the recordings have drives."""
     if not are_driven(recordings):
         return errors
-    return errors.with_loop(likelier(model, recordings)[1])
+    return errors.with_loop(choose_rollouts(model, recordings)[1])

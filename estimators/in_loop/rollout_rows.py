@@ -71,7 +71,7 @@ class RolloutRows:
         return replace(self, rollouts=replace(self.rollouts, steps=steps), guide=guide)
 
     def near(self, terms: Terms) -> Linear:
-        """Errors around the fit of the terms."""
+        """Return the errors around the fit of the terms."""
         key = tuple(terms)
         if key not in self._linear:
             if self.guide is not None:
@@ -82,7 +82,7 @@ class RolloutRows:
         return self._linear[key]
 
     def _is_hopeless(self, terms: Key) -> bool:
-        """Whether the last of the terms promises nothing beside the others: then a single turn says enough of it."""
+        """Return whether the linear fit of the last of the terms gains too little, so that a single turn suffices."""
         others, last = terms[:-1], terms[-1]
         if others not in self._linear or (others, last.id) not in self._least_errors:
             return False
@@ -91,11 +91,11 @@ class RolloutRows:
         return bool(gain < LOOP.hopeless)
 
     def _keep(self, terms: Key, found: Linear) -> None:
-        """Know a fit by the terms that it was asked for, and by those that it has: some parameters follow others."""
+        """Keep a fit by the requested terms, and by the fitted terms, in which some parameters follow others."""
         self._linear[terms] = self._linear[found.point.terms] = found
 
     def begin_at(self, point: Point, terms: Key | None = None) -> None:
-        """Where the fit of a model begins, of the terms of the point if no others are given."""
+        """Let the fit of some terms, by default those of the point, begin at a point."""
         self._starts[terms or point.terms] = point
 
     def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
@@ -108,7 +108,7 @@ class RolloutRows:
         return FittedTerms(point.terms, point.theta)
 
     def with_nonlinear(self, terms: Terms) -> Key:
-        """The terms with all continuous nonlinear parameters fitted from where they are."""
+        """Return the terms with all continuous nonlinear parameters fitted from their values."""
         point = self.near(terms).point
         if len(point.values) == len(point.theta):
             return point.terms
@@ -117,7 +117,7 @@ class RolloutRows:
         return found.point.terms
 
     def typical(self, terms: Terms) -> Array:
-        """Size of each linear parameter that matters (P,)."""
+        """Return a typical size of each linear parameter (P,)."""
         return np.concatenate([np.empty(0), *(self._typical_of(term) for term in terms)])
 
     @memoized
@@ -127,7 +127,7 @@ class RolloutRows:
         return np.asarray(LOOP.typical * rms / np.maximum(own, 1e-9))
 
     def _begin(self, terms: Key) -> Point:
-        """Where a fit begins: the likeliest of what is known of models that are nearly the same."""
+        """Return the start of a fit: the likeliest of the fits of similar models and of linear fits."""
         known = {term.id for term in terms}
         parents = sorted(
             self._linear, key=lambda other: (len(known ^ {term.id for term in other}), -len(set(other) & set(terms)))
@@ -149,7 +149,7 @@ class RolloutRows:
         return starts[0] if len(starts) == 1 else likeliest(self.rollouts, starts)[0]
 
     def _first(self, terms: Key) -> Iterator[Point]:
-        """Where the first fit may begin: where torque has the parameters, or with what a joint has at least."""
+        """Yield starts of the first fit: the parameters fitted to torque, with several least sizes."""
         theta, typical = self.torque.solve(terms), self.typical(terms)
         for share in (0.0, 1.0, 5.0):
             values = np.maximum(np.abs(theta), share * typical) if share else theta
@@ -164,7 +164,7 @@ class RolloutRows:
 
     def residual(self, terms: Terms, theta: Array) -> Array:
         """Return the measured minus the simulated positions (R,) [rad]."""
-        return -self.rollouts.misses([Point(tuple(terms), theta)])[:, 0]
+        return -self.rollouts.position_errors([Point(tuple(terms), theta)])[:, 0]
 
     def trial(self, terms: Terms) -> Trial:
         """Fit one set of terms; its error is the scale of its errors [rad]."""
@@ -218,8 +218,8 @@ class RolloutRows:
                 shifts = np.vstack([np.zeros(len(size)), shifts])
             slices.append((len(points), len(points) + len(shifts)))
             points += [Point((*point.terms, variant), np.r_[point.theta, shift]) for shift in shifts]
-        base = self.rollouts.misses(points[:1])
-        errors = np.column_stack([base, self.rollouts.misses(points[1:])])
+        base = self.rollouts.position_errors(points[:1])
+        errors = np.column_stack([base, self.rollouts.position_errors(points[1:])])
         found = []
         for variant, (first, last) in zip(variants, slices, strict=True):
             own, size = errors[:, first:last], self._typical_of(variant)
@@ -234,7 +234,7 @@ class RolloutRows:
         return np.delete(point.theta, np.s_[first : first + len(point.terms[place].columns)])
 
     def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
-        """Derivatives (R, S) of the positions with respect to continuous nonlinear parameters, and their names."""
+        """Return derivatives (R, S) of the positions by continuous nonlinear parameters, and the names of these."""
         point = self.near(terms).point
         names = [term.full(parameter.name) for term in terms for parameter in continuous(term)]
         slopes = (

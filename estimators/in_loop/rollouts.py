@@ -1,4 +1,4 @@
-"""Recordings of servos as rollouts: whole simulations from the goal alone, to be compared with the motion."""
+"""Rollouts of servos: simulations of whole recordings from the goal alone, compared with the measured motion."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Rollouts:
         recordings: of servos.
         steps: of the integrator from one position that is compared to the next.
         shares: of each recording from which on, and up to which, positions are compared; all of it is simulated.
-        is_held: whether goals stay from sample to sample, or run on between them, faster than they are logged.
+        is_held: whether goals are held from sample to sample, or interpolated: logged less often than they change.
     """
 
     recordings: tuple[Recording, ...]
@@ -48,18 +48,18 @@ class Rollouts:
 
     @cached_property
     def servos(self) -> Servos:
-        """All rollouts side by side, shorter ones with their last sample to the end."""
+        """All rollouts in a batch, shorter ones padded with their last sample."""
         parts = [part for _, part in self._segments]
         step = GRAIN / self.steps
         begins = np.arange(self.steps * max(len(at) for at in self._times)) * step + 1e-6  # [s], against rounding
 
         def held(values: Sequence[Array]) -> Array:
-            """What holds from sample to sample (N, B), as each step begins."""
+            """Return series held from sample to sample, at the begin of each step (N, B)."""
             places = [np.minimum((begins * part.rate).astype(np.intp), len(part) - 1) for part in parts]
             return np.array([own[at] for own, at in zip(values, places, strict=True)]).T
 
         def between(values: Sequence[Array]) -> Array:
-            """What runs on from sample to sample (N, B), as each step begins."""
+            """Return series interpolated between samples, at the begin of each step (N, B)."""
             pairs = zip(values, parts, strict=True)
             return np.array([np.interp(begins, np.arange(len(part)) / part.rate, own) for own, part in pairs]).T
 
@@ -86,13 +86,13 @@ class Rollouts:
 
     @cached_property
     def _times(self) -> list[Array]:
-        """Times from the start of each rollout at which positions are compared [s]."""
+        """Times of compared positions, from the start of each rollout [s]."""
         lengths = [(part.time[-1] - part.time[0]) / GRAIN for _, part in self._segments]
         return [GRAIN * np.arange(1.0, int(length + 1e-6) + 1) for length in lengths]
 
     @cached_property
     def _compared(self) -> list[Mask]:
-        """Which of these times are compared."""
+        """Mask of the times within the compared share of each recording."""
         found = []
         for times, (k, part) in zip(self._times, self._segments, strict=True):
             whole = self.recordings[k]
@@ -102,7 +102,7 @@ class Rollouts:
 
     @cached_property
     def position(self) -> Array:
-        """Measured positions that are compared (R,) [rad]."""
+        """Measured positions to compare with (R,) [rad]."""
         parts = zip(self._times, self._compared, self._segments, strict=True)
         return np.concatenate(
             [np.interp(part.time[0] + times[own], part.time, part.position) for times, own, (_, part) in parts]
@@ -110,25 +110,25 @@ class Rollouts:
 
     @cached_property
     def recording_of(self) -> Index:
-        """Recording that each of them is of (R,)."""
+        """Recording of each compared position (R,)."""
         return np.repeat([k for k, _ in self._segments], [int(own.sum()) for own in self._compared])
 
     @cached_property
     def resolution(self) -> float:
-        """Standard deviation of the least error that an encoder makes [rad]."""
+        """Standard deviation of the quantisation by the finest encoder [rad]."""
         steps = [np.abs(np.diff(recording.position)) for recording in self.recordings]
         least = min(float(own[own > FINEST].min(initial=np.inf)) for own in steps)
         return least / np.sqrt(12.0) if np.isfinite(least) else FINEST
 
     @property
     def encoder(self) -> dict[str, float]:
-        """Mean absolute error that the encoder alone makes, by the joint's name [rad]."""
+        """Mean absolute error due to the encoder alone, by the joint's name [rad]."""
         noise = np.mean([encoder_noise(recording.position) for recording in self.recordings])
         return {"": float(np.sqrt(2 / np.pi) * noise)}
 
     @cached_property
     def mistimed(self) -> tuple[Self, Self]:
-        """The same with goals, and with controllers, as late as a log may have them without saying so."""
+        """Rollouts with goals, and with controllers, as late as the jitter of a clock may make them."""
 
         def late(recording: Recording, goal: float, drive: float) -> Recording:
             assert recording.reference is not None and recording.drive is not None  # there is no rollout without
@@ -142,8 +142,8 @@ class Rollouts:
         drives = tuple(late(own, 0.0, by) for own, by in zip(self.recordings, jitter, strict=True))
         return replace(self, recordings=goals), replace(self, recordings=drives)
 
-    def misses(self, points: Sequence[Point]) -> Array:
-        """Simulated minus measured positions under V models whose terms are of equal classes (R, V) [rad]."""
+    def position_errors(self, points: Sequence[Point]) -> Array:
+        """Return simulated minus measured positions (R, V) of V models whose terms are of equal classes [rad]."""
         terms = []
         for variants in zip(*(point.terms for point in points), strict=True):
             nonlinear = {
@@ -154,17 +154,19 @@ class Rollouts:
                 for name, values in nonlinear.items()
             }
             terms.append(type(variants[0])(**same))
-        return self.missed(follow(terms, np.column_stack([point.theta for point in points]), self.servos, self.steps))
+        return self.compare_paths(
+            follow(terms, np.column_stack([point.theta for point in points]), self.servos, self.steps)
+        )
 
-    def missed(self, paths: Array) -> Array:
-        """Positions (N + 1, V, B), simulated a grain apart from the start on, minus measured ones (R, V) [rad]."""
-        told = np.concatenate([paths[1 : len(own) + 1, :, lane][own] for lane, own in enumerate(self._compared)])
+    def compare_paths(self, paths: Array) -> Array:
+        """Return simulated positions (N + 1, V, B), a grain apart from the start, minus measured ones (R, V) [rad]."""
+        simulated = np.concatenate([paths[1 : len(own) + 1, :, lane][own] for lane, own in enumerate(self._compared)])
         farthest = 2.0  # [rad], error that a larger one counts as
-        return np.clip(np.nan_to_num(told, nan=np.inf) - self.position[:, None], -farthest, farthest)
+        return np.clip(np.nan_to_num(simulated, nan=np.inf) - self.position[:, None], -farthest, farthest)
 
     @cached_property
     def time(self) -> Array:
-        """Times of the positions that are compared, from the start of each recording (R,) [s]."""
+        """Times of the compared positions, from the start of each recording (R,) [s]."""
         parts = zip(self._times, self._compared, self._segments, strict=True)
         return np.concatenate(
             [part.time[0] + times[own] - self.recordings[k].time[0] for times, own, (k, part) in parts]
@@ -172,11 +174,11 @@ class Rollouts:
 
     @cached_property
     def clusters(self) -> Index:
-        """Stretch that each equation lies in (R,), for standard errors."""
-        return self.blocks(1.5)[0]  # [s], errors of a rollout that tell as much as one
+        """Block of time of each row (R,), for standard errors."""
+        return self.blocks(1.5)[0]  # [s], over which errors of a rollout are correlated
 
     def blocks(self, length: float) -> tuple[Index, Index, Index]:
-        """Stretch of about `length` seconds and recording of each equation (R,); recording of each block (S,)."""
+        """Return block of about `length` seconds and recording of each row (R,); recording of each block (S,)."""
         pairs = np.column_stack([self.recording_of, (self.time / length).astype(np.intp)])
         known, block = np.unique(pairs, axis=0, return_inverse=True)
         return block.ravel(), self.recording_of, known[:, 0]
@@ -198,13 +200,13 @@ class Rollouts:
 
     @cached_property
     def noise(self) -> float:
-        """Error that encoder and clock alone make [rad]."""
+        """Error due to encoder and clock alone [rad]."""
         late = [JITTER * float(np.std(np.gradient(r.position, r.time))) / r.rate for r in self.recordings]
         return max(self.precision, float(np.hypot(self.resolution, np.mean(late))))
 
 
 def are_driven(recordings: Sequence[Recording]) -> bool:
-    """Whether recordings are of servos whose controller is known.
+    """Return whether recordings are of servos whose controller is known.
 
     Raises:
         RecordingError: if only some of them are, or they cannot be simulated at once.

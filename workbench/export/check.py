@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.in_loop.fit import likelier
+from estimators.in_loop.fit import choose_rollouts
 from estimators.in_loop.rollouts import GRAIN
 from estimators.signals.motion import load_in_newton_metres
 from estimators.simulation.free_running import Segments, simulate_all, start_memory
@@ -62,14 +62,14 @@ def check_in_loop(model: Model, request: Request, recordings: Sequence[Recording
     steps = round(GRAIN / request.step)
     if abs(steps * request.step - GRAIN) > 1e-9:
         raise ExportError(f"positions are compared every {GRAIN:g} s: --step should be a whole part of it, as 0.001")
-    rollouts = replace(likelier(model, recordings)[0], steps=steps)
+    rollouts = replace(choose_rollouts(model, recordings)[0], steps=steps)
 
     def error(request: Request) -> float:
-        return _mean_size(rollouts.missed(_follow(model, request, rollouts.servos, steps)))
+        return _mean_size(rollouts.compare_paths(_follow(model, request, rollouts.servos, steps)))
 
     exported = replace(request, callback="python") if request.callback else request  # C says the same
     errors = {
-        "this project's simulation": _mean_size(rollouts.misses([Point(model.terms, model.theta)])),
+        "this project's simulation": _mean_size(rollouts.position_errors([Point(model.terms, model.theta)])),
         "MuJoCo with what is exported": error(exported),
     }
     if request.callback:

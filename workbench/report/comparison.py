@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.figure import DRAWING, Figure, axis, band, before_and_after, broken, joined, line
-from estimators.in_loop.fit import followed
+from estimators.in_loop.fit import simulate_recording
 from estimators.simulation.free_running import Segments, follow
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
@@ -95,7 +95,7 @@ def loop(
     for number, recording in enumerate(recordings):
         errors, curves = [], []
         for (label, model), color in zip(models, ("--base", "--final")[-len(models) :], strict=True):
-            time, simulated, measured = followed(model, recording)
+            time, simulated, measured = simulate_recording(model, recording)
             errors.append(float(np.mean(np.abs(simulated - measured))))
             curves.append(line(time, simulated, label, color, "rad"))
         rows.append((recording.name, errors))
