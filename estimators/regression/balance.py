@@ -87,11 +87,11 @@ class Balance:
         return replace(self, **chosen)
 
     def error(self, theta: Array) -> Array:
-        """Measured minus predicted torque (R,) [N m] at parameters (P,)."""
+        """Return the measured minus the predicted torque (R,) [N m] at parameters (P,)."""
         return self._error(theta)[0]
 
     def residual(self, theta: Array) -> tuple[Array, Array]:
-        """What equations leave at each of K parameters (K, P), and how much of it each N m of torque is, (K, R) each.
+        """Return the residuals at K sets of parameters (K, P), and their derivatives by the torque, (K, R) each.
 
         Their ratio is the error of the predicted torque, while that is small.
         """
@@ -125,7 +125,7 @@ class Balance:
         return steps, np.diff(self.response, axis=1) / steps
 
     def _error(self, theta: Array) -> tuple[Array, Array]:
-        """Errors (R,) and the slopes of the equations by the torque (R,) there."""
+        """Return the errors (R,) and the slopes of the equations by the torque (R,)."""
         left = (self.y - self.phi @ theta) / self.torque_share
         if self.is_linear:
             return left, np.ones(len(left))
@@ -142,19 +142,19 @@ class Balance:
         return balance[rows, place] / slope - self.perturbations[rows, place], slope
 
     def solve(self, start: Array | None = None) -> Array:
-        """Parameters (P,) of least squared error within the bounds, looked for from those of torque (P,) near them."""
+        """Fit parameters (P,) within their bounds; `start` (P,) has those of columns that depend on the torque."""
         free = np.ones(self.phi.shape[1], dtype=bool)
         theta = np.zeros(len(free)) if start is None else start * self.of_torque
         return within_bounds(_without_linear_rows(self)._solve, theta, free, self.least, self.most)[0]
 
     def least_squared(self) -> float:
-        """Squared weighted error of the solution."""
+        """Return the squared weighted error of the solution."""
         small = _without_linear_rows(self)
         return float(np.sum((small.weights * small.error(small.solve())) ** 2))
 
     @classmethod
     def of(cls, y: Array, weights: Array) -> Balance:
-        """Equations of a left-hand side (R,) that no term explains yet, with weights (R,)."""
+        """Return equations of a left-hand side (R,) without terms, with weights (R,)."""
         return cls(np.empty((len(y), 0)), y, np.empty((len(y), 0)), np.empty(0), np.empty(0), weights)
 
     def with_columns(
@@ -196,10 +196,9 @@ class Balance:
         )
 
     def solve_without(self, fold: Index, count: int) -> Array:
-        """Parameters (K, P) as `solve` finds them without each of K folds, given the fold of every equation (R,).
+        """Fit parameters (K, P) without each of K folds, given the fold of every equation (R,).
 
-        Each fold's normal equations are made once, around the whole fit, from which leaving out a fold leads a step
-        away; what is solved is as small as they are.
+        Each fold's normal equations are made once, around the whole fit. The fit without a fold is one step from there.
         """
         near = self.tangent()
         rows = np.column_stack([near.error, near.slopes]) * self.weights[:, None]
@@ -221,7 +220,7 @@ class Balance:
         return bool(np.count_nonzero(rows) * (left - square) < 2 * SOLVER.unlikelier * max(square, 1e-300))
 
     def fit(self, clusters: Index, jacobian: Array | None = None, theta: Array | None = None) -> Fit:
-        """The solution (P,), where it is not given, and its covariance: linear in errors of the predicted torque there.
+        """Return the fit with the covariance of its parameters, by the tangent; `theta` (P,) is solved unless given.
 
         A parameter at its bound is known there: it has no error of its own, and the others' are those beside it.
         """
@@ -239,14 +238,14 @@ class Balance:
         return Fit(theta, covariance, error, direction, condition)
 
     def slopes(self, theta: Array, jacobian: Array | None = None) -> Array:
-        """Derivatives (R, P) of the predicted torque at parameters (P,).
+        """Return derivatives (R, P) of the predicted torque at parameters (P,).
 
         Those by nonlinear parameters follow, (R, P + S); `jacobian` (R, S) has the derivatives of phi theta by these.
         """
         return self._linear(theta, jacobian)[1]
 
     def _linear(self, theta: Array, jacobian: Array | None = None) -> tuple[Array, Array]:
-        """Errors (R,) and these derivatives."""
+        """Return the errors (R,) and these derivatives."""
         error, slope = self._error(theta)
         torque_share = np.broadcast_to(self.torque_share, slope.shape)[:, None]
         if self.is_linear and jacobian is None:
@@ -256,13 +255,13 @@ class Balance:
         return error, whole / slope[:, None]
 
     def tangent(self) -> Tangent:
-        """The errors, linear around the fit; exactly so where they are linear, and then around zero."""
+        """Linearise the errors around the fit, or around zero where they are linear."""
         theta = np.zeros(self.phi.shape[1]) if self.is_linear else self.solve()
         error, slope = self._error(theta)
         return Tangent(theta, error, self.slopes(theta), 1.0 / (slope * self.torque_share))
 
     def _solve(self, theta: Array, free: Mask) -> Array:
-        """The parameters with the free ones moved to where the squared error is least (Gauss-Newton)."""
+        """Fit the free parameters by Gauss-Newton, and keep the others."""
         plain, w = free & ~self.of_torque, self.weights
         theta = np.where(plain, 0.0, theta)
         slope = np.maximum(1.0 - self.by_torque @ theta, LEAST_SLOPE) * self.torque_share
@@ -322,7 +321,7 @@ def _without_linear_rows(balance: Balance) -> Balance:
 
 
 def place_columns(count: int, parts: Sequence[tuple[slice, Array]]) -> Array:
-    """Columns side by side (R, P), each on its rows of R = `count` equations, zero elsewhere."""
+    """Place columns side by side (R, P), each on its rows of R = `count` equations, zero elsewhere."""
     if all(len(own) == count for _, own in parts):
         return np.column_stack([np.empty((count, 0)), *(own for _, own in parts)])
     whole, first = np.zeros((count, sum(own.shape[1] for _, own in parts))), 0

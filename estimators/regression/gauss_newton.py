@@ -44,7 +44,7 @@ class Near(Generic[Known]):
     at_most: Mask | None = None
 
     def step(self, damping: float) -> Array:
-        """Step (S,) under a damping; what would leave its bounds stays where it is."""
+        """Return the step (S,) under a damping; a parameter that would leave its bounds stays."""
         size = np.sqrt(damping) * np.linalg.norm(self.slopes, axis=0)
         rows = np.vstack([self.slopes, np.diag(size)]) if damping else self.slopes
         target = np.append(-self.error, np.zeros(len(rows) - len(self.error)))
@@ -84,7 +84,7 @@ class Rule:
     patience: int = 1
 
     def enough(self, first: float, cost: float) -> float:
-        """Fall of the cost in a turn that is worth another, given the cost at first and now."""
+        """Return the least fall of the cost for another turn, given the cost at first and now."""
         return max(self.least, self.of_cost * cost, self.of_fall * (first - cost))
 
 
@@ -94,7 +94,7 @@ def gauss_newton(
     best: Callable[[Near[Known], list[Array]], tuple[Place, float]],
     rule: Rule,
 ) -> Place:
-    """Where the cost is least near a place.
+    """Find the place of least cost near a place.
 
     Args:
         place: to start from.
@@ -120,6 +120,6 @@ def gauss_newton(
 
 
 def least_of(places: Sequence[Place], costs: Sequence[float] | Array) -> tuple[Place, float]:
-    """The place of least cost, and its cost."""
+    """Return the place of least cost, and its cost."""
     k = int(np.argmin(costs))
     return places[k], float(costs[k])

@@ -62,7 +62,7 @@ class Fit:
 
 
 def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array | None = None) -> Fit:
-    """Weighted least squares; standard errors from the spread between clusters of equations.
+    """Solve weighted least squares, with standard errors from the spread between clusters of equations.
 
     Args:
         equations: R equations in P unknowns.
@@ -81,7 +81,7 @@ def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array
 
 
 def worst_direction(phi: Array) -> tuple[float, Array]:
-    """Condition number of columns (R, P) scaled to equal length, and the unit vector (P,) that says least in them."""
+    """Return condition number and least determined direction (P,) of columns (R, P) scaled to equal length."""
     scale = np.linalg.norm(phi, axis=0)
     scale[scale == 0] = 1.0
     values, vectors = np.linalg.eigh((gram := phi.T @ phi) / np.outer(scale, scale))
@@ -92,10 +92,10 @@ def worst_direction(phi: Array) -> tuple[float, Array]:
 
 
 def is_converged(residual: Array, change: Array) -> bool:
-    """Whether a Gauss-Newton step, which changes the residual (R,) by `change` (R,), is short against standard errors.
+    """Return whether a Gauss-Newton step, with its `change` (R,) of the residual (R,), is below standard errors.
 
-    It is if `change` is small beside what the residual has in any one direction. What is fitted then no longer depends
-    on where the search began, nor on the order in which a computer adds.
+    `change` is then small beside the residual in any one direction, and the fit depends neither on its start nor on the
+    order of sums.
 
     Source: Bates and Watts, Technometrics 23(2), 1981 (the relative offset).
     """
@@ -103,10 +103,10 @@ def is_converged(residual: Array, change: Array) -> bool:
 
 
 def robust_covariance(phi: Array, residual: Array, clusters: Index) -> Array:
-    """Covariance (P, P) of least squares whose R residuals may be correlated within clusters.
+    """Return the covariance (P, P) of least squares with residuals (R,) that may be correlated within clusters.
 
-    It is the jackknife's. What only few clusters tell of a parameter scatters as Student's t does: then it is widened,
-    until 1.96 standard errors cover 95 % all the same.
+    It is the jackknife's. A parameter that few clusters determine scatters as Student's t: its variance is widened
+    until 1.96 standard errors cover 95 %.
 
     Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (CR3, and degrees of freedom after Satterthwaite).
     """
@@ -119,7 +119,7 @@ def robust_covariance(phi: Array, residual: Array, clusters: Index) -> Array:
 
 
 def jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Array, Array]:
-    """Covariance (P, P) from leaving out each of C clusters, and what each tells of every parameter (C, P).
+    """Return the covariance (P, P) by leaving out each of C clusters, and the share of each in every parameter (C, P).
 
     A fit follows the clusters that tell it most, whose residuals then look too small. Each cluster's score is what it
     is without its own pull, (I - X'X B)^-1 X'e with B = (phi' phi)^-1, so that few clusters do not feign certainty.
@@ -152,7 +152,7 @@ def _alone(phi: Array, residual: Array, bread: Array) -> Array:
 def within_bounds(
     solve: Callable[[Array, Mask], Array], theta: Array, free: Mask, least: Array, most: Array
 ) -> tuple[Array, Mask]:
-    """Parameters (P,) that a solver finds, those that would leave their bounds held there; and which are free still.
+    """Solve for parameters (P,) within bounds; return them with the mask of those that are not at a bound.
 
     The solver gives the parameters with the free ones (P,) found anew. Those that leave at once are held at once, and
     none is let go again: of several bounds that act together, the solution is within all, if not always the very best.
@@ -167,15 +167,15 @@ def within_bounds(
 
 
 def without_each(grams: Array) -> Array:
-    """Gram matrices of all folds but one, for each of K folds, given those of the folds (K, P + 1, P + 1)."""
+    """Return the Gram matrices without each of K folds, given those of the folds (K, P + 1, P + 1)."""
     others = 1.0 - np.eye(len(grams))  # not the difference from the whole, which loses digits
     return np.asarray(np.einsum("lk,kij->lij", others, grams))
 
 
 def solved(gram: Array, least: Array, most: Array) -> Array | None:
-    """Parameters (P,) that solve normal equations within bounds, given the Gram matrix (P + 1, P + 1) of [y, phi].
+    """Solve normal equations within bounds for parameters (P,), given the Gram matrix (P + 1, P + 1) of [y, phi].
 
-    None where the equations hardly tell them apart, and normal equations lose too many digits.
+    None for nearly collinear columns, for which normal equations lose too many digits.
     """
     size = np.sqrt(np.diag(gram))
     size[size == 0] = 1.0
@@ -194,16 +194,16 @@ def solved(gram: Array, least: Array, most: Array) -> Array | None:
 
 
 def quietest_most(squares: Array, counts: Index, least: float) -> Array:
-    """Weight of each recording (E,) by the sum of its squared residuals (E,): the quietest counts most.
+    """Return the weight of each recording (E,) by the sum of its squared residuals (E,).
 
-    Some may have no equations, by their counts (E,); below the level `least`, all are as quiet.
+    A recording without equations, by `counts` (E,), has no weight; residuals below `least` count alike.
     """
     levels = np.maximum(np.sqrt(squares / np.maximum(counts, 1)), least) + 1e-300
     return np.where(counts > 0, levels[counts > 0].min() / levels, 0.0)
 
 
 def information(covariance: Array) -> Array:
-    """Inverse of a covariance (P, P); nothing is known of what has no variance, or in a direction that has none.
+    """Return the pseudo-inverse of a covariance (P, P), zero for parameters and directions without variance.
 
     A regression that cannot tell two parameters apart says nothing of their difference.
     """
@@ -214,12 +214,12 @@ def information(covariance: Array) -> Array:
 
 
 def outside(frame: Array, columns: Array) -> Array:
-    """What of some columns (R, ...) an orthonormal frame (R, P) cannot imitate."""
+    """Return the part of columns (R, ...) outside the span of an orthonormal frame (R, P)."""
     return np.asarray(columns - frame @ (frame.T @ columns))
 
 
 def least_squares(phi: Array, y: Array) -> Array:
-    """Parameters (P,) of least squared error, columns scaled to equal length first; zero for a column of zeros.
+    """Solve least squares for parameters (P,), with columns scaled to equal length; zero for a column of zeros.
 
     Normal equations lose twice as many digits as the columns are alike by, and are used where that is few.
     """

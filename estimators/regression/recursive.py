@@ -32,12 +32,12 @@ class History(NamedTuple):
 
 
 def evenly(count: int, points: int) -> Index:
-    """About `points` indices into `count` equations, evenly spaced, the last one included."""
+    """Return about `points` evenly spaced indices into `count` equations, the last one included."""
     return np.unique(np.linspace(0, count - 1, min(points, count) + 1).round().astype(np.intp)[1:])
 
 
 def history(equations: Equations, mask: Mask, points: Index, prior: float = PRIOR) -> History:
-    """What the recursion, the paper's (6), reaches at `points`, without running it.
+    """Return the estimates of the recursion, the paper's (6), at `points`, without running it.
 
     The recursion minimises |theta|^2 / prior plus the squared errors so far. Its square root of information R,
     R'R = 1 / P, follows from orthogonal triangularisation (QR), which loses half as many digits as sums of squares do:

@@ -29,7 +29,7 @@ HOPELESS = 1e8  # condition number
 
 
 def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
-    """Linear parameters of the terms, with the terms' columns along the reference as instruments.
+    """Fit the linear parameters of the terms, with the terms' columns along the reference as instruments.
 
     Args:
         data: windows of recordings with `reference`, which the motion follows.

@@ -35,7 +35,7 @@ PLACES = 50  # samples of each recording over which a joint's inertia is average
 
 
 def prepare_arm(recordings: Sequence[Recording], links: Links, shared: Sequence[type[Coupling]] = ()) -> TorqueWindows:
-    """Windowed equations of recordings of an arm, in `links`, terms at joints, and `shared` by two joints.
+    """Cut recordings of an arm into windows, with the columns of `links` and of terms `shared` by two joints.
 
     Raises:
         IdentificationError: if a joint hardly moves clear of stick.
@@ -63,7 +63,7 @@ def prepare_arm(recordings: Sequence[Recording], links: Links, shared: Sequence[
 
 
 def at_every_sample(windows: Sequence[Windows], links: Links, shared: Sequence[type[Coupling]] = ()) -> TorqueWindows:
-    """Equations of one recording of an arm about every sample that is clear of stick, from windows of each joint."""
+    """Return windows about every sample of an arm's recording that is clear of stick, from windows of each joint."""
     entries = [w.at_every_sample() for w in windows]
     return _joined([entries], [_columns(entries, links.body)], links, shared)
 

@@ -37,19 +37,19 @@ NONLINEAR = NonlinearSettings()
 
 
 def moved(term: Term, sought: Sequence[NonlinearParameter], values: Sequence[float] | Array) -> Term:
-    """The term with new values of some nonlinear parameters, kept inside their limits."""
+    """Return the term with new values of some nonlinear parameters, kept inside their limits."""
     return replace(term, **{s.name: float(np.clip(v, s.low, s.high)) for s, v in zip(sought, values, strict=True)})
 
 
 def continuous(term: Term) -> list[NonlinearParameter]:
-    """Free nonlinear parameters that are continuous and follow no other parameter."""
+    """List the free nonlinear parameters that are continuous and follow no other parameter."""
     return [parameter for parameter in term.free if not parameter.integer and not parameter.follows]
 
 
 def release(term: Term) -> list[list[Term]]:
-    """Variants of the term that release one nonlinear parameter from its nominal value: from where its search begins.
+    """List variants of the term that release one nonlinear parameter from its nominal value, for a search.
 
-    Of whole numbers that is each that makes sense, of the first such parameter alone: the others are more of the same.
+    An integer takes each of its values; only the first integer is released, since others are similar.
     """
     found, is_whole, starts = [], False, hints_of(type(term)).alternative_starts
     for parameter in term.nonlinear_parameters:
@@ -64,14 +64,14 @@ def release(term: Term) -> list[list[Term]]:
 
 
 def reset(term: Term) -> list[Term]:
-    """Variants of the term, each with one released nonlinear parameter back at its nominal value."""
+    """List variants of the term, each with one released nonlinear parameter back at its nominal value."""
     starts = hints_of(type(term)).alternative_starts
     released = [parameter for parameter in term.free if parameter.name in starts]
     return [moved(term, [parameter], [parameter.nominal]) for parameter in released if parameter.nominal is not None]
 
 
 def nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]]) -> dict[str, Array]:
-    """Derivatives (R,) of a term's torque by its continuous nonlinear parameters, by `id.shape`.
+    """Return derivatives (R,) of a term's torque by its continuous nonlinear parameters, by `id.parameter`.
 
     Args:
         term: at whose nonlinear parameters.
@@ -88,7 +88,7 @@ def nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Ar
 
 
 def refined(term: Term, residuals: Residuals) -> Term:
-    """Variant with the least squared residual near `term`.
+    """Find the variant with the least squared residual near `term`.
 
     The derivative of the projected residual is taken by differences; all differences of a turn, as well as all step
     lengths, are judged as one batch. Parameters with a positive lower limit move by factors.
@@ -101,7 +101,7 @@ def refined(term: Term, residuals: Residuals) -> Term:
     known: dict[Term, Array] = {}  # residuals of the last batch
 
     def at(term: Term) -> tuple[Array, Array]:
-        """Values of the nonlinear parameters and the units that they move by."""
+        """Return the values of the nonlinear parameters and the units of their steps."""
         values = np.array([term.nonlinear_values[parameter.name] for parameter in sought])
         return values, np.where(factor, np.abs(values), np.maximum(np.abs(values), 0.1))
 
@@ -128,7 +128,7 @@ def refined(term: Term, residuals: Residuals) -> Term:
 
 
 def scan(term: Term, residuals: Residuals, reach: float) -> Term:
-    """Variant whose instants are the best within `reach` [s]: evenly spaced ones, and again around the best."""
+    """Search the instants of a term within `reach` [s] on a grid, and on finer grids around the best."""
     for parameter in (parameter for parameter in term.nonlinear_parameters if parameter.instant):
         for width in reach * np.array([1.0, 0.1, 0.01]):
             values = term.nonlinear_values[parameter.name] + width * np.linspace(-1.0, 1.0, NONLINEAR.instants)
@@ -138,7 +138,7 @@ def scan(term: Term, residuals: Residuals, reach: float) -> Term:
 
 
 def cross_entropy(variants: Sequence[Term], residuals: Residuals) -> Term:
-    """Best variant by repeated draws around the best ones so far; for errors with many local minima.
+    """Search by repeated draws around the best variants so far; for errors with many local minima.
 
     Works on the logarithms of the nonlinear parameters, which have to be positive.
     Source: Rubinstein and Kroese, The Cross-Entropy Method, 2004.

@@ -1,4 +1,4 @@
-"""Windowed equations of several recordings that share one set of parameters; noise sets the window length."""
+"""Windows of several recordings that share one set of parameters; noise sets the window length."""
 
 from __future__ import annotations
 
@@ -91,11 +91,11 @@ class TorqueWindows:
         return found
 
     def where(self, at: str) -> slice:
-        """Rows of a joint; all rows for terms at no single joint."""
+        """Return the rows of a joint; all rows for terms at no single joint."""
         return self._parts[at][0] if at in self._parts else slice(None)
 
     def part(self, at: str) -> TorqueWindows:
-        """The data of a joint; all data for terms at no single joint."""
+        """Return the windows of a joint; all windows for terms at no single joint."""
         return self._parts[at][1] if at in self._parts else self
 
     @cached_property
@@ -113,7 +113,7 @@ class TorqueWindows:
         return WindowAverages.joined([w.rates for w in self.windows])
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
-        """Samples with the state variables of each of several variants of one effect, all recordings in a row."""
+        """Trace the states of variants of one effect along all recordings in a row, one result for each variant."""
         known = self.link_states.get(variants[0].id)
         if known:
             return [in_a_row(known)] * len(variants)
@@ -122,7 +122,7 @@ class TorqueWindows:
         return [in_a_row(own) for own in zip(*trace_all(self.windows, variants), strict=True)]
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
-        """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,).
+        """Return the linear columns (R, P) and the sum of the fixed columns (R,) of each variant of one effect.
 
         Only the rows of its joint are returned: an effect is zero at all others.
         """
@@ -132,7 +132,7 @@ class TorqueWindows:
         return own.averages.columns(variants, own.trace(variants))
 
     def rates(self, term: Term) -> Array:
-        """Time derivatives of the linear columns of a term (R, P), on the rows of its joint."""
+        """Return time derivatives of the linear columns of a term (R, P), on the rows of its joint."""
         if term.id in self.given:
             return self.given[term.id].rates
         own = self.part(term.at)
@@ -151,7 +151,7 @@ class TorqueWindows:
         return np.repeat(np.arange(len(self.windows)), [len(w.centers) for w in self.windows])
 
     def blocks(self, length: float) -> tuple[Index, Index, Index]:
-        """Block of about `length` seconds and entry of each equation (R,); recording of each block (S,).
+        """Return block of about `length` seconds and entry of each equation (R,); recording of each block (S,).
 
         The joints of an arm share their blocks.
         """
@@ -188,29 +188,29 @@ class TorqueWindows:
         return ResidualStructure(size if size > self.precision() else 0.0, z_score, everything)
 
     def precision(self) -> float:
-        """Torque error of smoothing and integration [N m]."""
+        """Return the torque error of smoothing and integration [N m]."""
         return WEAK_FORM.precision * float(np.std(self.applied_torque()))
 
     def least(self) -> float:
-        """Largest such error of all joints [N m]: a joint without a motor has no torque, but is no more exact."""
+        """Return the largest such error of all joints [N m]; it holds for a joint without a motor, too."""
         return max(self.part(at).precision() for at in self.joints)
 
     def negligible(self, at: str) -> float:
-        """Torque that may be left of a joint of an arm without a meaning [N m]: other joints' errors enter it."""
+        """Return the residual below which a joint of an arm has no structure [N m]: errors of other joints enter it."""
         return max(NEGLIGIBLE * float(np.std(self.part(at).torque())), self.least()) if self.given else 0.0
 
     def with_more_torque(self, more: float) -> TorqueWindows:
-        """The same motion under a torque with an offset [N m], for the slope of columns by the torque."""
+        """Return the motion under a torque with an offset [N m], for the slope of columns by the torque."""
         pushed = (w.under(w.recording.torque + more, w.samples.torque + more) for w in self.windows)
         return replace(self, windows=tuple(pushed))
 
     def with_scaled_torque(self, factor: float) -> TorqueWindows:
-        """The same motion under a torque, and a noise of it, that is larger by a factor."""
+        """Return the motion under a torque and a torque noise larger by a factor."""
         larger = (w.under(factor * w.recording.torque, factor * w.samples.torque) for w in self.windows)
         return replace(self, windows=tuple(replace(w, torque_noise=factor * w.torque_noise) for w in larger))
 
     def with_impacts(self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float) -> TorqueWindows:
-        """The data with those windows near reversals whose residual exceeds dry friction: impacts.
+        """Return the windows with those near reversals whose residual exceeds dry friction: impacts.
 
         At a reversal friction is unknown, but it lies between its values in motion one way and the other, unless it is
         far larger at rest. A residual significantly above their difference is an impact: a joint meets a stop only
@@ -245,38 +245,38 @@ class TorqueWindows:
         return join_windows([replace(w, centers=w.centers[~np.isin(w.centers, w.turning)]) for w in self.windows])
 
     def torque(self) -> Array:
-        """Windowed measured torque, (R,) [N m]."""
+        """Return the windowed measured torque (R,) [N m]."""
         return np.concatenate([w.torque() for w in self.windows])
 
     def applied_torque(self) -> Array:
-        """Applied torque, in free swings -I q'' (R,) [N m]."""
+        """Return the applied torque, in free swings -I q'' (R,) [N m]."""
         return np.concatenate([w.applied_torque() for w in self.windows])
 
     def net_torque(self) -> Array:
-        """The same less the torque of known loads, (R,) [N m]: the model's left-hand side."""
+        """Return the measured torque less that of known loads (R,) [N m]: the model's left-hand side."""
         return np.concatenate([w.net_torque() for w in self.windows])
 
     def equations(self, terms: Sequence[Term]) -> Equations:
-        """Regression of the measured torque, less known loads and the terms' fixed columns, on their linear columns."""
+        """Return the regression of the torque, less known loads and fixed columns, on the linear columns of terms."""
         parts = [self.columns([term])[0] for term in terms]
         phi = np.column_stack([linear for linear, _ in parts])
         return Equations(phi, self.net_torque() - sum(fixed for _, fixed in parts))
 
     def absorbed(self, term: Term) -> float:
-        """Variance of torque noise that the term absorbs, mean over the equations [(N m)^2]."""
+        """Return the variance of torque noise that the term absorbs, mean over the equations [(N m)^2]."""
         counts = [len(w.centers) for w in self.windows]
         parts = [count * w.absorbed(term) for count, w in zip(counts, self.windows, strict=True) if count]
         return sum(parts) / max(1, sum(counts))
 
     def noise(self, inertia: float) -> float:
-        """Noise floor: root mean square over the windows of the error due to measurement noise [N m]."""
+        """Return the noise floor: root mean square over the windows of the error due to measurement noise [N m]."""
         counts = np.array([len(w.centers) for w in self.windows])
         levels = np.array([w.noise(inertia) for w in self.windows])
         return max(self.precision(), float(np.sqrt(np.sum(counts * levels**2) / max(1, counts.sum()))))
 
 
 def _most_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: Array) -> Array:
-    """Upper bound of dry friction in each window (R,) [N m], in either direction.
+    """Return an upper bound of dry friction in each window (R,) [N m], in either direction.
 
     Bristles replace dry friction, so that both together have the same bound.
     """
@@ -294,12 +294,12 @@ def _most_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: 
 
 
 def _deviations(rows: Array, covariance: Array) -> Array:
-    """Standard errors (R,) of sums of parameters, each with its factors (R, P)."""
+    """Return standard errors (R,) of sums of parameters, each with its factors (R, P)."""
     return np.asarray(np.sqrt(np.maximum(np.einsum("rp,pq,rq->r", rows, covariance, rows), 0.0)))
 
 
 def _numbers(windows: Sequence[Windows], length: float) -> Index:
-    """Number of the block of about `length` seconds of each equation (R,); no block crosses recordings."""
+    """Return the number of the block of about `length` seconds of each equation (R,), within its recording."""
     numbers, offset, first = [], 0, {}
     for w, run in zip(windows, _runs(windows), strict=True):
         count = max(1, round(w.recording.duration / length))
@@ -312,18 +312,18 @@ def _numbers(windows: Sequence[Windows], length: float) -> Index:
 
 
 def _runs(windows: Sequence[Windows]) -> list[int]:
-    """Recording of each entry: its own, or one shared with other joints."""
+    """Return the recording of each entry: its own, or one shared with other joints."""
     return [k if w.run is None else w.run for k, w in enumerate(windows)]
 
 
 def _widths(recording: Recording) -> tuple[float, ...]:
-    """Half widths of at least two samples."""
+    """Return the half widths of at least two samples."""
     shortest = 2.0 / recording.rate
     return tuple(h for h in HALF_WIDTHS if h >= 0.99 * shortest) or (shortest,)
 
 
 def smooth_laws(w: Windows) -> tuple[Term, ...]:
-    """Terms that together follow nearly any smooth torque: their residual is noise."""
+    """Return terms that together follow nearly any smooth torque: their residual is noise."""
     fast = max(float(np.percentile(np.abs(w.samples.velocity), 95)), 0.1)
     return (
         *BASE,
@@ -338,7 +338,7 @@ def smooth_laws(w: Windows) -> tuple[Term, ...]:
 
 
 def calibrate(w: Windows) -> Windows:
-    """Windows whose noise estimate is at most the residual of a fit of all smooth laws.
+    """Limit the noise estimate of windows to the residual of a fit of all smooth laws.
 
     Torque that changes from sample to sample, under fast control or a random binary signal, looks like noise; but the
     acceleration follows a real torque, so that it leaves no residual.
@@ -350,7 +350,7 @@ def calibrate(w: Windows) -> Windows:
 
 
 def quieter(w: Windows, phi: Array, inertia: Callable[[Array], float], known: Array | float = 0.0) -> Windows:
-    """Windows whose noise estimate is at most the residual of columns (R, P) beside a known torque (R,) [N m].
+    """Limit the noise estimate of windows to the residual of columns (R, P) beside a known torque (R,) [N m].
 
     `inertia` maps parameters (P,) to it.
     """
@@ -366,7 +366,7 @@ def quieter(w: Windows, phi: Array, inertia: Callable[[Array], float], known: Ar
 
 
 def choose_half_width(recording: Recording) -> float:
-    """Shortest half width [s] at which encoder noise no longer dominates torque noise.
+    """Choose the shortest half width [s] at which encoder noise no longer dominates torque noise.
 
     Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
     is mainly noise, which falls with the window length to the power 2.5.
@@ -419,7 +419,7 @@ def join_windows(windows: Sequence[Windows], given: Mapping[str, TermColumns] | 
 def prepare(
     recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
 ) -> TorqueWindows:
-    """Windowed equations of recordings or of a part of each, with window lengths fit to their noise unless given.
+    """Cut recordings, or a part of each, into windows, with lengths chosen by their noise unless given.
 
     Raises:
         IdentificationError: if too little of the motion is clear of stick to fit anything.

@@ -55,7 +55,7 @@ class WindowAverages:
 
     @classmethod
     def joined(cls, parts: Sequence[WindowAverages]) -> WindowAverages:
-        """Those of several recordings in a row."""
+        """Join the averages of several recordings."""
         if len(parts) == 1:
             return parts[0]
         narrow, wider = (
@@ -65,7 +65,7 @@ class WindowAverages:
         return cls(in_a_row([own.samples for own in parts]), acceleration, csr_array(narrow), csr_array(wider))
 
     def column(self, column: Column, x: Samples) -> Array:
-        """Averages (R,) of a column of the regressor, along samples with the term's state variables."""
+        """Average a column of the regressor (R,), along samples with the term's state variables."""
         smooth = column.force(x) + column.dry(x) * np.sign(x.velocity)
         # torque samples are averages over the triangle already
         averages = _averaged(self.narrow if column.of_torque else self.wider, smooth)
@@ -75,7 +75,7 @@ class WindowAverages:
         return np.nan_to_num(averages, nan=0.0, posinf=0.0, neginf=0.0)  # a diverged state has no column
 
     def columns(self, variants: Sequence[Term], traced: Sequence[Samples]) -> list[tuple[Array, Array]]:
-        """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,).
+        """Return the linear columns (R, P) and the sum of the fixed columns (R,) of each variant of one effect.
 
         Args:
             variants: of one effect.
@@ -101,12 +101,12 @@ class WindowAverages:
 
 
 def _averaged(averages: csr_array, series: ArrayLike) -> Array:
-    """Averages (R,) of a series, or of a constant."""
+    """Average a series, or a constant (R,)."""
     return np.asarray(averages @ np.broadcast_to(np.asarray(series, dtype=float), averages.shape[1:]))
 
 
 def in_a_row(parts: Sequence[Samples]) -> Samples:
-    """Samples of several recordings in a row, with the states of the same terms."""
+    """Concatenate samples of several recordings, with the states of the same terms."""
     loads = [
         np.concatenate([np.broadcast_to(own, x.time.shape) for own, x in zip(of_each, parts, strict=True)])
         for of_each in zip(*(x.load for x in parts), strict=True)
@@ -196,7 +196,7 @@ class Windows:
         return WindowAverages(self.samples, self.acceleration, self._averages(kernel), self._averages(wider))
 
     def at_every_sample(self) -> Windows:
-        """Copy with a window about every sample that is clear of stick."""
+        """Return windows about every sample that is clear of stick."""
         return replace(self, centers=np.flatnonzero(self.is_clear))
 
     def _averages(self, kernel: Array) -> csr_array | LinearOperator:
@@ -212,31 +212,31 @@ class Windows:
         return csr_array(parts, shape=(count, len(self.moving)))
 
     def under(self, torque: Array, averages: Array) -> Windows:
-        """The same motion under another torque (N,) [N m], of which the averages are as `held` makes them (N,)."""
+        """Return the motion under another torque (N,) [N m], with its averages by `held` (N,)."""
         samples = replace(self.samples, torque=averages)
         return replace(self, recording=replace(self.recording, torque=torque), samples=samples)
 
     def average(self, series: Array) -> Array:
-        """Averages (R,) of a series (N,) over the windows."""
+        """Average a series (N,) over the windows (R,)."""
         return np.asarray(self.averages.narrow @ series)
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
-        """Samples with the state variables of each of several variants of one effect along the recording."""
+        """Trace the states of variants of one effect along the recording, one result for each variant."""
         return trace_all([self], variants)[0]
 
     def driving(self, kind: type[Term]) -> Samples:
-        """Samples that drive the state of an effect."""
+        """Return the samples that drive the state of an effect."""
         if kind.kind != "transmission":
             return self.samples
         q = self.recording.position  # impacts are shorter than any smoothing
         return replace(self.samples, position=q, velocity=np.gradient(q, 1.0 / self.recording.rate))
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
-        """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,)."""
+        """Return the linear columns (R, P) and the sum of the fixed columns (R,) of each variant of one effect."""
         return self.averages.columns(variants, self.trace(variants))
 
     def absorbed(self, term: Term) -> float:
-        """Variance of white torque noise that the term's fixed columns absorb in the windows [(N m)^2]."""
+        """Return the variance of white torque noise that the term's fixed columns absorb [(N m)^2]."""
         noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
         noisier = self.under(self.recording.torque + noise, self.samples.torque + held(noise))
         ((_, more),), ((_, taken),) = noisier.columns([term]), self.columns([term])
@@ -244,53 +244,53 @@ class Windows:
         return float(np.var(raw) - np.var(raw - (more - taken)))
 
     def torque(self) -> Array:
-        """Averages (R,) of the measured torque [N m]."""
+        """Return averages (R,) of the measured torque [N m]."""
         return self.average(self.samples.torque)
 
     def applied_torque(self) -> Array:
-        """Applied torque; in a free swing -I q'', which a model has to explain."""
+        """Return the applied torque; in a free swing -I q'', which a model has to explain."""
         known = self.recording.known_inertia
         return -known * self.average(self.acceleration) if known else self.torque()
 
     def net_torque(self) -> Array:
-        """Averages (R,) of the measured torque less that of the known load: the model's left-hand side [N m]."""
+        """Return averages (R,) of the torque less that of the known load: the model's left-hand side [N m]."""
         return self.torque() - self.averages.column(LOAD, self.samples) if self.samples.load else self.torque()
 
     def at_centers(self) -> Samples:
-        """Samples at the windows' centres, (R,) each."""
+        """Return the samples at the windows' centres, (R,) each."""
         x, c = self.samples, self.centers
         warm = np.broadcast_to(x.temperature, x.time.shape)[c]
         return Samples(x.time[c], x.position[c], x.velocity[c], x.torque[c], load=x.load.at(c), temperature=warm)
 
     def noise(self, inertia: float) -> float:
-        """Standard deviation of a window's residual due to noise [N m]; inertia of known loads is added."""
+        """Return the standard deviation of a window's residual due to noise [N m]; known loads add inertia."""
         return float(np.hypot(self.torque_noise, self._moved(inertia) * self.acceleration_noise))
 
     def rate_noise(self, inertia: float) -> float:
-        """Standard deviation of the time derivative of the torque that moves an inertia, due to noise [N m/s]."""
+        """Return the standard deviation of the rate of the torque that moves an inertia, due to noise [N m/s]."""
         padded = np.pad(self.kernel, 3)
         bend, slope = (float(np.linalg.norm(np.diff(padded, order))) for order in (2, 3))
         return self._moved(inertia) * self.acceleration_noise * self.recording.rate * slope / bend
 
     def shared_noise(self, inertia: float) -> float:
-        """Covariance of the residuals of adjacent windows due to measurement noise [(N m)^2]."""
+        """Return the covariance of the residuals of adjacent windows due to measurement noise [(N m)^2]."""
         of_torque = self.torque_noise**2 * shared(np.convolve(self.kernel, [0.5, 0.5]), len(self.kernel) // 2)
         return of_torque + (self._moved(inertia) * self.acceleration_noise) ** 2 * self.acceleration_shared
 
     def _moved(self, inertia: float) -> float:
-        """Inertia with that of the known load [kg m^2]."""
+        """Return the inertia with that of the known load [kg m^2]."""
         return inertia + float(np.max(self.samples.load.inertia))
 
 
 def held(torque: Array) -> Array:
-    """A torque (N,) that is held from sample to sample, averaged over the triangle about each sample."""
+    """Average a torque (N,) that is held from sample to sample over the triangle about each sample."""
     averages = torque.copy()
     averages[1:] = 0.5 * (torque[1:] + torque[:-1])
     return averages
 
 
 def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list[Samples]]:
-    """Samples with the state variables of each of several variants of one effect, along each of several recordings."""
+    """Trace the states of variants of one effect, one result for each recording and variant."""
     kind = type(variants[0])
     driving = [w.driving(kind) for w in windows]
     if not kind.has_state():
@@ -320,7 +320,7 @@ def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list
 
 
 def bump(half_width: int) -> Array:
-    """Window (1 - s^2)^3 over 2 half_width + 1 samples, summing to one."""
+    """Return the window (1 - s^2)^3 over 2 half_width + 1 samples, summing to one."""
     s = np.arange(-half_width, half_width + 1) / (half_width + 1)
     weights = (1.0 - s**2) ** 3
     return weights / weights.sum()
@@ -331,7 +331,7 @@ WHOLE: Part = (0.0, 1.0)
 
 
 def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
-    """Windows of a recording, or of a part of it.
+    """Cut a recording, or a part of it, into windows.
 
     Args:
         recording: at least 0.1 s longer than a window.
