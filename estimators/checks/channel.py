@@ -26,7 +26,7 @@ from scipy.optimize import least_squares
 from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.equations import IdentificationError
-from estimators.regression.least_squares import outside
+from estimators.regression.least_squares import project_out
 from estimators.selection.score import BLOCK, Blocks, cross_validated
 from estimators.signals.channel import Channel
 from estimators.signals.motion import load_in_newton_metres
@@ -213,7 +213,7 @@ class ChannelFits:
 
     def residual(self, torque: Array) -> Array:
         """What the columns leave of a weighted torque (R, ...)."""
-        return outside(self.span, torque)
+        return project_out(self.span, torque)
 
     def misfit(self, x: Array) -> Array:
         """What the model leaves of the torque, (R,), weighted."""

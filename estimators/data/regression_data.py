@@ -11,7 +11,7 @@ import numpy as np
 from estimators.data.rows import FittedTerms, RowLayout, RowMaker, Terms, Trial
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, place_columns
-from estimators.regression.least_squares import Fit, outside
+from estimators.regression.least_squares import Fit, project_out
 from estimators.search_hints import grid, hints_of, n_tried
 from estimators.selection.errors import Errors
 from estimators.signals.residual import SYMBOLS, Region, stand_out
@@ -123,7 +123,7 @@ class RegressionData:
         weights = balance.weights[:, None]
         own = place_columns(len(weights), [(self.where(term.at), np.column_stack([columns.linear, columns.fixed]))])
         own = own[:, np.linalg.norm(own, axis=0) > 0] * weights
-        rest = outside(np.linalg.qr(balance.tangent().slopes * weights)[0], own)
+        rest = project_out(np.linalg.qr(balance.tangent().slopes * weights)[0], own)
         return float(max(np.linalg.norm(rest, axis=0) / np.linalg.norm(own, axis=0), default=0.0))
 
     def absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:

@@ -20,7 +20,7 @@ from estimators.selection.residuals import Terms
 from estimators.selection.search import search
 from estimators.selection.tables import find_explaining_law
 from estimators.signals.residual import Region, everywhere
-from estimators.weak_form.windows import in_a_row
+from estimators.weak_form.windows import concatenate_samples
 from pendulum_env.arms.joints import links_of
 
 
@@ -41,7 +41,7 @@ def examine_arm(given: FitData, setting: Setting) -> Diagnosis:
         forbidden = fit_that(evaluator, Kind.FIT_HELD_OUT_OR_PAYLOAD if given.holdout else Kind.FIT_HELD_OUT)
     *others, last = found.steps
     model = last.model.biased() if left or unseen else last.model
-    seen = (in_a_row([w.samples for w in evaluator.train.data.part(at).windows]) for at in body.joints)
+    seen = (concatenate_samples([w.samples for w in evaluator.train.data.part(at).windows]) for at in body.joints)
     motion = zip(*((x.position, x.velocity, x.torque) for x in seen), strict=True)
     model = model.withholding(untold_of_arm([model], *map(np.column_stack, motion))[0])
     steps = (*others, replace(last, model=model))

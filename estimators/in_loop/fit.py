@@ -21,7 +21,7 @@ from estimators.regression.gauss_newton import Near, Rule, gauss_newton
 from estimators.selection.errors import Errors
 from estimators.simulation.output_error import Point
 from estimators.weak_form.columns import bounds
-from estimators.weak_form.nonlinear import continuous
+from estimators.weak_form.nonlinear import continuous_parameters
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
@@ -116,7 +116,7 @@ def linear(rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool) ->
 
 def bounds_of(point: Point) -> tuple[Array, Array]:
     """Return the bounds of each free parameter, (P + S,) each."""
-    sought = [parameter for term in point.terms for parameter in continuous(term)]
+    sought = [parameter for term in point.terms for parameter in continuous_parameters(term)]
     least, most = bounds(point.terms)
     return np.r_[least, [parameter.low for parameter in sought]], np.r_[most, [parameter.high for parameter in sought]]
 

@@ -21,7 +21,7 @@ from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
 from estimators.simulation.output_error import Point
 from estimators.weak_form.columns import bounds
-from estimators.weak_form.nonlinear import continuous
+from estimators.weak_form.nonlinear import continuous_parameters
 from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -236,7 +236,7 @@ class RolloutRows:
     def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
         """Return derivatives (R, S) of the positions by continuous nonlinear parameters, and the names of these."""
         point = self.near(terms).point
-        names = [term.full(parameter.name) for term in terms for parameter in continuous(term)]
+        names = [term.full(parameter.name) for term in terms for parameter in continuous_parameters(term)]
         slopes = (
             linear(self.rollouts, point, self.typical(terms), True).slopes
             if names

@@ -15,9 +15,9 @@ from estimators.regression.least_squares import (
     Fit,
     least_squares,
     robust_covariance,
-    solved,
+    solve_gram,
+    sum_without_each,
     within_bounds,
-    without_each,
     worst_direction,
 )
 from pendulum_env._typing import Array, Index, Mask
@@ -204,8 +204,8 @@ class Balance:
         rows = np.column_stack([near.error, near.slopes]) * self.weights[:, None]
         grams = np.array([own.T @ own for own in (rows[fold == k] for k in range(count))])
         found = np.empty((count, len(near.theta)))
-        for k, gram in enumerate(without_each(grams)):
-            step = solved(gram, self.least - near.theta, self.most - near.theta)
+        for k, gram in enumerate(sum_without_each(grams)):
+            step = solve_gram(gram, self.least - near.theta, self.most - near.theta)
             if step is not None:
                 found[k] = near.theta + step
                 left = np.append(1.0, -step)

@@ -166,13 +166,13 @@ def within_bounds(
         theta, free = np.where(leaves, bounded, theta), free & ~leaves
 
 
-def without_each(grams: Array) -> Array:
+def sum_without_each(grams: Array) -> Array:
     """Return the Gram matrices without each of K folds, given those of the folds (K, P + 1, P + 1)."""
     others = 1.0 - np.eye(len(grams))  # not the difference from the whole, which loses digits
     return np.asarray(np.einsum("lk,kij->lij", others, grams))
 
 
-def solved(gram: Array, least: Array, most: Array) -> Array | None:
+def solve_gram(gram: Array, least: Array, most: Array) -> Array | None:
     """Solve normal equations within bounds for parameters (P,), given the Gram matrix (P + 1, P + 1) of [y, phi].
 
     None for nearly collinear columns, for which normal equations lose too many digits.
@@ -193,7 +193,7 @@ def solved(gram: Array, least: Array, most: Array) -> Array | None:
     return within_bounds(solve, np.zeros(len(size)), free, least * size, most * size)[0] / size
 
 
-def quietest_most(squares: Array, counts: Index, least: float) -> Array:
+def weigh_recordings(squares: Array, counts: Index, least: float) -> Array:
     """Return the weight of each recording (E,) by the sum of its squared residuals (E,).
 
     A recording without equations, by `counts` (E,), has no weight; residuals below `least` count alike.
@@ -213,7 +213,7 @@ def information(covariance: Array) -> Array:
     return np.asarray(np.linalg.pinv(covariance / scale, rcond=1e-10, hermitian=True) / scale)
 
 
-def outside(frame: Array, columns: Array) -> Array:
+def project_out(frame: Array, columns: Array) -> Array:
     """Return the part of columns (R, ...) outside the span of an orthonormal frame (R, P)."""
     return np.asarray(columns - frame @ (frame.T @ columns))
 

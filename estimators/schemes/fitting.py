@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimators.checks.torque_constant import widened
 from estimators.free_swings import as_read, restore_known
 from estimators.regression.equations import Equations
-from estimators.regression.least_squares import Fit, least_squares, quietest_most, solve
+from estimators.regression.least_squares import Fit, least_squares, solve, weigh_recordings
 from estimators.regression.recursive import evenly, history
 from estimators.schemes.balance import Joints, rows, through
 from estimators.schemes.six import Regression, Regressor, Scheme, give
@@ -193,7 +193,7 @@ def stack(segments: Segments, of: Callable[[Joints], list[Regression]], terms: S
         theta = np.linalg.lstsq(open_to.phi[usable], open_to.y[usable], rcond=None)[0]
         residual = (open_to.y - open_to.phi @ theta) * usable
         squares = np.asarray(np.bincount(recording, residual**2), dtype=float)
-        weights = quietest_most(squares, np.bincount(recording, usable), 0.0)[recording]
+        weights = weigh_recordings(squares, np.bincount(recording, usable), 0.0)[recording]
     clusters_of, time = (np.repeat(np.concatenate(own), count) for own in (clusters, times))
     starts = tuple((count * np.cumsum([0, *(len(m) for m in measured[:-1])])).tolist())
     return Stack(equations, usable, weights, joint, recording, clusters_of, time, starts)

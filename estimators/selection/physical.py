@@ -8,7 +8,7 @@ import numpy as np
 from estimators.findings import Finding, Kind
 from estimators.selection.errors import Step
 from estimators.selection.gates import Gate
-from estimators.weak_form.nonlinear import continuous
+from estimators.weak_form.nonlinear import continuous_parameters
 from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, NonlinearParameter, Samples, Term, effects
 from pendulum_env.physics.table import Table
@@ -96,7 +96,7 @@ def parameters_at_upper_limit(terms: Sequence[Term]) -> list[tuple[Term, Nonline
     found = []
     for term in terms:
         sought = {parameter.name: parameter for parameter in effects().get(term.id, type(term)).nonlinear_parameters}
-        own = (sought[parameter.name] for parameter in continuous(term))
+        own = (sought[parameter.name] for parameter in continuous_parameters(term))
         found += [(term, parameter) for parameter in own if term.nonlinear_values[parameter.name] >= parameter.high]
     return found
 

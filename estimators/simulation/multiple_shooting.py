@@ -19,7 +19,7 @@ from estimators.regression.least_squares import robust_covariance
 from estimators.search_hints import hints_of
 from estimators.simulation.free_running import Segments, cut_segments, periods, simulated, spans, start_memory
 from estimators.simulation.output_error import OUTPUT_ERROR, Point, grain_of, named, trust
-from estimators.weak_form.nonlinear import moved
+from estimators.weak_form.nonlinear import with_values
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Model, Samples, Term, Trajectory
@@ -382,7 +382,7 @@ def changed(point: Point, factors: Mapping[str, float]) -> Point:
     def other(term: Term) -> Term:
         sought = [parameter for parameter in term.nonlinear_parameters if parameter.name in factors]
         return (
-            moved(term, sought, [factors[s.name] * term.nonlinear_values[s.name] for s in sought])
+            with_values(term, sought, [factors[s.name] * term.nonlinear_values[s.name] for s in sought])
             if term.link
             else term
         )

@@ -20,7 +20,7 @@ from estimators.regression.gauss_newton import Near, Rule, gauss_newton, least_o
 from estimators.regression.least_squares import robust_covariance
 from estimators.simulation.free_running import Segments, simulate_all
 from estimators.simulation.innovations import Innovations
-from estimators.weak_form.nonlinear import continuous, moved
+from estimators.weak_form.nonlinear import continuous_parameters, with_values
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model, Term
 
@@ -50,7 +50,9 @@ class Point:
     @property
     def values(self) -> Array:
         """All free parameters: the linear ones, then the continuous nonlinear parameters."""
-        nonlinear = [term.nonlinear_values[parameter.name] for term in self.terms for parameter in continuous(term)]
+        nonlinear = [
+            term.nonlinear_values[parameter.name] for term in self.terms for parameter in continuous_parameters(term)
+        ]
         return np.concatenate([self.theta, nonlinear])
 
     @classmethod
@@ -69,9 +71,9 @@ class Point:
         rest = list(values[len(self.theta) :])
         terms = []
         for term in self.terms:
-            sought = continuous(term)
+            sought = continuous_parameters(term)
             own, rest = np.array(rest[: len(sought)]), rest[len(sought) :]
-            term = moved(term, sought, own) if sought else term
+            term = with_values(term, sought, own) if sought else term
             following = {
                 parameter.name: self._named(values, parameter.follows)
                 for parameter in term.nonlinear_parameters
@@ -247,7 +249,7 @@ def model(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> 
 def named(point: Point, relative: Array) -> Model:
     """Model at a point; the covariance of its parameters (P + S, P + S) is given relative to them."""
     std = np.sqrt(np.diag(relative)) * np.maximum(np.abs(point.values), OUTPUT_ERROR.smallest)
-    names = [term.full(parameter.name) for term in point.terms for parameter in continuous(term)]
+    names = [term.full(parameter.name) for term in point.terms for parameter in continuous_parameters(term)]
     count = len(point.theta)
     model = Model.build(point.terms, point.theta, std[:count], **dict(zip(names, std[count:].tolist(), strict=True)))
     return model.correlated([*(column.name for column in model.columns), *names], relative)

@@ -19,7 +19,7 @@ from estimators.weak_form.torque_windows import (
     TorqueWindows,
     choose_half_width,
     join_windows,
-    quieter,
+    limit_noise,
     smooth_laws,
 )
 from estimators.weak_form.windows import WindowAverages, Windows, cut
@@ -145,4 +145,4 @@ def _calibrated(entries: Sequence[Windows], k: int, columns: _Columns) -> Window
     felt = np.sqrt(np.mean(np.einsum("p,spj->sj", theta, columns.masses[:, :, k]) ** 2, axis=0))  # |M_kj| (n,)
     noise = float(np.linalg.norm(felt * [own.acceleration_noise for own in entries]))
     w = replace(w, acceleration_noise=noise / max(float(felt[k]), 1e-300))
-    return quieter(w, phi, lambda _: float(felt[k]))
+    return limit_noise(w, phi, lambda _: float(felt[k]))

@@ -36,12 +36,12 @@ class NonlinearSettings:
 NONLINEAR = NonlinearSettings()
 
 
-def moved(term: Term, sought: Sequence[NonlinearParameter], values: Sequence[float] | Array) -> Term:
+def with_values(term: Term, sought: Sequence[NonlinearParameter], values: Sequence[float] | Array) -> Term:
     """Return the term with new values of some nonlinear parameters, kept inside their limits."""
     return replace(term, **{s.name: float(np.clip(v, s.low, s.high)) for s, v in zip(sought, values, strict=True)})
 
 
-def continuous(term: Term) -> list[NonlinearParameter]:
+def continuous_parameters(term: Term) -> list[NonlinearParameter]:
     """List the free nonlinear parameters that are continuous and follow no other parameter."""
     return [parameter for parameter in term.free if not parameter.integer and not parameter.follows]
 
@@ -58,7 +58,7 @@ def release(term: Term) -> list[list[Term]]:
             continue
         is_whole |= parameter.integer
         values = range(int(start), int(parameter.high) + 1) if parameter.integer else [start]
-        variants = [moved(term, [parameter], [value]) for value in values]
+        variants = [with_values(term, [parameter], [value]) for value in values]
         found.append([variant for variant in variants if not variant.fault])
     return found
 
@@ -67,7 +67,9 @@ def reset(term: Term) -> list[Term]:
     """List variants of the term, each with one released nonlinear parameter back at its nominal value."""
     starts = hints_of(type(term)).alternative_starts
     released = [parameter for parameter in term.free if parameter.name in starts]
-    return [moved(term, [parameter], [parameter.nominal]) for parameter in released if parameter.nominal is not None]
+    return [
+        with_values(term, [parameter], [parameter.nominal]) for parameter in released if parameter.nominal is not None
+    ]
 
 
 def nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]]) -> dict[str, Array]:
@@ -78,7 +80,7 @@ def nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Ar
         torques: torque (R,) of each variant of it [N m].
     """
     slopes = {}
-    for parameter in continuous(term):
+    for parameter in continuous_parameters(term):
         value = term.nonlinear_values[parameter.name]
         # symmetric difference over a step that is small against the value and safe against rounding
         step = NONLINEAR.difference * max(abs(value), 1e-6)
@@ -87,14 +89,14 @@ def nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Ar
     return slopes
 
 
-def refined(term: Term, residuals: Residuals) -> Term:
+def refine_nonlinear(term: Term, residuals: Residuals) -> Term:
     """Find the variant with the least squared residual near `term`.
 
     The derivative of the projected residual is taken by differences; all differences of a turn, as well as all step
     lengths, are judged as one batch. Parameters with a positive lower limit move by factors.
     Source: Golub and Pereyra, Inverse Problems 19(2), 2003.
     """
-    sought = continuous(term)
+    sought = continuous_parameters(term)
     if not sought:
         return term
     factor = np.array([parameter.low > 0 for parameter in sought])
@@ -109,7 +111,7 @@ def refined(term: Term, residuals: Residuals) -> Term:
         values, unit = at(term)
         error = known[term] if term in known else residuals([term])[0]
         steps = NONLINEAR.difference * unit * np.eye(len(sought))
-        nearby = [moved(term, sought, values + step) for step in steps]
+        nearby = [with_values(term, sought, values + step) for step in steps]
         slopes = (np.column_stack(residuals(nearby)) - error[:, None]) / NONLINEAR.difference  # (R, S)
         return Near(term, float(error @ error), error, slopes)
 
@@ -117,7 +119,7 @@ def refined(term: Term, residuals: Residuals) -> Term:
         values, unit = at(near.known)
         step = steps[0] / max(1.0, float(np.abs(steps[0]).max()) / NONLINEAR.leap)
         tried = [
-            moved(term, sought, np.where(factor, values * np.exp(share * step), values + share * step * unit))
+            with_values(term, sought, np.where(factor, values * np.exp(share * step), values + share * step * unit))
             for share in NONLINEAR.shares
         ]
         known.clear()
@@ -127,12 +129,12 @@ def refined(term: Term, residuals: Residuals) -> Term:
     return gauss_newton(term, near, best, Rule(NONLINEAR.turns, (NONLINEAR.damping,), by_offset=True))
 
 
-def scan(term: Term, residuals: Residuals, reach: float) -> Term:
+def scan_instants(term: Term, residuals: Residuals, reach: float) -> Term:
     """Search the instants of a term within `reach` [s] on a grid, and on finer grids around the best."""
     for parameter in (parameter for parameter in term.nonlinear_parameters if parameter.instant):
         for width in reach * np.array([1.0, 0.1, 0.01]):
             values = term.nonlinear_values[parameter.name] + width * np.linspace(-1.0, 1.0, NONLINEAR.instants)
-            tried = [moved(term, [parameter], [value]) for value in values]
+            tried = [with_values(term, [parameter], [value]) for value in values]
             term = tried[int(np.argmin([float(residual @ residual) for residual in residuals(tried)]))]
     return term
 
@@ -154,7 +156,7 @@ def cross_entropy(variants: Sequence[Term], residuals: Residuals) -> Term:
         elite = np.log([[term.nonlinear_values[parameter.name] for parameter in sought] for _, term in ranked])
         spread = 1.2 * elite.std(axis=0) + 0.02
         draws = np.exp(elite.mean(axis=0) + spread * rng.standard_normal((NONLINEAR.draws, len(sought))))
-        drawn = [moved(variants[0], sought, draw) for draw in draws]
+        drawn = [with_values(variants[0], sought, draw) for draw in draws]
         ranked += zip(errors(drawn), drawn, strict=True)
         ranked = sorted(ranked, key=lambda pair: pair[0])[: NONLINEAR.elite]
     return ranked[0][1]

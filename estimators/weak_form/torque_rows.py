@@ -16,11 +16,11 @@ import numpy as np
 from estimators.data.rows import FittedTerms, RowLayout, Terms, Trial
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, Tangent, condense, find_linear_rows, place_columns
-from estimators.regression.least_squares import quietest_most
+from estimators.regression.least_squares import weigh_recordings
 from estimators.search_hints import hints_of, is_possible
 from estimators.weak_form.columns import bounds, depends_on_torque, is_known
 from estimators.weak_form.grams import grams_of_variants, squared_errors
-from estimators.weak_form.nonlinear import Residuals, cross_entropy, nonlinear_slopes, refined, scan
+from estimators.weak_form.nonlinear import Residuals, cross_entropy, nonlinear_slopes, refine_nonlinear, scan_instants
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -199,7 +199,7 @@ class TorqueRows:
         """Weight of each recording (E,)."""
         balance, owner = self.equations(terms, by_noise=True), self.data.recording_of_window
         squares = np.bincount(owner, balance.error(balance.solve()) ** 2).astype(float)
-        return quietest_most(squares, np.bincount(owner), self.data.least())
+        return weigh_recordings(squares, np.bincount(owner), self.data.least())
 
     @memoized
     def solve(self, terms: Terms) -> Array:
@@ -319,7 +319,7 @@ class TorqueRows:
         basins = [[v for v in variants if v.nonlinear_values[name] == place] for place in sorted(places)]
         found = [self.trial((*terms, cross_entropy(basin, residuals))) for basin in basins]
         best = min(found, key=lambda trial: trial.fitted_rms)
-        closer = self.trial((*terms, refined(best.terms[-1], residuals)))
+        closer = self.trial((*terms, refine_nonlinear(best.terms[-1], residuals)))
         return min(best, closer, key=lambda trial: trial.fitted_rms)
 
     def refine(self, trial: Trial, id: str) -> Trial:
@@ -335,7 +335,9 @@ class TorqueRows:
             known = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))
             term = replace(term, **{s.name: float(known[s.follows]) for s in following if s.follows in known})
         residuals, samples = self._residuals(others), self.data.part(term.at).samples
-        found = scan(refined(term, residuals), residuals, VARIANTS.reach * float(np.ptp(samples.time)))
+        found = scan_instants(
+            refine_nonlinear(term, residuals), residuals, VARIANTS.reach * float(np.ptp(samples.time))
+        )
         closer = self.trial((*trial.terms[:place], found, *trial.terms[place + 1 :]))
         worse = closer.fitted_rms > trial.fitted_rms and not following
         return trial if worse or not is_possible(found, samples) else closer

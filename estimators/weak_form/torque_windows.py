@@ -13,7 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from estimators.data.rows import ResidualStructure
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.signals.motion import HALF_WIDTHS
-from estimators.weak_form.windows import WHOLE, Part, WindowAverages, Windows, cut, in_a_row, trace_all
+from estimators.weak_form.windows import WHOLE, Part, WindowAverages, Windows, concatenate_samples, cut, trace_all
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import BASE, Samples, Term
 from pendulum_env.physics.actuation import TorqueOffset
@@ -101,7 +101,7 @@ class TorqueWindows:
     @cached_property
     def samples(self) -> Samples:
         """Samples at the windows' centres, all recordings in a row, (R,) each."""
-        return in_a_row([w.at_centers() for w in self.windows])
+        return concatenate_samples([w.at_centers() for w in self.windows])
 
     @cached_property
     def averages(self) -> WindowAverages:
@@ -116,10 +116,10 @@ class TorqueWindows:
         """Trace the states of variants of one effect along all recordings in a row, one result for each variant."""
         known = self.link_states.get(variants[0].id)
         if known:
-            return [in_a_row(known)] * len(variants)
+            return [concatenate_samples(known)] * len(variants)
         if not type(variants[0]).has_state():
             return [self.averages.samples] * len(variants)
-        return [in_a_row(own) for own in zip(*trace_all(self.windows, variants), strict=True)]
+        return [concatenate_samples(own) for own in zip(*trace_all(self.windows, variants), strict=True)]
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
         """Return the linear columns (R, P) and the sum of the fixed columns (R,) of each variant of one effect.
@@ -345,11 +345,11 @@ def calibrate(w: Windows) -> Windows:
     """
     phi = np.column_stack([w.columns([law])[0][0] for law in smooth_laws(w)])
     if known := w.recording.known_inertia:
-        return quieter(w, phi[:, 1:], lambda theta: known, known * phi[:, 0])
-    return quieter(w, phi, lambda theta: float(theta[0]))
+        return limit_noise(w, phi[:, 1:], lambda theta: known, known * phi[:, 0])
+    return limit_noise(w, phi, lambda theta: float(theta[0]))
 
 
-def quieter(w: Windows, phi: Array, inertia: Callable[[Array], float], known: Array | float = 0.0) -> Windows:
+def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known: Array | float = 0.0) -> Windows:
     """Limit the noise estimate of windows to the residual of columns (R, P) beside a known torque (R,) [N m].
 
     `inertia` maps parameters (P,) to it.

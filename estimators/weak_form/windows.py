@@ -62,7 +62,9 @@ class WindowAverages:
             block_diag(every, "csr") for every in zip(*((own.narrow, own.wider) for own in parts), strict=True)
         )
         acceleration = np.concatenate([own.acceleration for own in parts])
-        return cls(in_a_row([own.samples for own in parts]), acceleration, csr_array(narrow), csr_array(wider))
+        return cls(
+            concatenate_samples([own.samples for own in parts]), acceleration, csr_array(narrow), csr_array(wider)
+        )
 
     def column(self, column: Column, x: Samples) -> Array:
         """Average a column of the regressor (R,), along samples with the term's state variables."""
@@ -105,7 +107,7 @@ def _averaged(averages: csr_array, series: ArrayLike) -> Array:
     return np.asarray(averages @ np.broadcast_to(np.asarray(series, dtype=float), averages.shape[1:]))
 
 
-def in_a_row(parts: Sequence[Samples]) -> Samples:
+def concatenate_samples(parts: Sequence[Samples]) -> Samples:
     """Concatenate samples of several recordings, with the states of the same terms."""
     loads = [
         np.concatenate([np.broadcast_to(own, x.time.shape) for own, x in zip(of_each, parts, strict=True)])

@@ -9,9 +9,9 @@ from scipy.signal import lfilter
 
 from estimators.regression.balance import Balance
 from estimators.regression.equations import Equations
-from estimators.regression.least_squares import Fit, jackknife, least_squares, quietest_most, solve, solved
+from estimators.regression.least_squares import Fit, jackknife, least_squares, solve, solve_gram, weigh_recordings
 from estimators.search_hints import grid
-from estimators.weak_form.nonlinear import cross_entropy, refined
+from estimators.weak_form.nonlinear import cross_entropy, refine_nonlinear
 from pendulum_env.physics import Samples, Term, effect
 
 
@@ -45,7 +45,7 @@ def test_normal_equations_are_solved_as_by_scipy_where_one_parameter_is_at_a_bou
     for side in (-1, 1):
         least, most = np.full(4, -np.inf), np.full(4, np.inf)
         (least if side < 0 else most)[column] = theta[column] - 0.3 * side
-        found = solved(rows.T @ rows, least, most)
+        found = solve_gram(rows.T @ rows, least, most)
         np.testing.assert_allclose(found, lsq_linear(phi, y, (least, most), tol=1e-14).x, rtol=1e-6, atol=1e-9)
 
 
@@ -204,7 +204,7 @@ def test_gauss_newton_finds_the_minimum_over_a_shape_parameter(id, shape, truth,
     y = y + sum(c * column.torque(x, 0.0) for c, column in zip(theta, term.columns, strict=True))
     y = y + sum(column.torque(x, 0.0) for column in term.fixed)
     residuals = projected(x, y)
-    found = refined(kind(**{shape: start}), residuals)
+    found = refine_nonlinear(kind(**{shape: start}), residuals)
     assert found.nonlinear_values[shape] == pytest.approx(truth, rel=1e-3 if noise == 0 else 0.05)
     least = np.linalg.norm(residuals([found])[0])
     nearby = [kind(**{shape: found.nonlinear_values[shape] * factor}) for factor in (0.99, 1.01)]
@@ -213,10 +213,12 @@ def test_gauss_newton_finds_the_minimum_over_a_shape_parameter(id, shape, truth,
 
 def test_gauss_newton_stays_within_limits_and_leaves_integers_alone():
     x, start = samples(), effect("stribeck")(stribeck_velocity=0.05)
-    found = refined(start, lambda variants: [np.full(5, v.nonlinear_values["stribeck_velocity"]) for v in variants])
+    found = refine_nonlinear(
+        start, lambda variants: [np.full(5, v.nonlinear_values["stribeck_velocity"]) for v in variants]
+    )
     assert found.nonlinear_values["stribeck_velocity"] == effect("stribeck").nonlinear_parameters[0].low
     for term in (effect("spring")(), effect("cogging")(order=9.0)):
-        assert refined(term, projected(x, x.position + np.sin(12 * x.position))) is term
+        assert refine_nonlinear(term, projected(x, x.position + np.sin(12 * x.position))) is term
 
 
 def test_cross_entropy_finds_a_minimum_among_many():
@@ -264,6 +266,6 @@ def test_a_fit_of_torque_on_both_sides_scatters_as_it_says():
 
 
 def test_the_quietest_recording_counts_most_and_one_without_equations_not_at_all():
-    assert quietest_most(np.array([40.0, 4000.0]), np.array([40, 40]), 0.0) == pytest.approx([1.0, 0.1])
-    assert quietest_most(np.array([40.0, 4000.0]), np.array([40, 40]), 5.0) == pytest.approx([1.0, 0.5])
-    assert quietest_most(np.array([4.0, 0.0]), np.array([1, 0]), 0.5).tolist() == [1.0, 0.0]
+    assert weigh_recordings(np.array([40.0, 4000.0]), np.array([40, 40]), 0.0) == pytest.approx([1.0, 0.1])
+    assert weigh_recordings(np.array([40.0, 4000.0]), np.array([40, 40]), 5.0) == pytest.approx([1.0, 0.5])
+    assert weigh_recordings(np.array([4.0, 0.0]), np.array([1, 0]), 0.5).tolist() == [1.0, 0.0]
