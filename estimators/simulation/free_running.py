@@ -50,7 +50,7 @@ class Segments:
         return KnownLoad(none + x.load.inertia, none + x.load.gravity, 0.5 * (torque[index] + torque[index + 1]))
 
     def command(self, delay: float) -> Array:
-        """Held command in every segment, (N, B) [N m], `delay` [s] late; zero before the recording began."""
+        """Return the held command in every segment, (N, B) [N m], `delay` [s] late; zero before the recording began."""
         if delay == 0:
             return self.torque
         recording = self.windows.recording
@@ -77,20 +77,20 @@ def choose_segments(windows: Windows, seconds: float = SECONDS) -> Segments:
 
 
 def spans(windows: Windows) -> list[tuple[int, int]]:
-    """First sample and end of every segment, as far as it lies in the part of the recording that windows cover."""
+    """Return first sample and end of every segment, within the part of the recording that windows cover."""
     bounds = pairwise((*windows.recording.starts, len(windows.recording)))
     cut_off = ((max(begin, windows.first), min(end, windows.stop)) for begin, end in bounds)
     return [(begin, end) for begin, end in cut_off if end - begin > 1]
 
 
 def periods(windows: Windows, seconds: float) -> int:
-    """Periods in a segment of some length [s], or in the usual segment if that is shorter."""
+    """Return the periods in a segment of some length [s], at most those of the usual segment."""
     usual = int(np.median([end - begin for begin, end in spans(windows)])) - 1
     return min(max(1, round(seconds * windows.recording.rate)), usual)
 
 
 def cut_segments(windows: Windows, first: Index, length: int) -> Segments:
-    """Segments of `length` periods from given samples (B,) on, with initial states from the smoothed motion."""
+    """Cut segments of `length` periods from given samples (B,) on, with initial states from the smoothed motion."""
     recording = windows.recording
     index = first + np.arange(length + 1)[:, None]
     return Segments(
@@ -103,7 +103,7 @@ def cut_segments(windows: Windows, first: Index, length: int) -> Segments:
 
 
 def follow(segments: Segments, terms: Sequence[Term], theta: Array) -> Array:
-    """Simulated minus measured position in every segment, (N + 1, B) [rad]."""
+    """Return simulated minus measured position in every segment, (N + 1, B) [rad]."""
     return simulate_all([segments], [(terms, theta)])[0][:, 0] - segments.position
 
 
@@ -113,7 +113,7 @@ Parametrised = tuple[Sequence[Term], Array]  # terms and their linear parameters
 def simulate_all(
     segments: Sequence[Segments], models: Sequence[Parametrised], perturbations: Array | None = None
 ) -> list[Array]:
-    """Simulated positions of V models, for each recording (N + 1, V, B) [rad]; the models' terms are of equal classes.
+    """Simulate positions of V models with terms of equal classes, for each recording (N + 1, V, B) [rad].
 
     Recordings with segments of equal length are simulated together: a step of many costs little more.
 
@@ -148,7 +148,7 @@ def simulated(
     longest_step: float = LONGEST_STEP,
     observe: Callable[[Samples], None] | None = None,
 ) -> Trajectory:
-    """Segments of as many periods under V models, all in a row (V B,), from given states.
+    """Simulate segments of equal length under V models from given states, all in a batch (V B,).
 
     Args:
         segments: of each recording.
@@ -164,7 +164,7 @@ def simulated(
             memory.update(start_memory(segments, variants))
 
     def each(series: Sequence[Array]) -> Array:
-        """One value a segment (B,) of each recording for every model, (V B,)."""
+        """Repeat one value of each segment (B,) of each recording for every model, (V B,)."""
         return np.tile(np.concatenate(series), len(models))
 
     loads = [segment.load for segment in segments]
@@ -206,7 +206,7 @@ def _stacked(models: Sequence[Parametrised], count: int) -> tuple[list[Term], Ar
 
 
 def start_memory(segments: Sequence[Segments], variants: Sequence[Term]) -> dict[str, Memory]:
-    """Initial state of every segment of V variants of a term: given, or propagated along the measured motion."""
+    """Return the initial state of every segment of V variants of a term: given, or traced along the motion."""
     id = variants[0].id
     if all(id in segment.hidden for segment in segments):
         known = [np.concatenate(series) for series in zip(*(segment.hidden[id] for segment in segments), strict=True)]
@@ -226,19 +226,19 @@ def start_memory(segments: Sequence[Segments], variants: Sequence[Term]) -> dict
 
 
 def position_rms(segments: Sequence[Segments], terms: Sequence[Term], theta: Array) -> float:
-    """Root mean square of the position error over all segments [rad]."""
+    """Return the root mean square of the position error over all segments [rad]."""
     paths = simulate_all(segments, [(terms, theta)])
     errors = [(path[:, 0] - segment.position)[1:].ravel() for path, segment in zip(paths, segments, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
 def deviation(segments: Sequence[Segments]) -> float:
-    """Root mean square deviation of the measured position from its mean, window by window [rad]."""
+    """Return the root mean square deviation of the position from its mean in each window [rad]."""
     return float(np.sqrt(np.mean(np.concatenate([segment.position.var(axis=0) for segment in segments]))))
 
 
 def growth(segments: Segments, terms: Sequence[Term], theta: Array) -> Array:
-    """Largest growth factor of a small error of the initial position in each segment (B,), under the model.
+    """Return the largest growth factor of a small error of the initial position in each segment (B,).
 
     Near the upright equilibrium it grows without bound, and a free-running error carries no information on the model.
     """
@@ -247,7 +247,7 @@ def growth(segments: Segments, terms: Sequence[Term], theta: Array) -> Array:
 
 
 def select(segments: Segments, which: Mask) -> Segments:
-    """Some of the segments, as `which` (B,) says."""
+    """Return some of the segments, by the mask `which` (B,)."""
     return replace(
         segments,
         first=segments.first[which],

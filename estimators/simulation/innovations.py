@@ -44,7 +44,7 @@ class Innovations:
 
     @classmethod
     def of(cls, segments: Segments, terms: Sequence[Term], theta: Array, every: int) -> Innovations:
-        """Filter for the error after each `every` samples, of a model with linear parameters theta (P,)."""
+        """Make the filter of the error after each `every` samples, of a model with linear parameters theta (P,)."""
         recording = segments.windows.recording
         index = segments.first + every * np.arange((len(segments.position) - 1) // every + 1)[:, None]  # (N + 1, B)
         interval = every / recording.rate
@@ -65,7 +65,7 @@ class Innovations:
         return cls(transition, gain, spread)
 
     def whiten(self, errors: Array) -> Array:
-        """Innovations of V errors of each segment (B, N, V), in standard deviations."""
+        """Return innovations of V errors of each segment (B, N, V), in standard deviations."""
         expected = np.zeros((len(errors), 2, errors.shape[2]))
         new = np.empty_like(errors)
         for k, step in enumerate(self.transition):
@@ -79,7 +79,7 @@ class Innovations:
 def _linearised(
     segments: Segments, index: Index, terms: Sequence[Term], theta: Array, interval: float
 ) -> tuple[Array, Array, Mask]:
-    """Transition of an error of position and velocity over each of N intervals (N, B, 2, 2).
+    """Return the transition of an error of position and velocity over each of N intervals (N, B, 2, 2).
 
     Also the inertia (N + 1, B), and whether the joint turns in an interval or did in the one before (N, B).
     """

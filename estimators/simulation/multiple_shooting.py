@@ -78,26 +78,26 @@ class Shooting:
     def simulate(
         self, points: Sequence[Point], states: Array, observe: Callable[[Samples], None] | None = None
     ) -> Trajectory:
-        """Segments of V points from V sets of states (V, S, B), each (N + 1, V B); `observe` as in `simulate`."""
+        """Simulate segments of V points from states (V, S, B), each (N + 1, V B); `observe` as in `simulate`."""
         q, v, *hidden = (row.ravel() for row in np.swapaxes(states, 0, 1))
         models = [(point.terms, point.theta) for point in points]
         link = {link_of(points[0].terms).id: tuple(hidden)}
         return simulated([self.segments], models, q, v, link, self.step, observe)
 
     def errors(self, points: Sequence[Point], states: Array) -> Array:
-        """Errors of position of V points from V sets of states (V, S, B), each (V, B, N) [rad]."""
+        """Return position errors of V points from V sets of states (V, S, B), each (V, B, N) [rad]."""
         grain = grain_of(self.segments)
         path = self.simulate(points, states).position[grain::grain]
         return np.moveaxis(path.reshape(len(path), len(points), -1) - self.measured[:, None], 0, 2)
 
 
 def each(points: Sequence[Point], times: int) -> list[Point]:
-    """Every point several times in a row."""
+    """Repeat every point several times."""
     return [point for point in points for _ in range(times)]
 
 
 def cut(windows: Windows, point: Point, first: Index) -> Shooting:
-    """Segments from given samples on, with initial states from the measured motion."""
+    """Cut segments from given samples on, with initial states from the measured motion."""
     segments, link = cut_segments(windows, first, periods(windows, SHOOTING.length)), link_of(point.terms)
     hidden = start_memory([segments], [link])[link.id]
     return Shooting(
@@ -106,14 +106,14 @@ def cut(windows: Windows, point: Point, first: Index) -> Shooting:
 
 
 def consecutive(windows: Windows) -> Index:
-    """First samples of adjacent segments along a part of a recording."""
+    """Return the first samples of adjacent segments along a part of a recording."""
     length = periods(windows, SHOOTING.length)
     ends = [(begin, end - length - 1) for begin, end in spans(windows)]
     return np.concatenate([np.unique(np.append(np.arange(b, last, length), last)) for b, last in ends if last >= b])
 
 
 def slopes_by_state(shooting: Shooting, points: Sequence[Point], states: Array) -> tuple[Array, Array]:
-    """Errors (V, B, N) of V points from V sets of states (V, S, B), and derivatives by the states (V, B, N, S)."""
+    """Return errors (V, B, N) of V points from V sets of states (V, S, B), and slopes by states (V, B, N, S)."""
     count, size, segments = states.shape
     moves = PERTURBATION * (1.0 if hints_of(type(link_of(points[0].terms))).multimodal else SMOOTH)
     perturbed = states[:, None] + np.vstack([np.zeros(size), np.diag(moves)])[None, :, :, None]
@@ -123,7 +123,7 @@ def slopes_by_state(shooting: Shooting, points: Sequence[Point], states: Array) 
 
 
 def state_steps(error: Array, slopes: Array, damping: Array) -> Array:
-    """Levenberg-Marquardt steps of states (F, S, B) from errors (B, N) of B segments, for F factors on the damping."""
+    """Return Levenberg-Marquardt steps of states (F, S, B) from errors (B, N), for F factors on the damping."""
     square = np.swapaxes(slopes, 1, 2) @ slopes
     own = np.einsum("bss->bs", square)[:, :, None] * np.eye(slopes.shape[2])
     pull = np.einsum("bns,bn->bs", slopes, error)[:, :, None]
@@ -137,7 +137,7 @@ def state_steps(error: Array, slopes: Array, damping: Array) -> Array:
 def refine_states(
     shooting: Shooting, points: Sequence[Point], states: Array, damping: Array, turns: int
 ) -> tuple[Array, Array, Array]:
-    """States (V, S, B), their damping (V, B) and squared errors (V, B) after some turns, for each of V points."""
+    """Fit states (V, S, B) at each of V points; return them, their damping (V, B) and squared errors (V, B)."""
     for _ in range(turns):
         error, slopes = slopes_by_state(shooting, points, states)
         before = np.sum(error**2, axis=2)
@@ -151,7 +151,7 @@ def refine_states(
 
 
 def _best(tried: Array, after: Array, states: Array, before: Array, damping: Array) -> tuple[Array, Array, Array]:
-    """The best of F states tried for each segment (V, F, S, B), or the old ones where none is better."""
+    """Return the best of F states tried for each segment (V, F, S, B), or the old ones where none is better."""
     best = np.argmin(after, axis=1)[:, None]  # (V, 1, B)
     squares = np.take_along_axis(after, best, 1)[:, 0]
     better = squares < before
@@ -165,7 +165,7 @@ def _best(tried: Array, after: Array, states: Array, before: Array, damping: Arr
 
 
 def initialise(shooting: Shooting, point: Point) -> tuple[Shooting, Array]:
-    """The segments with the best initial states for a point, and their squared errors (B,).
+    """Return the segments with the best initial states for a point, and their squared errors (B,).
 
     The starts are the present states, those from the measured motion, and a link on either side of the play.
     """
@@ -186,7 +186,7 @@ def initialise(shooting: Shooting, point: Point) -> tuple[Shooting, Array]:
 
 
 def watch(windows: Windows, model: Model) -> Samples:
-    """Samples of a recording with the motion of motor and link simulated in adjacent segments."""
+    """Simulate the motion of motor and link in adjacent segments, and return the samples of the recording."""
     point, term = Point.of(model), link_of(model.terms)
     x = windows.trace([term])[0]
     shooting, _ = initialise(cut(windows, point, consecutive(windows)), point)
@@ -206,7 +206,7 @@ def watch(windows: Windows, model: Model) -> Samples:
 
 
 def hidden_state(segments: Segments, x: Samples, term: Term) -> Memory:
-    """State of a link at the start of segments, at its estimated offset from the motor."""
+    """Return the state of a link at the start of segments, at its estimated offset from the motor."""
     position, velocity = (series[segments.first] for series in x.memory[term.id])
     q, v = np.asarray(x.position)[segments.first], np.asarray(x.velocity)[segments.first]
     return segments.position[0] + position - q, segments.velocity + velocity - v
@@ -261,7 +261,7 @@ def _linearise(every: Sequence[Shooting], point: Point) -> Slopes:
 
 
 def _project(error: Array, by_parameter: Array, by_state: Array) -> tuple[Array, Array]:
-    """Errors (B, N) and derivatives (B, N, P) with the states' (B, N, S) part projected out."""
+    """Project the part of the states (B, N, S) out of errors (B, N) and slopes (B, N, P)."""
     frames, _ = np.linalg.qr(by_state / (np.linalg.norm(by_state, axis=1, keepdims=True) + 1e-300))
     both = np.concatenate([error[:, :, None], by_parameter], axis=2)
     both = both - frames @ (np.swapaxes(frames, 1, 2) @ both)
@@ -278,7 +278,7 @@ class Fitted:
 
 
 def fit(every: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) -> Fitted:
-    """Parameters and states that fit the segments of all recordings best."""
+    """Fit parameters and states to the segments of all recordings."""
 
     def near(place: Fitted) -> Near[tuple[Fitted, Slopes]]:
         slopes = _linearise(place.every, place.point)
@@ -326,7 +326,7 @@ def _follow(
 
 
 def estimate(every: Sequence[Windows], model: Model) -> Model:
-    """The model with parameters fitted by multiple shooting; standard errors from the spread of the segments.
+    """Fit a model by multiple shooting, with standard errors from the spread of the segments.
 
     Args:
         every: recording's windows.
@@ -355,13 +355,13 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
 
 
 def with_errors(every: Sequence[Windows], model: Model) -> Model:
-    """The model as it is, with standard errors from the spread of the segments; none if these are too few."""
+    """Return the model with standard errors from the spread of the segments; without, if these are too few."""
     point = Point.of(model)
     return model if _are_few(every, point) else _told(Fitted(point, initialised(every, point)))
 
 
 def initialised(every: Sequence[Windows], point: Point, share: int = 1) -> tuple[Shooting, ...]:
-    """Segments of recordings with the best initial states for a point, one in `share` of those that a fit has."""
+    """Return segments of recordings with the best initial states for a point, one in `share` of those of a fit."""
     first = [consecutive(windows) for windows in every]
     step = share * -(-sum(len(one) for one in first) // SHOOTING.most)
     return tuple(initialise(cut(w, point, one[::step]), point)[0] for w, one in zip(every, first, strict=True))
@@ -377,7 +377,7 @@ def _told(place: Fitted) -> Model:
 
 
 def changed(point: Point, factors: Mapping[str, float]) -> Point:
-    """A point with nonlinear parameters of the link's term, where it has them, changed by factors."""
+    """Return the point with nonlinear parameters of the link's term changed by factors."""
 
     def other(term: Term) -> Term:
         sought = [parameter for parameter in term.nonlinear_parameters if parameter.name in factors]
@@ -391,7 +391,7 @@ def changed(point: Point, factors: Mapping[str, float]) -> Point:
 
 
 def hung(point: Point) -> Point:
-    """A point with the gravity that the link has."""
+    """Return the point with the gravity of the link."""
     names = [column.name for term in point.terms for column in term.columns]
     term = link_of(point.terms)
     if "gravity" not in names or "gravity" not in term.nonlinear_values or term.id not in names:

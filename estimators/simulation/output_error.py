@@ -57,17 +57,17 @@ class Point:
 
     @classmethod
     def of(cls, model: Model) -> Point:
-        """Where a model is."""
+        """Return the point of a model."""
         return cls(model.terms, np.asarray(model.theta, dtype=float))
 
     @classmethod
     def within(cls, terms: Sequence[Term], theta: Array) -> Point:
-        """The point, within the bounds of its parameters."""
+        """Return the point of terms and parameters (P,), clipped to their bounds."""
         point = cls(tuple(terms), np.asarray(theta, dtype=float))
         return point.at(point.values)
 
     def at(self, values: Array) -> Point:
-        """The point with other values (P + S,)."""
+        """Return the point with other values (P + S,), clipped to their bounds."""
         rest = list(values[len(self.theta) :])
         terms = []
         for term in self.terms:
@@ -94,7 +94,7 @@ Filters = Sequence[Innovations]  # of each recording's segments; none for unfilt
 
 
 def errors(segments: Sequence[Segments], points: Sequence[Point], filters: Filters = ()) -> tuple[Array, Index]:
-    """Position errors of V points (M, V) without the part due to the initial state, and the segment of each row (M,).
+    """Return position errors of V points (M, V) without the part of the initial state, and their segments (M,).
 
     The part of each segment's error in the span of its two initial-state sensitivities is projected out. Filters turn
     the errors [rad] into innovations, in standard deviations.
@@ -110,7 +110,7 @@ def errors(segments: Sequence[Segments], points: Sequence[Point], filters: Filte
 
 
 def _errors(segments: Segments, path: Array, filter: Innovations | None) -> Array:
-    """Errors (B, N, V) of simulated positions (N + 1, V + 2, B), the last two of them from perturbed initial states."""
+    """Return errors (B, N, V) of positions (N + 1, V + 2, B), the last two from perturbed initial states."""
     grain = grain_of(segments)
     path, measured = path[grain::grain], segments.position[grain::grain]
     sensitivity = np.moveaxis((path[:, -2:] - path[:, :1]) / PERTURBATION[:, None], 2, 0)  # (B, N, 2)
@@ -122,30 +122,30 @@ def _errors(segments: Segments, path: Array, filter: Innovations | None) -> Arra
 
 
 def grain_of(segments: Segments) -> int:
-    """Samples from one compared position to the next."""
+    """Return the samples from one compared position to the next."""
     return max(1, round(OUTPUT_ERROR.grain * segments.windows.recording.rate))
 
 
 def innovations(segments: Sequence[Segments], point: Point) -> list[Innovations]:
-    """Filters of the errors around a point."""
+    """Make the filters of the errors around a point."""
     return [Innovations.of(segment, point.terms, point.theta, grain_of(segment)) for segment in segments]
 
 
 def sizes(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Array:
-    """Root mean square error of each segment, of all recordings in a row [rad]."""
+    """Return the root mean square error of each segment, of all recordings in a row [rad]."""
     error, which = errors(segments, [point], filters)
     return np.asarray(np.sqrt(np.bincount(which, error[:, 0] ** 2) / np.bincount(which)) + 1e-12)
 
 
 def trust(sizes: Array) -> Array:
-    """Weight of each segment (B,) from its error: little far beyond the usual, as where it diverges at the top."""
+    """Return the weight of each segment (B,) from its error, small for one that diverges at the top."""
     return np.asarray(1 / (1 + (sizes / (3 * float(np.median(sizes)))) ** 2))
 
 
 def _slopes(
     segments: Sequence[Segments], point: Point, weights: Array, filters: Filters = ()
 ) -> tuple[Array, Array, Index]:
-    """Weighted errors (M,), their derivatives by relative changes of the parameters (M, P + S), and segments (M,)."""
+    """Return weighted errors (M,), their slopes by relative changes of parameters (M, P + S), and segments (M,)."""
     values = point.values
     size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
     nearby = [point.at(values + OUTPUT_ERROR.difference * size * direction) for direction in np.eye(len(values))]
@@ -155,7 +155,7 @@ def _slopes(
 
 
 def fit(segments: Sequence[Segments], start: Point, turns: int = 12, filters: Filters = ()) -> Point:
-    """Move the linear and the continuous nonlinear parameters from a point until the segments fit best."""
+    """Fit the linear and the continuous nonlinear parameters to the segments, from a point."""
     weights = trust(sizes(segments, start, filters))
 
     def near(point: Point) -> Near[Point]:
@@ -176,7 +176,7 @@ def fit(segments: Sequence[Segments], start: Point, turns: int = 12, filters: Fi
 
 
 def maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
-    """The maximum-likelihood model near a point, if its residual is noise.
+    """Fit the maximum-likelihood model near a point, if its residual is noise.
 
     Segments should be about half a second long: the errors of longer ones grow nonlinearly.
     """
@@ -185,7 +185,7 @@ def maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
 
 
 def rms(segments: Sequence[Segments], point: Point, weights: Array | None = None, filters: Filters = ()) -> float:
-    """Root mean square error of the segments, the state at their start being free [rad], or innovation.
+    """Return the root mean square error of the segments with free initial states [rad], or innovation.
 
     Args:
         segments: of each recording.
@@ -199,7 +199,7 @@ def rms(segments: Sequence[Segments], point: Point, weights: Array | None = None
 
 
 def noise(segments: Sequence[Segments], point: Point) -> float:
-    """Root mean square error due to torque noise alone, with free initial states [rad].
+    """Return the root mean square error due to torque noise alone, with free initial states [rad].
 
     The simulated motion takes the place of the measured one.
     """
@@ -213,7 +213,7 @@ def noise(segments: Sequence[Segments], point: Point) -> float:
 
 
 def position_noise(segments: Sequence[Segments], point: Point) -> float:
-    """Root mean square position error due to noise of the torque and of the initial state [rad]."""
+    """Return the root mean square position error due to noise of torque and initial state [rad]."""
     rng = np.random.default_rng(0)
     perturbed = [
         replace(
@@ -229,7 +229,7 @@ def position_noise(segments: Sequence[Segments], point: Point) -> float:
 
 
 def torque_again(segment: Segments, rng: np.random.Generator) -> Array:
-    """Held torque as another log of the same motion might have it (N, B) [N m].
+    """Draw the held torque of another log of the same motion (N, B) [N m].
 
     Beside its white noise, a torque that was moved in time by parts of a sample changed somewhere within the sample.
     """
@@ -241,13 +241,13 @@ def torque_again(segment: Segments, rng: np.random.Generator) -> Array:
 
 
 def model(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Model:
-    """Model at a point, with standard errors from the spread of the segments (jackknife's sandwich)."""
+    """Return the model at a point, with standard errors from the spread of the segments (jackknife's sandwich)."""
     error, slopes, which = _slopes(segments, point, trust(sizes(segments, point, filters)), filters)
     return named(point, robust_covariance(slopes, error, which))
 
 
 def named(point: Point, relative: Array) -> Model:
-    """Model at a point; the covariance of its parameters (P + S, P + S) is given relative to them."""
+    """Return the model at a point, given the covariance of its parameters relative to them (P + S, P + S)."""
     std = np.sqrt(np.diag(relative)) * np.maximum(np.abs(point.values), OUTPUT_ERROR.smallest)
     names = [term.full(parameter.name) for term in point.terms for parameter in continuous_parameters(term)]
     count = len(point.theta)
