@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pendulum_env._typing import Array
 from pendulum_env.reading import shown
 from pendulum_env.recording.clock import count_seconds
+from pendulum_env.recording.columns import add_labels
 from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.table import WIDEST, Find, Table, first_date, is_text, need, numbers
 from pendulum_env.recording.text import may_be_number, read_cells
@@ -224,7 +225,8 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
         return kind in "iufO" or (kind == "U" and may_be_number(str(load(name).flat[0]), name))
 
     wordy = [k for k, (name, _) in enumerate(places) if math.prod(sides[name]) < 2 or not is_number(name)]
-    columns = find(headers, wordy=wordy)
+    cells = [str(load(name).flat[0]) if stored[name].dtype.kind == "U" and sides[name] else "" for name, _ in places]
+    columns = add_labels(find(headers, wordy=wordy), headers, cells)
     values: dict[str, Array] = {}
     date, texts = None, False
     for quantity, column in columns.items():
@@ -299,7 +301,8 @@ def _arrow(schema: pa.Schema, first: Callable[..., Any], read: Callable[..., pa.
         return not (_is_number(kind) or (cell is not None and may_be_number(cell, name)))
 
     wordy = [k for k, (name, place) in enumerate(places) if place is None and is_word(name, kinds[k])]
-    columns = find(headers, wordy=wordy)
+    cells = [str(row[name][0].as_py() or "") if row and name in texts else "" for name, _ in places]
+    columns = add_labels(find(headers, wordy=wordy), headers, cells)
     table = read(list(dict.fromkeys(places[column.index][0] for column in columns.values())))
     found = {quantity: _series(table, *places[column.index]) for quantity, column in columns.items()}
     for quantity, series in found.items():
