@@ -22,6 +22,7 @@ from workbench.commands import demo
 
 ARM = TwoLink()
 MOVING = ("--joints", "torso,shoulder,elbow")
+QUICK = ("--scheme", "filtered_dynamic")
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +33,7 @@ def folder(tmp_path_factory):
     (folder / "arm.toml").write_text('joints = ["elbow"]\n[[recording]]\nfile = "plain.csv"\n')
     for name, offset in (("plain", 0.0), ("hidden", 0.3)):
         write_recording(recorded(ARM, seconds=8.0, offset=(0.0, offset)), folder / f"{name}.csv")
+    assert main([*map(str, of_arm(folder, "identify", "plain.csv", *QUICK, "-o", "plain.json"))]) == 0
     return folder
 
 
@@ -88,29 +90,26 @@ def test_torque_of_an_arm_that_is_logged_late_is_corrected_where_that_is_asked_f
     samples = 4
     late = replace(late, torque=np.roll(late.torque, samples, axis=0)).slice(samples, None)
     write_recording(late, folder / "late.csv")
-    scheme = ("--scheme", "filtered_dynamic")
-    done(*of_arm(folder, "identify", "plain.csv", *scheme, "-o", "intime.json"))
-    for command in (("identify", "late.csv", *scheme), ("compare", "intime.json", "late.csv")):
+    for command in (("identify", "late.csv", *QUICK), ("compare", "plain.json", "late.csv")):
         out = done(*of_arm(folder, *command, "--align"))
         delay = re.search(r"logged (\d+\.\d+) ± \S+ ms late\. It is corrected", out)
         assert float(delay[1]) == pytest.approx(1e3 * samples / late.rate, rel=0.05)
     errors = []
     for align in ((), ("--align",)):
-        done(*of_arm(folder, "compare", "intime.json", "late.csv", "--json", "errors.json", *align))
+        done(*of_arm(folder, "compare", "plain.json", "late.csv", "--json", "errors.json", *align))
         errors.append([one["torque_rms"] for one in json.loads((folder / "errors.json").read_text())["joints"]])
     assert np.all(np.array(errors[0]) > 3 * np.array(errors[1]))
 
 
 def test_compare_tells_what_an_arm_carries(done, refused, folder):
     """A body as heavy as the forearm, at the same place: twice its mass and moments."""
-    done(*of_arm(folder, "identify", "plain.csv", "--scheme", "filtered_dynamic", "-o", "empty.json"))
     heavy = replace(ARM, mass=(ARM.mass[0], 2 * ARM.mass[1]), inertia=(ARM.inertia[0], 2 * ARM.inertia[1]))
     loaded = recorded(heavy, 3, seconds=8.0, rate=500.0, scale=(6.0, 3.5), noise=0.0)
     write_recording(loaded, folder / "heavy.csv")
-    out = done(*of_arm(folder, "compare", "empty.json", "heavy.csv"))
+    out = done(*of_arm(folder, "compare", "plain.json", "heavy.csv"))
     assert re.search(r"A payload of 0\.\d+ ± .* kg behind elbow would explain most of it: see --payload", out)
     written = ("--payload", "--without", "plain.csv", "--json", "payload.json")
-    out = done(*of_arm(folder, "compare", "empty.json", "heavy.csv", *written))
+    out = done(*of_arm(folder, "compare", "plain.json", "heavy.csv", *written))
     assert "Payload at the link behind elbow" in out and "no motion of the joints shows them" in out
     told = json.loads((folder / "payload.json").read_text())["payload"]
     assert told["theta"]["m"]["value"] == pytest.approx(ARM.mass[1], rel=0.02)
@@ -118,23 +117,22 @@ def test_compare_tells_what_an_arm_carries(done, refused, folder):
         (("--payload", "wrist"), "unknown joint 'wrist'"),
         (("--without", "plain.csv"), "say --payload, too"),
     ):
-        assert said in refused(*of_arm(folder, "compare", "empty.json", "heavy.csv", *wrong))
+        assert said in refused(*of_arm(folder, "compare", "plain.json", "heavy.csv", *wrong))
 
 
 def test_effects_at_joints_and_couplings_are_added_and_looked_for(done, refused, folder):
-    done(*of_arm(folder, "identify", "plain.csv", "--scheme", "filtered_dynamic", "-o", "lacking.json"))
-    out = done(*of_arm(folder, "add", "lacking.json", "torque_offset@elbow", "hidden.csv", "-o", "added.json"))
+    out = done(*of_arm(folder, "add", "plain.json", "torque_offset@elbow", "hidden.csv", "-o", "added.json"))
     assert "torque_offset@elbow lowers the held-out torque error of elbow" in out
     theta = json.loads((folder / "added.json").read_text())["theta"]
     assert theta["torque_offset@elbow"]["value"] == pytest.approx(0.3, rel=0.03)
-    out = done(*of_arm(folder, "add", "lacking.json", "coupling@shoulder,elbow", "hidden.csv"))
+    out = done(*of_arm(folder, "add", "plain.json", "coupling@shoulder,elbow", "hidden.csv"))
     assert "coupling.viscous@shoulder,elbow" in out
     done(*of_arm(folder, "diagnose", "hidden.csv", "--only", "coupling,spring", "--json", "told.json"))
     judged = {one["effect"] for one in json.loads((folder / "told.json").read_text())["candidates"]}
     pairs = {"coupling@shoulder,elbow", "coupling@shoulder,-elbow"}
     assert judged == {*pairs, "spring@shoulder", "spring@elbow"}
     for effect, model, said in (
-        ("stribeck@wrist", "lacking.json", "unknown joint 'wrist'"),
+        ("stribeck@wrist", "plain.json", "unknown joint 'wrist'"),
         ("torque_offset@elbow", "added.json", "the model has 'torque_offset@elbow' already"),
     ):
         assert said in refused(*of_arm(folder, "add", model, effect, "hidden.csv"))

@@ -7,7 +7,7 @@ import pytest
 import scipy.integrate
 
 from pendulum_env.arms.recording import ArmRecording, read_arm_recording
-from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
+from pendulum_env.recording import RecordingError, read_recording
 
 TIME = np.arange(600) / 100
 ANGLE = 1.2 * np.exp(-0.2 * TIME) * np.cos(5 * TIME)
@@ -77,13 +77,6 @@ def test_arrays_of_other_kinds_and_an_entry_of_none_are_no_torque(tmp_path: Path
     np.savez(tmp_path / "run.npz", time=TIME, angle=ANGLE, rate=100.0, author="me", is_new=TIME > 3)
     assert not read_recording(tmp_path / "run.npz").torque.any()
     assert read_recording({"time": TIME, "position": ANGLE, "torque": None, "velocity": None}).is_free
-
-
-def test_a_recording_of_arrays_without_torque_is_a_free_swing(tmp_path: Path) -> None:
-    swing = Recording(TIME, ANGLE, name="swing")
-    assert not swing.torque.any() and swing.name == "swing"
-    write_recording(swing, tmp_path / "swing.csv")
-    np.testing.assert_array_equal(read_recording(tmp_path / "swing.csv").position, ANGLE)
 
 
 def test_an_arm_needs_torque(tmp_path: Path) -> None:

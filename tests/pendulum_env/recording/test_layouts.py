@@ -37,12 +37,16 @@ def test_cells_that_are_empty_unless_changed_hold_the_last_value(tmp_path: Path,
     slower = slice(None, None, 4)
     turns, torque = np.round(swing.position[slower] / TURN * 4096) / 4096, np.round(swing.torque[slower], 2)
     columns = cells(swing.time[slower], 6), cells(turns, 6, only_changes=True), cells(torque, 2, only_changes=True)
-    enabled = ["true", *[""] * (len(turns) - 1)]
     header = "Timestamp,/Arm/PositionRotations,/Arm/Torque,/DS/Enabled"
-    recording = read(tmp_path, header, *columns, enabled)
+    recording = read(tmp_path, header, *columns, ["true", *[""] * (len(turns) - 1)])
     np.testing.assert_allclose(recording.torque, torque, atol=1e-9)
     np.testing.assert_allclose(recording.position, TURN * turns, atol=1e-5)
     assert recording.enabled is not None and recording.enabled.all()
+    switch, half = [""] * len(swing), len(swing) // 2
+    switch[0], switch[half] = "true", "false"  # alone in a file whose other cells are written
+    whole = cells(swing.time), cells(swing.position), cells(swing.torque)
+    enabled = read(tmp_path, "time,position,torque,enabled", *whole, switch).enabled
+    np.testing.assert_array_equal(enabled, np.arange(len(swing)) < half)
 
 
 def test_lost_cells_are_no_values_that_are_held(tmp_path: Path, swing: Recording, lost: np.ndarray) -> None:
