@@ -65,6 +65,7 @@ def test_a_long_hole_is_a_gap_where_the_motion_is_fast_for_the_rate() -> None:
     assert len(read_recording(without(fast, gone)).starts) == 3
     slow = motion(0.1 * time) | {"time": time, "velocity": 0.1 * motion(0.1 * time)["velocity"]}
     assert len(read_recording(without(slow, gone)).starts) == 1
+    assert len(read_recording(without(slow, [*gone, 900, 901, 902, 903])).starts) == 2  # torque may have changed
 
 
 def test_segments_too_short_to_use_are_left_out_and_told_and_refused_where_there_are_no_others(columns) -> None:
@@ -164,6 +165,10 @@ def test_what_joints_do_is_no_glitch() -> None:
     for position in (resting, bouncing, toggling):
         columns = {"time": time, "position": position, "torque": np.cos(time)}
         assert read_recording(columns).notes == ()
+    held = np.cumsum(np.where(np.arange(5000) % 500 < 30, 0.0, 9e-3))  # and goes on from where it was
+    columns = {"time": time, "position": COUNT * np.round(held / COUNT), "torque": np.cos(time)}
+    read = read_recording(columns, columns={"position": "position:rad"})
+    np.testing.assert_array_equal(read.position, columns["position"])
 
 
 def test_a_wrapped_angle_is_unwrapped_on_either_side_of_a_gap_after_which_a_joint_may_be_anywhere() -> None:

@@ -391,29 +391,6 @@ def test_tabs_are_apart_and_a_reload_changes_nothing_not_even_what_runs(tab, bro
 
 
 @pytest.mark.slow
-def test_fields_keep_what_was_typed_and_a_diagnosis_is_undone(tab, folder):
-    page = tab.page
-    tab.load(folder / "swing.csv")
-    tab.go("diagnose")
-    page.click("summary:has-text('Choose what to look for')")
-    page.click(filled("ask-only"))
-    page.click(".dash-dropdown-option:has-text('Quadratic drag')")
-    page.keyboard.press("Escape")
-    page.fill(filled("ask-fix"), "gravty=2")
-    page.click(press("diagnose"))
-    page.wait_for_selector("#notice:has-text('did you mean gravity?')")
-    assert (
-        page.inner_text(filled("ask-only")).startswith("Quadratic drag")
-        and page.input_value(filled("ask-fix")) == "gravty=2"
-    )
-    page.fill(filled("ask-fix"), "gravity=2.01")
-    page.click(press("diagnose"))
-    page.wait_for_selector(".ranking")
-    page.click(press("back") + ":has-text('Undo: diagnose')")
-    page.wait_for_selector(".ranking", state="detached")
-
-
-@pytest.mark.slow
 def test_a_keyboard_is_enough(tab):
     """The demo, a stage, a region of the residual and a diagnosis, without a mouse."""
     page = tab.page
