@@ -1,20 +1,27 @@
 """What learns from measurements: six schemes, recursive least squares, comparison and diagnosis."""
 
-from estimators.checks.alignment import Alignment
-from estimators.checks.channel import align
-from estimators.comparison import Comparison, compare
-from estimators.data.fit_data import FitData, gather
-from estimators.data.regression_data import RegressionData, fit_terms
-from estimators.diagnosis.addition import add, fit
-from estimators.diagnosis.result import Addition, Diagnosis, Verdict
-from estimators.diagnosis.run import diagnose
-from estimators.prediction import Prediction
-from estimators.regression.equations import IdentificationError
-from estimators.schemes.identification import Identification, identify
-from estimators.schemes.six import SCHEMES, scheme
-from estimators.search_hints import SearchHints, set_hints
-from estimators.selection.criterion import Criterion
-from estimators.selection.errors import Errors
+from typing import TYPE_CHECKING
+
+from pendulum_env.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from estimators.checks.alignment import Alignment
+    from estimators.checks.channel import align
+    from estimators.comparison import Comparison, compare
+    from estimators.data.fit_data import FitData, gather
+    from estimators.data.regression_data import RegressionData, fit_terms
+    from estimators.diagnosis.addition import add, fit
+    from estimators.diagnosis.result import Addition, Diagnosis, Verdict
+    from estimators.diagnosis.run import diagnose
+    from estimators.prediction import Prediction
+    from estimators.regression.equations import IdentificationError
+    from estimators.schemes.identification import Identification, identify
+    from estimators.schemes.six import SCHEMES, scheme
+    from estimators.search_hints import SearchHints, set_hints
+    from estimators.selection.criterion import Criterion
+    from estimators.selection.errors import Errors
+else:
+    __getattr__, __dir__ = lazy_exports(__name__)
 
 __all__ = [
     "SCHEMES",

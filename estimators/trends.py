@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize, stats
+import scipy
 
 from pendulum_env._typing import Array, Index
 
@@ -61,14 +61,14 @@ def fit_trend(time: Array, value: Array, std: Array) -> Trend:
         return Trend()
     order = np.argsort(time, kind="stable")
     t, x, variance = time[order], value[order], std[order] ** 2
-    drift, _, low, high = map(float, stats.theilslopes(x, t, CONFIDENCE))
+    drift, _, low, high = map(float, scipy.stats.theilslopes(x, t, CONFIDENCE))
     steps = 1 + np.flatnonzero(np.diff(t) > 0)
     steps = steps[(steps >= BESIDE) & (steps <= len(t) - BESIDE)]
     fits = _fit_changes(t, x, 1 / (variance + scatter_variance(x, variance)), steps)
     least = _fit_changes(t, x, 1 / variance, steps)  # scatter by standard errors alone
     best, freedom = int(np.argmax(fits.gains)), len(t) - 2
     remaining = max(1e-300, fits.chi_square - float(fits.gains[best])) / freedom
-    p_value = max(stats.chi2.sf(least.gains[best], 1), stats.f.sf(fits.gains[best] / remaining, 1, freedom))
+    p_value = max(scipy.stats.chi2.sf(least.gains[best], 1), scipy.stats.f.sf(fits.gains[best] / remaining, 1, freedom))
     if not best:
         p_value = 1.0 if low <= 0 <= high else p_value
         return Trend(drift, (low, high), None, min(1.0, len(fits.gains) * float(p_value)))
@@ -85,7 +85,7 @@ def scatter_variance(value: Array, variance: Array) -> float:
         return float(w @ (value - np.average(value, weights=w)) ** 2) - (len(value) - 1)
 
     most = float(np.sum((value - value.mean()) ** 2))  # chi-square is below 1 there
-    return float(optimize.brentq(excess, 0.0, most, xtol=1e-9 * most)) if excess(0.0) > 0 else 0.0
+    return float(scipy.optimize.brentq(excess, 0.0, most, xtol=1e-9 * most)) if excess(0.0) > 0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from math import factorial
 
 import numpy as np
+import scipy
 
 from pendulum_env._typing import Array
 
@@ -12,12 +13,10 @@ def lag(series: Array, keep: float, before: float = 0.0) -> Array:
 
     The same as `scipy.signal.lfilter([1 - a], [1, -a], x, axis=0)`: the recursion is a bidiagonal system.
     """
-    from scipy.linalg.lapack import dtbtrs  # here, as it takes longer to import than this package
-
     driven = (1 - keep) * series
     driven[:1] += keep * before
     bands = np.array([[1.0], [-keep]]) * np.ones(len(series))
-    solved, _ = dtbtrs(bands, driven, uplo="L")
+    solved, _ = scipy.linalg.lapack.dtbtrs(bands, driven, uplo="L")
     return np.asarray(solved)
 
 

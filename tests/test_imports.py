@@ -6,6 +6,8 @@ import sys
 from collections.abc import Set
 from functools import cache
 from graphlib import TopologicalSorter
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 PACKAGES = ("pendulum_env", "estimators", "agents", "workbench")  # each may import those before it
@@ -60,3 +62,18 @@ def test_help_waits_for_no_library_but_gymnasium_s_own():
     loaded, is_physics_loaded = done.stdout.splitlines()[-1].rsplit(" ", 1)
     assert is_physics_loaded == "False"
     assert not {"scipy", "pyarrow", "h5py", "msgspec", "estimators", "agents", "torch"} & ast.literal_eval(loaded)
+
+
+def test_identify_loads_no_library_before_it_is_used():
+    code = "import sys, workbench.commands.identify; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    unused = {"scipy.optimize", "matplotlib", "torch", "pinocchio", "mujoco", "pymunk", "llvmlite"}
+    assert not unused & set(done.stdout.split())
+
+
+def test_every_export_is_found():
+    for package in {_name(file) for top in PACKAGES for file in (ROOT / top).rglob("__init__.py")}:
+        module = import_module(package)
+        for name in getattr(module, "__all__", ()):
+            assert name in dir(module) and hasattr(module, name), f"{package}.{name}"
+            assert find_spec(f"{package}.{name}") is None, f"a submodule would take the place of {package}.{name}"

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.linalg import null_space
+import scipy
 
 from estimators.arms.standard import pseudo_inertia
 from estimators.regression.equations import Equations, IdentificationError
@@ -102,8 +102,8 @@ def find_payload(
     joint = joint or body.joints[-1]
     k = body.links.index(find("joint", joint, {name: name for name in body.joints}))
     combine = body.combine[:, 10 * k : 10 * (k + 1)]  # (P, 10)
-    unseen = null_space(combine, rcond=HIDDEN)
-    shown = null_space(unseen.T) if unseen.size else np.eye(len(STANDARD))  # (10, r)
+    unseen = scipy.linalg.null_space(combine, rcond=HIDDEN)
+    shown = scipy.linalg.null_space(unseen.T) if unseen.size else np.eye(len(STANDARD))  # (10, r)
     segments = [measure_joints(recording.joints) for recording in (*without, *carrying)]
     data = stack(segments, partial(regressions(model.terms), SCHEME))
     loaded = data.recording >= len(without)

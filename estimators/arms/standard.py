@@ -13,8 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
-from scipy.optimize import least_squares
+import scipy
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.arms.body import Body
@@ -80,7 +79,7 @@ def nearest_body(model: Model) -> Nearest:
         base = body.combine @ (_slope(first + scale * x, links) * scale)
         return np.vstack([base / std[:, None], np.eye(len(x)) / NEAREST.open])
 
-    found = least_squares(misfit, np.zeros(len(first)), slope, x_scale="jac", max_nfev=NEAREST.turns)
+    found = scipy.optimize.least_squares(misfit, np.zeros(len(first)), slope, x_scale="jac", max_nfev=NEAREST.turns)
     values = _standard(first + scale * found.x, links)
     parameters = {
         name: Estimate(own, 0.0, body.unit_of(name)) for name, own in zip(body.standard, values.tolist(), strict=True)
@@ -152,4 +151,4 @@ def _slope(x: Array, links: int) -> Array:
     moved[:, DIAGONAL, DIAGONAL, DIAGONAL] = factor[:, DIAGONAL, DIAGONAL]
     turned = moved @ factor[:, None].swapaxes(-1, -2)  # of L L', but for its transpose
     own = _ten(turned + turned.swapaxes(-1, -2))  # (links, 10 of L, 10)
-    return block_diag(*own.swapaxes(-1, -2), np.diag(np.exp(x[10 * links :])))
+    return scipy.linalg.block_diag(*own.swapaxes(-1, -2), np.diag(np.exp(x[10 * links :])))

@@ -21,7 +21,7 @@ from itertools import pairwise
 from typing import Self
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
 from estimators.regression.balance import Balance, place_columns
@@ -237,7 +237,7 @@ class ChannelFits:
         x = min(within, key=lambda start: float(np.linalg.norm(self.misfit(start))))
         ways = np.eye(2)[list(free)]
         if free:
-            moved = least_squares(
+            moved = scipy.optimize.least_squares(
                 lambda way: self.misfit(x + way @ ways),
                 np.zeros(len(ways)),
                 lambda way: self.residual(self.slopes(x + way @ ways, ways)),

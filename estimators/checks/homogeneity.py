@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.equations import Equations
@@ -265,7 +265,7 @@ def own_fits(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[O
             own = 1 / np.sqrt(np.diag(np.linalg.inv(phi[rows].T @ phi[rows] / len(clusters))))
             estimates = dict(zip(names, zip(fit.theta.tolist(), fit.std.tolist(), strict=True), strict=True))
             inertia, error = estimates.get("inertia", (w.recording.known_inertia, np.inf))
-            sure = float(stdtrit(freedom, level))
+            sure = float(scipy.special.stdtrit(freedom, level))
             fits.append(
                 Own(
                     number,

@@ -6,7 +6,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from estimators.regression.least_squares import least_squares
 from pendulum_env._typing import Array
@@ -79,7 +79,9 @@ def likenesses(table: Table, curve: Curve) -> list[Likeness]:
         start = min(family.starts, key=lambda values: left(np.array(values)))
         shape = np.array(start)
         if start:
-            shape = minimize(left, start, method="Nelder-Mead", bounds=family.ends, options={"maxiter": 200}).x
+            shape = scipy.optimize.minimize(
+                left, start, method="Nelder-Mead", bounds=family.ends, options={"maxiter": 200}
+            ).x
         count = len(constant) + len(family.formula(curve.x[:1], *shape)) + len(shape)
         words = family.words.format(*(f"{value:.3g}" for value in shape))
         found.append(Likeness(words, 1.0 - left(shape) / whole, count))

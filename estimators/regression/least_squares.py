@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
-from scipy.special import ndtri, stdtrit
+import scipy
 
 from estimators.regression.equations import Equations
 from pendulum_env._typing import Array, Index, Mask
@@ -114,7 +113,7 @@ def robust_covariance(phi: Array, residual: Array, clusters: Index) -> Array:
         clusters = np.arange(len(clusters))
     covariance, told = jackknife(phi, residual, clusters)
     freedom = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
-    wider = stdtrit(np.maximum(freedom, 2.0), 0.975) / ndtri(0.975)
+    wider = scipy.special.stdtrit(np.maximum(freedom, 2.0), 0.975) / scipy.special.ndtri(0.975)
     return np.asarray(covariance * np.outer(wider, wider))
 
 
@@ -228,7 +227,7 @@ def least_squares(phi: Array, y: Array) -> Array:
     phi = phi / scale
     factor = _factor(phi.T @ phi) if phi.shape[1] else None
     if factor is not None:
-        return np.asarray(dpotrs(factor, phi.T @ y)[0] / scale)
+        return np.asarray(scipy.linalg.lapack.dpotrs(factor, phi.T @ y)[0] / scale)
     return np.asarray(np.linalg.lstsq(phi, y, rcond=1e-10)[0] / scale)
 
 
@@ -237,6 +236,6 @@ def _factor(gram: Array) -> Array | None:
 
     It is at least the inverse of the largest absolute column sum of their inverse, which LAPACK estimates.
     """
-    factor, fault = dpotrf(gram)
+    factor, fault = scipy.linalg.lapack.dpotrf(gram)
     size = float(np.abs(gram).sum(axis=0).max())
-    return None if fault or size * dpocon(factor, size)[0] <= SOLVER.distinct else factor
+    return None if fault or size * scipy.linalg.lapack.dpocon(factor, size)[0] <= SOLVER.distinct else factor

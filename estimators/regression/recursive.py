@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dtrtri
+import scipy
 
 from estimators.regression.equations import Equations
 from pendulum_env._typing import Array, Index, Mask
@@ -59,6 +59,6 @@ def history(equations: Equations, mask: Mask, points: Index, prior: float = PRIO
     theta, root = np.empty((len(ends), parameters)), np.empty((len(ends), parameters, parameters))
     for k, (begin, end) in enumerate(zip(np.r_[0, ends[:-1]], ends, strict=True)):
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, rows[begin:end]]), mode="r"))
-        root[k] = dtrtri(triangle[:-1, :-1])[0]
+        root[k] = scipy.linalg.lapack.dtrtri(triangle[:-1, :-1])[0]
         theta[k] = root[k] @ triangle[:-1, -1]
     return History(np.asarray(points), theta, root)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from estimators.findings import Finding
 from pendulum_env._typing import JSON, Array
@@ -136,13 +137,11 @@ def spectrum(time: Array, residual: Array, noise: float) -> Profile:
 
     Source: Scargle, Astrophysical Journal 263, 1982.
     """
-    from scipy.signal import lombscargle  # here, as it takes longer to import than most commands take to run
-
     span = float(np.ptp(time)) or 1.0
     step = float(np.median(np.diff(np.unique(time))))
     frequency = np.arange(1, max(2, min(400, int(0.4 * span / step)))) / span
     # one by one: all at once, SciPy holds several matrices of frequencies by windows
-    power = np.array([np.squeeze(lombscargle(time, residual, [2 * np.pi * hertz])) for hertz in frequency])
+    power = np.array([np.squeeze(scipy.signal.lombscargle(time, residual, [2 * np.pi * hertz])) for hertz in frequency])
     amplitude = np.sqrt(4 * power / len(residual))
     edges = np.r_[frequency - 0.5 / span, frequency[-1] + 0.5 / span]
     return Profile("frequency", "Hz", edges, amplitude, np.full(len(frequency), noise * np.sqrt(2 / len(residual))))

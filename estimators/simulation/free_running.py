@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import distance_transform_cdt
+import scipy
 
 from estimators.weak_form.windows import Windows, trace_all
 from pendulum_env._typing import Array, Index, Mask
@@ -64,7 +64,9 @@ def choose_segments(windows: Windows, seconds: float = SECONDS) -> Segments:
     """Cut a recording into segments that start away from reversals, where the velocity is most accurate."""
     recording = windows.recording
     length = periods(windows, seconds)
-    clear = distance_transform_cdt(np.r_[False, np.diff(np.sign(windows.samples.velocity)) == 0] & windows.moving)
+    clear = scipy.ndimage.distance_transform_cdt(
+        np.r_[False, np.diff(np.sign(windows.samples.velocity)) == 0] & windows.moving
+    )
     clear = np.minimum(clear, len(windows.kernel))
     reach = round(0.2 * seconds * recording.rate)
     first = []

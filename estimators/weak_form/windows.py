@@ -23,9 +23,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.sparse import block_diag, csr_array
-from scipy.sparse.linalg import LinearOperator
 
 from estimators.signals.differentiation import from_position, from_velocity, near_turns, shared, white_noise
 from estimators.signals.motion import LEAD_IN, SLOWEST, known_load, warmth
@@ -50,8 +49,8 @@ class WindowAverages:
 
     samples: Samples
     acceleration: Array
-    narrow: csr_array | LinearOperator
-    wider: csr_array | LinearOperator
+    narrow: scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator
+    wider: scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator
 
     @classmethod
     def joined(cls, parts: Sequence[WindowAverages]) -> WindowAverages:
@@ -59,12 +58,11 @@ class WindowAverages:
         if len(parts) == 1:
             return parts[0]
         narrow, wider = (
-            block_diag(every, "csr") for every in zip(*((own.narrow, own.wider) for own in parts), strict=True)
+            scipy.sparse.csr_array(scipy.sparse.block_diag(every, "csr"))
+            for every in zip(*((own.narrow, own.wider) for own in parts), strict=True)
         )
         acceleration = np.concatenate([own.acceleration for own in parts])
-        return cls(
-            concatenate_samples([own.samples for own in parts]), acceleration, csr_array(narrow), csr_array(wider)
-        )
+        return cls(concatenate_samples([own.samples for own in parts]), acceleration, narrow, wider)
 
     def column(self, column: Column, x: Samples) -> Array:
         """Average a column of the regressor (R,), along samples with the term's state variables."""
@@ -102,7 +100,7 @@ class WindowAverages:
         return np.asarray(sum(parts, np.zeros((self.narrow.shape[0], len(perturbations)))))
 
 
-def _averaged(averages: csr_array, series: ArrayLike) -> Array:
+def _averaged(averages: scipy.sparse.csr_array, series: ArrayLike) -> Array:
     """Average a series, or a constant (R,)."""
     return np.asarray(averages @ np.broadcast_to(np.asarray(series, dtype=float), averages.shape[1:]))
 
@@ -201,17 +199,17 @@ class Windows:
         """Return windows about every sample that is clear of stick."""
         return replace(self, centers=np.flatnonzero(self.is_clear))
 
-    def _averages(self, kernel: Array) -> csr_array | LinearOperator:
+    def _averages(self, kernel: Array) -> scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator:
         count, length = len(self.centers), len(kernel)
         if count * length > DENSEST * len(self.moving):
-            return LinearOperator(
+            return scipy.sparse.linalg.LinearOperator(
                 (count, len(self.moving)),
                 matvec=lambda series: np.correlate(np.ravel(series), kernel, "valid")[self.centers - length // 2],
                 dtype=np.float64,
             )
         place = self.centers[:, None] + np.arange(length) - length // 2
         parts = np.tile(kernel, count), place.ravel(), length * np.arange(count + 1)
-        return csr_array(parts, shape=(count, len(self.moving)))
+        return scipy.sparse.csr_array(parts, shape=(count, len(self.moving)))
 
     def under(self, torque: Array, averages: Array) -> Windows:
         """Return the motion under another torque (N,) [N m], with its averages by `held` (N,)."""

@@ -1,12 +1,19 @@
 """Arms of n joints: bodies from files, terms at joints, recordings, and a planar arm as an environment."""
 
-from pendulum_env.arms.body import BaseParameter, Body, BodyError, read_body
-from pendulum_env.arms.joints import Links, arm_base, at_joint, friction, joint_effects, placed
-from pendulum_env.arms.model import ArmModel
-from pendulum_env.arms.planar import TWO_LINK, Link
-from pendulum_env.arms.plane import planar_links
-from pendulum_env.arms.recording import ArmRecording, find_logged_joints, read_arm_recording, read_arm_source
-from pendulum_env.arms.robot import find_movable_joints
+from typing import TYPE_CHECKING
+
+from pendulum_env.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from pendulum_env.arms.body import BaseParameter, Body, BodyError, read_body
+    from pendulum_env.arms.joints import Links, arm_base, at_joint, friction, joint_effects, placed
+    from pendulum_env.arms.model import ArmModel
+    from pendulum_env.arms.planar import TWO_LINK, Link
+    from pendulum_env.arms.plane import planar_links
+    from pendulum_env.arms.recording import ArmRecording, find_logged_joints, read_arm_recording, read_arm_source
+    from pendulum_env.arms.robot import find_movable_joints
+else:
+    __getattr__, __dir__ = lazy_exports(__name__)
 
 __all__ = [
     "TWO_LINK",

@@ -16,6 +16,7 @@ from functools import cache, partial
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, cast
 
 import numpy as np
+import scipy
 from msgspec import Meta, Struct
 from msgspec.structs import astuple
 
@@ -177,8 +178,6 @@ def _over(kind: type[Table], extent: Extent) -> type[Table]:
 @cache
 def _weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
     """What each coefficient of a table weighs each spline by: those that meet all conditions, and are few."""
-    from scipy.linalg import qr  # here, as it takes longer to import than this package
-
     low, high, pieces = kind.extent[:3]
     knots = range(pieces) if kind.extent.is_turn else range(-1, pieces + 2)
     fine = 2000  # points over which functions are orthogonal
@@ -195,7 +194,7 @@ def _weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
         bend[:3] = 1.0, -2.0, 1.0
         conditions += [bend, bend[::-1]]
     rows = np.array(conditions).reshape(-1, len(knots))  # of a turn alone there may be none
-    order = qr(rows, mode="r", pivoting=True)[1]
+    order = scipy.linalg.qr(rows, mode="r", pivoting=True)[1]
     bound, free = order[: len(rows)], np.sort(order[len(rows) :])
     shares = np.linalg.solve(rows[:, bound], rows[:, free])  # of each bound coefficient, by the free ones
     return tuple(

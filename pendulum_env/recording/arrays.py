@@ -11,6 +11,7 @@ from zipfile import is_zipfile
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import scipy
 from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
@@ -57,10 +58,9 @@ def read_mat(path: Path, find: Find) -> Table:
     with path.open("rb") as file:
         if file.read(128).startswith(b"MATLAB 7.3"):
             return read_hdf5(path, find)
-    from scipy.io import loadmat, whosmat  # take a while to import
 
-    whosmat(path)  # refuses a damaged file that crashes loadmat
-    content = loadmat(path, simplify_cells=True)
+    scipy.io.whosmat(path)  # refuses a damaged file that crashes loadmat
+    content = scipy.io.loadmat(path, simplify_cells=True)
     return _table(dict(_flat("", {name: value for name, value in content.items() if not name.startswith("__")})), find)
 
 

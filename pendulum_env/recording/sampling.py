@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import scipy
 
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.recording.cleaning import Log
@@ -279,14 +280,12 @@ def _mean_held(grid: Array, period: float, time: Array, torque: Array) -> Array:
 
 def _interpolated(grid: Array, time: Array, values: Array) -> Array:
     """Cubic spline through values (N,) at time (N,), read at grid (M,), block by block to bound memory."""
-    from scipy.interpolate import CubicSpline  # here, as it takes half a second
-
     result = np.empty_like(grid)
     for start in range(0, len(grid), SAMPLING.block):
         block = grid[start : start + SAMPLING.block]
         first, last = np.searchsorted(time, block[[0, -1]])
         near = slice(max(first - SAMPLING.margin, 0), last + SAMPLING.margin)
-        result[start : start + SAMPLING.block] = CubicSpline(time[near], values[near])(block)
+        result[start : start + SAMPLING.block] = scipy.interpolate.CubicSpline(time[near], values[near])(block)
     return result
 
 

@@ -12,7 +12,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.potential import HardStop
@@ -108,7 +108,7 @@ class Friction:
         for column in (column for term in folded for column in term.columns):
             ways = [column.torque(Samples(still, still, v, still), 0.0) for v in (SPEEDS, -SPEEDS)]
             law = law + 0.5 * model.estimates[column.name].value * (ways[0] - ways[1])
-        (viscous, dry), _ = nnls(np.column_stack([SPEEDS, np.ones_like(SPEEDS)]), law)
+        (viscous, dry), _ = scipy.optimize.nnls(np.column_stack([SPEEDS, np.ones_like(SPEEDS)]), law)
         kinds = [f"{term.id} ({term.law})" for term in folded] or ["friction below zero"]
         close = f"viscous and dry friction come closest to the sum up to {SPEEDS[-1]:g} rad/s"
         return cls(float(viscous), float(dry), (*missing, *(f"{what}: {close}" for what in kinds)))

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
-from scipy import stats
+import scipy
 
 from estimators.trends import Trend, fit_trend
 from pendulum_env._typing import JSON, Array
@@ -137,7 +137,7 @@ def find_series(rows: Iterable[JSON]) -> list[Series]:
         series.append(Series(*key, date, value, std, fit_trend(date / WEEK, value, std)))
     p_values = np.array([own.trend.p_value for own in series])
     tested = np.flatnonzero(np.isfinite(p_values))
-    for k, adjusted in zip(tested, stats.false_discovery_control(p_values[tested]), strict=True):
+    for k, adjusted in zip(tested, scipy.stats.false_discovery_control(p_values[tested]), strict=True):
         if adjusted <= LEVEL:
             series[k] = replace(series[k], change="drift" if series[k].trend.jump is None else "jump")
     return series
