@@ -19,9 +19,10 @@ from mkdocs.structure.files import File, Files
 from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import BASE, effects, nameable
 from pendulum_env.physics.description import Symptom
-from pendulum_env.words import listing, name, opening
+from pendulum_env.words import listing, opening
 from workbench.cli import COMMANDS, main
 from workbench.commands.effects import parameters
+from workbench.narrator.effects import description, name
 
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "workbench" / "app" / "assets" / "gallery"  # the app shows the same
@@ -138,7 +139,7 @@ def effects_page() -> str:
             _law(kind.law),
             _prose(kind),
             f"Parameters, of a size that a rig might show: {parameters(kind)}.",
-            f"To show it, a recording needs {kind.description.informative_experiment}.{looks}",
+            f"To show it, a recording needs {description(id).informative_experiment}.{looks}",
         ]
     return "\n\n".join(parts)
 
@@ -146,7 +147,7 @@ def effects_page() -> str:
 def which_effect() -> str:
     """How each effect shows, with what it is confused and what tells it; `make pages` draws the pictures."""
     library = effects()
-    texts = {id: kind.description for id, kind in library.items()}
+    texts = {id: description(id) for id in library}
     rows = {
         symptom: [_link(id) for id, text in texts.items() if text.symptom == symptom] for symptom in get_args(Symptom)
     }

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from math import isfinite
 
 from pendulum_env._typing import JSON
+from pendulum_env.quantity import Quantity as Quantity
 
 
 class Kind(StrEnum):
@@ -65,11 +65,11 @@ class Kind(StrEnum):
     FRICTION_NEGATIVE = "friction_negative"
     INCOMPLETE = "incomplete"  # residual in noise floors, disagreement of the schemes in standard errors
     TIED = "tied"
-    UNTESTED_RANGE = "untested_range"  # low, high
+    UNTESTED_RANGE = "untested_range"  # low, high, where nothing was met so far
 
     # what a model leaves of the residual
     IMPOSSIBLE = "impossible"  # violated bounds, by name of the gate or the parameter
-    TABLE_EXPLAINS = "table_explains"
+    TABLE_EXPLAINS = "table_explains"  # nonlinear parameters of the table, by name
     NEAR_REVERSALS = "near_reversals"  # error
     NOWHERE = "nowhere"  # residual, times
     SERVO_OFF = "servo_off"  # error, times, worst
@@ -79,8 +79,8 @@ class Kind(StrEnum):
     ERROR_FALLS_AT_JOINT = "error_falls_at_joint"  # share
     TIES = "ties"
     IMITATES = "imitates"
-    IMITATES_TABLE = "imitates_table"
-    NOT_TESTED = "not_tested"  # low, high
+    IMITATES_TABLE = "imitates_table"  # nonlinear parameters of the table, by name
+    NOT_TESTED = "not_tested"  # low, high, where nothing was met so far
     NOT_EXCITED = "not_excited"
     GATE_FAILED = "gate_failed"  # value and `limit.` of each gate
     OTHERS_BETTER = "others_better"
@@ -118,20 +118,6 @@ WITHHOLDING = {
     Kind.INDISTINGUISHABLE,
     Kind.UNIDENTIFIABLE,
 }
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A number with its standard error, zero where there is none, and its unit, empty of a pure number."""
-
-    value: float
-    std: float = 0.0
-    unit: str = ""
-
-    def json(self) -> JSON:
-        """Plain dictionary for JSON; null stands for a number that is unknown."""
-        value, std = (number if isfinite(number) else None for number in (self.value, self.std))
-        return {"value": value, "std": std, "unit": self.unit}
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ def typical(kind: type[Term]) -> dict[str, float]:
 def sizes(term: Term) -> dict[str, float]:
     """The same of a term: one of several orders has more linear parameters."""
     linear = {column.name.removeprefix(f"{term.id}."): TYPICAL.get(column.unit, 0.1) for column in term.columns}
-    return linear | term.nonlinear_values | (read_parameters(size) if (size := term.description.typical_size) else {})
+    return linear | term.nonlinear_values | (read_parameters(size) if (size := term.typical_size) else {})
 
 
 def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:

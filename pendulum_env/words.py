@@ -10,10 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-NAMES = {  # where an id with its underscores taken out does not read well; terms add their titles
-    "filtered_hamiltonian": "filtered Hamiltonian",
-    "hamiltonian": "Hamiltonian",
-}
 SPACES = (" ", "\N{NO-BREAK SPACE}", "&nbsp;", "\\u00a0")  # in units: plain, on a page, in its figures
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -24,12 +20,6 @@ class Table(NamedTuple):
     headers: Sequence[str]
     rows: Sequence[Sequence[str]]
     left: Sequence[str] = ()
-
-
-def name(effect: str) -> str:
-    """Name of an effect within a sentence, `Stribeck friction`; of an arm `Stribeck friction at elbow`."""
-    id, at, joint = effect.partition("@")
-    return NAMES.get(id, id.replace("_", " ")) + (f" at {joint}" if at else "")
 
 
 def opening(text: str) -> str:

@@ -41,10 +41,11 @@ from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording, RecordingError, write_recording
 from pendulum_env.registration import PENDULUM
-from pendulum_env.words import listing, name
+from pendulum_env.words import listing
 from pendulum_env.wrappers import RecordMeasurements
 from workbench.inputs import plant_of, read_suggestion, robot_of, tell_held, wrote
 from workbench.mistakes import InputError, Interrupted
+from workbench.narrator.effects import name
 from workbench.processes import End, Worker, attend
 from workbench.terminal import Terminal
 

@@ -162,9 +162,7 @@ def _longer(evaluator: ModelEvaluator, terms: tuple[Term, ...], kind: type[Term]
     trial = best_variant(evaluator, terms, kind)
     if trial is None:
         names = ", ".join(dict.fromkeys(recording.name for recording in evaluator.train.recordings))
-        raise IdentificationError(
-            f"{names}: nothing there shows {kind.id}: it takes {kind.description.informative_experiment}"
-        )
+        raise IdentificationError(f"{names}: nothing there shows {kind.id}", kind.id)
     return trial.terms
 
 

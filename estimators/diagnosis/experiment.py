@@ -31,7 +31,7 @@ from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.excitation import Excitation, family
 from pendulum_env.physics import Model, Samples, Term, simulate
-from pendulum_env.physics.terms import ids, untested_range
+from pendulum_env.physics.terms import ids
 from pendulum_env.plant import paper_plant, typical
 from pendulum_env.recording import Recording
 
@@ -150,7 +150,7 @@ def questions(
                 asked.append(Question(Aim(id, instead), trial.terms))
     for candidate in candidates:
         kind = evaluator.library[candidate.effect]
-        out_of_reach = untested_range(kind(), *evaluator.train.reach())  # no motion is risked for a mere suspicion
+        out_of_reach = any(kind().open_ends)  # no motion is risked for a mere suspicion
         asked_already = candidate.effect in {question.aim.effect for question in asked}
         if candidate.verdict is Verdict.NOT_EXCITED and not out_of_reach and not asked_already:
             inertia = evaluator.train.recordings[0].known_inertia

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy
@@ -12,6 +12,7 @@ from estimators.regression.least_squares import least_squares
 from pendulum_env._typing import Array
 from pendulum_env.physics.table import Curve, Table
 
+Form = Literal["wave", "line", "bump", "step", "power"]
 Formula = Callable[..., Sequence[Array]]  # of the argument (N,) and nonlinear parameters: columns (N,) or constants
 
 
@@ -31,29 +32,23 @@ LIKENESS = LikenessSettings()
 
 
 class Family(NamedTuple):
-    """Formulas of one kind, `f = a + b |q'|^p`: `words` takes the nonlinear parameters.
+    """Formulas of one kind; their nonlinear parameters are searched for between their ends, from the starts."""
 
-    These are searched for between their ends, from the starts.
-    """
-
-    words: str
+    form: Form
     formula: Formula
     starts: Sequence[tuple[float, ...]] = ((),)
     ends: Sequence[tuple[float, float]] = ()
+    known: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
 class Likeness:
     """A formula, and the share of the table's variance that it explains."""
 
-    words: str
+    form: Form
+    values: tuple[float, ...]  # of the nonlinear parameters; of a wave, its number in a turn
     share: float
     parameters: int
-
-    @property
-    def text(self) -> str:
-        """`|q'|^0.4 (99.7 %)`."""
-        return f"{self.words} ({100 * self.share:.3g} %)"
 
 
 def likenesses(table: Table, curve: Curve) -> list[Likeness]:
@@ -83,8 +78,7 @@ def likenesses(table: Table, curve: Curve) -> list[Likeness]:
                 left, start, method="Nelder-Mead", bounds=family.ends, options={"maxiter": 200}
             ).x
         count = len(constant) + len(family.formula(curve.x[:1], *shape)) + len(shape)
-        words = family.words.format(*(f"{value:.3g}" for value in shape))
-        found.append(Likeness(words, 1.0 - left(shape) / whole, count))
+        found.append(Likeness(family.form, (*family.known, *shape.tolist()), 1.0 - left(shape) / whole, count))
     found.sort(key=lambda one: -one.share)
     near = [one for one in found if one.share > LIKENESS.least]
     return [one for one in near if not any(_is_enough(other, one) for other in found)][: LIKENESS.most]
@@ -105,17 +99,17 @@ def _left(curve: Curve, columns: Array, weights: Array) -> float:
 def _families(table: Table) -> list[Family]:
     low, high = table.extent[:2]
     if table.axis == "velocity":
-        return [Family("|q'|^{0}", lambda v, p: (v**p,), [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (LIKENESS.powers,))]
+        return [Family("power", lambda v, p: (v**p,), [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (LIKENESS.powers,))]
     places = np.linspace(low, high, 25)[1:-1].tolist()
     around = list(product(places, ((high - low) * np.array([0.03, 0.08, 0.2, 0.5])).tolist()))
     at, wide = (low, high), ((high - low) * LIKENESS.widths[0], (high - low) * LIKENESS.widths[1])
     waves = [
-        Family(f"a wave of {n if n > 1 else 'one'} a turn", lambda q, n=n: (np.sin(n * q), np.cos(n * q)))
+        Family("wave", lambda q, n=n: (np.sin(n * q), np.cos(n * q)), known=(n,))
         for n in (() if table.slides else LIKENESS.orders)
     ]
     return [
         *waves,
-        Family("a straight line", lambda q: (q,)),
-        Family("a bump at {0} rad, {1} rad wide", lambda q, a, w: (np.exp(-(((q - a) / w) ** 2)),), around, (at, wide)),
-        Family("a step at {0} rad, {1} rad wide", lambda q, a, w: (np.tanh((q - a) / w),), around, (at, wide)),
+        Family("line", lambda q: (q,)),
+        Family("bump", lambda q, a, w: (np.exp(-(((q - a) / w) ** 2)),), around, (at, wide)),
+        Family("step", lambda q, a, w: (np.tanh((q - a) / w),), around, (at, wide)),
     ]

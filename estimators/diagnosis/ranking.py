@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimators.diagnosis.reasons import fall, rejection
+from estimators.diagnosis.reasons import about_table, fall, rejection
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.candidates import screen_library, screen_replacements
@@ -21,7 +21,7 @@ from estimators.selection.search import SearchResult
 from estimators.selection.tables import without_table
 from estimators.simulation import output_error
 from pendulum_env.physics import Model, Term
-from pendulum_env.physics.terms import complexity, has_transmission, is_hidden, untested_range
+from pendulum_env.physics.terms import complexity, has_transmission, is_hidden, untested_ends
 
 SAME = 1e-6  # of a torque, numerical difference of equal laws
 
@@ -119,10 +119,9 @@ def _rank_other(found: SearchResult, longer: Terms) -> Candidate:
     gain, variants = _gained(evaluator, longer, others)
     ratio = _held_out_rms(evaluator, longer, term.at) / _held_out_rms(evaluator, others, term.at)
     gates = evaluator.gates(longer, others)
-    untested, verdict = untested_range(type(term)(), *evaluator.train.reach(term.at)), Verdict.NOT_EXCITED
+    untested, verdict = untested_ends(type(term)(), *evaluator.train.reach(term.at)), Verdict.NOT_EXCITED
     if untested and not evaluator.is_significant(longer, others):
-        low, high = (Quantity(end, unit="rad") for end in evaluator.train.reach(term.at))
-        reason = Finding(Kind.NOT_TESTED, {"low": low, "high": high}, effects=(term.id,))
+        reason = Finding(Kind.NOT_TESTED, untested, effects=(term.id,))
     elif not (excited := gate_of_excitation(evaluator, longer)).passed:
         reason, gates = Finding(Kind.NOT_EXCITED, effects=(term.id,)), [excited]
     else:
@@ -132,7 +131,7 @@ def _rank_other(found: SearchResult, longer: Terms) -> Candidate:
         selected = [step.added for step in found.steps if step.added is not None]
         reason = rejection(gates, selected) or Finding(Kind.OTHERS_BETTER)
         if found.table is not None and term.kind == found.table.kind:
-            reason = Finding(Kind.IMITATES_TABLE, effects=(found.table.told,))
+            reason = about_table(Kind.IMITATES_TABLE, found.table)
     return Candidate(term.id, 0.5 * (1 - gain.p_value), verdict, ratio, reason, gain, variants, tuple(gates), longer)
 
 

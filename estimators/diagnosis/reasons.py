@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.errors import Step
 from estimators.selection.gates import Gate
+from pendulum_env.physics.table import Table
 from pendulum_env.recording.record import NEWTON_METRE
 
 BY_CHANCE = Finding(Kind.BY_CHANCE)
@@ -30,6 +31,12 @@ def rejection(gates: Sequence[Gate], selected: Sequence[str] = ()) -> Finding | 
         numbers |= {gate.name: Quantity(gate.value, gate.std or 0.0, unit)}
         numbers |= {f"limit.{gate.name}": Quantity(gate.limit, unit=unit)}
     return Finding(Kind.GATE_FAILED, numbers, tuple(gate.name for gate in told), tuple(selected))
+
+
+def about_table(kind: Kind, table: Table) -> Finding:
+    """Return a finding about the law that a table stands for."""
+    numbers = {name: Quantity(value) for name, value in table.nonlinear_values.items()}
+    return Finding(kind, numbers, effects=(table.id,))
 
 
 def fall(before: Step, after: Step) -> Finding:

@@ -50,7 +50,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.table import TABLES
-from pendulum_env.physics.terms import ids, untested_range
+from pendulum_env.physics.terms import ids, untested_ends
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import format_of
@@ -337,5 +337,5 @@ def _of_little(count: int) -> list[Finding]:
 
 def _untested(terms: Sequence[Term], low: float, high: float) -> list[Finding]:
     """Find terms that were tested between two angles [rad] only."""
-    ends = {"low": Quantity(low, unit="rad"), "high": Quantity(high, unit="rad")}
-    return [Finding(Kind.UNTESTED_RANGE, ends, effects=(term.id,)) for term in terms if untested_range(term, low, high)]
+    ends = {term.id: untested_ends(term, low, high) for term in terms}
+    return [Finding(Kind.UNTESTED_RANGE, own, effects=(id,)) for id, own in ends.items() if own]

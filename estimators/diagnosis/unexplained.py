@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
+from estimators.diagnosis.reasons import about_table
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import is_misfit
@@ -30,7 +31,7 @@ def unexplained(found: SearchResult) -> list[Region]:
     regions = [] if is_noise else stand_out(evaluator.train.samples, left, evaluator.residuals.noise_floor())
     if found.table is not None:
         place = next((own for own in regions if own.axis == found.table.axis), None)
-        cause = Finding(Kind.TABLE_EXPLAINS, effects=(found.table.told,))
+        cause = about_table(Kind.TABLE_EXPLAINS, found.table)
         if place is None:
             return [everywhere(cause, evaluator.train.samples), *regions]
         return [replace(place, cause=cause), *(own for own in regions if own is not place)]

@@ -9,7 +9,15 @@ from pendulum_env.mistake import Mistake
 
 
 class IdentificationError(Mistake):
-    """Data from which nothing can be identified; the message says why and what to record instead."""
+    """Data from which nothing can be identified; the message says why and what to record instead.
+
+    Attributes:
+        effect: id of the effect that the data do not show, if that is the reason.
+    """
+
+    def __init__(self, message: str, effect: str = "") -> None:
+        super().__init__(message)
+        self.effect = effect
 
 
 @dataclass(frozen=True)

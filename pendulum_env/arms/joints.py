@@ -19,7 +19,6 @@ from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Column, Term, nameable
 from pendulum_env.physics.base import BASE, Coulomb, Viscous
-from pendulum_env.physics.description import Description
 from pendulum_env.physics.library import MEASURED, addition
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
@@ -86,7 +85,6 @@ class Coupling(Term):
     id = "coupling"
     law = "(I w' + b w + c sgn w) (1, s) with w = q_a' + s q_b'"
     kind = "dissipative"
-    description = Description(informative_experiment="motion of either joint without the other, and of both")
     is_heavy: ClassVar[bool] = True  # whether its inertia is none of a link, as where both axes are parallel
 
     @property

@@ -6,7 +6,6 @@ import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.filters import lag
-from pendulum_env.physics.description import Description
 from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, Term, one
 
 
@@ -17,13 +16,6 @@ class TorqueOffset(Term):
     id = "torque_offset"
     law = "c"
     kind = "actuation"
-    description = Description(
-        title="a torque offset",
-        symptom="the same torque everywhere",
-        signature="At every angle and speed the joint needs the same torque more, or less, than the model says.",
-        resembles=("coulomb_asymmetry", "gravity_tilt"),
-        informative_experiment="motion in both directions",
-    )
     by_angle = ("one",)
 
     columns = (Column("torque_offset", "N m", force=one),)
@@ -39,13 +31,7 @@ class TorqueRipple(Term):
     law = "s tau sin Nq + c tau cos Nq"
     kind = "actuation"
     nonlinear_parameters = (NonlinearParameter("order", "1", 1, 200, integer=True),)
-    description = Description(
-        symptom="waves over the angle",
-        signature="Over the angle lies a wave as of cogging that grows with the torque and turns its sign with it.",
-        resembles=("cogging", "position_dependent_friction"),
-        informative_experiment="full turns under high torque",
-        typical_size="sin=0.07,cos=-0.04",
-    )
+    typical_size = "sin=0.07,cos=-0.04"
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -74,16 +60,7 @@ class TorqueSaturation(Term):
         NonlinearParameter("limit", "N m", 1e-3, 1e4),
         NonlinearParameter("roundness", "1", 0.01, 2.0, nominal=1.0),
     )
-    description = Description(
-        symptom="a curve over the torque",
-        signature=(
-            "Over torque the joint gets ever less of what is asked for: right for small torques, and too much in the "
-            "model at the peaks of either sign."
-        ),
-        resembles=("quadratic_drag", "load_dependent_friction"),
-        informative_experiment="torque peaks well above the usual ones",
-        typical_size="limit=8",
-    )
+    typical_size = "limit=8"
 
     @property
     def fixed(self) -> tuple[Column, ...]:
@@ -104,15 +81,6 @@ class ActuatorLag(Term):
     law = "tau - tau_a with T tau_a' = tau - tau_a"
     kind = "actuation"
     nonlinear_parameters = (NonlinearParameter("time_constant", "s", 1e-4, 2.0),)
-    description = Description(
-        symptom="torque that comes late",
-        signature=(
-            "What is left follows changes of torque, each time the same way, and fades within some time constant; it "
-            "is none while torque is steady."
-        ),
-        resembles=("dead_time", "joint_flexibility"),
-        informative_experiment="fast changes of torque",
-    )
 
     @property
     def fixed(self) -> tuple[Column, ...]:
@@ -151,16 +119,6 @@ class DeadTime(Term):
     law = "tau(t) - tau(t - d)"
     kind = "actuation"
     nonlinear_parameters = (NonlinearParameter("dead_time", "s", 1e-4, 1.0),)
-    description = Description(
-        title="dead time of the torque",
-        symptom="torque that comes late",
-        signature=(
-            "After a step of torque the joint goes on for a moment as if nothing had happened: what is left is the "
-            "step, for that long."
-        ),
-        resembles=("actuator_lag", "joint_flexibility"),
-        informative_experiment="steps of torque",
-    )
 
     @property
     def fixed(self) -> tuple[Column, ...]:
@@ -190,9 +148,6 @@ class BackEmf(Term):
     id = "back_emf"
     law = "k q' while the motor is on"
     kind = "actuation"
-    description = Description(
-        informative_experiment="motion with the motor on and off",
-    )
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pendulum_env.physics.description import Description
 from pendulum_env.physics.term import Column, Term, one
 
 
@@ -15,9 +14,6 @@ class Inertia(Term):
     id = "inertia"
     law = "I q''"
     kind = "inertial"
-    description = Description(
-        informative_experiment="faster reversals",
-    )
 
     columns = (Column("inertia", "kg m^2", mass=one),)
 
@@ -29,9 +25,6 @@ class Gravity(Term):
     id = "gravity"
     law = "mgl sin q"
     kind = "potential"
-    description = Description(
-        informative_experiment="swings beyond 30 degrees",
-    )
     by_angle = ("sine",)
 
     columns = (
@@ -46,10 +39,6 @@ class Viscous(Term):
     id = "viscous"
     law = "b q'"
     kind = "dissipative"
-    description = Description(
-        title="viscous friction",
-        informative_experiment="a range of speeds",
-    )
 
     columns = (Column("viscous", "N m s/rad", force=lambda x: x.velocity),)
 
@@ -61,10 +50,6 @@ class Coulomb(Term):
     id = "coulomb"
     law = "fc sgn q'"
     kind = "dissipative"
-    description = Description(
-        title="Coulomb friction",
-        informative_experiment="motion in both directions",
-    )
 
     columns = (Column("coulomb", "N m", dry=one),)
 

@@ -1,10 +1,9 @@
-"""Texts about one effect for people, beside its law."""
+"""Texts about one effect for people, beside its law; those of the built-in effects stand in `workbench.narrator`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 Symptom = Literal[  # the most visible feature of the residual of a model without the effect
     "the same torque everywhere",
@@ -19,10 +18,6 @@ Symptom = Literal[  # the most visible feature of the residual of a model withou
 ]
 
 
-def _tested_everywhere(term: Any, low: float, high: float) -> str:
-    return ""
-
-
 @dataclass(frozen=True)
 class Description:
     """Texts about one effect; the defaults serve an effect that has a law only.
@@ -33,12 +28,8 @@ class Description:
         signature: traces of the effect in a recording, in a sentence or two.
         resembles: ids of terms that it is confused with.
         informative_experiment: experiment that shows the effect.
-        typical_size: sizes that a rig might show, as `sin=0.15,cos=0.1`; by default the unit tells them.
         omission: consequence for a simulator without the effect.
         fits_friction: whether viscous and dry friction can stand in for it in such a simulator.
-        percent_of: parts of the effect that are also given in per cent of the term of that name.
-        untested_range: sentence about the motion that was not tested, made from a term and the ends of the motion
-            [rad]; empty if none.
     """
 
     title: str = ""
@@ -46,8 +37,8 @@ class Description:
     signature: str = ""
     resembles: tuple[str, ...] = ()
     informative_experiment: str = "a richer excitation"
-    typical_size: str = ""
     omission: str = "it is left out"
     fits_friction: bool = False
-    percent_of: tuple[str, ...] = ()
-    untested_range: Callable[[Any, float, float], str] = _tested_everywhere
+
+
+DESCRIPTIONS: dict[str, Description] = {}  # of effects that bring their own, by id

@@ -17,7 +17,7 @@ from pendulum_env.physics.term import ROOM, Column, Kind, NonlinearParameter, Sa
 from pendulum_env.reading import shown
 
 T = TypeVar("T")
-TEXTS = ("title", "signature", "informative_experiment", "typical_size", "omission")  # of a description
+TEXTS = ("title", "signature", "informative_experiment", "omission")  # of a description
 LAWS = ("mass", "force", "dry", "potential", "loss")
 STEP, CLOSE = 1e-5, 1e-4  # of the angle, to differentiate a potential [rad], and share by which a force may differ
 
@@ -34,7 +34,7 @@ def check_effect(kind: type[Term]) -> None:
     name = kind.__name__
     if not isinstance(described := kind.description, Description):
         raise Mistake(f"description of {name} is {shown(described)}: give a Description")
-    texts = [(text, getattr(kind, text, None)) for text in ("id", "law", "kind")]
+    texts = [(text, getattr(kind, text, None)) for text in ("id", "law", "kind", "typical_size")]
     for text, value in (*texts, *((text, getattr(described, text)) for text in TEXTS)):
         if not isinstance(value, str):
             raise Mistake(f"{text} of {name} is {shown(value)}: it has to be a text")

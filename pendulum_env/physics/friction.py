@@ -6,7 +6,6 @@ import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.actuation import powered
-from pendulum_env.physics.description import Description
 from pendulum_env.physics.term import ROOM, Column, Memory, NonlinearParameter, Samples, Term, one
 
 
@@ -20,17 +19,6 @@ class CoulombAsymmetry(Term):
     id = "coulomb_asymmetry"
     law = "d |sgn q'|"
     kind = "dissipative"
-    description = Description(
-        title="Coulomb friction that differs by direction",
-        symptom="the same torque everywhere",
-        signature=(
-            "Forwards and backwards dry friction differs by the same amount at any speed: over speed, a constant."
-        ),
-        resembles=("torque_offset", "gravity_tilt", "viscous_asymmetry"),
-        informative_experiment=(
-            "the motor mounted the other way round, as an offset then changes its sign and friction does not"
-        ),
-    )
 
     columns = (Column("coulomb_asymmetry", "N m", force=one),)
 
@@ -42,16 +30,6 @@ class ViscousAsymmetry(Term):
     id = "viscous_asymmetry"
     law = "d |q'|"
     kind = "dissipative"
-    description = Description(
-        title="viscous friction that differs by direction",
-        symptom="a curve over the speed",
-        signature=(
-            "Over speed lies a V: what is left has the same sign forwards and backwards, and grows with the speed."
-        ),
-        resembles=("coulomb_asymmetry", "encoder_eccentricity"),
-        informative_experiment="fast motion in both directions",
-        fits_friction=True,
-    )
 
     columns = (Column("viscous_asymmetry", "N m s/rad", force=lambda x: np.abs(x.velocity)),)
 
@@ -74,18 +52,7 @@ class Stribeck(Term):
         NonlinearParameter("stribeck_velocity", "rad/s", 0.01, 1e4),
         NonlinearParameter("exponent", "1", 0.3, 6.0, nominal=2.0),
     )
-    description = Description(
-        title="Stribeck friction",
-        symptom="a peak around standstill",
-        signature=(
-            "Friction has a peak on either side of standstill, which falls off within a small part of the speeds; slow "
-            "motion stutters."
-        ),
-        resembles=("presliding", "backlash"),
-        informative_experiment="slow motion, around and below the Stribeck velocity",
-        typical_size="stribeck=0.45",
-        fits_friction=True,
-    )
+    typical_size = "stribeck=0.45"
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -106,15 +73,6 @@ class QuadraticDrag(Term):
     id = "quadratic_drag"
     law = "c q' |q'|"
     kind = "dissipative"
-    description = Description(
-        symptom="a curve over the speed",
-        signature=(
-            "Friction bends upwards over speed: the model has too little at high speeds and too much at middle ones."
-        ),
-        resembles=("viscous", "torque_saturation"),
-        informative_experiment="a wide range of speeds",
-        fits_friction=True,
-    )
 
     columns = (  # fast enough, it outweighs any other friction
         Column("quadratic_drag", "N m s^2/rad^2", force=lambda x: x.velocity * np.abs(x.velocity), least=0.0),
@@ -141,15 +99,6 @@ class LoadDependentFriction(Term):
     nonlinear_parameters = (
         NonlinearParameter("weight", "N m", -1e9, 1e9, follows="gravity"),
         NonlinearParameter("back_emf", "N m s/rad", -1e9, 1e9, follows="back_emf", nominal=0.0),
-    )
-    description = Description(
-        symptom="a curve over the torque",
-        signature=(
-            "Friction is larger where the motor or the weight works hard and smaller where neither does: at one "
-            "speed, two torques give two frictions."
-        ),
-        resembles=("position_dependent_friction", "torque_saturation"),
-        informative_experiment="the same speeds under different torques",
     )
 
     @property
@@ -180,15 +129,6 @@ class PositionDependentFriction(Term):
     id = "position_dependent_friction"
     law = "(s sin q + c cos q) sgn q'"
     kind = "dissipative"
-    description = Description(
-        symptom="waves over the angle",
-        signature=(
-            "Over the angle nothing shows until directions are looked at apart: then a sine, whose sign turns with "
-            "the direction."
-        ),
-        resembles=("load_dependent_friction", "torque_ripple"),
-        informative_experiment="full turns in both directions",
-    )
 
     columns = (
         Column("position_dependent_friction.sin", "N m", dry=lambda x: np.sin(x.position)),
@@ -207,14 +147,8 @@ class TemperatureDependentFriction(Term):
     id = "temperature_dependent_friction"
     law = "(b1 q' + f1 sgn q') (T - 25 deg C)"
     kind = "dissipative"
-    description = Description(
-        signature="Friction is larger or smaller when the joint is warm, in any motion and at any time.",
-        resembles=("friction_drift",),
-        informative_experiment="a recording that warms the joint up, with a column of its temperature",
-        typical_size="viscous=-0.001,coulomb=0.001",
-        omission="friction is that at 25 deg C",
-        percent_of=("viscous", "coulomb"),
-    )
+    typical_size = "viscous=-0.001,coulomb=0.001"
+    percent_of = ("viscous", "coulomb")
     needs = "temperature"
     span = 1.0  # [s], over which its rate of change is taken
 
@@ -259,16 +193,6 @@ class Presliding(Term):
     law = "f (z - sgn q') with d z' = q' - |q'| z"
     kind = "dissipative"
     nonlinear_parameters = (NonlinearParameter("displacement", "rad", 1e-5, 1.0),)
-    description = Description(
-        symptom="a peak around standstill",
-        signature=(
-            "At each reversal friction turns over a small angle instead of at once: a narrow dip beside standstill, "
-            "and a loop of torque over angle."
-        ),
-        resembles=("stribeck", "backlash", "joint_flexibility"),
-        informative_experiment="many small reversals",
-        omission="friction slips at once",
-    )
 
     @property
     def columns(self) -> tuple[Column, ...]:

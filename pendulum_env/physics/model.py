@@ -484,7 +484,7 @@ def _all_derived(model: Model) -> dict[str, Estimate]:
             found[term.full(name)] = Estimate(
                 float(value), float(std), per(unit, model.torque_unit), is_biased=is_biased
             )
-        for part in term.description.percent_of:
+        for part in term.percent_of:
             name, of = term.full(part), f"{part}@{term.at}" if term.at else part
             base, entry = model.estimates.get(of), model.estimates[name]
             if base is not None and base.value != 0:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.physics.description import Description
 from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term
 
 FINEST = 400  # order of cogging, twice the ratio of usual gears
@@ -20,13 +19,6 @@ class GravityTilt(Term):
     id = "gravity_tilt"
     law = "g cos q"
     kind = "potential"
-    description = Description(
-        title="tilted gravity",
-        symptom="a curve over the angle",
-        signature="Over the angle lies a cosine, largest where the arm hangs and changing sign where it is level.",
-        resembles=("torque_offset", "coulomb_asymmetry", "spring", "encoder_eccentricity"),
-        informative_experiment="swings beyond 30 degrees, to tell it from a constant",
-    )
     by_angle = ("cosine",)
 
     columns = (
@@ -55,17 +47,7 @@ class Cogging(Term):
         NonlinearParameter("order", "1", 2, FINEST, integer=True),
         *(NonlinearParameter(f"order_{k}", "1", 0, 120, integer=True, nominal=0.0) for k in range(2, 6)),
     )
-    description = Description(
-        title="cogging torque",
-        symptom="waves over the angle",
-        signature=(
-            "Over the angle lies a wave that comes again a whole number of times in a turn, the same in both "
-            "directions and under any torque."
-        ),
-        resembles=("torque_ripple", "periodic_disturbance"),
-        informative_experiment="slow full turns",
-        typical_size="sin=0.15,cos=0.1",
-    )
+    typical_size = "sin=0.15,cos=0.1"
 
     @property
     def _orders(self) -> list[tuple[str, float]]:
@@ -115,16 +97,7 @@ class Spring(Term):
     kind = "potential"
     by_angle = ("one", "line")
     nonlinear_parameters = (NonlinearParameter("degree", "1", 1, 3, integer=True, nominal=1.0),)
-    description = Description(
-        title="a spring",
-        symptom="a curve over the angle",
-        signature=(
-            "Over the angle lies a line that goes on rising where gravity turns back, and adds up from turn to turn."
-        ),
-        resembles=("gravity", "gravity_tilt", "hard_stop"),
-        informative_experiment="swings beyond 60 degrees or several turns, to tell it from gravity",
-        typical_size="preload=0.1",
-    )
+    typical_size = "preload=0.1"
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -148,17 +121,6 @@ def _power(name: str, unit: str, n: int, least: float = -np.inf) -> Column:
         potential=lambda x: x.position ** (n + 1) / (n + 1),
         least=least,
     )
-
-
-def _untested_stops(stop: HardStop, low: float, high: float) -> str:
-    """Name the ends of the motion at which no stop was met."""
-    if np.isfinite([stop.lower, stop.upper]).all():
-        return ""
-    if np.isfinite(stop.upper):
-        return f"no lower stop was met down to {low:.3g} rad, and none beyond would show"
-    if np.isfinite(stop.lower):
-        return f"no upper stop was met up to {high:.3g} rad, and none beyond would show"
-    return f"no stop was met from {low:.3g} to {high:.3g} rad, and none beyond would show"
 
 
 @dataclass(frozen=True)
@@ -185,17 +147,11 @@ class HardStop(Term):
         NonlinearParameter("hysteresis", "s/rad", 0.0, 100.0, nominal=0.0),
         NonlinearParameter("damping_time", "s", 0.0, 1.0, nominal=0.0),
     )
-    description = Description(
-        title="a hard stop",
-        symptom="a curve over the angle",
-        signature=(
-            "Nothing over most of the range, then a steep push back beyond one angle or two; the motion bounces there."
-        ),
-        resembles=("spring",),
-        informative_experiment="motion up to both ends of the range",
-        typical_size="stiffness=40,lower=-1.2,upper=1.2,hysteresis=0.05",
-        untested_range=_untested_stops,
-    )
+    typical_size = "stiffness=40,lower=-1.2,upper=1.2,hysteresis=0.05"
+
+    @property
+    def open_ends(self) -> tuple[bool, bool]:
+        return not np.isfinite(self.lower), not np.isfinite(self.upper)
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.description import Description
 from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term
 
 Function = Callable[[Array], Array]
@@ -32,15 +31,6 @@ class EncoderEccentricity(Term):
         NonlinearParameter("inertia", "kg m^2", 1e-9, 1e9, follows="inertia"),
         NonlinearParameter("gravity", "N m", -1e9, 1e9, follows="gravity"),
         NonlinearParameter("viscous", "N m s/rad", -1e9, 1e9, follows="viscous"),
-    )
-    description = Description(
-        symptom="a curve over the angle",
-        signature=(
-            "Once a turn the angle runs ahead and falls back: errors of one cycle a turn that grow with the square of "
-            "the speed."
-        ),
-        resembles=("gravity_tilt", "viscous_asymmetry"),
-        informative_experiment="full turns at high speed",
     )
 
     @property

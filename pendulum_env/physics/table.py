@@ -22,7 +22,6 @@ from msgspec.structs import astuple
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics.description import Description
 from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term, derived
 from pendulum_env.reading import Number, Text, Unreadable, convert
 
@@ -120,11 +119,6 @@ class Table(Term):
         if cls.is_gain:
             return Column(name, cls.unit, force=lambda x: x.torque * law(x), of_torque=True)
         return Column(name, cls.unit, dry=law) if cls.is_dry else Column(name, cls.unit, force=law)
-
-    @property
-    def told(self) -> str:
-        """What it is, and at which joint, in words."""
-        return f"{self.description.title} at {self.at}" if self.at else self.description.title
 
     @classmethod
     def warped(cls, argument: ArrayLike) -> ArrayLike:
@@ -232,9 +226,6 @@ class TorqueByAngle(ByAngle):
     id = "torque_by_angle"
     law = "f(q)"
     kind = "potential"
-    description = Description(
-        title="a torque that varies with the angle",
-    )
 
     def beside(self, terms: Sequence[Term]) -> Table:
         names = (name for term in terms if term.at in ("", self.at) for name in term.of_angle(self.at))
@@ -253,9 +244,6 @@ class FrictionByAngle(ByAngle):
     id = "friction_by_angle"
     law = "f(q) sgn q'"
     kind = "dissipative"
-    description = Description(
-        title="dry friction that varies with the angle",
-    )
     is_dry = True
 
     @classmethod
@@ -270,9 +258,6 @@ class FrictionBySpeed(Table):
     id = "friction_by_speed"
     law = "f(|q'|) sgn q'"
     kind = "dissipative"
-    description = Description(
-        title="friction that varies with the speed",
-    )
     axis = "velocity"
     extent = Extent(0.0, 1.0, 4)
     is_dry = True
@@ -303,10 +288,6 @@ class PowerOfSpeed(Table):
     nonlinear_parameters = (NonlinearParameter("power", "1", 0.2, 9.0),)
 
     @property
-    def told(self) -> str:
-        return f"friction that grows as |q'|^{self.power:.2g}"
-
-    @property
     def columns(self) -> tuple[Column, ...]:
         return (Column(self.id, "N m (s/rad)^p", dry=lambda x: np.absolute(x.velocity) ** self.power),)
 
@@ -331,9 +312,6 @@ class TorqueByTime(ByTime):
     id = "torque_by_time"
     law = "f(t)"
     kind = "time-varying"
-    description = Description(
-        title="a torque that wanders with time",
-    )
 
 
 @dataclass(frozen=True)
@@ -343,9 +321,6 @@ class GainByTime(ByTime):
     id = "gain_by_time"
     law = "tau f(t)"
     kind = "actuation"
-    description = Description(
-        title="a motor gain that wanders with time",
-    )
     unit = "1"
     is_gain = True
     most = 5  # a motor warms and a battery empties slowly

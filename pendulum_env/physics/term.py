@@ -20,10 +20,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeVar
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.description import Description
+from pendulum_env.physics.description import DESCRIPTIONS, Description
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.symbols import may, name, repeated
-from pendulum_env.words import NAMES
 
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
@@ -36,10 +35,8 @@ OLD_TEXTS = {  # attributes of classes for an earlier release, read for one more
     "signature": "signature",
     "resembles": "resembles",
     "reveal": "informative_experiment",
-    "typical": "typical_size",
     "omitted": "omission",
     "is_of_speed": "fits_friction",
-    "beyond": "untested_range",
 }
 
 
@@ -198,13 +195,15 @@ class Term:
     needs: ClassVar[str] = ""  # quantity that a recording has to have beside motion and torque
     link: ClassVar[bool] = False  # whether its memory is position and velocity of a link behind the motor
     forgets: ClassVar[float] = np.inf  # time after which a term with memory no longer knows where it started [s]
+    typical_size: ClassVar[str] = ""  # that a rig might show, as `sin=0.15,cos=0.1`; by default the units tell it
+    percent_of: ClassVar[tuple[str, ...]] = ()  # parts that are also given in per cent of the term of that name
     description: ClassVar[Description] = Description()
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         _read_old_names(cls)
-        if "description" in vars(cls) and cls.description.title:
-            NAMES[cls.id] = cls.description.title
+        if "description" in vars(cls):
+            DESCRIPTIONS[cls.id] = cls.description
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -238,6 +237,11 @@ class Term:
     def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
         """What people also call the parameters, theta (P,) being the linear ones: values and units by short name."""
         return {}
+
+    @property
+    def open_ends(self) -> tuple[bool, bool]:
+        """Whether it may act below, and above, the angles of any motion, as a stop that was never met."""
+        return False, False
 
     @property
     def delay(self) -> float:
@@ -298,9 +302,11 @@ def _read_old_names(kind: type[Term]) -> None:
     own = vars(kind)
     if "shapes" in own:
         kind.nonlinear_parameters = own["shapes"]
+    if "typical" in own:
+        kind.typical_size = own["typical"]
     if texts := {new: own[old] for old, new in OLD_TEXTS.items() if old in own}:
         kind.description = replace(kind.description, **texts)
-    known = {"shapes": "nonlinear_parameters = ..."} | {
+    known = {"shapes": "nonlinear_parameters = ...", "typical": "typical_size = ..."} | {
         old: f"description = Description({new}=...)" for old, new in OLD_TEXTS.items()
     }
     for old in (old for old in known if old in own):

@@ -7,7 +7,7 @@ import numpy as np
 
 from pendulum_env._typing import ArrayLike
 from pendulum_env.physics.term import Term
-from pendulum_env.words import along
+from pendulum_env.quantity import Quantity
 
 
 def ids(terms: Sequence[Term]) -> frozenset[str]:
@@ -56,10 +56,10 @@ def with_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike]
     return tuple(changed)
 
 
-def untested_range(term: Term, low: float, high: float) -> str:
-    """Say which motion beyond `low` and `high` [rad] was not tested for an effect as it is; empty if none."""
-    text = term.description.untested_range(term, low, high)
-    return along(text) if term.slides else text
+def untested_ends(term: Term, low: float, high: float) -> dict[str, Quantity]:
+    """Ends `low` and `high` of a motion [rad] beyond which a term may act; empty if none."""
+    ends = zip(("low", "high"), (low, high), term.open_ends, strict=True)
+    return {name: Quantity(value, unit="m" if term.slides else "rad") for name, value, is_open in ends if is_open}
 
 
 def complexity(term: Term) -> int:

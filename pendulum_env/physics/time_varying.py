@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.physics.description import Description
 from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term
 
 
@@ -19,18 +18,7 @@ class FrictionDrift(Term):
     law = "(b1 q' + f1 sgn q') exp(-t/T)"
     kind = "time-varying"
     nonlinear_parameters = (NonlinearParameter("warm_up", "s", 0.01, 1e6),)
-    description = Description(
-        title="friction that drifts with time",
-        symptom="a change in time",
-        signature=(
-            "Friction falls from the beginning of the recording on, fast at first: errors at its start and of the "
-            "other sign at its end."
-        ),
-        resembles=("payload_change",),
-        informative_experiment="a recording from cold that lasts several warm-up times",
-        typical_size="viscous=0.15,coulomb=0.35",
-        omission="friction is that of a warm joint",
-    )
+    typical_size = "viscous=0.15,coulomb=0.35"
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -51,18 +39,7 @@ class PayloadChange(Term):
     law = "(dI q'' + dmgl sin q) for t > t0"
     kind = "time-varying"
     nonlinear_parameters = (NonlinearParameter("moment", "s", 0.0, 1e6, instant=True),)
-    description = Description(
-        title="a payload change",
-        symptom="a change in time",
-        signature=(
-            "From one moment on the arm is heavier or lighter: errors like those of a wrong weight and inertia begin, "
-            "or end, within one sample."
-        ),
-        resembles=("friction_drift",),
-        informative_experiment="a recording that spans the change",
-        typical_size="gravity=0.4",
-        omission="the payload is that before the change",
-    )
+    typical_size = "gravity=0.4"
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -85,16 +62,6 @@ class PeriodicDisturbance(Term):
     law = "s sin wt + c cos wt"
     kind = "time-varying"
     nonlinear_parameters = (NonlinearParameter("frequency", "rad/s", 1e-5, 1e5),)
-    description = Description(
-        title="a periodic disturbance",
-        symptom="a change in time",
-        signature=(
-            "What is left is a sine of time, whatever the joint does: one sharp peak in its spectrum, also while the "
-            "joint stands."
-        ),
-        resembles=("cogging",),
-        informative_experiment="a recording of many periods",
-    )
 
     @property
     def columns(self) -> tuple[Column, ...]:

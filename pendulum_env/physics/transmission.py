@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.description import Description
 from pendulum_env.physics.simulation import bounded, substeps
 from pendulum_env.physics.symbols import name
 from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, Term
@@ -109,14 +108,6 @@ class JointFlexibility(Transmission):
         NonlinearParameter("damping", "1/s", 1e-2, 1e3),
         NonlinearParameter("gravity", "1/s^2", 0.1, 1e4),
     )
-    description = Description(
-        symptom="knocks and ringing",
-        signature=(
-            "After fast changes what is left rings at one frequency, and the joint feels lighter above it than below."
-        ),
-        resembles=("backlash", "actuator_lag", "dead_time", "presliding"),
-        informative_experiment="excitation around the resonance",
-    )
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
         # ql'' + c ql' + w^2 ql + g sin ql = w^2 q + c q' in central differences
@@ -148,15 +139,6 @@ class Backlash(Transmission):
         NonlinearParameter("resonance", "rad/s", 10.0, 5e3),
         NonlinearParameter("damping", "1/s", 1e-2, 1e4),
         NonlinearParameter("gravity", "1/s^2", 0.1, 1e4),
-    )
-    description = Description(
-        symptom="knocks and ringing",
-        signature=(
-            "After a reversal of the load the motor is free for a small angle, then meets the link with a knock: "
-            "short errors, always near the same load."
-        ),
-        resembles=("joint_flexibility", "presliding", "stribeck"),
-        informative_experiment="many reversals under changing load",
     )
 
     @property

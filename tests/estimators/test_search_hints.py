@@ -136,7 +136,7 @@ def test_hints_of_a_user_serve_the_effect_at_a_joint_and_within_limits():
 
 
 def test_an_effect_for_an_earlier_release_is_read_with_a_warning():
-    with pytest.warns(FutureWarning, match="Old.(shapes|reveal|title) is read for one more release"):
+    with pytest.warns(FutureWarning, match="Old.(shapes|reveal|title|typical) is read for one more release"):
 
         @dataclass(frozen=True)
         class Old(Term):
@@ -145,7 +145,7 @@ def test_an_effect_for_an_earlier_release_is_read_with_a_warning():
             order: float = 12.0
 
             id, law, kind = "old_wave", "sin Nq", "potential"
-            title, reveal = "a wave", "full turns"
+            title, reveal, typical = "a wave", "full turns", "order=14"
             shapes = (NonlinearParameter("order", "1", 1, 60, integer=True),)
 
             @classmethod
@@ -161,6 +161,7 @@ def test_an_effect_for_an_earlier_release_is_read_with_a_warning():
 
     x = recorded(1)
     assert (Old.description.title, Old.description.informative_experiment) == ("a wave", "full turns")
+    assert Old.typical_size == "order=14"
     assert Old().free == Old.shapes
     assert [is_possible(own, x) for own in grid(Old, x, x.torque)] == [False, True, True]
     assert n_tried(Old, x, x.torque) == 60

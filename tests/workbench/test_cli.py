@@ -15,6 +15,7 @@ from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import read_recording
 from pendulum_env.words import bar, listing, plus_minus
 from workbench.cli import COMMANDS, main
+from workbench.narrator.effects import description
 
 FEW = ("torque_offset", "coulomb_asymmetry", "stribeck", "quadratic_drag", "cogging")  # a search among them is quick
 
@@ -153,8 +154,8 @@ def test_demo_tells_the_story_and_reveals_the_truth(tmp_path, few_effects, monke
 def test_effects_are_listed_with_their_laws_or_told_how_they_show(done):
     out = done("effects")
     assert all(id in out and kind.law in out for id, kind in effects().items())
-    out, kind = done("effects", "backlash", *TABLES), effects()["backlash"]
-    assert kind.description.signature in out and "joint flexibility" in out and "stribeck:" not in out
+    out = done("effects", "backlash", *TABLES)
+    assert description("backlash").signature in out and "joint flexibility" in out and "stribeck:" not in out
     for id, table in TABLES.items():
         assert f"{id}: {table.law}\n" in out and str(table.__doc__).partition("\n")[0] in out
 

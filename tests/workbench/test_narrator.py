@@ -1,6 +1,7 @@
 """Sentences: each kind of finding has one, of short sentences, with its numbers in the unit that is shown."""
 
 import re
+from typing import get_args
 
 import pytest
 
@@ -9,8 +10,13 @@ from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.signals.residual import Region, everywhere
 from pendulum_env.excitation import excitation
-from pendulum_env.physics import effects
+from pendulum_env.physics import Description, Term, effects, nameable
+from pendulum_env.physics.description import Symptom
+from pendulum_env.physics.library import BUILT_IN
+from pendulum_env.physics.table import TABLES, PowerOfSpeed
+from pendulum_env.physics.terms import untested_ends
 from workbench.narrator.diagnosis import describe_detectable, describe_region, describe_suggestion
+from workbench.narrator.effects import EFFECTS, description, name
 from workbench.narrator.findings import DESCRIBED, describe
 from workbench.narrator.reasons import REASONS, describe_objection
 
@@ -24,6 +30,7 @@ NUMBERS = {
     "delay": Quantity(0.0099, 4e-5, "s"),
     "factor": Quantity(2.0),
     "gain": Quantity(-3.0, unit="N m/rad"),
+    "high": Quantity(1.2, unit="rad"),
     "inertia": Quantity(0.01, unit="kg m^2"),
     "loads": Quantity(2),
     "number": Quantity(3),
@@ -49,7 +56,34 @@ def test_each_kind_has_whole_sentences_with_no_torque_in_newton_metres_where_a_c
 
 
 def test_every_kind_is_described():
-    assert set(DESCRIBED) == set(Kind) - REASONS - {Kind.UNTESTED_RANGE}
+    assert set(DESCRIBED) == set(Kind) - REASONS
+
+
+@pytest.mark.parametrize("id", [kind.id for kind in BUILT_IN])
+def test_every_built_in_effect_has_a_symptom_a_signature_and_effects_that_resemble_it(id):
+    text = description(id)
+    assert text.symptom in get_args(Symptom) and text.informative_experiment
+    assert text.signature.endswith(".") and text.signature.count(". ") <= 1  # a sentence or two
+    assert text.resembles and id not in text.resembles and set(text.resembles) <= EFFECTS.keys()
+    assert all(id in description(other).resembles for other in text.resembles if other in effects())
+    assert name(id) == (text.title or id.replace("_", " "))
+
+
+def test_texts_are_of_terms_that_exist_and_show_every_symptom():
+    assert nameable().keys() | TABLES.keys() <= EFFECTS.keys() | {PowerOfSpeed.id}
+    assert {description(kind.id).symptom for kind in BUILT_IN} == set(get_args(Symptom))
+
+
+def test_a_user_s_effect_has_a_title_from_its_id_or_its_own_description():
+    class Wobble(Term):
+        id = "slow_wobble"
+
+    class Seal(Term):
+        id = "seal"
+        description = Description(title="a seal that rubs", informative_experiment="slow motion")
+
+    assert name("slow_wobble@elbow") == "slow wobble at elbow" and description(Wobble.id) == Description()
+    assert name(Seal.id) == "a seal that rubs" and description("seal@elbow").informative_experiment == "slow motion"
 
 
 def limits(gate: str, value: float, limit: float, unit: str = "") -> Finding:
@@ -105,6 +139,6 @@ def test_the_gate_of_a_gain_tells_its_error_its_penalty_and_its_significance():
 
 
 def test_untested_motion_of_a_term():
-    ends = {"low": Quantity(-1.0), "high": Quantity(1.2)}
-    stop = effects()["hard_stop"](lower=-0.9)
-    assert "1.2 rad" in describe(Finding(Kind.UNTESTED_RANGE, ends, effects=("hard_stop",)), terms=[stop])
+    ends = untested_ends(effects()["hard_stop"](lower=-0.9), -1.0, 1.2)
+    text = describe(Finding(Kind.UNTESTED_RANGE, ends, effects=("hard_stop",)))
+    assert text == "No upper hard stop was met up to 1.2 rad, and none beyond would show."

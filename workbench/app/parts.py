@@ -10,7 +10,8 @@ from estimators.figure import Figure
 from pendulum_env.arms.joints import at_joints, effects_of
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
-from pendulum_env.words import name, opening
+from pendulum_env.words import opening
+from workbench.narrator.effects import name
 from workbench.report import page
 from workbench.report.section import Section
 

@@ -4,8 +4,11 @@ import argparse
 
 from estimators.diagnosis.addition import add
 from estimators.free_swings import known_by
+from estimators.regression.equations import IdentificationError
 from pendulum_env.physics.library import addition
 from workbench.inputs import opened, write_model, wrote
+from workbench.mistakes import InputError
+from workbench.narrator.effects import description
 from workbench.narrator.results import of_addition
 from workbench.options import LIMITS, READING, ROBOT, declare, known_effect
 from workbench.story import tell
@@ -32,7 +35,12 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     given = asked.preprocessed(terminal, arguments.align, known_by(asked.model, arguments.fixed))
     with terminal.progress(f"adding {arguments.effect}") as progress:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
-        added = add(asked.model, arguments.effect, given.recordings, given.holdout, progress, **limits)
+        try:
+            added = add(asked.model, arguments.effect, given.recordings, given.holdout, progress, **limits)
+        except IdentificationError as error:
+            if not error.effect:
+                raise
+            raise InputError(f"{error}: it takes {description(error.effect).informative_experiment}") from error
     tell(of_addition(added), terminal)
     wrote([write_model(added.after.model, arguments.output, terminal)], terminal)
 

@@ -6,7 +6,8 @@ from pendulum_env.physics import BASE, Term, nameable
 from pendulum_env.physics.library import addition
 from pendulum_env.physics.table import TABLES, Table
 from pendulum_env.plant import typical
-from pendulum_env.words import listing, name
+from pendulum_env.words import listing
+from workbench.narrator.effects import description, name
 from workbench.options import declare
 from workbench.terminal import Terminal
 
@@ -46,7 +47,7 @@ def described(kind: type[Term]) -> list[str]:
     """How an effect shows, with what it is confused, what tells it, and its parameters; of a table what it is for."""
     if issubclass(kind, Table):
         return [str(kind.__doc__).partition("\n")[0], "Parameters: coefficients of a spline, by `add`."]
-    text = kind.description
+    text = description(kind.id)
     alike = f"Confused with {listing([name(id) for id in text.resembles])}." if text.resembles else ""
     values = f"Parameters, of typical size: {parameters(kind)}."
     return [line for line in (text.signature, alike, f"What tells: {text.informative_experiment}.", values) if line]

@@ -18,6 +18,7 @@ from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.potential import HardStop
 from pendulum_env.recording.record import NEWTON_METRE
 from workbench.export.request import ExportError, Request
+from workbench.narrator.effects import description
 
 G = 9.81  # [m/s^2]
 FAR = 1e4  # [rad], where a stop is that is none
@@ -97,9 +98,9 @@ class Friction:
         """
         unit = model.torque_unit
         others = [term for term in model.terms if term.id not in EVERY and term.id not in held]
-        folded = [term for term in others if term.description.fits_friction]
+        folded = [term for term in others if description(term.id).fits_friction]
         missing = [] if unit == NEWTON_METRE else [f"a torque in {unit}: masses and inertias are those per {unit}"]
-        missing += [f"{term.id} ({term.law}): {term.description.omission}" for term in others if term not in folded]
+        missing += [f"{term.id} ({term.law}): {description(term.id).omission}" for term in others if term not in folded]
         viscous, dry = value(model, "viscous") + value(model, "back_emf"), value(model, "coulomb")
         if not folded and min(viscous, dry) >= 0:
             return cls(viscous, dry, tuple(missing))

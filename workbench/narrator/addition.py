@@ -2,13 +2,20 @@
 
 import numpy as np
 
-from estimators.diagnosis.likeness import likenesses
+from estimators.diagnosis.likeness import Likeness, likenesses
 from estimators.diagnosis.result import Addition
 from estimators.selection.errors import Step
 from pendulum_env.physics.term import loads
 from pendulum_env.words import along, listing
 from workbench.narrator.reasons import describe_objection
 
+FORMS = {
+    "power": "|q'|^{0}",
+    "wave": "a wave of {0} a turn",
+    "line": "a straight line",
+    "bump": "a bump at {0} rad, {1} rad wide",
+    "step": "a step at {0} rad, {1} rad wide",
+}
 SIGNIFICANT = 3.0  # times its standard errors, from which a table has a shape
 
 
@@ -38,6 +45,13 @@ def describe_table(step: Step) -> str | None:
     table, curve = tables[step.added]
     if np.mean(curve.value**2) < (SIGNIFICANT * np.median(curve.std)) ** 2:  # at an end they may be large
         return f"{step.added} looks like no formula: its standard errors are nearly as large as itself."
-    near = [along(one.text) if table.slides else one.text for one in likenesses(table, curve)]
+    near = [describe_likeness(one, table.slides) for one in likenesses(table, curve)]
     nearest = f"{listing(near, 'or')} of its shape" if near else "no formula that is known here"
     return f"{step.added} looks like {nearest}."
+
+
+def describe_likeness(found: Likeness, slides: bool = False) -> str:
+    """Write a formula and the share of the shape that it explains: `|q'|^0.4 (99.7 %)`."""
+    text = FORMS[found.form].format(*(f"{value:.3g}" for value in found.values))
+    text = text.replace("of 1 a turn", "of one a turn")
+    return f"{along(text) if slides else text} ({100 * found.share:.3g} %)"

@@ -14,7 +14,8 @@ from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.excitation import signal_json
 from pendulum_env.recording.record import NEWTON_METRE, WARNING
-from pendulum_env.words import listing, name, opening, per
+from pendulum_env.words import listing, opening, per
+from workbench.narrator.effects import name
 from workbench.narrator.findings import aim, describe
 from workbench.narrator.reasons import describe_reason
 
@@ -213,4 +214,4 @@ def diagnosis_json(found: Diagnosis) -> JSON:
 
 
 def _describe(found: Diagnosis, finding: Finding) -> str:
-    return describe(finding, found.torque_unit, found.model.terms)
+    return describe(finding, found.torque_unit)

@@ -1,13 +1,12 @@
 """Sentences for findings, with numbers in the unit that is shown and the options of the command line."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
-from pendulum_env.physics import BASE, Term, nameable
-from pendulum_env.physics.terms import untested_range
 from pendulum_env.words import listing, number_text, opening, per, plus_minus
+from workbench.narrator.effects import description, name
 
 LOGGED = {"A": "a current", "V": "a voltage", "duty": "a duty cycle"}
 OTHER_LOAD = (
@@ -23,26 +22,14 @@ GIVE_INERTIA = "Record faster reversals, or give its value (--fix inertia=VALUE)
 LIMITS = {"torque": "N m", "angle": "rad", "speed": "rad/s"}
 
 
-def describe(finding: Finding, unit: str = "N m", terms: Sequence[Term] = ()) -> str:
+def describe(finding: Finding, unit: str = "N m") -> str:
     """Describe a finding in one to three sentences.
 
     Args:
         finding: to describe.
         unit: of the torque that is shown.
-        terms: of the model that the finding is about, for findings on untested motion.
     """
-    if finding.kind is Kind.UNTESTED_RANGE:
-        term = next(term for term in terms if term.id == finding.effects[0])
-        low, high = (finding.numbers[end].value for end in ("low", "high"))
-        return f"{untested_range(term, low, high)}."
     return DESCRIBED[finding.kind](finding, unit)
-
-
-def experiment(id: str) -> str:
-    """Return the experiment that shows an effect, or an effect at a joint; empty if the effect is in no library."""
-    known = {term.id: term.description for term in BASE} | {id: kind.description for id, kind in nameable().items()}
-    description = known.get(id.partition("@")[0])
-    return description.informative_experiment if description is not None else ""
 
 
 def measure(quantity: Quantity, unit: str, digits: int = 3) -> str:
@@ -59,13 +46,13 @@ def milliseconds(quantity: Quantity) -> str:
 
 
 def _unidentifiable(found: Finding, unit: str) -> str:
-    names = listing(found.parameters)
+    names, first = listing(found.parameters), found.parameters[0].partition(".")[0]
     if not found.numbers:
         return f"The data do not determine {names}. Move all joints faster, wider and together."
     best = ", ".join(measure(found.numbers[name], unit) for name in found.parameters)
     return (
         f"The data do not determine {names}: the best fit is {best}. "
-        f"Record {experiment(found.parameters[0])}, at more frequencies."
+        f"Record {description(first).informative_experiment}, at more frequencies."
     )
 
 
@@ -164,9 +151,9 @@ def _acts_late(found: Finding, unit: str) -> str:
 def _rival(found: Finding) -> str:
     """Return the other of delay and filter, where it explains as much."""
     lag = "with a lag" if found.kind is Kind.ACTS_LATE else "through a low-pass filter with a time constant"
-    for name, law in (("rival_delay", "by a delay"), ("rival_lag", lag)):
-        if name in found.numbers:
-            size = f"{1e3 * abs(found.numbers[name].value):.3g} ms"
+    for rival, law in (("rival_delay", "by a delay"), ("rival_lag", lag)):
+        if rival in found.numbers:
+            size = f"{1e3 * abs(found.numbers[rival].value):.3g} ms"
             return f" (or {law} of {size}; more steps of torque would distinguish them)"
     return ""
 
@@ -201,14 +188,14 @@ def _outlier(what: Callable[[Finding, str], str]) -> Callable[[Finding, str], st
 
 def _differences(found: Finding, unit: str) -> str:
     parts = []
-    for name in found.parameters:
-        own, others = found.numbers[name], found.numbers[f"others.{name}"]
+    for parameter in found.parameters:
+        own, others = found.numbers[parameter], found.numbers[f"others.{parameter}"]
         share = (own.value - others.value) / max(abs(others.value), 1e-300)
         if abs(share) > 1:  # of a parameter near zero
-            parts.append(f"{name} {own.value:.3g} instead of {others.value:.3g} {per(own.unit, unit)}")
+            parts.append(f"{parameter} {own.value:.3g} instead of {others.value:.3g} {per(own.unit, unit)}")
         else:
             percent = float(f"{100 * abs(share):.2g}")
-            parts.append(f"{name} {percent:g} % {'higher' if share > 0 else 'lower'}")
+            parts.append(f"{parameter} {percent:g} % {'higher' if share > 0 else 'lower'}")
     return ", ".join(parts)
 
 
@@ -282,8 +269,27 @@ def _servo_off(found: Finding, unit: str) -> str:
 
 def _tied(found: Finding, unit: str) -> str:
     text = f"{listing(found.effects)} look the same in these data"
-    reveals = experiment(found.effects[-1])
+    reveals = description(found.effects[-1]).informative_experiment
     return f"{text}. To tell them apart: {reveals}." if reveals else f"{text}."
+
+
+def describe_untested(found: Finding) -> str:
+    """Return the angles beyond which an effect was not tested, as a phrase."""
+    ends = {end: measure(found.numbers[end], "N m") for end in ("low", "high") if end in found.numbers}
+    effect = name(found.effects[0]).removeprefix("a ")
+    if len(ends) == 2:
+        where = f"no {effect} was met from {ends['low']} to {ends['high']}"
+    elif "low" in ends:
+        where = f"no lower {effect} was met down to {ends['low']}"
+    else:
+        where = f"no upper {effect} was met up to {ends['high']}"
+    return f"{where}, and none beyond would show"
+
+
+def describe_law(found: Finding) -> str:
+    """Name the function that a table stands for."""
+    power = found.numbers.get("power")
+    return name(found.effects[0]) if power is None else f"friction that grows as |q'|^{power.value:.2g}"
 
 
 def _table_helps(found: Finding, unit: str) -> str:
@@ -446,9 +452,10 @@ DESCRIBED: Mapping[Kind, Callable[[Finding, str], str]] = {
     ),
     Kind.INCOMPLETE: _incomplete,
     Kind.TIED: _tied,
+    Kind.UNTESTED_RANGE: lambda found, unit: f"{opening(describe_untested(found))}.",
     Kind.IMPOSSIBLE: _impossible,
     Kind.TABLE_EXPLAINS: lambda found, unit: (
-        f"{opening(found.effects[0])} would explain most of the residual, and no effect of the library is that law."
+        f"{opening(describe_law(found))} would explain most of the residual, and no effect of the library is that law."
     ),
     Kind.NEAR_REVERSALS: lambda found, unit: (
         "The torque fits where the joint moves freely, but free-running simulation errs by "

@@ -5,10 +5,10 @@ from math import isnan
 
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity
-from pendulum_env.physics.terms import untested_range
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import listing, number_text, per
-from workbench.narrator.findings import describe_violations, experiment, measure
+from workbench.narrator.effects import description
+from workbench.narrator.findings import describe_law, describe_untested, describe_violations, measure
 
 REASONS = {
     Kind.ERRORS_FALL,
@@ -40,11 +40,8 @@ def describe_reason(candidate: Candidate, unit: str = NEWTON_METRE) -> str:
     found = candidate.reason
     if found.kind not in (Kind.NOT_TESTED, Kind.NOT_EXCITED):
         return describe_objection(found, unit)
-    term = candidate.terms[-1] if candidate.terms else None
-    needed = term.description.informative_experiment if term is not None else experiment(candidate.effect)
-    text = "these data hardly depend on it"
-    if found.kind is Kind.NOT_TESTED and term is not None:
-        text = untested_range(type(term)(), found.numbers["low"].value, found.numbers["high"].value)
+    needed = description(candidate.effect).informative_experiment
+    text = "these data hardly depend on it" if found.kind is Kind.NOT_EXCITED else describe_untested(found)
     return f"{text}; it needs {needed}" if needed else text
 
 
@@ -61,7 +58,7 @@ def describe_objection(found: Finding, unit: str = NEWTON_METRE) -> str:
         case Kind.IMITATES:
             return f"imitates {found.effects[0]} in these data"
         case Kind.IMITATES_TABLE:
-            return f"only imitates {found.effects[0]}, which the library does not have"
+            return f"only imitates {describe_law(found)}, which the library does not have"
         case Kind.OTHERS_BETTER:
             return "others explain it better"
         case Kind.LONG_STEPS:

@@ -15,7 +15,8 @@ from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON
 from pendulum_env.physics import Estimate, Model
 from pendulum_env.physics.table import Curve, Table
-from pendulum_env.words import name, number, opening, unit
+from pendulum_env.words import number, opening, unit
+from workbench.narrator.effects import name
 from workbench.narrator.results import kin
 from workbench.report.case import Case
 from workbench.report.section import Section

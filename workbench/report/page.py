@@ -20,6 +20,7 @@ from pendulum_env.arms.body import Body
 from pendulum_env.files import write_whole
 from workbench.narrator.comparison import caveat, errors_in_loop, headline
 from workbench.narrator.diagnosis import describe_detectable, describe_disagreement, describe_region, warnings
+from workbench.narrator.effects import name
 from workbench.narrator.reasons import describe_reason
 from workbench.report import arm
 from workbench.report.case import Case
@@ -51,9 +52,9 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    names = ("name", "opening", "listing", "number", "unit", "typeset", "value_and_error", "percent")
-    environment.filters |= {name: getattr(words, name) for name in names}
-    narrators = (caveat, describe_detectable, describe_disagreement, describe_reason, describe_region, warnings)
+    names = ("opening", "listing", "number", "unit", "typeset", "value_and_error", "percent")
+    environment.filters |= {word: getattr(words, word) for word in names}
+    narrators = (caveat, describe_detectable, describe_disagreement, describe_reason, describe_region, name, warnings)
     environment.filters |= {function.__name__: function for function in narrators}
     return environment
 

@@ -13,8 +13,9 @@ from estimators.signals.differentiation import encoder_noise, white_noise
 from estimators.simulation.free_running import SECONDS
 from estimators.weak_form.windows import Windows
 from pendulum_env.physics import nameable
-from pendulum_env.words import listing, name, number
+from pendulum_env.words import listing, number
 from workbench.narrator.diagnosis import advice, headline, next_step, remarks
+from workbench.narrator.effects import name
 from workbench.narrator.findings import aim
 from workbench.report.case import Case
 from workbench.report.section import Section

@@ -84,7 +84,7 @@ def test_an_effect_that_is_not_there_is_objected_to_and_what_cannot_be_added_is_
     for run, id, kind, why in (
         (recording, "spring@wrist", ValueError, "unknown joint 'wrist'"),
         (recording, "temperature_dependent_friction@elbow", IdentificationError, "needs the joint's temperature"),
-        (steady, "temperature_dependent_friction@elbow", IdentificationError, "it takes a recording that warms"),
+        (steady, "temperature_dependent_friction@elbow", IdentificationError, "nothing there shows"),
         (recording, "quadratic_drag@elbow", ModelError, "has 'quadratic_drag@elbow' already"),
     ):
         with pytest.raises(kind, match=why):

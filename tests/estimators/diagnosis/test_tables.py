@@ -101,13 +101,12 @@ def test_a_power_of_the_speed_is_told_from_its_table(power):
     table = FrictionBySpeed.over(Extent(0.0, 6.0, 8))()
     curve = table.curve(np.zeros(len(table.columns)))
     nearest, *_ = likenesses(table, Curve(curve.x, 0.1 * curve.x**power - 0.2 + 0.3 * curve.x, curve.std))
-    kind, told = nearest.words.split("^")
-    assert kind == "|q'|" and float(told) == pytest.approx(power, rel=0.02)
+    assert nearest.form == "power" and nearest.values == pytest.approx((power,), rel=0.02)
     assert nearest.share > 0.999
 
 
 def test_a_line_looks_like_a_line_and_not_like_half_a_bump_and_noise_like_nothing():
     table, wide = (TorqueByAngle.over(Extent(*extent))() for extent in ((-1.0, 0.5, 12), (-3.0, 3.0, 48)))
     curve = table.curve(np.zeros(len(table.columns)))
-    assert [one.words for one in likenesses(table, curve._replace(value=0.3 - 2.0 * curve.x))] == ["a straight line"]
+    assert [one.form for one in likenesses(table, curve._replace(value=0.3 - 2.0 * curve.x))] == ["line"]
     assert not likenesses(wide, wide.curve(np.random.default_rng(3).normal(size=len(wide.columns))))

@@ -9,7 +9,7 @@ from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from pendulum_env.lookup import find
-from pendulum_env.words import listing, name, number, opening
+from pendulum_env.words import listing, number, opening
 from workbench.app import uploads
 from workbench.app.card import COLUMN
 from workbench.app.parts import LINKED, PLOT, SPEC, aria, button
@@ -18,6 +18,7 @@ from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
 from workbench.narrator.diagnosis import headline
+from workbench.narrator.effects import name
 from workbench.narrator.results import ends
 from workbench.report.page import shared
 

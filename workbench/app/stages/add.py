@@ -11,12 +11,13 @@ from estimators.diagnosis.addition import add
 from estimators.diagnosis.result import Addition
 from estimators.selection.errors import Step
 from pendulum_env.arms.joints import kind_at
-from pendulum_env.words import listing, name, number, opening
+from pendulum_env.words import listing, number, opening
 from workbench.app.parts import button, effects_to_choose, field, fragment, graph, labelled, panel
 from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
 from workbench.mistakes import InputError
 from workbench.narrator.addition import describe_table
+from workbench.narrator.effects import name
 from workbench.report.arm import joints
 from workbench.report.numbers import errors
 

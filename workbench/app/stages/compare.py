@@ -18,7 +18,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.figure import Figure, axis, broken, line, numbers, span
 from estimators.signals.residual import AXES, Region, profiles, stand_out, turns, wrapped
 from pendulum_env._typing import JSON, Array, Mask
-from pendulum_env.physics import Samples, effect
+from pendulum_env.physics import Samples
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import thin
 from pendulum_env.words import number, opening
@@ -26,6 +26,7 @@ from workbench.app.parts import LINKED, dropdown, effects_to_choose, field, grap
 from workbench.app.session import Session, Sessions, Stage
 from workbench.app.state import State as Work
 from workbench.narrator.diagnosis import describe_region
+from workbench.narrator.effects import description
 from workbench.report.arm import strips
 from workbench.report.case import Case, ends
 from workbench.report.comparison import position_figure, torque_figure
@@ -232,9 +233,7 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
     for id in ranked:
         if (GALLERY / f"{id}.svg").is_file():
             leaves = html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves")
-            rows.append(
-                html.Li([names[id], html.Div([leaves, html.P(effect(id).description.signature, className="note")])])
-            )
+            rows.append(html.Li([names[id], html.Div([leaves, html.P(description(id).signature, className="note")])]))
     return panel(
         "What it looks like",
         html.P(

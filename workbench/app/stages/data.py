@@ -15,13 +15,14 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import thin
-from pendulum_env.words import listing, name, number, opening, percent
+from pendulum_env.words import listing, number, opening, percent
 from workbench.app import card, recorder, uploads
 from workbench.app.parts import UNWRAP, aria, button, drop, field, graph, panel, saves, table
 from workbench.app.session import Action, Form, Session, Stage
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import MODEL, STUDY
 from workbench.narrator.diagnosis import describe_disagreement
+from workbench.narrator.effects import name
 from workbench.narrator.findings import describe, describe_late
 from workbench.options import FORMATS
 from workbench.robot import held_text

@@ -3,11 +3,12 @@
 from dash import html
 from dash.development.base_component import Component
 
-from pendulum_env.words import Table, name, opening
+from pendulum_env.words import Table, opening
 from workbench.app.parts import button, drop, fragment, graph, panel, table
 from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
 from workbench.app.uploads import unpack
+from workbench.narrator.effects import name
 from workbench.narrator.results import TRUST, schemes_table
 from workbench.report import arm
 from workbench.report.case import ends

@@ -1,0 +1,253 @@
+"""Texts about the built-in effects and the base terms; a user's effect brings its own `Description`, or its id only."""
+
+from collections.abc import Mapping
+
+from pendulum_env.physics.description import DESCRIPTIONS, Description
+
+NAMES = {  # of schemes, where an id with its underscores taken out does not read well
+    "filtered_hamiltonian": "filtered Hamiltonian",
+    "hamiltonian": "Hamiltonian",
+}
+
+
+def description(effect: str) -> Description:
+    """Return the texts about an effect, or an effect at a joint; the defaults of one that has a law only."""
+    id = effect.partition("@")[0]
+    return DESCRIPTIONS.get(id) or EFFECTS.get(id) or Description()
+
+
+def name(effect: str) -> str:
+    """Name an effect within a sentence, `Stribeck friction`; of an arm `Stribeck friction at elbow`."""
+    id, at, joint = effect.partition("@")
+    title = description(id).title or NAMES.get(id, id.replace("_", " "))
+    return f"{title} at {joint}" if at else title
+
+
+EFFECTS: Mapping[str, Description] = {
+    "inertia": Description(informative_experiment="faster reversals"),
+    "gravity": Description(informative_experiment="swings beyond 30 degrees"),
+    "viscous": Description(
+        title="viscous friction",
+        informative_experiment="a range of speeds",
+    ),
+    "coulomb": Description(
+        title="Coulomb friction",
+        informative_experiment="motion in both directions",
+    ),
+    "torque_offset": Description(
+        title="a torque offset",
+        symptom="the same torque everywhere",
+        signature="At every angle and speed the joint needs the same torque more, or less, than the model says.",
+        resembles=("coulomb_asymmetry", "gravity_tilt"),
+        informative_experiment="motion in both directions",
+    ),
+    "torque_ripple": Description(
+        symptom="waves over the angle",
+        signature="Over the angle lies a wave as of cogging that grows with the torque and turns its sign with it.",
+        resembles=("cogging", "position_dependent_friction"),
+        informative_experiment="full turns under high torque",
+    ),
+    "torque_saturation": Description(
+        symptom="a curve over the torque",
+        signature=(
+            "Over torque the joint gets ever less of what is asked for: right for small torques, and too much in the "
+            "model at the peaks of either sign."
+        ),
+        resembles=("quadratic_drag", "load_dependent_friction"),
+        informative_experiment="torque peaks well above the usual ones",
+    ),
+    "actuator_lag": Description(
+        symptom="torque that comes late",
+        signature=(
+            "What is left follows changes of torque, each time the same way, and fades within some time constant; it "
+            "is none while torque is steady."
+        ),
+        resembles=("dead_time", "joint_flexibility"),
+        informative_experiment="fast changes of torque",
+    ),
+    "dead_time": Description(
+        title="dead time of the torque",
+        symptom="torque that comes late",
+        signature=(
+            "After a step of torque the joint goes on for a moment as if nothing had happened: what is left is the "
+            "step, for that long."
+        ),
+        resembles=("actuator_lag", "joint_flexibility"),
+        informative_experiment="steps of torque",
+    ),
+    "back_emf": Description(informative_experiment="motion with the motor on and off"),
+    "coupling": Description(informative_experiment="motion of either joint without the other, and of both"),
+    "coulomb_asymmetry": Description(
+        title="Coulomb friction that differs by direction",
+        symptom="the same torque everywhere",
+        signature=(
+            "Forwards and backwards dry friction differs by the same amount at any speed: over speed, a constant."
+        ),
+        resembles=("torque_offset", "gravity_tilt", "viscous_asymmetry"),
+        informative_experiment=(
+            "the motor mounted the other way round, as an offset then changes its sign and friction does not"
+        ),
+    ),
+    "viscous_asymmetry": Description(
+        title="viscous friction that differs by direction",
+        symptom="a curve over the speed",
+        signature=(
+            "Over speed lies a V: what is left has the same sign forwards and backwards, and grows with the speed."
+        ),
+        resembles=("coulomb_asymmetry", "encoder_eccentricity"),
+        informative_experiment="fast motion in both directions",
+        fits_friction=True,
+    ),
+    "stribeck": Description(
+        title="Stribeck friction",
+        symptom="a peak around standstill",
+        signature=(
+            "Friction has a peak on either side of standstill, which falls off within a small part of the speeds; slow "
+            "motion stutters."
+        ),
+        resembles=("presliding", "backlash"),
+        informative_experiment="slow motion, around and below the Stribeck velocity",
+        fits_friction=True,
+    ),
+    "quadratic_drag": Description(
+        symptom="a curve over the speed",
+        signature=(
+            "Friction bends upwards over speed: the model has too little at high speeds and too much at middle ones."
+        ),
+        resembles=("viscous", "torque_saturation"),
+        informative_experiment="a wide range of speeds",
+        fits_friction=True,
+    ),
+    "load_dependent_friction": Description(
+        symptom="a curve over the torque",
+        signature=(
+            "Friction is larger where the motor or the weight works hard and smaller where neither does: at one "
+            "speed, two torques give two frictions."
+        ),
+        resembles=("position_dependent_friction", "torque_saturation"),
+        informative_experiment="the same speeds under different torques",
+    ),
+    "position_dependent_friction": Description(
+        symptom="waves over the angle",
+        signature=(
+            "Over the angle nothing shows until directions are looked at apart: then a sine, whose sign turns with "
+            "the direction."
+        ),
+        resembles=("load_dependent_friction", "torque_ripple"),
+        informative_experiment="full turns in both directions",
+    ),
+    "temperature_dependent_friction": Description(
+        signature="Friction is larger or smaller when the joint is warm, in any motion and at any time.",
+        resembles=("friction_drift",),
+        informative_experiment="a recording that warms the joint up, with a column of its temperature",
+        omission="friction is that at 25 deg C",
+    ),
+    "presliding": Description(
+        symptom="a peak around standstill",
+        signature=(
+            "At each reversal friction turns over a small angle instead of at once: a narrow dip beside standstill, "
+            "and a loop of torque over angle."
+        ),
+        resembles=("stribeck", "backlash", "joint_flexibility"),
+        informative_experiment="many small reversals",
+        omission="friction slips at once",
+    ),
+    "gravity_tilt": Description(
+        title="tilted gravity",
+        symptom="a curve over the angle",
+        signature="Over the angle lies a cosine, largest where the arm hangs and changing sign where it is level.",
+        resembles=("torque_offset", "coulomb_asymmetry", "spring", "encoder_eccentricity"),
+        informative_experiment="swings beyond 30 degrees, to tell it from a constant",
+    ),
+    "cogging": Description(
+        title="cogging torque",
+        symptom="waves over the angle",
+        signature=(
+            "Over the angle lies a wave that comes again a whole number of times in a turn, the same in both "
+            "directions and under any torque."
+        ),
+        resembles=("torque_ripple", "periodic_disturbance"),
+        informative_experiment="slow full turns",
+    ),
+    "spring": Description(
+        title="a spring",
+        symptom="a curve over the angle",
+        signature=(
+            "Over the angle lies a line that goes on rising where gravity turns back, and adds up from turn to turn."
+        ),
+        resembles=("gravity", "gravity_tilt", "hard_stop"),
+        informative_experiment="swings beyond 60 degrees or several turns, to tell it from gravity",
+    ),
+    "hard_stop": Description(
+        title="a hard stop",
+        symptom="a curve over the angle",
+        signature=(
+            "Nothing over most of the range, then a steep push back beyond one angle or two; the motion bounces there."
+        ),
+        resembles=("spring",),
+        informative_experiment="motion up to both ends of the range",
+    ),
+    "encoder_eccentricity": Description(
+        symptom="a curve over the angle",
+        signature=(
+            "Once a turn the angle runs ahead and falls back: errors of one cycle a turn that grow with the square of "
+            "the speed."
+        ),
+        resembles=("gravity_tilt", "viscous_asymmetry"),
+        informative_experiment="full turns at high speed",
+    ),
+    "torque_by_angle": Description(title="a torque that varies with the angle", informative_experiment=""),
+    "friction_by_angle": Description(title="dry friction that varies with the angle", informative_experiment=""),
+    "friction_by_speed": Description(title="friction that varies with the speed", informative_experiment=""),
+    "torque_by_time": Description(title="a torque that wanders with time", informative_experiment=""),
+    "gain_by_time": Description(title="a motor gain that wanders with time", informative_experiment=""),
+    "friction_drift": Description(
+        title="friction that drifts with time",
+        symptom="a change in time",
+        signature=(
+            "Friction falls from the beginning of the recording on, fast at first: errors at its start and of the "
+            "other sign at its end."
+        ),
+        resembles=("payload_change",),
+        informative_experiment="a recording from cold that lasts several warm-up times",
+        omission="friction is that of a warm joint",
+    ),
+    "payload_change": Description(
+        title="a payload change",
+        symptom="a change in time",
+        signature=(
+            "From one moment on the arm is heavier or lighter: errors like those of a wrong weight and inertia begin, "
+            "or end, within one sample."
+        ),
+        resembles=("friction_drift",),
+        informative_experiment="a recording that spans the change",
+        omission="the payload is that before the change",
+    ),
+    "periodic_disturbance": Description(
+        title="a periodic disturbance",
+        symptom="a change in time",
+        signature=(
+            "What is left is a sine of time, whatever the joint does: one sharp peak in its spectrum, also while the "
+            "joint stands."
+        ),
+        resembles=("cogging",),
+        informative_experiment="a recording of many periods",
+    ),
+    "joint_flexibility": Description(
+        symptom="knocks and ringing",
+        signature=(
+            "After fast changes what is left rings at one frequency, and the joint feels lighter above it than below."
+        ),
+        resembles=("backlash", "actuator_lag", "dead_time", "presliding"),
+        informative_experiment="excitation around the resonance",
+    ),
+    "backlash": Description(
+        symptom="knocks and ringing",
+        signature=(
+            "After a reversal of the load the motor is free for a small angle, then meets the link with a knock: "
+            "short errors, always near the same load."
+        ),
+        resembles=("joint_flexibility", "presliding", "stribeck"),
+        informative_experiment="many reversals under changing load",
+    ),
+}
