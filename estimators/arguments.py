@@ -22,6 +22,7 @@ from pendulum_env.recording.arrays import is_data
 from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.storage import Readable, is_readable
 from pendulum_env.recording.study import parse_log_format
+from pendulum_env.settings import setting
 
 Recordings = Recording | Readable | Sequence[Recording | Readable]
 Terms = str | Sequence[str | Term]
@@ -70,8 +71,10 @@ def _recording(given: Any, number: str, body: Mechanism, format: Source) -> Reco
     except ColumnError as error:
         if not format.columns:
             raise
-        remedy = "it was read by the log_format of the model: give read_recording(source) of a log of another format"
-        raise ColumnError(f"{error}; {remedy}") from None
+        raise ColumnError(
+            f"{error}; it was read by the log_format of the model: give read_recording(source) of a log of another "
+            "format"
+        ) from None
 
 
 def chosen_terms(given: Terms | Model | None) -> tuple[Term, ...]:
@@ -146,8 +149,8 @@ def that_may_show(kinds: Mapping[str, type[Term]], recordings: Sequence[Recordin
         id, kind = next(iter(kinds.items()))
         column = f"{kind.needs}_{kind.at}" if kind.at else kind.needs
         raise IdentificationError(
-            f"{id} needs the joint's {kind.needs}, which no recording has: record it, or say which column it is "
-            f"(--columns {column}=NAME)"
+            f"{id} needs the joint's {kind.needs}, which no recording has: record it, or say which column it is, "
+            f"{setting('columns', {column: 'NAME'})}"
         )
     return shown
 

@@ -32,6 +32,7 @@ from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
+from pendulum_env.settings import Blank, setting
 from pendulum_env.words import json_per
 
 SCHEMA, ARM_SCHEMA = "pendulum-ident/comparison@1", "pendulum-ident/arm-comparison@1"
@@ -266,7 +267,7 @@ def in_units_of(model: Model, recordings: Sequence[Recording]) -> FitData:
     if driven and model.torque_unit == PER_INERTIA:
         raise ModelError(
             f"the model is relative to the inertia, and {driven[0].name} has torque: compare it with free swings, or "
-            "identify it with --fix inertia=VALUE"
+            f"identify it with {setting('fixed', {'inertia': Blank('VALUE')})}"
         )
     if len(driven) < len(recordings):
         inertia = {"inertia": model.estimates["inertia"].value}

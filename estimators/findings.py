@@ -121,6 +121,14 @@ WITHHOLDING = {
 
 
 @dataclass(frozen=True)
+class Remedy:
+    """Columns with which some recordings are read rightly."""
+
+    columns: Mapping[str, str]  # as in `read_recording`
+    recordings: tuple[str, ...]  # names
+
+
+@dataclass(frozen=True)
 class Finding:
     """One finding.
 
@@ -132,7 +140,7 @@ class Finding:
         recordings: names of the recordings concerned; empty where all are.
         joints: of an arm, names of the joints concerned.
         pairs: effects in question, each with the term of the model that it may be mistaken for, or none.
-        remedies: options that read recordings rightly, with the names of the recordings.
+        remedies: columns that read recordings rightly.
     """
 
     kind: Kind
@@ -142,7 +150,7 @@ class Finding:
     recordings: tuple[str, ...] = ()
     joints: tuple[str, ...] = ()
     pairs: tuple[tuple[str, str | None], ...] = ()
-    remedies: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    remedies: tuple[Remedy, ...] = ()
 
     @property
     def withheld(self) -> tuple[str, ...]:
@@ -164,5 +172,5 @@ class Finding:
             "recordings": [*self.recordings],
             "joints": [*self.joints],
             "pairs": [[*pair] for pair in self.pairs],
-            "remedies": {option: [*names] for option, names in self.remedies.items()},
+            "remedies": [{"columns": {**own.columns}, "recordings": [*own.recordings]} for own in self.remedies],
         }

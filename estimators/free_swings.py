@@ -22,6 +22,7 @@ from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import limited_term
 from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA
+from pendulum_env.settings import Blank, setting
 from pendulum_env.words import listing, per
 
 NONE = Load(0.0, 0.0)
@@ -61,7 +62,7 @@ def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) ->
     if len(loads) > 1:
         raise IdentificationError(
             f"{names}: no torque is applied, and their known loads differ: fix the inertia of the joint without load, "
-            f"--fix inertia={_inertia_by_loads(recordings, loads):.4g} by these loads"
+            f"{setting('fixed', {'inertia': Blank(f'{_inertia_by_loads(recordings, loads):.4g}')})} by these loads"
         )
     if (name := _scaling_parameter(known)) is None:
         return None
@@ -70,7 +71,7 @@ def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) ->
     if total * ratio <= 0 or (inertia := total / ratio - loads[0].inertia) <= 0:
         raise IdentificationError(
             f"{names}: the free motion has a {name} of {ratio:.3g} times the inertia, which contradicts {name} = "
-            f"{known[name]:g}: fix another parameter, --fix inertia=VALUE"
+            f"{known[name]:g}: fix another parameter, {setting('fixed', {'inertia': Blank('VALUE')})}"
         )
     return inertia
 

@@ -138,9 +138,6 @@ def value_and_error(text: str) -> tuple[str, str]:
     return value, error and f"± {error}"
 
 
-BIASED = "biased: the best there is, but what the model lacks moves it by more than noise does, nobody knows how far"
-
-
 def percent(share: float) -> str:
     """Share in per cent."""
     return f"{100 * share:.3g} %" if share >= 0.001 or share == 0 else "< 0.1 %"

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import NoReturn
 
 from pendulum_env.lookup import find
-from workbench.mistakes import MISTAKES, InputError, sentence
+from pendulum_env.settings import use_writer
+from workbench.mistakes import MISTAKES, InputError, sentence, write_option
 from workbench.terminal import Terminal, abandon
 
 SUCCESS, BAD_INPUT, INTERRUPTED = 0, 2, 130
@@ -139,6 +140,7 @@ def _version() -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
+    before = use_writer(write_option)
     try:
         _run(sys.argv[1:] if argv is None else argv)
         print(end="", flush=True)
@@ -161,6 +163,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if of_plugin is None:
             raise
         return _complain(sentence(of_plugin), BAD_INPUT)
+    finally:
+        use_writer(before)
 
 
 def _run(argv: Sequence[str]) -> None:

@@ -26,15 +26,14 @@ from pendulum_env.files import check_output, write_whole
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.limits import collect_limits
 from pendulum_env.physics.mechanism import Mechanism
-from pendulum_env.physics.model import INERTIA_REMEDY
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.reading import Text, Unreadable, convert, read_json
 from pendulum_env.recording import Recording, Source
-from pendulum_env.recording.record import WARNING
 from pendulum_env.recording.study import named_twice, read_as, read_sources
 from pendulum_env.words import listing, plus_minus
 from workbench.mistakes import InputError
-from workbench.narrator.findings import describe_late
+from workbench.narrator.findings import GIVE_INERTIA, describe_late
+from workbench.narrator.notes import WARNING, describe_note
 from workbench.robot import RobotFile, held_text, straying
 from workbench.terminal import Terminal
 
@@ -105,8 +104,8 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
 def _collect_notes(recording: Recording) -> list[str]:
     """Collect the notes of a recording, and one on the units of an axis that slides."""
     if recording.origin is None or not recording.origin.slides:
-        return list(recording.notes)
-    return [*recording.notes, "an axis that slides: read kg for kg m^2, N for N m and m for rad"]
+        return [describe_note(note) for note in recording.notes]
+    return [*map(describe_note, recording.notes), "an axis that slides: read kg for kg m^2, N for N m and m for rad"]
 
 
 def _print_note(note: str, terminal: Terminal) -> None:
@@ -307,7 +306,7 @@ def write_model(model: Model, path: str | None, terminal: Terminal) -> str | Non
         old = ", what is there is that of before" if Path(path).is_file() else ""
         terminal.say(
             f"warning: {path} is not written{old}: inertia came out as {plus_minus(inertia.value, inertia.std)} "
-            f"{inertia.unit}, and no body has that: {INERTIA_REMEDY}",
+            f"{inertia.unit}, and no body has that: {GIVE_INERTIA[0].lower()}{GIVE_INERTIA[1:]}",
             style="yellow",
         )
         return None

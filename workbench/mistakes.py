@@ -1,5 +1,8 @@
 """Mistakes of a user, which end a command with one line, not of the program."""
 
+import shlex
+from collections.abc import Mapping
+
 from pendulum_env.mistake import Mistake
 
 
@@ -11,8 +14,19 @@ class Interrupted(KeyboardInterrupt):
     """A command was interrupted; the message says what is left of its work."""
 
 
+OPTIONS = {"fixed": "--fix", "bolted": "--base fixed"}  # of arguments that have another name in Python
 MISTAKES = (Mistake, OSError, ModuleNotFoundError)  # the last of an extra, whose name it tells
 LONGEST = 500  # characters of a sentence
+
+
+def write_option(name: str, value: object) -> str:
+    """Write an argument of the libraries as the option of a command, ready to paste."""
+    option = OPTIONS.get(name, f"--{name}")
+    if value is True:
+        return option
+    if isinstance(value, Mapping):
+        value = ",".join(f"{key}={own}" for key, own in value.items())
+    return f"{option} {shlex.quote(str(value))}"
 
 
 def sentence(mistake: Exception) -> str:

@@ -26,7 +26,8 @@ from typing import Any
 from estimators.progress import Progress
 from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import fault, plugins
-from workbench.mistakes import MISTAKES, InputError, sentence
+from pendulum_env.settings import use_writer
+from workbench.mistakes import MISTAKES, InputError, sentence, write_option
 
 LOST = "the work ended unexpectedly: try again"
 LIBRARIES = ("workbench.cli", "workbench.commands.record", "estimators.diagnosis.addition")  # of the tasks of the app
@@ -123,6 +124,7 @@ class Worker:
 def _work(connection: Connection[Any, Any], files: Sequence[Path], libraries: Sequence[str]) -> None:
     """Do the task that comes, with the users' effects that are known to who began this."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    use_writer(write_option)
     for library in libraries:
         import_module(library)
     with suppress(EOFError, OSError):  # whoever asked is gone
@@ -241,5 +243,6 @@ def local_workers(count: int) -> Iterator[Executor]:
 def _join(files: Sequence[Path]) -> None:
     """Prepare a process of a pool."""
     attend()
+    use_writer(write_option)
     for file in files:
         load_plugin(file)

@@ -27,7 +27,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.criterion import Criterion
 from estimators.signals.channel import Channel
 from pendulum_env._typing import JSON, Array
-from pendulum_env.recording import Recording
+from pendulum_env.recording import Note, NoteKind, Recording
 
 
 @dataclass(frozen=True)
@@ -154,13 +154,13 @@ class Alignment:
         own: dict[str, Any] = {quantity: values[rows] for quantity, values in recording.series.items()}
         own |= {"torque": np.concatenate(torque).reshape(shape), "is_moved": True}
         starts = tuple(np.cumsum([0, *map(len, kept[:-1])]).tolist())
-        return replace(recording, **own, starts=starts, notes=(*recording.notes, f"aligned: {self._moved}"))
+        return replace(recording, **own, starts=starts, notes=(*recording.notes, self._note))
 
     @property
-    def _moved(self) -> str:
-        """`delay 9.9 ms`, `lag 3 ms`: the parts of the law that was corrected."""
-        parts = [f"{name} {1e3 * size:.3g} ms" for name, size in (("delay", self.delay), ("lag", self.lag)) if size]
-        return "half a sample" if self.is_half else ", ".join(parts)
+    def _note(self) -> Note:
+        """Note the parts of the law that was corrected; half a sample has none."""
+        parts = {} if self.is_half else {"delay": self.delay, "lag": self.lag}
+        return Note(NoteKind.ALIGNED, numbers={name: Quantity(size, unit="s") for name, size in parts.items() if size})
 
     @property
     def finding(self) -> Finding | None:

@@ -1,11 +1,11 @@
-"""Columns that were read wrongly, by a fit to them, with the option that reads them rightly."""
+"""Columns that were read wrongly, by a fit to them, with those that read them rightly."""
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from estimators.data.regression_data import RegressionData, fit_terms
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Kind, Quantity, Remedy
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import solve
 from estimators.selection.physical import driving_friction, is_significantly_negative, significant_sign
@@ -130,10 +130,11 @@ def turned_round(model: Model, recordings: Sequence[Recording]) -> Finding | Non
     return wrong_columns(model, recordings)[0]
 
 
-def _remedies(recordings: Sequence[Recording], mended: Callable[[Origin], str | None]) -> dict[str, tuple[str, ...]]:
-    """Return options that read the recordings rightly, with the names of recordings; empty for unknown columns."""
-    names: dict[str, tuple[str, ...]] = {}
+def _remedies(recordings: Sequence[Recording], mended: Callable[[Origin], dict[str, str] | None]) -> tuple[Remedy, ...]:
+    """Return columns that read the recordings rightly; none where their columns are unknown."""
+    found: list[tuple[dict[str, str], str]] = []
     for recording in recordings:
-        if recording.origin is not None and (option := mended(recording.origin)) is not None:
-            names[option] = (*names.get(option, ()), recording.name)
-    return names
+        if recording.origin is not None and (columns := mended(recording.origin)) is not None:
+            found.append((columns, recording.name))
+    each = [columns for k, (columns, _) in enumerate(found) if columns not in [own for own, _ in found[:k]]]
+    return tuple(Remedy(columns, tuple(name for own, name in found if own == columns)) for columns in each)

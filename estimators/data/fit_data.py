@@ -27,6 +27,7 @@ from pendulum_env.arms.joints import body_of
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
+from pendulum_env.settings import Blank, setting
 
 HELD_OUT = 0.3  # end of each recording that is held out when no recording is
 MOTION = 0.5  # of the motion, that has to come before what is held out of the end of recordings
@@ -117,7 +118,7 @@ class FitData:
         if driven and unit_of(driven) != unit:
             raise IdentificationError(
                 f"{driven[0].name}: has torque, but no recording that is fitted has any: fit one with torque, or give "
-                "the inertia with --fix inertia=VALUE, and torque in N m"
+                f"the inertia, {setting('fixed', {'inertia': Blank('VALUE')})}, and torque in N m"
             )
         fitted, unseen = (_swings(part, 1.0 if inertia is None else inertia, unit) for part in (recordings, holdout))
         if inertia is not None:

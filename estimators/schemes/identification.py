@@ -45,8 +45,10 @@ from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.model import SURE
 from pendulum_env.recording import Recording
+from pendulum_env.recording.columns import NONE
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.recording.study import format_of
+from pendulum_env.settings import setting
 from pendulum_env.words import json_per, listing
 
 SCHEMA, ARM_SCHEMA = "pendulum-ident/identification@1", "pendulum-ident/arm-identification@1"
@@ -243,7 +245,7 @@ def _undriven(recordings: Sequence[Recording]) -> str:
     """Describe torque that the motion does not follow, with the option that leaves it out."""
     column = "torque" if any(own.torque.any() for own in recordings) else "load_torque"
     series = [values for own in recordings if (values := getattr(own, column)) is not None]
-    option = f"read the file without it (--columns {column}=none)"
+    option = f"read the file without it, {setting('columns', {column: NONE})}"
     if any(np.ptp(values) > CONSTANT * np.abs(values).max() for values in series):
         return f"the {column} is noise alone: {option}"
     return (

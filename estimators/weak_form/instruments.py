@@ -24,6 +24,7 @@ from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording
+from pendulum_env.settings import setting
 
 HOPELESS = 1e8  # condition number
 
@@ -82,7 +83,7 @@ def _followed(recording: Recording) -> Recording:
     """The recording as if the joint had followed the reference."""
     if recording.reference is None:
         raise IdentificationError(
-            f"{recording.name}: has no reference, which instruments are made of: name its column with --columns "
-            "reference=NAME"
+            f"{recording.name}: has no reference, which instruments are made of: name its column, "
+            f"{setting('columns', {'reference': 'NAME'})}"
         )
     return replace(recording, position=recording.reference, velocity=None)

@@ -20,8 +20,9 @@ from pendulum_env.physics.model import ARM_SCHEMA, read_estimate, read_log_forma
 from pendulum_env.physics.table import Table, read_table
 from pendulum_env.physics.term import loads
 from pendulum_env.reading import Number, Text, Unreadable, convert, read_json, shown
+from pendulum_env.settings import setting
 
-HINT = "an arm's model is what `identify --robot` or `diagnose --robot` write with -o"
+HINT = "identify or diagnose the arm to have one"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,7 +80,8 @@ class ArmModel(Model):
             raise ModelError(f"is of an arm with joints {', '.join(data.joints)}, not {', '.join(body.joints)}")
         if data.base != {parameter.name: parameter.text for parameter in body.base}:
             raise ModelError(
-                "is of other links than this robot has: give the file that it was made with, --rotors as then"
+                "is of other links than this robot has: give the file that it was made with, and "
+                f"{setting('rotors', True)} as then"
             )
         limits = read_limits(data.limits or {})
         terms = [limited_term(_term(k, data, body), limits) for k in range(len(data.terms))]

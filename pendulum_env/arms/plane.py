@@ -8,9 +8,9 @@ from pendulum_env.arms.planar import Link
 from pendulum_env.arms.robot import pinocchio
 from pendulum_env.plant import PAPER
 from pendulum_env.recording.study import GRAVITY
+from pendulum_env.settings import setting
 
 ALIKE = 1e-6  # of directions, and of lengths as shares of the arm's
-ELSEWHERE = "simulate it in MuJoCo, --backend mujoco"
 
 
 def friction_of(body: Body, shares: Array | None = None) -> list[tuple[float, float]]:
@@ -32,7 +32,9 @@ def planar_links(body: Body) -> tuple[Link, ...]:
     body.refuse_impossible_links()
     model, pin, count = body.model, pinocchio(), len(body.joints)
     if list(model.parents)[1:] != list(range(count)):  # nor do any follow others
-        raise BodyError(f"{body.name}: branches, the simulator knows chains only: {ELSEWHERE}")
+        raise BodyError(
+            f"{body.name}: branches, the simulator knows chains only: simulate it with {setting('backend', 'mujoco')}"
+        )
     gravity, data = np.array(model.gravity.linear), model.createData()
     jacobian = np.reshape(pin.computeJointJacobians(model, data, np.zeros(count)), (6, count))  # of one joint, flat
     axes = jacobian[3:].T  # in space, all joints at zero
@@ -41,13 +43,14 @@ def planar_links(body: Body) -> tuple[Link, ...]:
         if abs(axis @ up) > ALIKE or axis @ axes[0] < 1 - ALIKE:
             raise BodyError(
                 f"{body.name}: joint '{joint}' does not turn in a vertical plane that all joints share, and the "
-                f"simulator knows planar arms only: {ELSEWHERE}"
+                f"simulator knows planar arms only: simulate it with {setting('backend', 'mujoco')}"
             )
     if abs(np.linalg.norm(gravity) - GRAVITY) > ALIKE * GRAVITY:
         raise BodyError(f"{body.name}: has another gravity than {GRAVITY:g} m/s^2, which the simulator has")
     if np.any(np.asarray(model.armature) > 0):
         raise BodyError(
-            f"{body.name}: motors have inertia of their own, which the simulator does not know: {ELSEWHERE}"
+            f"{body.name}: motors have inertia of their own, which the simulator does not know: "
+            f"simulate it with {setting('backend', 'mujoco')}"
         )
     plane = np.stack([np.cross(up, axes[0]), up])  # right and up, (2, 3)
     places = list(data.oMi)[1:]

@@ -18,15 +18,16 @@ from pendulum_env.physics.term import ROOM
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import NONE, UNUSED, check_named, named_column
 from pendulum_env.recording.errors import ColumnError
+from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.storage import Readable, describe_reading, label_of
 from pendulum_env.recording.study import Source
+from pendulum_env.settings import Blank, setting
 
 QUANTITIES = ("position", "torque")
 OF_JOINTS = (*QUANTITIES, "temperature")  # the last where there are any
 STILL = 0.01  # [rad] or [m], within which a joint is held
-CURRENT = ", as torque_JOINT=NAME:A*0.4 if it is a current"  # for --columns
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -129,14 +130,14 @@ def read_arm_recording(
     first = single[0]
     measured = [own.temperature for own in single]
     warm = np.column_stack([np.full(len(first), ROOM) if own is None else own for own in measured])
-    notes = [note for own in single for note in own.notes]
+    notes = [_note_of_joint(joint, note) for joint, own in zip(joints, single, strict=True) for note in own.notes]
     columns_of = {joint: named.get(f"position_{joint}", UNUSED) for joint in held}
     return ArmRecording(
         first.time,
         np.column_stack([own.position for own in single]),
         np.column_stack([own.torque for own in single]),
         name=name or first.name,
-        notes=tuple(dict.fromkeys(notes)),
+        notes=tuple(note for k, note in enumerate(notes) if note not in notes[:k]),
         temperature=None if all(own is None for own in measured) else warm,
         starts=first.starts,
         start_date=first.start_date,
@@ -222,11 +223,20 @@ def _read_joint(source: Readable, look: Preview, joint: str, named: Mapping[str,
         text = _of_joint(joint, str(error).removeprefix(f"{label}: "))
         raise RecordingError(f"{label}: joint '{joint}': {text}") from None
     if read.torque_unit != NEWTON_METRE:
-        column = own["torque"].replace("*?", "*0.4")
+        columns = {f"torque_{joint}": own["torque"].replace("*?", "*0.4")}
         raise ColumnError(
-            f"{label}: joint '{joint}' has no torque constant: give it, as in --columns torque_{joint}={column}"
+            f"{label}: joint '{joint}' has no torque constant: give it, as in {setting('columns', columns)}"
         )
-    return replace(read, notes=tuple(_of_joint(joint, note) for note in read.notes))
+    return read
+
+
+def _note_of_joint(joint: str, note: Note) -> Note:
+    """A note on columns of one joint, by their names in the file."""
+    quantities = (f"{own}_{joint}" if own in OF_JOINTS else own for own in note.quantities)
+    named = {q: text for q, text in note.columns.items() if text != UNUSED}
+    columns = {f"{q}_{joint}" if q in OF_JOINTS else q: text for q, text in named.items()}
+    text = _of_joint(joint, note.text) if note.kind is NoteKind.IMPLAUSIBLE else note.text
+    return replace(note, quantities=tuple(quantities), columns=columns, text=text)
 
 
 def _still(label: str, look: Preview, text: str) -> Array:
@@ -237,7 +247,8 @@ def _still(label: str, look: Preview, text: str) -> Array:
         raise ColumnError(f"{label}: {error}") from None
     values = look.values[column.index]
     if values is None or not np.isfinite(values).any():
-        raise ColumnError(f"{label}: column {column.header!r} has no numbers: say --columns position_JOINT={NONE}")
+        option = setting("columns", {"position_JOINT": NONE})
+        raise ColumnError(f"{label}: column {column.header!r} has no numbers: leave it out, {option}")
     return np.asarray(column.scale * values[np.isfinite(values)] + column.offset)
 
 
@@ -256,7 +267,7 @@ def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str]
     """
     if source.load is not None:
         raise RecordingError(
-            f"{source.file}: `load` is of one joint: leave it out, `compare --payload` identifies what an arm carries"
+            f"{source.file}: `load` is of one joint: leave it out; what an arm carries is identified as its payload"
         )
     return source.within_range(_of_arm, tuple(joints), tuple(held))
 
@@ -291,11 +302,13 @@ def _named(
             found |= {f"{quantity}_{joint}": plain[name] for joint, name in zip(joints, numbered, strict=True)}
         elif missing and quantity in QUANTITIES:
             need = "joints need as many columns" if len(joints) > 1 else "joint needs a column"
-            current = CURRENT if quantity == "torque" else ""
+            first = f"{quantity}_{missing[0]}"
+            option = setting("columns", {first: "NAME:A*0.4" if quantity == "torque" else "NAME"})
+            current = " (a current, by its torque constant)" if quantity == "torque" else ""
             raise ColumnError(
                 f"{label}: {len(joints)} {need} of {quantity}, there is none for {', '.join(missing)} among "
-                f"{', '.join([*plain][:12])}: name them {quantity}_{missing[0]} and so on, say which with "
-                f"--columns{current}, or hold joints by naming those that move, --joints A,B,C"
+                f"{', '.join([*plain][:12])}: name them {first} and so on, say which with "
+                f"{option}{current}, or hold joints by naming those that move, {setting('joints', Blank('A,B,C'))}"
             )
         for header in plain:
             if header.startswith(f"{quantity}_") and header not in wanted and plain[header] not in found.values():

@@ -26,6 +26,7 @@ from pendulum_env.physics.table import Curve, Table, read_table, refuse_held
 from pendulum_env.physics.term import Column, Samples, Term
 from pendulum_env.physics.terms import with_nonlinear_values
 from pendulum_env.reading import Number, Text, Unreadable, convert, read_json, shown
+from pendulum_env.settings import Blank, setting
 from pendulum_env.words import per, plus_minus
 
 SCHEMA = "pendulum-ident/model@1"
@@ -38,7 +39,6 @@ class ModelError(Mistake):
 
 SURE = 3.0  # standard errors by which a known inertia differs from zero
 NO_INERTIA = "the model lacks the term inertia: add it"
-INERTIA_REMEDY = "record faster reversals, or give its value (--fix inertia=VALUE)"
 
 
 @dataclass(frozen=True, repr=False)
@@ -307,7 +307,10 @@ class Model(Mapping[str, Estimate]):
             raise ModelError(NO_INERTIA)
         if not self.has_known_inertia:
             best = replace(self.estimates["inertia"], is_unknown=False)
-            raise ModelError(f"the inertia is unknown, the best fit has {best}: {INERTIA_REMEDY}")
+            raise ModelError(
+                f"the inertia is unknown, the best fit has {best}: record faster reversals, or give its value "
+                f"({setting('fixed', {'inertia': Blank('VALUE')})})"
+            )
 
     def simulate(
         self, period: float, torque: Array, position: ArrayLike, velocity: ArrayLike, start: ArrayLike = 0.0
@@ -354,7 +357,8 @@ class Model(Mapping[str, Estimate]):
         if not isinstance(data, dict) or data.get("schema") != SCHEMA:
             if isinstance(data, dict) and data.get("schema") == ARM_SCHEMA:
                 raise ModelError(
-                    "this is a model of an arm, of which a pendulum has no use: commands take it with --robot"
+                    "this is a model of an arm, of which a pendulum has no use: give the arm, "
+                    f"{setting('robot', 'ARM.urdf')}"
                 )
             raise ModelError(f"this is not a model: 'schema' should be {SCHEMA}")
         try:
@@ -374,7 +378,7 @@ class Model(Mapping[str, Estimate]):
             ModelError: if the file is missing, is no JSON or is no model; the message names the file.
         """
         try:
-            return cls.from_json(read_json(path, "a model file is what `identify -o` or `diagnose -o` writes"))
+            return cls.from_json(read_json(path, "write a model by its `save`"))
         except Unreadable as error:
             raise ModelError(str(error)) from None
         except ModelError as error:

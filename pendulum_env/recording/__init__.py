@@ -1,13 +1,15 @@
 """Recordings of a pendulum: one record type, alone or together as a study, read from files and written to them."""
 
-from pendulum_env.recording import recording_card as recording_card  # registers how a notebook shows a recording
 from pendulum_env.recording.errors import RecordingError
+from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.record import Load, Recording
 from pendulum_env.recording.storage import read_recording, write_recording
 from pendulum_env.recording.study import Source, Study, StudyError, read_study, write_study
 
 __all__ = [
     "Load",
+    "Note",
+    "NoteKind",
     "Recording",
     "RecordingError",
     "Source",

@@ -1,11 +1,14 @@
 """The unit of an angle, by the motion: gravity acts with the sine of radians."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from pendulum_env._typing import Array, Mask
 from pendulum_env.filters import savitzky_golay
+from pendulum_env.quantity import Quantity
+from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.vocabulary import UNITS
 
 DEGREE, TURN = UNITS["position"]["deg"], UNITS["position"]["rev"]  # [rad]
@@ -22,13 +25,27 @@ class UnitSuspicion:
     """Another unit than radians that a motion shows."""
 
     unit: str  # deg or rev
-    text: str  # what shows it
+    range: tuple[float, float]  # of the angle, as it was read [rad]
+    residual: float  # of gravity in that unit, in the proportion to that in radians
     is_certain: bool = True  # else a spring over radians explains the motion as well
 
     @property
     def name(self) -> str:
         """`degrees` or `turns`."""
         return {"deg": "degrees", "rev": "turns"}[self.unit]
+
+    @property
+    def text(self) -> str:
+        """Sign of that unit, as the subject of an error."""
+        if self.unit == "rev":
+            return f"gravity acts on position as on turns, with a residual of {self.residual:.1%} of that in radians"
+        low, high = self.range
+        return f"position runs from {low:.4g} to {high:.4g} and gravity acts on it as on degrees"
+
+    def note(self, columns: Mapping[str, str]) -> Note:
+        """Note that the angle may have that unit, with the columns that read it so."""
+        low, high = (Quantity(end, unit="rad") for end in self.range)
+        return Note(NoteKind.MAY_BE_DEGREES, ("position",), {"low": low, "high": high}, columns=columns)
 
 
 @dataclass(frozen=True)
@@ -112,8 +129,7 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
             and fit.has_wave_number(TURN)
         )
         if radians > 1e-3 * np.sqrt(len(q)) and (other < CLEAR * radians or is_bent):
-            share = f"{other / max(radians, gravity):.1%} of that in radians"
-            return UnitSuspicion("rev", f"gravity acts on position as on turns, with a residual of {share}")
+            return UnitSuspicion("rev", _range(position), other / max(radians, gravity))
     return _suspect_degrees(position, fit)
 
 
@@ -131,7 +147,8 @@ def _suspect_degrees(position: Array, fit: AccelerationFit) -> UnitSuspicion | N
     spare = 0.01 * none  # what is left of next to nothing is no matter
     if degrees + spare >= 0.96 * (min(other, none) + spare):
         return None
-    reach = f"position runs from {position.min():.4g} to {position.max():.4g}"
-    if np.ptp(position) <= WOUND:
-        return UnitSuspicion("deg", f"{reach} and is taken as radians, on which a spring acts", is_certain=False)
-    return UnitSuspicion("deg", f"{reach} and gravity acts on it as on degrees")
+    return UnitSuspicion("deg", _range(position), degrees / radians, is_certain=bool(np.ptp(position) > WOUND))
+
+
+def _range(position: Array) -> tuple[float, float]:
+    return float(position.min()), float(position.max())

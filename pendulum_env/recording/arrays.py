@@ -19,6 +19,7 @@ from pendulum_env.reading import shown
 from pendulum_env.recording.clock import count_seconds
 from pendulum_env.recording.columns import add_labels
 from pendulum_env.recording.errors import RecordingError
+from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.table import WIDEST, Find, Table, first_date, is_text, need, numbers
 from pendulum_env.recording.text import may_be_number, read_cells
 from pendulum_env.recording.vocabulary import INDICES
@@ -253,7 +254,7 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
     notes = []
     if samples == {len(values["time"]) - 1}:
         values["time"] = values["time"][:-1]
-        notes.append("time has one stamp more than there are samples: the last is left out")
+        notes.append(Note(NoteKind.STAMP_TOO_MANY))
     if len({len(array) for array in values.values()}) > 1:
         lengths = ", ".join(f"{quantity} {len(array)}" for quantity, array in values.items())
         raise RecordingError(f"the arrays differ in length ({lengths}): store one value of each per sample")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
 from pendulum_env.recording.columns import Column
+from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.table import WIDEST, Find, Table, need
 
 TIME = "time"  # the name of the column that every message has
@@ -83,7 +84,7 @@ def _series(reader: Any, topic: str, fields: Sequence[str]) -> tuple[NDArray[np.
 
 def _merged(
     columns: dict[str, Column], owners: Sequence[tuple[str, str]], series: Any
-) -> tuple[dict[str, Array], tuple[str, ...]]:
+) -> tuple[dict[str, Array], tuple[Note, ...]]:
     topic, _ = owners[columns["position"].index - 1]
     base = series[topic][0]
     values: dict[str, Array] = {}
@@ -102,7 +103,7 @@ def _merged(
         else:
             values[quantity] = np.interp(1e-9 * (base - base[0]), 1e-9 * (stamps - base[0]), fields[field])
         if other != topic:
-            notes.append(f"{quantity} is taken from {other} at the times of {topic}")
+            notes.append(Note(NoteKind.OTHER_TOPIC, (quantity,), headers=(other, topic)))
     return values, tuple(notes)
 
 

@@ -13,8 +13,10 @@ from pendulum_env.reading import LARGE
 from pendulum_env.recording.angle_unit import suspect_unit
 from pendulum_env.recording.clock import STEPS, find_plausible_unit
 from pendulum_env.recording.errors import ColumnError, RecordingError
+from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import Recording
+from pendulum_env.settings import setting
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,11 @@ VELOCITY_FACTORS = (  # slope of position over velocity, if one of them has anot
     ("velocity", "rev/s", 2 * np.pi),
     ("velocity", "rpm", 2 * np.pi / 60),
 )
-UNWRAP = "read it with --unwrap (unwrap=True)"  # what mends a wrapped angle, on the command line and in Python
+
+
+def _option(columns: Mapping[str, str]) -> str:
+    """Name columns that mend a recording."""
+    return setting("columns", columns)
 
 
 def refuse_absurd(values: Mapping[str, Array]) -> None:
@@ -61,7 +67,7 @@ def refuse_large_current(values: Array, origin: Origin) -> None:
     if column.is_current_by_guess and most > BOUNDS.current:
         raise ColumnError(
             f"the current of column {column.header!r} reaches {most:.4g}, too much in A: read it with "
-            f"{origin.in_unit('torque', 'mA')} if it is in mA, or give the unit in the name of the column"
+            f"{_option(origin.in_unit('torque', 'mA'))} if it is in mA, or give the unit in the name of the column"
         )
 
 
@@ -91,7 +97,7 @@ def refuse_too_short(recording: Recording, origin: Origin) -> None:
 def _time_unit(period: float, origin: Origin) -> str:
     """Name the unit of time in which steps of that many seconds, as they were read, become plausible."""
     unit = find_plausible_unit(period / origin.columns["time"].scale)
-    return "" if unit is None else f"read it with {origin.in_unit('time', unit)} if time is in {unit}, or "
+    return "" if unit is None else f"read it with {_option(origin.in_unit('time', unit))} if time is in {unit}, or "
 
 
 def refuse_still(position: Array) -> None:
@@ -113,10 +119,11 @@ def refuse_jumps(position: Array, rows: Index, starts: Sequence[int], origin: Or
     what = f"position jumps by {size:.4g} rad from one sample to the next at data row {row} (header not counted)"
     if np.ptp(position) < 2 * np.pi + 0.1 or abs(size - 2 * np.pi) < 0.5:
         if not allow_wrapped:
-            raise RecordingError(f"{what}, as an angle wrapped at 2 pi does: {UNWRAP}")
+            raise RecordingError(f"{what}, as an angle wrapped at 2 pi does: read it with {setting('unwrap', True)}")
     elif 270 < size < 361:
         raise ColumnError(
-            f"{what}, as an angle wrapped at 360 degrees does: {UNWRAP}, and with {origin.in_unit('position', 'deg')}"
+            f"{what}, as an angle wrapped at 360 degrees does: read it with {setting('unwrap', True)}, and with "
+            f"{_option(origin.in_unit('position', 'deg'))}"
         )
     else:
         raise ColumnError(f"{what}: {_in_degrees(origin)}, or repair the glitch if it is one")
@@ -136,7 +143,7 @@ def refuse_too_fast(recording: Recording, origin: Origin) -> None:
             )
 
 
-def doubt_unit(recording: Recording, origin: Origin) -> tuple[str, ...]:
+def doubt_unit(recording: Recording, origin: Origin) -> tuple[Note, ...]:
     """Refuse turns or degrees that were read as radians; a note says where a spring over radians may be meant."""
     if not origin.could_be_degrees():
         return ()
@@ -146,7 +153,7 @@ def doubt_unit(recording: Recording, origin: Origin) -> tuple[str, ...]:
     if found is None:
         return ()
     if not found.is_certain:
-        return (f"{found.text}; if it is {found.name}, read it with {origin.in_unit('position', found.unit)}",)
+        return (found.note(origin.in_unit("position", found.unit)),)
     raise ColumnError(f"{found.text}: {_told(origin, found.unit)}")
 
 
@@ -157,16 +164,16 @@ def _in_degrees(origin: Origin) -> str:
 
 def _advise_unit(origin: Origin, unit: str) -> str:
     if origin.are_counts:
-        return f"read it with {origin.in_counts()} if an encoder counts 4096 to a turn"
+        return f"read it with {_option(origin.in_counts())} if an encoder counts 4096 to a turn"
     name = {"deg": "degrees", "rev": "turns"}[unit]
-    return f"read it with {origin.in_unit('position', unit)} if it is in {name}"
+    return f"read it with {_option(origin.in_unit('position', unit))} if it is in {name}"
 
 
 def _told(origin: Origin, unit: str = "deg") -> str:
     """The same, and how to say that the guess was right."""
     is_guess = not origin.columns["position"].is_unit_told
     advice = _advise_unit(origin, unit) if origin.could_be_degrees() else _in_degrees(origin)
-    return advice + (f", with {origin.in_unit('position', 'rad')} if it is not" if is_guess else "")
+    return advice + (f", with {_option(origin.in_unit('position', 'rad'))} if it is not" if is_guess else "")
 
 
 def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
@@ -177,7 +184,7 @@ def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
     if away > BOUNDS.followed:
         raise ColumnError(
             f"the goal is {away:.3g} rad away from the position, as if in other units or from another zero: say them "
-            f"as those of the position, {origin.in_unit('reference', 'deg')} for one"
+            f"as those of the position, {_option(origin.in_unit('reference', 'deg'))} for one"
         )
 
 
@@ -195,8 +202,9 @@ def refuse_torque_twice(recording: Recording, origin: Origin) -> None:
     if (correlation := float(np.corrcoef(pair)[0, 1])) > BOUNDS.same:
         raise ColumnError(
             f"load_torque, from column {origin.columns['load_torque'].header!r}, follows torque ({correlation:.3f} "
-            f"correlated), and both would add up: read it with {origin.without('load_torque')} if it measures the "
-            f"torque of the motor, with {origin.confirmed('load_torque')} if another machine applies it"
+            f"correlated), and both would add up: read it with {_option(origin.without('load_torque'))} if it "
+            f"measures the torque of the motor, with {_option(origin.confirmed('load_torque'))} if another machine "
+            "applies it"
         )
 
 
@@ -206,7 +214,7 @@ def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
         _moved(part.rate, part.position, part.velocity) for part in recording.segments if part.velocity is not None
     ]
     moved, expected = (np.concatenate(both) for both in zip(*pairs, strict=True))  # [rad]
-    remedy = f"mend it, or do without it, which is optional: {origin.without('velocity')}"
+    remedy = f"mend it, or do without it, which is optional: {_option(origin.without('velocity'))}"
     with np.errstate(over="ignore", invalid="ignore"):  # absurd values are no correlation
         size = float(np.linalg.norm(moved) * np.linalg.norm(expected))
         correlation = float(moved @ expected / size) if 0 < size < np.inf else 0.0
@@ -218,13 +226,13 @@ def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
         return
     ratio = float(correlation * np.linalg.norm(moved) / np.linalg.norm(expected))
     if correlation < 0:
-        turned = origin.turned("velocity")
+        turned = _option(origin.turned("velocity"))
         raise ColumnError(f"velocity has the opposite sign of the slope of position: read it with {turned}")
     for quantity, unit, factor in VELOCITY_FACTORS:
         if 0.9 < ratio / factor < 1.1 or (unit[:3] == "deg" and 0.7 < ratio / factor < 1.4):
             raise ColumnError(
                 f"velocity is {1 / ratio:.3g} times the slope of position, as if {quantity} were in {unit}: read it "
-                f"with {origin.in_unit(quantity, unit)}"
+                f"with {_option(origin.in_unit(quantity, unit))}"
             )
     if not 0.5 < ratio < 2:
         raise ColumnError(f"velocity is {1 / ratio:.3g} times the slope of position: {remedy}")

@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.quantity import Quantity
 from pendulum_env.recording.clock import UNKNOWN, Clock, format_distinct
 from pendulum_env.recording.errors import RecordingError
+from pendulum_env.recording.notes import NAMED, Note, NoteKind
 from pendulum_env.recording.vocabulary import QUANTITIES
-from pendulum_env.words import listing
 
 OPTIONAL = QUANTITIES[3:]  # that a recording can do without
 HELD = ("torque", "enabled")  # quantities that stay until they are told anew
@@ -18,7 +19,6 @@ HELD = ("torque", "enabled")  # quantities that stay until they are told anew
 class CleaningSettings:
     """What is a glitch, a stale value or a repeated time."""
 
-    named: int = 5  # places, as many as a note names
     far: float = 10.0  # times what the neighbours and the rest of the recording show, from which a sample is a glitch
     pause: float = 1.0  # [s] between runs whose clocks all begin anew
     moving: float = 3.0  # times the usual deviation from steady motion that a step has, if the joint is sure to move
@@ -46,7 +46,7 @@ class Log:
     """
 
     values: dict[str, Array]
-    notes: list[str] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
     starts: tuple[int, ...] = (0,)
     clock: Clock = UNKNOWN
 
@@ -75,7 +75,7 @@ def hold_unchanged(log: Log) -> None:
         _is_coarse(steps[quantity]) and not _is_lost(log.values[quantity]) for quantity in others
     ):
         held += others
-        log.notes.append("empty cells hold the last value: the file repeats no value")
+        log.notes.append(Note(NoteKind.CELLS_HELD))
     for quantity in held:
         log.values[quantity] = _held_on(log.values[quantity], ~np.isnan(log.values[quantity]))
 
@@ -113,8 +113,8 @@ def aligned(log: Log, fewest: int) -> None:
     here = np.isfinite(values["position"])
     if np.count_nonzero(here) < fewest:
         return
-    notes = []
-    for quantity in values.keys() - {"time", "position", "segment"}:
+    notes = list[Note]()
+    for quantity in sorted(values.keys() - {"time", "position", "segment"}):
         sound = np.isfinite(values[quantity]) & np.isfinite(values["time"])
         if here.all() or np.count_nonzero(sound & here) > 0.5 * min(np.count_nonzero(here), np.count_nonzero(sound)):
             continue
@@ -122,12 +122,11 @@ def aligned(log: Log, fewest: int) -> None:
             values[quantity] = _held_on(values[quantity], sound)
         elif sound.any():
             values[quantity] = np.interp(values["time"], values["time"][sound], values[quantity][sound])
-        how = "as it was last" if quantity in HELD else "by interpolation"
-        notes.append(f"{quantity} stands in other rows than position: taken {how}")
+        notes.append(Note(NoteKind.OTHER_ROWS, (quantity,), text="held" if quantity in HELD else "interpolated"))
     if notes:
         log.values = values
         log.keep(here)
-        log.notes += sorted(notes)
+        log.notes += notes
 
 
 def finite(log: Log, fewest: int) -> None:
@@ -140,7 +139,7 @@ def finite(log: Log, fewest: int) -> None:
     """
     count = len(log.values["time"])
     good, kept = np.ones(count, dtype=np.bool_), {}
-    spoilt: dict[str, list[str]] = {}  # quantities by how they are spoilt and where
+    spoilt: dict[tuple[str, bytes], list[str]] = {}  # quantities by how they are spoilt and where
     for quantity, column in log.values.items():
         sound = np.isfinite(column)
         if sound.all():
@@ -150,7 +149,8 @@ def finite(log: Log, fewest: int) -> None:
         first = int(np.argmin(sound))
         came = "empty or NaN" if np.isnan(column[first]) else "infinite"
         if quantity in OPTIONAL and missing > count / 2:
-            log.notes.append(f"{quantity} is left out: it is {came} in {missing} of {count} rows")
+            numbers = {"count": Quantity(missing), "rows": Quantity(count)}
+            log.notes.append(Note(NoteKind.SPARSE, (quantity,), numbers, text=came))
             continue
         if count - missing < min(fewest, count / 2):
             raise RecordingError(
@@ -159,8 +159,10 @@ def finite(log: Log, fewest: int) -> None:
             )
         kept[quantity] = column
         good &= sound
-        spoilt.setdefault(f"{came} in {rows_of(log.rows[~sound])}: left out", []).append(quantity)
-    log.notes += [f"{listing(own)} {'is' if len(own) == 1 else 'are'} {where}" for where, own in spoilt.items()]
+        spoilt.setdefault((came, sound.tobytes()), []).append(quantity)
+    for (came, where), own in spoilt.items():
+        rows = log.rows[~np.frombuffer(where, dtype=np.bool_)]
+        log.notes.append(note_rows(NoteKind.SPOILT, rows, *own, text=came))
     if np.count_nonzero(good) < min(fewest, count):
         raise RecordingError(
             f"fewer than {fewest} rows have all of time, position and torque: write them in the same rows"
@@ -198,7 +200,7 @@ def ordered(log: Log) -> None:
     if np.count_nonzero(new) < 2:
         raise RecordingError(f"time is {time[0]:.15g} s in every row: write it with more decimals")
     if not new.all():
-        log.notes.append(f"time repeats that of the row before in {rows_of(log.rows[~new])}: left out")
+        log.notes.append(note_rows(NoteKind.TIME_REPEATED, log.rows[~new]))
         log.keep(new)
 
 
@@ -215,7 +217,7 @@ def leave_out_hold(log: Log, position: Array) -> None:
     near, far = (float(time[np.argmax(moved > share)]) for share in (0.01, 0.09))
     release = (3 * near - far) / 2
     if release > max(CLEANING.held, far - release) / 2:
-        log.notes.append(f"position is held until {release:.2f} s: left out, for the swing is free from there on")
+        log.notes.append(Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": Quantity(release, unit="s")}))
         log.keep(time >= release)
 
 
@@ -234,23 +236,19 @@ def sound(log: Log, position: Array) -> None:
     """
     usual = usual_bend(position)
     good = np.ones(len(position), dtype=np.bool_)
-    for what, at in (
-        ("jumps for one sample", _glitches(position, usual)),
-        ("stays behind while the joint moves on", _stale(position, usual)),
+    for kind, at in (
+        (NoteKind.GLITCHES, _glitches(position, usual)),
+        (NoteKind.STALE, _stale(position, usual)),
     ):
         if len(at):
-            log.notes.append(f"position {what} in {rows_of(log.rows[at])}: left out")
+            log.notes.append(note_rows(kind, log.rows[at], "position"))
             good[at] = False
     log.keep(good)
 
 
-def rows_of(rows: Index) -> str:
-    """`data row 12`, or `3 data rows (12, 14 and 20)`."""
-    if len(rows) == 1:
-        return f"data row {rows[0]}"
-    more = len(rows) - CLEANING.named
-    named = [*map(str, rows[: CLEANING.named]), *([f"{more} more"] if more > 0 else [])]
-    return f"{len(rows)} data rows ({listing(named)})"
+def note_rows(kind: NoteKind, rows: Index, *quantities: str, text: str = "") -> Note:
+    """Make a note of rows of the file."""
+    return Note(kind, quantities, {"count": Quantity(len(rows))}, places=tuple(rows[:NAMED].tolist()), text=text)
 
 
 def usual_bend(position: Array) -> float:

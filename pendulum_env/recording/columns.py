@@ -7,10 +7,10 @@ than a guess. Users name columns as they stand in the file, with what is to be d
 """
 
 import re
-import shlex
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from pendulum_env.quantity import Quantity
 from pendulum_env.reading import shown
 from pendulum_env.recording.errors import ColumnError
 from pendulum_env.recording.expression import (
@@ -21,10 +21,9 @@ from pendulum_env.recording.expression import (
     letters,
     parse,
 )
+from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.vocabulary import (
     ALIASES,
-    GAIN_TO_FIND,
-    GAINS,
     HEADER,
     INDICES,
     LABELS,
@@ -47,6 +46,7 @@ from pendulum_env.recording.vocabulary import (
     WORD,
     Rank,
 )
+from pendulum_env.settings import setting
 from pendulum_env.words import along
 
 ADDED = re.compile(
@@ -57,7 +57,6 @@ COUNTERS = ("sample", "samples", "samplenumber", "sampleindex", "frame", "framen
 QUOTED = 40  # characters of a header, of which a sentence may name a dozen
 NONE = "none"  # in the place of a column: the quantity is left out, whatever the names of columns are
 UNUSED = "unused"  # an older word for the same, but of a torque
-LINKS = "identify and diagnose take an arm's links with --robot ARM.urdf (read_arm_recording), or "
 
 
 @dataclass(frozen=True)
@@ -105,27 +104,27 @@ class Column:
         return _raw_unit(self.unit or "duty")
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Note, ...]:
         """What a user should know about how this column was read."""
-        notes = []
+        notes, own, header = [], (self.quantity,), (self.header,)
         if self.expression is not None and (
             self.expression.factors or self.expression.offset or self.expression.negative
         ):
-            notes.append(f"{self.quantity} is {self.expression}")
+            notes.append(Note(NoteKind.TRANSFORMED, own, text=str(self.expression)))
         elif self.scale != 1.0:
             si = SI[self.quantity]
             unit = along(si) if self.unit in LINEAR.get(self.quantity, {}) else si
-            notes.append(f"{self.quantity} converted to {unit} from column {self.header!r}")
+            notes.append(Note(NoteKind.CONVERTED, own, headers=header, text=unit))
         if self.result_unit != SI[self.quantity]:
-            notes.append(f"{self.quantity} is in {self.result_unit}, its gain to be found")
+            notes.append(Note(NoteKind.GAIN_UNKNOWN, own, text=self.result_unit))
         if self.rank is Rank.COMMANDED and letters(self.header) != "u":  # which never means anything else
-            notes.append(f"torque is the commanded one, from column {self.header!r}")
+            notes.append(Note(NoteKind.COMMANDED_TORQUE, own, headers=header))
         if self.quantity == "torque" and NAMES.get(letters(self.header), ("",))[0] == "load_torque":
-            notes.append(f"torque is that of column {self.header!r}: the log has no other torque")
+            notes.append(Note(NoteKind.LOAD_TORQUE_ALONE, own, headers=header))
         if self.quantity == "load_torque":
-            notes.append(f"column {self.header!r} is read as a load torque, which adds to torque")
+            notes.append(Note(NoteKind.LOAD_TORQUE, own, headers=header))
         for other in self.passed_over:
-            notes.append(f"{self.quantity} is taken from column {self.header!r}; {other!r} is there too")
+            notes.append(Note(NoteKind.PASSED_OVER, own, headers=(self.header, other)))
         return tuple(notes)
 
 
@@ -141,7 +140,6 @@ def find_columns(
     output: str | None = None,
     *,
     wordy: Collection[int] = (),
-    is_file: bool = True,
 ) -> dict[str, Column]:
     """Column by quantity: time, position, torque, and those of `OPTIONAL` if there are.
 
@@ -154,7 +152,6 @@ def find_columns(
         output: of a known controller that followed the reference: then the reference is needed, and torque is what
             the user names, or else a column of that output.
         wordy: places of columns that hold no numbers; they give way to others.
-        is_file: whether they are of a file; errors of a table in memory show the call in Python.
 
     Raises:
         ColumnError: if one is missing, if two fit the same quantity, or if one needs a gain that is not given.
@@ -188,7 +185,7 @@ def find_columns(
             names = " and ".join(shown(c.header.strip(), QUOTED) for c in candidates[:3])
             raise ColumnError(
                 f"columns {names} could {'both' if len(candidates) == 2 else 'all'} be {quantity}: "
-                f"say which with {_option({**told, quantity: 'NAME'}, is_file)}"
+                f"say which with {setting('columns', {**told, quantity: 'NAME'})}"
             )
         if candidates:
             others = tuple(c.header for c in fitting if c not in candidates and c.index not in wordy)
@@ -209,24 +206,26 @@ def find_columns(
         if missing == ["reference"]:
             raise ColumnError(
                 f"no column for the goal (goal, reference) among {_listed(headers)}: say which with "
-                f"{_option({**told, 'reference': 'NAME'}, is_file)}"
+                f"{setting('columns', {**told, 'reference': 'NAME'})}"
             )
         free = [header for k, header in enumerate(headers) if k not in used and k not in wordy]
         hints = [hint for quantity in missing for hint in _in_unit(quantity, free) or _raw(quantity, headers)]
-        option = _option({**told, **dict.fromkeys(missing, "NAME")}, is_file)
+        option = setting("columns", {**told, **dict.fromkeys(missing, "NAME")})
         plain = (
             f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or say which with {option}"
         )
         counter = next((header.strip() for header in headers if letters(header) in COUNTERS), None)
         if "time" in missing and counter is not None:
-            hints = [f"if {shown(counter, QUOTED)} counts samples, --columns time={counter}/RATE with their rate [Hz]"]
+            time = setting("columns", {"time": f"{counter}/RATE"})
+            hints = [f"if {shown(counter, QUOTED)} counts samples, {time} with their rate [Hz]"]
         if len(joints := _joints(headers)) > 1:
-            hints = [f"there are some for {_listed(joints)}: {LINKS}for one joint say which with {option}"]
+            robot = setting("robot", "ARM.urdf")
+            hints = [f"there are some for {_listed(joints)}: an arm needs {robot}, one joint needs {option}"]
         if hints and counter is None:
-            unnamed = [q for q in missing if not any(f" {q}=" in hint for hint in hints)]
+            unnamed = [q for q in missing if not any(re.search(rf"\b{q}\b['=]", hint) for hint in hints)]
             hints += [f"say which is {q} with {q}=NAME" for q in unnamed]
         if missing == ["torque"]:
-            without = _option({**told, "torque": NONE}, is_file).removesuffix(" (columns=...)")
+            without = setting("columns", {**told, "torque": NONE})
             hints = hints or [f"say which with {option}"]
             hints[-1] += f", or {without} if nothing drives the joint"
         elif "torque" in missing and len(joints) < 2:
@@ -265,28 +264,22 @@ def _match_element(position: Column | None, candidates: Sequence[Column]) -> lis
     return found if len(found) == 1 else []
 
 
-def _option(said: Mapping[str, str], is_file: bool) -> str:
-    """Write columns by quantity as the option of a command, or of a table in memory as a call."""
-    if not is_file:
-        return f"read_recording(source, columns={dict(said)})"
-    return f"--columns {shlex.quote(','.join(f'{quantity}={text}' for quantity, text in said.items()))} (columns=...)"
-
-
 def _match_path(position: Column, candidates: Sequence[Column]) -> list[Column]:
     """Select the columns that stand in the structure or group of position."""
     path = re.split(r"[/.][^/.]*$", position.header)[0]
     return [column for column in candidates if re.split(r"[/.][^/.]*$", column.header)[0] == path]
 
 
-def describe_ambiguous_velocity(
+def note_ambiguous_velocity(
     headers: Sequence[str], columns: Mapping[str, Column], named: Mapping[str, str]
-) -> tuple[str, ...]:
-    """Describe a velocity that several columns could be, so that none was taken."""
+) -> tuple[Note, ...]:
+    """Note a velocity that several columns could be, so that none was taken."""
     fitting = _most_direct(_fitting("velocity", headers, {column.index for column in columns.values()}))
     if "velocity" in columns or "velocity" in named or len(fitting) < 2:
         return ()
-    names = " and ".join(shown(column.header, QUOTED) for column in fitting[:2])
-    return (f"velocity is left out: {len(fitting)} columns match, as {names}; name it with --columns velocity=NAME",)
+    headers = tuple(shown(column.header, QUOTED) for column in fitting[:2])
+    numbers = {"count": Quantity(len(fitting))}
+    return (Note(NoteKind.AMBIGUOUS, ("velocity",), numbers, headers, columns={"velocity": "NAME"}),)
 
 
 def _apply_moteus_units(columns: dict[str, Column], headers: Sequence[str]) -> dict[str, Column]:
@@ -380,7 +373,7 @@ def _joints(headers: Sequence[str]) -> list[str]:
 def _in_unit(quantity: str, headers: Sequence[str]) -> list[str]:
     """Write how to name the columns of unknown names that have a unit of the quantity."""
     fitting = [header.strip() for header in headers if _unit_at_the_end(UNITS[quantity], header)]
-    return [f"{shown(own, QUOTED)} has its unit: --columns {quantity}={shlex.quote(own)}" for own in fitting[:3]]
+    return [f"{shown(own, QUOTED)} has its unit: {setting('columns', {quantity: own})}" for own in fitting[:3]]
 
 
 def _raw(quantity: str, headers: Sequence[str]) -> list[str]:
@@ -390,18 +383,19 @@ def _raw(quantity: str, headers: Sequence[str]) -> list[str]:
         if _is_raw(quantity, header):
             raw.setdefault(_raw_unit_of(header) if quantity == "torque" else "", header.strip())
     return [
-        f"{shown(own, QUOTED)} needs a gain, as in --columns {_gain_example(quantity, own)}"
-        for _, own in sorted(raw.items())
+        f"{shown(own, QUOTED)} needs a gain, as in {_gain_example(quantity, own)}" for _, own in sorted(raw.items())
     ]
 
 
 def _gain_example(quantity: str, header: str, of_arm: bool = False) -> str:
     """Write an example of a column with a gain, in the unit that its name tells."""
+    if quantity != "torque":
+        unit = "counts/s" if quantity == "velocity" else "counts"
+        return f"{setting('columns', {quantity: f'{header}:{unit}/4096'})} with the counts of a turn"
     unit, own = _raw_unit_of(header), _unit_at_the_end(RAW["torque"], header)
-    text = GAINS[quantity] + (GAIN_TO_FIND if quantity == "torque" and not of_arm else "")
-    if re.search(r"[\s'\"()\[\]]", header):  # a shell would take it apart
-        text = re.sub(r"(\w+=)(\{0\}[^\s,]*)", lambda found: found[1] + shlex.quote(found[2]), text)
-    return text.format(header, {"ma": "mA", "mv": "mV"}.get(own or "", unit), TORQUE_GAINS[unit])
+    told = f"{header}:{ {'ma': 'mA', 'mv': 'mV'}.get(own or '', unit) }"
+    known = f"{setting('columns', {quantity: f'{told}*0.1'})} with {TORQUE_GAINS[unit]}"
+    return known if of_arm else f"{known}, or {setting('columns', {quantity: f'{told}*?'})} if known loads determine it"
 
 
 def _raw_unit_of(header: str) -> str:

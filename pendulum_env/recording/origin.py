@@ -1,7 +1,6 @@
-"""Which columns of its file a recording was read from, and how to read them otherwise, ready to paste."""
+"""Which columns of its file a recording was read from, and columns that read it otherwise."""
 
 import math
-import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -19,13 +18,11 @@ class Origin:
     Attributes:
         columns: by quantity, as they were recognised or told.
         named: what the user said of columns, by quantity.
-        is_file: whether it was a file; else a table in memory.
         are_counts: whether position is whole numbers without a unit that cover more than 720.
     """
 
     columns: Mapping[str, Column]
     named: Mapping[str, str] = field(default_factory=dict)
-    is_file: bool = True
     are_counts: bool = False
 
     @property
@@ -33,40 +30,34 @@ class Origin:
         """Whether positions were told in metres, so that the joint is an axis that slides."""
         return self.columns["position"].unit in LINEAR["position"]
 
-    def paste(self, **changes: str) -> str:
-        """The option that reads the file with changes, by quantity, and else with all that was said before.
+    def changed(self, **changes: str) -> dict[str, str]:
+        """Columns by quantity that read the file with changes, and else with all that was said before."""
+        return {**self.named, **changes}
 
-        Of a table in memory, the call of `read_recording`.
-        """
-        if not self.is_file:
-            return f"read_recording(source, columns={ {**self.named, **changes} })"
-        said = ",".join(f"{quantity}={text}" for quantity, text in {**self.named, **changes}.items())
-        return f"--columns {shlex.quote(said)}"
-
-    def in_unit(self, quantity: str, unit: str) -> str:
+    def in_unit(self, quantity: str, unit: str) -> dict[str, str]:
         """With a column in another unit."""
-        return self.paste(**{quantity: str(replace(self._as_it_is(quantity), unit=unit))})
+        return self.changed(**{quantity: str(replace(self._as_it_is(quantity), unit=unit))})
 
-    def in_counts(self) -> str:
+    def in_counts(self) -> dict[str, str]:
         """With position in counts, for example 4096 per turn."""
         expression = self._as_it_is("position")
-        return self.paste(position=str(replace(expression, unit="counts", factors=("/4096", *expression.factors))))
+        return self.changed(position=str(replace(expression, unit="counts", factors=("/4096", *expression.factors))))
 
-    def confirmed(self, quantity: str) -> str:
+    def confirmed(self, quantity: str) -> dict[str, str]:
         """With a column named as the quantity that it was taken for."""
-        return self.paste(**{quantity: str(self._as_it_is(quantity))})
+        return self.changed(**{quantity: str(self._as_it_is(quantity))})
 
-    def turned(self, quantity: str) -> str:
+    def turned(self, quantity: str) -> dict[str, str]:
         """With a column of the other sign, what is added to it included."""
         old = self._as_it_is(quantity)
         offset = None if old.offset is None else ("+" if old.offset[0] == "-" else "-") + old.offset[1:]
-        return self.paste(**{quantity: str(replace(old, negative=not old.negative, offset=offset))})
+        return self.changed(**{quantity: str(replace(old, negative=not old.negative, offset=offset))})
 
-    def without(self, quantity: str) -> str:
+    def without(self, quantity: str) -> dict[str, str]:
         """Without a column that may be missing."""
-        return self.paste(**{quantity: NONE})
+        return self.changed(**{quantity: NONE})
 
-    def shifted(self, angle: float, digits: int) -> str | None:
+    def shifted(self, angle: float, digits: int) -> dict[str, str] | None:
         """With an angle added to position, and to the reference if there is one [rad], told in degrees.
 
         None if position is no angle.
@@ -74,7 +65,7 @@ class Origin:
         places = [quantity for quantity in ("position", "reference") if quantity in self.columns]
         if any(self.columns[quantity].unit not in {None, *UNITS["position"], *RAW["position"]} for quantity in places):
             return None
-        return self.paste(**{quantity: str(self._shifted(quantity, angle, digits)) for quantity in places})
+        return self.changed(**{quantity: str(self._shifted(quantity, angle, digits)) for quantity in places})
 
     def could_be_degrees(self) -> bool:
         """Whether position may be in degrees that were taken for something else."""

@@ -19,6 +19,7 @@ from pendulum_env.recording.angle_unit import suspect_unit
 from pendulum_env.recording.cleaning import Log, start_from_zero
 from pendulum_env.recording.clock import LOOSE, count_from_zero, count_seconds, covered, find_date, is_uniform
 from pendulum_env.recording.errors import ColumnError, RecordingError
+from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.sampling import cut, uniform
 from pendulum_env.recording.vocabulary import QUANTITIES
@@ -33,7 +34,6 @@ NO_TORQUE = 1e-9  # [N m], at most: rounding
 BEYOND_NOISE = 3.0  # by which a load torque is larger than its noise, if it drives a joint
 NOISE_ORDER = 4  # of differences, in which a load torque vanishes and its noise does not
 NOISE_GAIN = 0.6745 * math.sqrt(math.comb(2 * NOISE_ORDER, NOISE_ORDER))  # of their median size
-WARNING = "warning: "  # begins a note of what is likely wrong
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class Recording:
     position: Array  # (N,) [rad], unwrapped, 0 hangs down, counter-clockwise positive
     torque: Array = None  # type: ignore[assignment]  # (N,) [N m]; zero if it is left out
     velocity: Array | None = None  # (N,) [rad/s], as the sensor reports it; None if it was not recorded
-    notes: tuple[str, ...] = ()  # what was changed at reading, e.g. "resampled to 333.3 Hz"
+    notes: tuple[Note, ...] = ()  # on what was changed or guessed at reading
     starts: tuple[int, ...] = (0,)  # index of the first sample of each segment
     reference: Array | None = None  # (N,) [rad], what a position controller was asked to follow, if it was recorded
     supply: Array | None = None  # (N,) [V], voltage of the bus, if it was recorded
@@ -208,14 +208,13 @@ class Recording:
         found = suspect_unit(self.position[part], self.torque[part], self.rate)
         if found is None:
             return
-        as_unit = f"read_recording({ARRAYS}, columns={{'position': 'position:{found.unit}'}})"
+        columns = {"position": f"position:{found.unit}"}
         if found.is_certain:
             raise ColumnError(
-                f"recording {self.name!r}: {found.text}: read it with {as_unit} if it is in {found.name}, with "
-                "'position:rad' if it is not"
+                f"recording {self.name!r}: {found.text}: read it with read_recording({ARRAYS}, columns={columns}) if "
+                f"it is in {found.name}, with 'position:rad' if it is not"
             )
-        note = f"{found.text}; if it is {found.name}, read it with {as_unit}"
-        object.__setattr__(self, "notes", (*self.notes, note))
+        object.__setattr__(self, "notes", (*self.notes, found.note(columns)))
 
     def _column(self, quantity: str, values: ArrayLike) -> Array:
         try:

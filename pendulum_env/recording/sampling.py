@@ -4,7 +4,7 @@ A hole is bridged where interpolation errs by less than the noise of the sensor,
 itself; beyond, nobody knows what happened: the segment ends there and another begins.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -12,9 +12,11 @@ import numpy as np
 import scipy
 
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.quantity import Quantity
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.clock import is_uniform, unevenness
 from pendulum_env.recording.errors import RecordingError
+from pendulum_env.recording.notes import NAMED, Note, NoteKind
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,6 @@ class SamplingSettings:
     intact: int = 50_000  # samples on which bridging is tried out
     shortest: float = 0.2  # [s]; a shorter segment holds no window of an estimator
     fewest: int = 10  # samples of a segment
-    named: int = 5  # places, as many as a note names
     negligible: float = 1e-4  # of a step: at 1 kHz and 10 rad/s this moves position by 1e-6 rad
     finer: int = 10  # times the samples that there are, at most, on uniform time
     small: int = 1_000_000  # samples that are always made
@@ -59,9 +60,8 @@ def cut(log: Log, position: Array) -> None:
     new = [int(gap) for gap in gaps if gap not in known]
     if new:
         sizes = steps[np.array(new) - 1]
-        size = f"{sizes.min():.3g} to {sizes.max():.3g} s" if len(new) > 1 else f"{sizes[0]:.3g} s"
-        many = f"{len(new)} gaps" if len(new) > 1 else "a gap"
-        log.notes.append(f"{many} of {size} after {_times(time[new] - sizes - time[0])}: segments end there")
+        numbers = _in_seconds(shortest=sizes.min(), longest=sizes.max())
+        log.notes.append(_note_times(NoteKind.GAPS, time[new] - sizes - time[0], len(new), numbers))
     log.starts = tuple(sorted({0, *known, *new}))
 
 
@@ -81,8 +81,8 @@ def long_enough(log: Log) -> None:
         )
     short = [b - a for (a, b), fit in zip(parts, fits, strict=True) if not fit]
     if short:
-        many = f"{len(short)} segments" if len(short) > 1 else "a segment"
-        log.notes.append(f"{sum(short)} samples in {many} shorter than {SAMPLING.shortest:g} s are left out")
+        numbers = {"count": Quantity(len(short)), "samples": Quantity(sum(short))}
+        log.notes.append(Note(NoteKind.SHORT_SEGMENTS, numbers=numbers | _in_seconds(least=SAMPLING.shortest)))
         lengths = [b - a for a, b in parts]
         log.keep(np.repeat(fits, lengths))
         log.starts = _starts([length for length, fit in zip(lengths, fits, strict=True) if fit])
@@ -180,19 +180,18 @@ def uniform(log: Log) -> None:
         grids = [_grid(part["time"][0], period, len(part["time"])) for part in parts]
         log.values = {**log.values, "time": np.concatenate(grids)}
         if off > clock.rounding:
-            log.notes.append(
-                f"time set to uniform {1 / period:.6g} Hz, from which it differed by rounding only (up to {off:.2g} s)"
-            )
+            rate = {"rate": Quantity(1 / period, unit="Hz")}
+            log.notes.append(Note(NoteKind.CLOCK_ROUNDED, numbers=rate | _in_seconds(error=off)))
         return
     if slow.any():
         period = float(np.mean(steps[~slow]))
     _refuse_finer(sum(float(part["time"][-1] - part["time"][0]) for part in parts) / period, len(time), period)
     _join(log, [_resampled(part, period) for part in parts])
-    rarely = f", {np.count_nonzero(slow)} of them over {SAMPLING.long:g} times the usual" if slow.any() else ""
-    log.notes.append(
-        f"resampled to {1 / period:.6g} Hz: steps were {1e3 * steps.min():.4g} to {1e3 * steps.max():.4g} ms "
-        f"(standard deviation {1e3 * steps.std():.2g} ms){rarely}"
-    )
+    numbers = {"rate": Quantity(1 / period, unit="Hz")}
+    sizes = {"shortest": steps.min(), "longest": steps.max(), "std": steps.std()}
+    numbers |= {name: Quantity(1e3 * float(size), unit="ms") for name, size in sizes.items()}
+    numbers |= {"slow": Quantity(int(np.count_nonzero(slow))), "ratio": Quantity(SAMPLING.long)} if slow.any() else {}
+    log.notes.append(Note(NoteKind.RESAMPLED, numbers=numbers))
 
 
 def _refuse_finer(count: float, known: int, period: float) -> None:
@@ -223,8 +222,7 @@ def _filled(log: Log, parts: Sequence[dict[str, Array]], usual: float) -> list[d
         full.append(_with_lost(part, missing) if missing.any() else part)
         count += int(missing.sum())
     if count:
-        many = f"{count} samples are" if count > 1 else "1 sample is"
-        log.notes.append(f"{many} missing after {_times(np.concatenate(places))}: filled in by interpolation")
+        log.notes.append(_note_times(NoteKind.FILLED, np.concatenate(places), count))
     return full
 
 
@@ -289,7 +287,11 @@ def _interpolated(grid: Array, time: Array, values: Array) -> Array:
     return result
 
 
-def _times(times: Array) -> str:
-    """`1.2 s`, or `1.2, 3.4 s and 5 more times`."""
-    told = ", ".join(f"{time:.6g}" for time in times[: SAMPLING.named]) + " s"
-    return f"{told} and {len(times) - SAMPLING.named} more times" if len(times) > SAMPLING.named else told
+def _in_seconds(**times: float) -> dict[str, Quantity]:
+    return {name: Quantity(float(time), unit="s") for name, time in times.items()}
+
+
+def _note_times(kind: NoteKind, times: Array, count: int, numbers: Mapping[str, Quantity] | None = None) -> Note:
+    """Make a note of so many samples or gaps after some times (M,) [s]."""
+    counts = {"count": Quantity(count), "times": Quantity(len(times))}
+    return Note(kind, numbers=counts | dict(numbers or {}), places=tuple(times[:NAMED].tolist()))

@@ -20,16 +20,18 @@ from pendulum_env._typing import JSON, Array
 from pendulum_env.arguments import check_order
 from pendulum_env.files import replacing
 from pendulum_env.mistake import one_line
+from pendulum_env.quantity import Quantity
 from pendulum_env.reading import Unreadable, check_size
 from pendulum_env.recording import checks, cleaning, sampling
 from pendulum_env.recording.arrays import is_data, read_data, read_hdf5, read_mat, read_npz, read_parquet
 from pendulum_env.recording.bags import is_bag, read_bag
 from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.clock import count_on, find_unix_unit
-from pendulum_env.recording.columns import NONE, Column, check_named, describe_ambiguous_velocity, find_columns
+from pendulum_env.recording.columns import NONE, Column, check_named, find_columns, note_ambiguous_velocity
 from pendulum_env.recording.errors import ColumnError, RecordingError
+from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.origin import Origin
-from pendulum_env.recording.record import NEWTON_METRE, WARNING, Recording
+from pendulum_env.recording.record import NEWTON_METRE, Recording
 from pendulum_env.recording.table import Find, Table
 from pendulum_env.recording.text import read_csv, read_excel
 from pendulum_env.recording.vocabulary import OUTPUTS
@@ -147,8 +149,8 @@ def read_recording(
         name = name or (_stem(Path(label)) if is_file else label)
         output = None if drive is None else drive.output
         named = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
-        table = read_table(source, partial(find_columns, named=named, output=output, is_file=is_file))
-        return _recording(name, table, unwrap, drive, named, is_file)
+        table = read_table(source, partial(find_columns, named=named, output=output))
+        return _recording(name, table, unwrap, drive, named)
     except RecordingError as error:
         raise type(error)(f"{label}: {error}") from error.__cause__
 
@@ -237,18 +239,16 @@ def read_table(source: Readable, find: Find) -> Table:
         raise RecordingError(f"not a readable {ending} file ({one_line(error)}): export it again") from error
 
 
-def _recording(
-    name: str, table: Table, unwrap: bool, drive: Drive | None, named: Mapping[str, str], is_file: bool
-) -> Recording:
+def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named: Mapping[str, str]) -> Recording:
     """Convert to SI, leave out what the logger spoilt, cut at gaps, make time uniform; refuse what cannot be true."""
     columns, values = dict(table.columns), table.values
     counted = count_on(values["time"])
-    notes = [*table.notes] + ["time goes on where its counter began again"] * (counted is not values["time"])
+    notes = [*table.notes] + [Note(NoteKind.CLOCK_RESTARTED)] * (counted is not values["time"])
     values["time"] = counted
     unix = None if columns["time"].is_unit_told else find_unix_unit(values["time"])
     if unix is not None:
         columns["time"] = replace(columns["time"], unit=unix)
-    origin = Origin(columns, named, is_file, _are_counts(columns["position"], values["position"]))
+    origin = Origin(columns, named, _are_counts(columns["position"], values["position"]))
     if "torque" in values:
         checks.refuse_large_current(values["torque"], origin)
     for quantity, column in columns.items():
@@ -263,8 +263,7 @@ def _recording(
     if "torque" not in values:
         values["torque"] = np.zeros_like(values["position"])  # of a drive until the motion is known
         if drive is None:
-            given = "torque is taken as none" if "torque" in named else "no torque column"
-            notes.append(f"{given}: the recording is a free swing (torque 0)")
+            notes.append(Note(NoteKind.NO_TORQUE if "torque" in named else NoteKind.NO_TORQUE_COLUMN))
     checks.refuse_absurd(values)
     checks.refuse_too_few(values["time"])
 
@@ -274,7 +273,7 @@ def _recording(
     is_output = drive is not None and unit == OUTPUTS.get(drive.output)
     noted = [own for own in columns.values() if not (is_output and own.quantity == "torque")]
     log = Log(values, [*(note for column in noted for note in column.notes), *notes])
-    log.notes += describe_ambiguous_velocity(table.headers, columns, named)
+    log.notes += note_ambiguous_velocity(table.headers, columns, named)
     cleaning.hold_unchanged(log)
     cleaning.aligned(log, checks.BOUNDS.fewest)
     cleaning.finite(log, checks.BOUNDS.fewest)
@@ -306,10 +305,10 @@ def _recording(
         start_date=log.clock.date or (table.date and table.date + timedelta(seconds=log.clock.start)),
     )
     if drive is not None and "torque" not in columns:
-        asked = "torque is not taken from the log: it is what the drive asked for"
+        asked = Note(NoteKind.TORQUE_OF_DRIVE)
         recording = replace(recording, torque=recording.asked_torque, notes=(*recording.notes, asked))
     elif drive is not None and is_output:
-        logged = f"torque is the {drive.output} that was logged, in {drive.unit} by the drive"
+        logged = Note(NoteKind.TORQUE_BY_OUTPUT, headers=(drive.unit,), text=str(drive.output))
         torque = drive.scale(recording.bus) * recording.torque
         recording = replace(recording, torque=torque, torque_unit=drive.unit, notes=(*recording.notes, logged))
     checks.refuse_too_short(recording, origin)
@@ -328,7 +327,7 @@ def _are_counts(column: Column, values: Array) -> bool:
     return column.unit is None and len(finite) > 0 and bool(np.ptp(finite) > 720 and (finite == np.round(finite)).all())
 
 
-def _doubts(recording: Recording, origin: Origin) -> tuple[str, ...]:
+def _doubts(recording: Recording, origin: Origin) -> tuple[Note, ...]:
     """What is doubted of the unit of position; one that was guessed is refused where one that was told is warned of."""
     try:
         checks.refuse_too_fast(recording, origin)
@@ -336,7 +335,7 @@ def _doubts(recording: Recording, origin: Origin) -> tuple[str, ...]:
     except ColumnError as error:
         if not origin.columns["position"].is_unit_told:
             raise
-        return (f"{WARNING}{error}",)
+        return (Note(NoteKind.IMPLAUSIBLE, ("position",), text=str(error)),)
 
 
 def _unwrap(log: Log, is_angle: bool) -> int:
@@ -349,7 +348,7 @@ def _unwrap(log: Log, is_angle: bool) -> int:
         log.values["reference"] = reference + math.tau * np.round((unwrapped - reference) / math.tau)
     jumps = int(np.count_nonzero(np.abs(np.diff(position)) > np.pi))
     if jumps:
-        log.notes.append(f"position unwrapped at {jumps} jumps of 2 pi")
+        log.notes.append(Note(NoteKind.UNWRAPPED, ("position",), {"count": Quantity(jumps)}))
     return jumps
 
 

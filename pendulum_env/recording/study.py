@@ -44,6 +44,7 @@ from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.record import Load, Recording
 from pendulum_env.recording.storage import describe_reading, read_recording
 from pendulum_env.servo.drive import Drive
+from pendulum_env.settings import setting
 
 Role = Literal["fit", "holdout"]
 FORMAT = ("columns", "unwrap", "load", "drive")  # of what is said of a recording, that which the next is alike in
@@ -80,8 +81,9 @@ class Source:
             RecordingError: if it cannot be read, holds too little within the range, or is of an arm.
         """
         if self.joints is not None:
-            arm = "identify and diagnose take its links with --robot ARM.urdf"
-            raise RecordingError(f"{self.file}: its study names joints of an arm: {arm}")
+            raise RecordingError(
+                f"{self.file}: its study names joints of an arm: give its links, {setting('robot', 'ARM.urdf')}"
+            )
         return replace(self.within_range(_of_one_joint), load=self.load)
 
     @property
@@ -126,8 +128,10 @@ def _of_one_joint(source: Source) -> Recording:
     except ColumnError as error:
         if not source.said_by:
             raise
-        said = f"{error}; it was read as {source.said_by} says: say --columns for a log of another format"
-        raise ColumnError(said) from None
+        raise ColumnError(
+            f"{error}; it was read as {source.said_by} says: name the columns of a log of another format, "
+            f"{setting('columns', {'QUANTITY': 'NAME'})}"
+        ) from None
 
 
 def format_of(recordings: Sequence[Recording]) -> JSON:

@@ -12,6 +12,7 @@ import pyarrow as pa
 from pendulum_env._typing import Array
 from pendulum_env.recording.columns import Column
 from pendulum_env.recording.errors import RecordingError
+from pendulum_env.recording.notes import Note
 
 WIDEST = 64  # elements of a vector that become columns of their own, and columns that a person is shown
 TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # of a time stamp of Arrow in a second
@@ -32,7 +33,7 @@ class Table:
     headers: Sequence[str]  # of all columns in it
     columns: dict[str, Column]  # by quantity
     values: dict[str, Array]  # by quantity, each (N,)
-    notes: tuple[str, ...] = ()  # what else a user should know
+    notes: tuple[Note, ...] = ()  # what else a user should know
     date: datetime | None = None  # of the first row, if time is a date
 
 

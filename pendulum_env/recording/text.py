@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pyarrow as pa
@@ -14,10 +15,12 @@ import pyarrow.csv as pacsv
 
 from pendulum_env._typing import Array
 from pendulum_env.mistake import one_line
+from pendulum_env.quantity import Quantity
 from pendulum_env.reading import shown
 from pendulum_env.recording.columns import Column, add_labels
 from pendulum_env.recording.errors import RecordingError
 from pendulum_env.recording.expression import letters
+from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.table import Find, Table, is_text, need, numbers
 from pendulum_env.recording.vocabulary import HEADER, OPTIONAL, UNITS
 
@@ -115,10 +118,10 @@ def read_text(opened: Opened, find: Find) -> Table:
     wordy = [k for k, cell in enumerate(layout.first) if not may_be_number(cell, layout.headers[k])]
     wordy += [k for k, cell in enumerate(layout.first) if not cell and k not in wordy and _is_empty(opened, layout, k)]
     columns = add_labels(find(layout.headers, wordy=wordy), layout.headers, layout.first)
-    rows = "1 row below the header holds" if layout.above == 1 else f"{layout.above} rows below the header hold"
-    notes = [f"{rows} no samples: left out"] if layout.above else []
+    below = {"count": Quantity(layout.above)}
+    notes = [Note(NoteKind.ROWS_BELOW_HEADER, numbers=below)] if layout.above else []
     if dated := _stamp(layout, columns["time"]):
-        notes.append(f"time is counted from {dated[0].strip()}")
+        notes.append(Note(NoteKind.FIRST_DATE, text=dated[0].strip()))
     try:
         values = _values(opened, layout, columns)
     except RecordingError as refusal:
@@ -129,8 +132,8 @@ def read_text(opened: Opened, find: Find) -> Table:
             if quantity not in OPTIONAL or columns[quantity].expression is not None:
                 raise refusal from None
             without = read_text(opened, lambda *_, **__: {q: c for q, c in columns.items() if q != quantity})
-            return replace(without, notes=(*without.notes, f"{quantity} is left out: {refusal}"))
-        notes.append("the last row is cut off: left out")
+            return replace(without, notes=(*without.notes, Note(NoteKind.UNREADABLE, (quantity,), text=str(refusal))))
+        notes.append(Note(NoteKind.LAST_ROW_CUT))
     return Table(layout.headers, columns, values, tuple(notes), None if dated is None else _date(dated[0]))
 
 
@@ -204,7 +207,7 @@ def _values(opened: Opened, layout: Layout, columns: dict[str, Column]) -> dict[
                 ),
             )
     except pa.ArrowInvalid as error:
-        raise _refusal(str(error), layout, columns) from None
+        _refuse(str(error), layout, columns)
     values = dict(zip(columns, table.columns, strict=True))
     if is_spelt:
         values["time"] = _seconds(values["time"])
@@ -407,24 +410,22 @@ class CellError(RecordingError):
         self.quantity = quantity
 
 
-def _refusal(told: str, layout: Layout, columns: dict[str, Column]) -> RecordingError:
-    """Describe the cell or row at which pyarrow failed."""
+def _refuse(told: str, layout: Layout, columns: dict[str, Column]) -> NoReturn:
+    """Refuse the cell or row at which pyarrow failed."""
+    row = "data row {} (header not counted) has"
     if found := CELL.search(told):
         (quantity,) = (column.quantity for column in columns.values() if column.index == int(found["column"]))
-        cell = f"data row {found['row']} (header not counted) has {shown(found['cell'])} as {quantity}, not a number"
+        cell = f"{row.format(found['row'])} {shown(found['cell'])} as {quantity}, not a number"
         if quantity == "time" and re.search(r"\d[:/]\d", found["cell"]):
-            return CellError(f"{cell}: write seconds, or dates as 2026-03-01 12:00:00.250", quantity)
-        return CellError(f"{cell}: repair or remove that row", quantity)
-    return RecordingError(_complaint(told, layout))
-
-
-def _complaint(told: str, layout: Layout) -> str:
+            raise CellError(f"{cell}: write seconds, or dates as 2026-03-01 12:00:00.250", quantity)
+        raise CellError(f"{cell}: repair or remove that row", quantity)
     if "Empty CSV file" in told:
-        return "there is a header but no data: record it again"
+        raise RecordingError("there is a header but no data: record it again")
     if "straddling" in told:
-        return f"a line is longer than {BLOCK} characters: write one line for each sample"
-    if not (found := WIDTH.search(told)):
-        return f"the text cannot be split into cells ({one_line(told)}): write plain comma-separated numbers"
-    what = f"{found['found']} cells where the header has {found['wanted']}"
-    remedy = "separate cells by commas" if layout.delimiter == " " else "repair or remove that row"
-    return f"data row {found['row']} (header not counted) has {what}: {remedy}"
+        raise RecordingError(f"a line is longer than {BLOCK} characters: write one line for each sample")
+    if found := WIDTH.search(told):
+        remedy = "separate cells by commas" if layout.delimiter == " " else "repair or remove that row"
+        raise RecordingError(
+            f"{row.format(found['row'])} {found['found']} cells where the header has {found['wanted']}: {remedy}"
+        )
+    raise RecordingError(f"the text cannot be split into cells ({one_line(told)}): write plain comma-separated numbers")

@@ -76,13 +76,6 @@ RAW = {  # factor to SI, of units of which a gain makes the quantity, by what th
     "position": dict.fromkeys(("counts", "count", "cts", "ticks", "pulses", "steps", "inc"), math.tau),
     "velocity": dict.fromkeys(("countss", "countsec", "ctss", "tickss", "pulsess", "stepss"), math.tau),
 }
-GAINS = {  # what such a gain is, as an example that mends it
-    "torque": "torque={0}:{1}*0.1 with {2}",
-    "position": "position={0}:counts/4096 with the counts of a turn",
-    "velocity": "velocity={0}:counts/s/4096 with the counts of a turn",
-    "reference": "reference={0}:counts/4096 with the counts of a turn",
-}
-GAIN_TO_FIND = ", or torque={0}:{1}*? to have it found by known loads"  # of one joint
 TORQUE_GAINS = {  # meaning of such a gain of a torque, by the unit of the column
     "A": "the torque constant [N m/A] times the gear ratio",
     "V": "the torque per volt [N m/V] times the gear ratio",

@@ -183,7 +183,7 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(done, lif
     assert "held: left at 0.01 m, right at 0.01 m\n" in again
     out = done(*of_arm(lift, "compare", "model.json", "moved.csv", "--report", "page.html", "--json", "e.json"))
     assert "warning: left gets 0.02 m away from there in moved: name it in --joints if it moves" in out
-    assert "position converted to m from column 'position_torso [mm]'" in out
+    assert "position_torso converted to m from column 'position_torso [mm]'" in out
     assert [error["unit"] for error in json.loads((lift / "e.json").read_text())["joints"]] == ["N", "N m", "N m"]
     (row,) = [line for line in out.splitlines() if line.startswith("torso")]
     assert row.split()[3] == "N" and float(row.split()[4]) < 2.0  # [%]
@@ -196,7 +196,7 @@ def test_a_base_that_floats_is_taken_for_fixed_only_if_that_is_said(done, refuse
     root = '<joint name="root" type="floating"><parent link="world"/><child link="base"/></joint></robot>'
     (tmp_path / "arm.urdf").write_text(text.replace("</robot>", root))
     asked = ("identify", str(folder / "plain.csv"), "--scheme", "energy")
-    assert "joint 'root' lets the base float: say --base fixed" in refused(*of_arm(tmp_path, *asked))
+    assert "joint 'root' lets the base float: give --base fixed" in refused(*of_arm(tmp_path, *asked))
     assert "held: root at zero" in done(*of_arm(tmp_path, *asked, "--base", "fixed"))
 
 

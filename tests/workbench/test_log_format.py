@@ -88,7 +88,7 @@ def test_columns_that_are_said_count_and_a_log_that_does_not_fit_is_one_sentence
     model, log = str(bench / "model.json"), str(bench / "plain-tuesday.csv")
     said = refused("compare", model, log)
     assert "no column is named 'clock', which is to be time" in said
-    assert f"read as {model} says: say --columns for a log of another format" in said
+    assert f"read as {model} says: name the columns of a log of another format, --columns QUANTITY=NAME" in said
     assert main(["compare", model, log, "--columns", "torque=torque"]) == 0
 
 

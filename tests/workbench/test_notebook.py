@@ -14,7 +14,7 @@ from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model, effects
 from pendulum_env.plant import make_plant
-from pendulum_env.recording import Recording
+from pendulum_env.recording import Note, NoteKind, Recording
 from pendulum_env.words import plus_minus
 from tests.feeding import played
 from tests.terms import CubicDamping
@@ -78,9 +78,9 @@ def test_markup_is_well_formed_small_and_runs_nothing_and_plain_text_is_short(re
 
 
 def test_recording_tells_length_rate_notes_and_a_missing_torque(runs):
-    text = shown(replace(runs[0], torque=0 * runs[0].torque, notes=("resampled to <500> Hz",)))
+    text = shown(replace(runs[0], torque=0 * runs[0].torque, notes=(Note(NoteKind.FIRST_DATE, text="<Monday>"),)))
     assert "8 s at 500 Hz, 4000 samples" in text
-    assert "resampled to <500> Hz" in text and "torque is never applied" in text
+    assert "time is counted from <Monday>" in text and "torque is never applied" in text
     assert "never applied" not in shown(runs[0])
 
 

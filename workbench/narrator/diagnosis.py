@@ -13,7 +13,8 @@ from estimators.signals.residual import SYMBOLS, Region
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.excitation import signal_json
-from pendulum_env.recording.record import NEWTON_METRE, WARNING
+from pendulum_env.recording import NoteKind
+from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import listing, opening, per
 from workbench.narrator.effects import name
 from workbench.narrator.findings import aim, describe
@@ -136,8 +137,8 @@ def advice(found: Diagnosis) -> list[str]:
     """List all that was found, and what follows for the next step."""
     texts = []
     if found.searched and not isinstance(found.body, Body) and found.data is not None:
-        notes = dict.fromkeys(note for recording in found.data.recordings for note in recording.notes)
-        texts = [note.removeprefix(WARNING) for note in notes if note.startswith(WARNING)]
+        notes = [note for recording in found.data.recordings for note in recording.notes]
+        texts = [note.text for note in notes if note.kind is NoteKind.IMPLAUSIBLE]
     texts += [_describe(found, finding) for finding in found.findings]
     texts += [next_step(found)] if found.suggestion is not None else []
     texts += [_describe(found, found.forbidden)] if found.forbidden is not None else []

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
+from pendulum_env.settings import setting
 from pendulum_env.words import listing, number_text, opening, per, plus_minus
 from workbench.narrator.effects import description, name
 
@@ -212,8 +213,9 @@ def _remedy(text: str, otherwise: str = "") -> Callable[[Finding, str], str]:
 
     def sentence(found: Finding, unit: str) -> str:
         options = [
-            f"Read {'it' if len(found.remedies) == 1 else listing(names)} with {option} instead."
-            for option, names in found.remedies.items()
+            f"Read {'it' if len(found.remedies) == 1 else listing(own.recordings)} with "
+            f"{setting('columns', own.columns)} instead."
+            for own in found.remedies
         ]
         return " ".join([f"{text}.", *(options or filter(None, [otherwise]))])
 

@@ -23,16 +23,19 @@ from pendulum_env.notebook import (
     heading,
     legend,
     note,
+    paragraph,
     plot,
     shown,
     table,
 )
 from pendulum_env.notebook import headline as headlines
-from pendulum_env.recording.record import TorqueConstant
+from pendulum_env.recording import Note
+from pendulum_env.recording.record import Recording, TorqueConstant
 from pendulum_env.words import Table, listing, opening, per, unit
 from workbench.narrator import comparison
 from workbench.narrator.addition import describe_addition
 from workbench.narrator.diagnosis import advice, headline, next_step, remarks, warnings
+from workbench.narrator.notes import describe_note
 from workbench.narrator.results import (
     Part,
     disagreeing,
@@ -47,6 +50,9 @@ from workbench.narrator.results import (
 
 SETTLED = 0.25  # share of a recording after which estimates are in the picture
 COLORS = (BLUE, ORANGE, GREEN)
+
+
+headlines.register(Note, describe_note)
 
 
 @headlines.register
@@ -80,6 +86,26 @@ def show_identification(found: Identification) -> str:
             *_settling(results),
         ),
     )
+
+
+@shown.register
+def show_recording(recording: Recording) -> str:
+    """A recording: length and rate, what was changed at reading, what it lacks, and its curves."""
+    signals = [
+        ("position q", recording.position, "rad", BLUE),
+        ("torque", recording.torque, recording.torque_unit, ORANGE),
+    ]
+    if recording.velocity is not None:
+        signals.insert(1, ("velocity q'", recording.velocity, "rad/s", GREEN))
+    lines = [describe_note(note) for note in recording.notes]
+    if not recording.torque.any():
+        lines.append("torque is never applied: only ratios of parameters can be known")
+    plots = [
+        plot(f"{label} [{unit(symbol)}] over {recording.duration:.3g} s", recording.time, curves)
+        for label, values, symbol, color in signals
+        for curves in [[Curve(own, color) for own in np.atleast_2d(values.T)]]  # a joint each
+    ]
+    return card(f"Recording {recording.name}", paragraph(recording.summary), bullets(lines), *plots)
 
 
 @shown.register

@@ -19,7 +19,7 @@ from pendulum_env.arms.joints import body_of
 from pendulum_env.physics import Model
 from pendulum_env.physics.model_card import parameters_table
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.words import BIASED, Table, bar, listing, number_text, per
+from pendulum_env.words import Table, bar, listing, number_text, per
 from workbench.narrator.addition import describe_addition, describe_table
 from workbench.narrator.comparison import caveat, errors_in_loop
 from workbench.narrator.diagnosis import (
@@ -32,6 +32,7 @@ from workbench.narrator.findings import describe
 from workbench.narrator.reasons import describe_reason
 
 RUNNERS_UP = 5  # rejected candidates that are shown
+BIASED = "Biased by a missing effect; the size of the bias is unknown."
 SCORE = (
     "score: probability that an effect is what the data call for at its place; nats: logarithm of how many times "
     "likelier it makes data that it was not fitted to"

@@ -17,6 +17,7 @@ from pendulum_env.words import listing, number
 from workbench.narrator.diagnosis import advice, headline, next_step, remarks
 from workbench.narrator.effects import name
 from workbench.narrator.findings import aim
+from workbench.narrator.notes import describe_note
 from workbench.report.case import Case
 from workbench.report.section import Section
 
@@ -181,5 +182,5 @@ def _use(w: Windows, part: str) -> dict[str, Any]:
         "window": len(w.kernel) / w.recording.rate,
         "torque_noise": white_noise(w.recording.torque),
         "position_noise": encoder_noise(w.recording.position),
-        "notes": w.recording.notes,
+        "notes": [describe_note(note) for note in w.recording.notes],
     }

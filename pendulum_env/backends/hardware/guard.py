@@ -7,7 +7,6 @@ import logging
 import math
 import time
 from datetime import datetime
-from typing import NoReturn
 
 from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import Drive, DriveError, Sent
@@ -97,7 +96,7 @@ class Guard:
             self.powered = True  # before it is: what follows may be interrupted
             self.drive.enable()
         except DriveError as error:
-            self.trip(str(error))
+            raise self.trip(str(error)) from error
         self.note("enabled")
 
     def write(self, torque: float) -> Sent:
@@ -110,17 +109,17 @@ class Guard:
         if not self.powered:
             raise Fault("the drive has no power: reset the environment before stepping it")
         if not math.isfinite(torque):
-            self.trip(f"a torque of {torque} was asked for: mend what computes it", braking=True)
+            raise self.trip(f"a torque of {torque} was asked for: mend what computes it", braking=True)
         now = time.monotonic()
         passed = 0.0 if self._written is None else now - self._written
         if passed > self.limits.gap:
-            self._too_late(f"no command came for {1e3 * passed:.0f} ms", "gap", f"{1e3 * self.limits.gap:.0f} ms")
+            raise self._too_late(f"no command came for {1e3 * passed:.0f} ms", "gap", f"{1e3 * self.limits.gap:.0f} ms")
         torque = self._allowed(torque, passed or 1.0 / self.config.rate)
         sign = self.config.torque_sign
         try:
             sent = self.drive.write(sign * torque)
         except DriveError as error:
-            self.trip(str(error))
+            raise self.trip(str(error)) from error
         self._written, self._waited, self.torque = now, time.monotonic() - now, sign * sent.torque
         self._motion.commanded(self.torque)
         return Sent(sent.time, self.torque)
@@ -142,12 +141,12 @@ class Guard:
                 raise DriveError(f"the drive reports{hung}: {reading.fault}")
             moved = self.encoder.take(reading.time, reading.counts)
         except DriveError as error:
-            self.trip(str(error))
+            raise self.trip(str(error)) from error
         if self.powered:
             if moved is not None:
                 self._obeys(reading.time, moved)
             if found := self._motion.measured(reading.time, self.encoder.position, took):
-                self.trip(
+                raise self.trip(
                     f"the arm cannot have moved so under {self.torque:.3g} N m, {found}: check encoder, drive and "
                     f"their cables, whether somebody pushes the arm, and [plant] of {self.config.path.name}"
                 )
@@ -165,12 +164,14 @@ class Guard:
             Fault: if it is too late, or they are too many.
         """
         if behind > self.limits.behind:
-            self._too_late(f"the loop is {1e3 * behind:.0f} ms behind", "behind", f"{1e3 * self.limits.behind:.0f} ms")
+            raise self._too_late(
+                f"the loop is {1e3 * behind:.0f} ms behind", "behind", f"{1e3 * self.limits.behind:.0f} ms"
+            )
         if overruns > self.limits.overruns:
-            self._too_late(f"{overruns} ticks were missed", "overruns", str(self.limits.overruns))
+            raise self._too_late(f"{overruns} ticks were missed", "overruns", str(self.limits.overruns))
 
-    def _too_late(self, what: str, limit: str, allowed: str) -> NoReturn:
-        self.trip(
+    def _too_late(self, what: str, limit: str, allowed: str) -> Fault:
+        return self.trip(
             f"{what}, {allowed} are allowed (limits.{limit}); the drive took {1e3 * self._waited:.0f} ms to answer. "
             "The program was held up or is too slow for its rate: lower the rate, free the machine of other work, ask "
             "for real-time priority (realtime = true), and check the cable if it was the drive",
@@ -203,15 +204,12 @@ class Guard:
             self._open = False
             self.note("closed")
 
-    def trip(self, what: str, *, braking: bool = False) -> NoReturn:
-        """Take the torque away and keep the fault; always raises.
+    def trip(self, what: str, *, braking: bool = False) -> Fault:
+        """Take the torque away, keep the fault and return it to be raised.
 
         Args:
             what: happened, and what to do.
             braking: whether the drive obeys and the encoder is credible, so that it could brake.
-
-        Raises:
-            Fault: what happened.
         """
         self.fault = what
         if self.powered:
@@ -220,7 +218,7 @@ class Guard:
             self.disable(f"fault: {what}", logging.WARNING, brake=brake)
         else:
             self.note(f"fault: {what}", logging.WARNING)
-        raise Fault(what)
+        return Fault(what)
 
     def note(self, what: str, level: int = logging.INFO) -> None:
         """Log what happened, also to the rig's file."""
@@ -248,7 +246,7 @@ class Guard:
         """The arm is not too fast, moves under a torque that overcomes gravity and friction, and not against it."""
         limits, velocity, strong = self.limits, self.encoder.velocity, abs(self.torque) >= self.limits.stall_torque
         if abs(velocity) > limits.hard_velocity:
-            self.trip(
+            raise self.trip(
                 f"the arm turns at {velocity:.3g} rad/s, {limits.hard_velocity:g} are allowed "
                 "(limits.hard_velocity): lower the torque, and look for what drives it",
                 braking=True,
@@ -258,7 +256,7 @@ class Guard:
         elif self._still is None:
             self._still = now
         elif now - self._still > limits.stall_time:
-            self.trip(
+            raise self.trip(
                 f"the counts stand still under {self.torque:.3g} N m for {limits.stall_time:g} s: check the encoder's "
                 "cable, the motor's, and whether the arm is blocked"
             )
@@ -268,7 +266,7 @@ class Guard:
         elif self._against is None or abs(velocity) < abs(self._against[1]):
             self._against = (self.torque, velocity)
         elif abs(velocity) > abs(self._against[1]) + self.rise:
-            self.trip(
+            raise self.trip(
                 f"the arm speeds up against {self.torque:.3g} N m: the sign of the torque or of the encoder is wrong, "
                 "run `pendulum-ident hardware check`"
             )

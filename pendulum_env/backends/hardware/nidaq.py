@@ -186,20 +186,18 @@ class NiDaq:
         try:
             yield
         except nidaqmx.errors.DaqNotFoundError:
-            why = (
+            raise DriveError(
                 "the NI-DAQmx driver is not installed: install it (`python -m nidaqmx installdriver`), or name an NI "
                 "gRPC device server (nidaq.server)"
-            )
+            ) from None
         except nidaqmx.errors.RpcError as error:
-            why = (
+            raise DriveError(
                 f"the device server {self._link.server} did not answer within {1e3 * self._patience.seconds:.0f} ms "
                 f"({one_line(error)}): check that it runs, and the network"
-            )
+            ) from None
         except (nidaqmx.errors.Error, ValueError) as error:  # ValueError: a channel that was closed
             if getattr(error, "error_code", None) == self.reserved:
-                why = "the card is reserved by another program, or by one that was killed: end it, or reset the device"
-            else:
-                why = f"the card refuses ({one_line(error)}): check the channels in [nidaq]"
-        else:
-            return
-        raise DriveError(why)
+                raise DriveError(
+                    "the card is reserved by another program, or by one that was killed: end it, or reset the device"
+                ) from None
+            raise DriveError(f"the card refuses ({one_line(error)}): check the channels in [nidaq]") from None

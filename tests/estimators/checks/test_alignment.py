@@ -18,6 +18,7 @@ from pendulum_env.physics.library import effect
 from pendulum_env.recording import Recording
 from tests import slow
 from tests.cases import TRUTH, recorded
+from tests.notes import noted
 
 KINDS = ("two_tone", "multisine", "chirp", "prbs", "steps")
 
@@ -192,7 +193,7 @@ def test_corrected_torque_is_that_which_acted():
     assert len(good) - 7 < kept < len(good)
     np.testing.assert_array_equal(mended.time, good.time[:kept])
     assert np.sqrt(np.mean((mended.torque - good.torque[:kept]) ** 2)) < 0.05 * np.std(good.torque)
-    assert any(note.startswith("aligned: delay 10") or note.startswith("aligned: delay 9.9") for note in mended.notes)
+    assert any(note.startswith("aligned: delay 10") or note.startswith("aligned: delay 9.9") for note in noted(mended))
     sharp = align([filtered := logged_filtered(good, 0.01)]).apply(filtered)
     assert np.sqrt(np.mean((sharp.torque - good.torque[1:]) ** 2)) < 0.05 * np.std(good.torque)
 

@@ -9,7 +9,7 @@ import scipy.integrate
 
 from estimators import identify
 from estimators.checks.remedies import wrong_columns
-from estimators.findings import Kind
+from estimators.findings import Kind, Remedy
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model
@@ -33,8 +33,8 @@ def test_a_wrong_zero_is_told_in_degrees_with_what_mends_it(run, off):
     (shifted,) = (own for own in identify([moved], TERMS, "energy").findings if own.kind is Kind.ZERO_SHIFTED)
     size, error = np.degrees(abs(shifted.numbers["angle"].value)), np.degrees(shifted.numbers["angle"].std)
     assert size == pytest.approx(abs(off), abs=5 * error + 0.01) and 0 < error < 0.5
-    (option,) = shifted.remedies
-    mended = float(re.fullmatch(r"--columns position=ang_deg:deg([+-][\d.]+)", option)[1])
+    (remedy,) = shifted.remedies
+    mended = float(re.fullmatch(r"ang_deg:deg([+-][\d.]+)", remedy.columns["position"])[1])
     assert mended == pytest.approx(-off, abs=5 * error + 0.01)
 
 
@@ -56,8 +56,9 @@ def test_a_zero_that_is_off_is_found_without_a_tilt_in_the_model(run, free, off)
     moved = free_swing(off) if free else replace(run, position=run.position + np.radians(off))
     (shifted,) = (own for own in identify([moved], schemes="energy").findings if own.kind is Kind.ZERO_SHIFTED)
     assert np.degrees(shifted.numbers["angle"].value) == pytest.approx(-off, abs=0.5)
-    (option,) = shifted.remedies
-    assert float(re.fullmatch(r"--columns position=ang_deg:deg([+-][\d.]+)", option)[1]) == pytest.approx(-off, abs=0.5)
+    (remedy,) = shifted.remedies
+    mended = float(re.fullmatch(r"ang_deg:deg([+-][\d.]+)", remedy.columns["position"])[1])
+    assert mended == pytest.approx(-off, abs=0.5)
     right = free_swing(0.0) if free else run
     assert Kind.ZERO_SHIFTED not in {own.kind for own in identify([right], schemes="energy").findings}
 
@@ -65,20 +66,20 @@ def test_a_zero_that_is_off_is_found_without_a_tilt_in_the_model(run, free, off)
 def test_an_upright_zero_and_a_turned_sign_are_told_with_what_mends_them(run):
     upright = replace(run, position=run.position + np.pi)
     turned = replace(run, torque=-run.torque)
-    for wrong, kind, remedy in (
-        (upright, Kind.ZERO_UPRIGHT, "position=ang_deg:deg+180"),
-        (turned, Kind.INERTIA_NEGATIVE, "torque=-tau"),
+    for wrong, kind, columns in (
+        (upright, Kind.ZERO_UPRIGHT, {"position": "ang_deg:deg+180"}),
+        (turned, Kind.INERTIA_NEGATIVE, {"torque": "-tau"}),
     ):
-        for recording, options in ((wrong, [f"--columns {remedy}"]), (replace(wrong, origin=None), [])):
+        for recording, mended in ((wrong, [columns]), (replace(wrong, origin=None), [])):
             (found,) = (own for own in identify([recording], schemes="energy").findings if own.kind is kind)
-            assert [*found.remedies] == options
+            assert [own.columns for own in found.remedies] == mended
 
 
 def test_files_with_other_columns_are_told_apart(run):
     other = replace(run, name="other", origin=Origin(find_columns(["t", "q", "u"])))
     found = identify([run], schemes="energy")["energy"].model
     (turned,) = wrong_columns(negative(found), [run, other])
-    assert turned.remedies == {"--columns torque=-tau": (run.name,), "--columns torque=-u": ("other",)}
+    assert turned.remedies == (Remedy({"torque": "-tau"}, (run.name,)), Remedy({"torque": "-u"}, ("other",)))
 
 
 def negative(model: Model) -> Model:

@@ -23,6 +23,7 @@ from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording, RecordingError, Source, read_recording, write_recording, write_study
 from pendulum_env.servo.drive import Drive
+from tests.notes import noted
 from workbench.cli import main
 from workbench.narrator.diagnosis import headline
 
@@ -337,7 +338,7 @@ def test_output_of_a_controller_is_known_by_its_name_and_is_its_torque(
     np.savetxt(path, rows, delimiter=",", header=f"time,position,goal,{header}", comments="")
     own = read_recording(path, drive=drive, columns=columns)
     assert own.torque == pytest.approx(scale * output) and own.torque_unit == unit and own.has_logged_torque
-    assert are_driven([own]) and not any("to be found" in note for note in own.notes)
+    assert are_driven([own]) and not any("to be found" in note for note in noted(own))
 
 
 @pytest.mark.parametrize("ripple", [0.0, 0.1])

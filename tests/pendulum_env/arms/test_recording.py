@@ -3,6 +3,7 @@ import pytest
 
 from pendulum_env.arms.recording import ArmRecording, read_arm_recording
 from pendulum_env.recording import RecordingError, write_recording
+from tests.notes import noted
 from tests.pendulum_env.recording.test_files import moved
 
 JOINTS = ("shoulder", "elbow")
@@ -49,10 +50,14 @@ OFF = np.where(abs(TIME - 1.0) < 0.2, np.nan, POSITION[:, 1])
         (ARM | {"position_knee": TIME}, {}, "column 'position_knee' is of no joint"),
         (ARM, {"torque_elbo": "x"}, "unknown column of the arm 'torque_elbo': did you mean torque_elbow"),
         (ARM | {"position_elbow": OFF}, {}, "joint 'elbow' has other instants"),
-        (ARM, {"torque_elbow": "torque_elbow:A*?"}, "'elbow' has no torque constant: .* torque_elbow=torque_elbow:A"),
-        (ARM, {"torque_elbow": "torque_elbow:A"}, r"torque_elbow=torque_elbow:A\*0.1 with the .* gear ratio$"),
+        (ARM, {"torque_elbow": "torque_elbow:A*?"}, "'elbow' has no torque constant: .*'torque_elbow=torque_elbow:A"),
+        (ARM, {"torque_elbow": "torque_elbow:A"}, r"torque_elbow=torque_elbow:A\*0.1' with the .* gear ratio$"),
         (ARM | {"position_elbow": 0 * TIME}, {}, "joint 'elbow': position_elbow is 0 rad in every row, so nothing can"),
-        (ARM | {"position_wrist": np.nan * TIME}, {}, "column 'position_wrist' has no numbers: say --columns"),
+        (
+            ARM | {"position_wrist": np.nan * TIME},
+            {},
+            "column 'position_wrist' has no numbers: leave it out, --col",
+        ),
         (ARM | {"position_wrist": TIME}, {"position_wrist": "position_wrist:mile"}, "'mile' of position is not known"),
     ],
 )
@@ -70,7 +75,7 @@ def test_what_is_noted_of_a_column_can_be_pasted_for_its_joint(tmp_path):
     q = moved(torque, lambda t, q, v: 9.81 * q + 0.2 * v, start=1.0)  # on a spring: it could be degrees
     path = table(tmp_path / "run.csv", time=time, position_hip=q, torque_hip=torque)
     recording = read_arm_recording(path, ("hip",))
-    assert "read it with --columns position_hip=position_hip:deg,torque_hip=torque_hip" in recording.notes[-1]
+    assert "read it with --columns position_hip=position_hip:deg,torque_hip=torque_hip" in noted(recording)[-1]
 
 
 def test_temperatures_of_some_joints_may_be_there(tmp_path):
@@ -89,6 +94,6 @@ def test_temperatures_of_some_joints_may_be_there(tmp_path):
 def test_the_gain_of_a_current_is_asked_for_and_not_to_be_found(tmp_path):
     time = np.arange(400) / 100
     np.savez(tmp_path / "run.npz", time=time, position_a=np.sin(3 * time), current=np.cos(3 * time))
-    with pytest.raises(RecordingError, match=r"run.npz: joint 'a': .* write torque_a=current:A\*0.1") as refusal:
+    with pytest.raises(RecordingError, match=r"run.npz: joint 'a': .* 'torque_a=current:A\*0.1") as refusal:
         read_arm_recording(tmp_path / "run.npz", ["a"], columns={"torque_a": "current"})
     assert "*?" not in str(refusal.value)

@@ -97,7 +97,7 @@ def covered(**changes: object) -> dict:
     ("content", "match"),
     [
         (edited(schema="something else"), "this is not a model: 'schema' should be pendulum-ident/model@1"),
-        (edited(schema="pendulum-ident/arm-model@1"), "of an arm, .* a pendulum has no use: .* take it with --robot"),
+        (edited(schema="pendulum-ident/arm-model@1"), "of an arm, .* a pendulum has no use: give the arm"),
         ({"schema": "pendulum-ident/model@1"}, "it lacks 'terms'"),
         (edited(terms=["inertia", "stribek"]), r"unknown effect 'stribek': did you mean stribeck\? Known: "),
         (edited(terms=["inertia", "inertia"]), "names a term twice"),
@@ -113,7 +113,7 @@ def covered(**changes: object) -> dict:
         (covered(parameters=["mass", "gravity", "viscous", "coulomb"]), "does not tell of inertia"),
         (covered(matrix=np.eye(4)[:3].tolist()), "4 rows"),
         (covered(matrix=(-np.eye(4)).tolist()), "a variance below zero"),
-        (b"\xff\xfe\x00", "is not JSON; a model file is what `identify -o`"),
+        (b"\xff\xfe\x00", "is not JSON; write a model"),
         ("nowhere", "cannot be read"),
     ],
 )

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from pendulum_env.recording import RecordingError, read_recording, vocabulary
 from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.expression import Expression, letters, parse
+from tests.notes import noted
 
 UNITS = {letters(unit): unit for unit in ("rad", "deg", "rad/s", "N m", "A", "counts", "min-1")}
 NAMES = st.text(st.characters(exclude_categories=("Cs", "Cc", "Z"), exclude_characters=" "), min_size=1, max_size=12)
@@ -129,7 +130,7 @@ CURRENTS = ["iq", "Current [A]", "/motor/iq_measured", "PWM"]
     [
         ("time,q,position,torque", {}, "'q' and 'position' could both be position"),
         ("time,x,torque", {}, "for position among 'time', 'x', 'torque': name the columns time,position,torque"),
-        ("time,position_a,position_b,torque_a,torque_b", {}, "for 'a', 'b': .* take an arm's links with --robot"),
+        ("time,position_a,position_b,torque_a,torque_b", {}, "for 'a', 'b': an arm needs --robot"),
         ("time,position [counts],torque", {}, "no column for position"),
         ("time,q,tau_cmd,u", {}, "'tau_cmd' and 'u' could both be torque: say which with --columns torque=NAME"),
         (f"__time,{JOINTS}", {}, "could all be position: say which with --columns"),
@@ -137,10 +138,14 @@ CURRENTS = ["iq", "Current [A]", "/motor/iq_measured", "PWM"]
         ("t,q,tau", {"position": "Q"}, "no column is named 'Q', which is to be position, among 't', 'q', 'tau'"),
         ("t,q,tau,x,x", {"position": "x"}, "2 columns are named 'x'"),
         ("t,q,tau", {"velocity": "q"}, "no column for position"),
-        *((f"t,q,{name}", {}, "no column for torque.*needs a gain, as in --columns torque=") for name in CURRENTS),
-        (HEADERS, {"torque": "current"}, "column 'current' without a gain: write torque=current:A[*]0.1 with"),
+        *((f"t,q,{name}", {}, "no column for torque.*needs a gain, as in --columns 'torque=") for name in CURRENTS),
+        (
+            HEADERS,
+            {"torque": "current"},
+            "column 'current' without a gain: write --columns 'torque=current:A[*]0.1'",
+        ),
         (HEADERS, {"torque": "duty:duty"}, "cannot be column 'duty' without a gain"),
-        (HEADERS, {"position": "enc"}, "write position=enc:counts/4096 with the counts of a turn"),
+        (HEADERS, {"position": "enc"}, "write --columns position=enc:counts/4096 with the counts of a turn"),
         (HEADERS, {"position": "q*?"}, "can be unknown only where it is a current"),
         (HEADERS, {"torque": "current*?"}, "unknown only where it is a current: write torque=current:A[*][?]"),
         (HEADERS, {"torque": "current:A*2+1"}, "offset in 'current:A[*]2[+]1' needs a unit of its own: .*[+]1:Nm"),
@@ -163,4 +168,4 @@ def test_a_current_of_unknown_gain_stays_one() -> None:
     recording = read_recording(log, columns={"torque": "-current:mA*?"})
     assert recording.torque_unit == "A"
     np.testing.assert_allclose(recording.torque, -np.cos(time))
-    assert "torque is in A, its gain to be found" in recording.notes
+    assert "torque is in A, its gain to be found" in noted(recording)

@@ -103,11 +103,11 @@ ASKED: dict[str, tuple[str, str, dict[str, str]]] = {  # text, what is said, and
         text("Time (s),Angle,Torque", TIME, 20 * DEGREES, TORQUE), "position=Angle:deg", {"position": "Angle:deg/20"},
     ),
     "a symbol with a unit": (
-        text("t / s;phi / °;M / Nm", TIME, DEGREES, TORQUE, sep=";"), "torque='M / Nm'", {"torque": "M / Nm"},
+        text("t / s;phi / °;M / Nm", TIME, DEGREES, TORQUE, sep=";"), "'torque=M / Nm'", {"torque": "M / Nm"},
     ),
     "Dynamixel Wizard": (
         text("Time(ms),[ID:001] Present Position,[ID:001] Present Current", MILLIS, 1e6 * (1 + ANGLE / np.pi), TORQUE),
-        "position='[ID:001] Present Position:counts/4096'",
+        "'position=[ID:001] Present Position:counts/4096'",
         {"position": "[ID:001] Present Position:counts/2000000-180:deg", "torque": "[ID:001] Present Current:A*1"},
     ),
     "EPOS Studio": (
@@ -115,7 +115,7 @@ ASKED: dict[str, tuple[str, str, dict[str, str]]] = {  # text, what is said, and
             "Time [ms];Position actual value [inc];Torque actual value [mNm]", MILLIS, 1e6 * ANGLE, 1000 * TORQUE,
             sep=";", comma=True,
         ),
-        "position='Position actual value [inc]:counts/4096'",
+        "'position=Position actual value [inc]:counts/4096'",
         {"position": "Position actual value [inc]*1e-6"},
     ),
     "TwinCAT Scope": (
@@ -196,7 +196,7 @@ def test_empty_columns_give_way_and_units_in_brackets_need_not_be_told(tmp_path:
     check(read_recording(path, columns={"time": "Zeit", "torque": "Drehmoment", "position": "Winkel"}), TORQUE)
     check(read_recording(path, columns={"torque": "-Drehmoment*2"}), -2 * TORQUE)
     path = table("Zeit [ms]", "phi2 [°]", "M [mNm]")
-    with pytest.raises(RecordingError, match=r"position='phi2 \[°\]'.* torque='M \[mNm\]'") as refusal:
+    with pytest.raises(RecordingError, match=r"'position=phi2 \[°\]'.* 'torque=M \[mNm\]'") as refusal:
         read_recording(path)
     assert "Stellgröße [V]:" not in str(refusal.value)
 
@@ -204,7 +204,7 @@ def test_empty_columns_give_way_and_units_in_brackets_need_not_be_told(tmp_path:
 @pytest.mark.parametrize("told", ["current*0.1", "current:A*?"])
 def test_a_current_that_no_joint_draws_is_asked_for_its_unit(told: str) -> None:
     log = {"time": TIME, "angle": ANGLE, "current": 1600 * np.cos(TIME)}
-    with pytest.raises(RecordingError, match="'torque': 'current:mA"):
+    with pytest.raises(RecordingError, match="'torque=current:mA"):
         read_recording(log, columns={"torque": told})
     assert read_recording(log, columns={"torque": "current:mA*0.1"}).torque.max() == pytest.approx(0.16, rel=1e-3)
     log["current [A]"] = log.pop("current")
@@ -213,7 +213,7 @@ def test_a_current_that_no_joint_draws_is_asked_for_its_unit(told: str) -> None:
 
 def test_whole_numbers_that_jump_are_counts() -> None:
     counts = np.round(16384 * (TIME / 3 % 1.0))
-    with pytest.raises(RecordingError, match="'position': 'angle:counts/4096'") as refusal:
+    with pytest.raises(RecordingError, match="position=angle:counts/4096") as refusal:
         read_recording({"time": TIME, "angle": counts, "torque": TORQUE})
     assert "deg" not in str(refusal.value)
 

@@ -7,6 +7,7 @@ import pyarrow as pa
 import pytest
 
 from pendulum_env.recording import Recording, RecordingError, read_recording
+from tests.notes import noted
 
 TURN = 2 * np.pi
 
@@ -57,7 +58,7 @@ def test_lost_cells_are_no_values_that_are_held(tmp_path: Path, swing: Recording
     logs = (q, cells(held, lost=lost)), turning, (q, cells(ramp, lost=lost))
     for columns, quantity in zip(logs, ("torque", "position", "torque"), strict=True):
         recording = read(tmp_path, "time,position,torque", time, *columns)
-        assert any(note.startswith(f"{quantity} is empty") and "left out" in note for note in recording.notes)
+        assert any(note.startswith(f"{quantity} is empty") and "left out" in note for note in noted(recording))
 
 
 def test_truth_values_are_no_torque(tmp_path: Path, swing: Recording) -> None:
@@ -93,7 +94,7 @@ def test_labels_in_words_begin_a_segment_where_they_change(tmp_path: Path, swing
 def test_an_optional_column_that_cannot_be_read_is_left_out_with_a_note(tmp_path: Path, swing: Recording) -> None:
     columns = cells(swing.time), cells(swing.position), cells(swing.torque), ["n/a"] * len(swing)
     recording = read(tmp_path, "time,position,torque,temperature", *columns)
-    assert recording.temperature is None and any("temperature is left out" in note for note in recording.notes)
+    assert recording.temperature is None and any("temperature is left out" in note for note in noted(recording))
     with pytest.raises(RecordingError, match="'n/a' as temperature"):
         read_recording(tmp_path / "run.csv", columns={"temperature": "temperature"})
 
@@ -112,7 +113,7 @@ def test_columns_of_moteus_are_turns(swing: Recording, header: str) -> None:
     recording = read_recording(dict(zip(header.split(","), columns, strict=True)))
     assert recording.position == pytest.approx(0.2 * swing.position)
     assert recording.velocity == pytest.approx(0.2 * swing.velocity)
-    assert any("position converted to rad" in note for note in recording.notes)
+    assert any("position converted to rad" in note for note in noted(recording))
 
 
 @pytest.mark.parametrize("name", ["tau_est", "tauEst", "estimated_torque", "torque_est"])
@@ -126,4 +127,4 @@ def test_a_stamp_beyond_the_samples_is_told(tmp_path: Path, swing: Recording) ->
     later = np.append(swing.time, swing.time[-1] + swing.time[1])
     np.savez(tmp_path / "run.npz", t=later, q=swing.position, u=swing.torque)
     recording = read_recording(tmp_path / "run.npz")
-    assert len(recording) == len(swing) and any("one stamp more" in note for note in recording.notes)
+    assert len(recording) == len(swing) and any("one stamp more" in note for note in noted(recording))

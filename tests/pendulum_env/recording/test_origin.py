@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from pendulum_env.recording import Recording, read_recording
-from pendulum_env.recording.record import WARNING
+from tests.notes import noted
+from workbench.narrator.notes import WARNING
 
 TIME = np.arange(2000) / 500
 ANGLE = 0.8 * np.sin(3 * TIME) + 0.3 * np.sin(7 * TIME)
@@ -47,7 +48,7 @@ def pasted(path: Path, option: str) -> Recording:
 def test_a_shifted_zero_is_pasted_whatever_the_column_was(write, header, scale, named):
     path = write(**{header: scale * ANGLE})
     read = read_recording(path, columns={} if named is None else {"position": named})
-    moved = pasted(path, read.origin.shifted(np.radians(-20.0), 1))
+    moved = read_recording(path, columns=read.origin.shifted(np.radians(-20.0), 1))
     away = np.angle(np.exp(1j * (moved.position - read.position)))  # a zero is one of each turn
     assert np.degrees(away) == pytest.approx(-20.0, abs=0.06)  # the last digit that is told
 
@@ -55,9 +56,9 @@ def test_a_shifted_zero_is_pasted_whatever_the_column_was(write, header, scale, 
 def test_what_is_no_angle_has_no_shift_and_a_goal_goes_along(write):
     assert read_recording(write(x=ANGLE), columns={"position": "x:mm"}).origin.shifted(0.3, 1) is None
     path = write(ang_deg=np.degrees(ANGLE), goal=np.degrees(ANGLE))
-    option = read_recording(path).origin.shifted(np.radians(12.0), 0)
-    assert option == "--columns position=ang_deg:deg+12,reference=goal:deg+12"
-    moved = pasted(path, option)
+    columns = read_recording(path).origin.shifted(np.radians(12.0), 0)
+    assert columns == {"position": "ang_deg:deg+12", "reference": "goal:deg+12"}
+    moved = read_recording(path, columns=columns)
     assert moved.reference == pytest.approx(moved.position, abs=1e-9)
 
 
@@ -65,9 +66,9 @@ def test_a_turned_sign_turns_what_was_added_and_keeps_what_else_was_said(write):
     path = write(q=ANGLE, clock=1e3 * TIME, dq=-np.gradient(ANGLE, TIME))
     columns = {"time": "clock:ms", "torque": "-torque*2-0.5", "velocity": "unused"}
     read = read_recording(path, columns=columns)
-    option = read.origin.turned("torque")
-    assert option == "--columns 'time=clock:ms,torque=torque*2+0.5,velocity=unused'"
-    turned = pasted(path, option)
+    mended = read.origin.turned("torque")
+    assert mended == columns | {"torque": "torque*2+0.5"}
+    turned = read_recording(path, columns=mended)
     assert turned.torque == pytest.approx(-read.torque) and turned.velocity is None
 
 
@@ -81,7 +82,7 @@ def test_a_turned_sign_turns_what_was_added_and_keeps_what_else_was_said(write):
 )
 def test_a_unit_that_is_said_wrongly_is_warned_of_in_the_words_that_refuse_a_guess(write, columns, named, remedy):
     """959 rad/s, said by a user to be rad/s, are no less absurd than a guess."""
-    (note,) = (note for note in read_recording(write(**columns), columns=named).notes if note.startswith(WARNING))
+    (note,) = (note for note in noted(read_recording(write(**columns), columns=named)) if note.startswith(WARNING))
     assert "faster than any arm" in note and note.endswith(remedy)
 
 

@@ -23,6 +23,7 @@ from pendulum_env.recording.study import read_sources
 from tests import slow
 from tests.cases import diagnosed
 from tests.estimators.diagnosis.test_experiment import first as wagged
+from tests.notes import noted
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import (
     comes_to_the_same,
@@ -250,7 +251,7 @@ def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(s
     errors = [one.ladder[-1].errors["holdout"].torque_rms for one in (before, after)]
     assert errors[1] < 1.15 * after.told.noise_floor < 0.5 * errors[0]
     session.act(lambda: session.keep(loaded(replace(late, name="again"), held_out=True)))
-    assert session.state.is_aligned and all("aligned: " in one.notes[-1] for one in session.state.recordings)
+    assert session.state.is_aligned and all("aligned: " in noted(one)[-1] for one in session.state.recordings)
     assert session.state.anew(is_aligned=False).recordings == [one.recording for one in session.state.loaded]
 
 
@@ -449,7 +450,7 @@ def test_a_free_swing_is_loaded_with_a_note_and_a_card_can_say_that_nothing_driv
     session = Session(folder)
     session.load([Source(plain), Source(asked)])
     (loaded,), (card,) = session.state.loaded, session.cards
-    assert any("free swing" in note for note in loaded.recording.notes) and "torque=none" in card.why
+    assert any("free swing" in note for note in noted(loaded.recording)) and "torque=none" in card.why
     session.answer(card.filled({"role:0": "time", "role:1": "position", "free:0": ["free"]}))
     assert not session.cards and not session.state.loaded[1].recording.torque.any()
 

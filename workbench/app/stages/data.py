@@ -24,6 +24,7 @@ from workbench.app.uploads import MODEL, STUDY
 from workbench.narrator.diagnosis import describe_disagreement
 from workbench.narrator.effects import name
 from workbench.narrator.findings import describe, describe_late
+from workbench.narrator.notes import describe_note
 from workbench.options import FORMATS
 from workbench.robot import held_text
 
@@ -128,7 +129,11 @@ def _row(one: Loaded, recording: Recording, stick: dict[int, float]) -> tuple[An
         button("Remove", "remove", one.id, **aria(label=f"Remove {label}")),
     ]
     return (
-        [html.Strong(label), *(html.Div(opening(note), className="note") for note in recording.notes), columns],
+        [
+            html.Strong(label),
+            *(html.Div(opening(describe_note(note)), className="note") for note in recording.notes),
+            columns,
+        ],
         f"{recording.duration:.3g}",
         f"{recording.rate:.4g}",
         f"{len(recording):,}".replace(",", " "),

@@ -1,0 +1,85 @@
+"""What reading changed in a recording, or guessed of it: a kind, columns and numbers; the narrator has the words."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from pendulum_env.notebook import headline
+from pendulum_env.quantity import Quantity
+
+
+class NoteKind(StrEnum):
+    """Kind of a note. Comments name what comes with it beside the quantities."""
+
+    # columns of the file
+    TRANSFORMED = "transformed"  # text: the user's expression
+    CONVERTED = "converted"  # headers, text: the unit
+    GAIN_UNKNOWN = "gain_unknown"  # text: the unit
+    COMMANDED_TORQUE = "commanded_torque"  # headers
+    LOAD_TORQUE_ALONE = "load_torque_alone"  # headers
+    LOAD_TORQUE = "load_torque"  # headers
+    PASSED_OVER = "passed_over"  # headers: the one that is read, and the other
+    AMBIGUOUS = "ambiguous"  # headers, count, columns that name it
+    NO_TORQUE = "no_torque"
+    NO_TORQUE_COLUMN = "no_torque_column"
+    TORQUE_OF_DRIVE = "torque_of_drive"
+    TORQUE_BY_OUTPUT = "torque_by_output"  # text: the output; headers: its unit
+    OTHER_TOPIC = "other_topic"  # headers: the topic, and that of position
+    UNREADABLE = "unreadable"  # text: the error
+    SPARSE = "sparse"  # count, rows, empty or infinite
+
+    # rows of the file
+    ROWS_BELOW_HEADER = "rows_below_header"  # count
+    FIRST_DATE = "first_date"  # text: the date
+    LAST_ROW_CUT = "last_row_cut"
+    STAMP_TOO_MANY = "stamp_too_many"
+    CLOCK_RESTARTED = "clock_restarted"
+    CELLS_HELD = "cells_held"
+    OTHER_ROWS = "other_rows"  # held or interpolated
+    SPOILT = "spoilt"  # count, places: rows; empty or infinite
+    TIME_REPEATED = "time_repeated"  # count, places: rows
+    GLITCHES = "glitches"  # count, places: rows
+    STALE = "stale"  # count, places: rows
+    HELD_AT_FIRST = "held_at_first"  # time
+    UNWRAPPED = "unwrapped"  # count
+
+    # time
+    GAPS = "gaps"  # count, shortest, longest, places: times
+    SHORT_SEGMENTS = "short_segments"  # count, samples, least
+    FILLED = "filled"  # count, places: times
+    CLOCK_ROUNDED = "clock_rounded"  # rate, error
+    RESAMPLED = "resampled"  # rate, shortest, longest, std, slow, ratio
+    ALIGNED = "aligned"  # delay, lag; neither where it is half a sample
+
+    # doubts
+    MAY_BE_DEGREES = "may_be_degrees"  # low, high, columns that read it so
+    IMPLAUSIBLE = "implausible"  # text: the error that a guess would have been
+
+
+NAMED = 5  # rows or times that a note names
+
+
+@dataclass(frozen=True)
+class Note:
+    """One thing that reading changed in a recording, or guessed of it.
+
+    Attributes:
+        kind: of the note.
+        quantities: concerned, as a file's columns are named; of an arm with the joint.
+        numbers: by name, see `NoteKind`.
+        headers: names of columns of the file, or of topics.
+        places: the first `NAMED` rows of the file, from 1, or times [s].
+        text: as the file, the user or an error has it.
+        columns: with which the file would be read otherwise.
+    """
+
+    kind: NoteKind
+    quantities: tuple[str, ...] = ()
+    numbers: Mapping[str, Quantity] = field(default_factory=dict)
+    headers: tuple[str, ...] = ()
+    places: tuple[float, ...] = ()
+    text: str = ""
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return headline(self)

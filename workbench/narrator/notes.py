@@ -1,0 +1,115 @@
+"""Notes on recordings in words."""
+
+from collections.abc import Callable, Mapping
+
+from pendulum_env.recording.notes import Note, NoteKind
+from pendulum_env.settings import setting
+from pendulum_env.words import listing
+
+WARNING = "warning: "  # begins a note of what is likely wrong
+
+
+def describe_note(note: Note) -> str:
+    """Describe what was changed in a recording, or guessed of it, in a phrase."""
+    numbers = {name: number.value for name, number in note.numbers.items()}
+    words = {"quantity": listing(note.quantities), "text": note.text, "columns": setting("columns", note.columns)}
+    words |= {f"header{k or ''}": name for k, name in enumerate(note.headers)}
+    if note.kind in PLACES:
+        words["places"] = PLACES[note.kind](note)
+    if note.kind in VARIANTS:
+        words["variant"] = VARIANTS[note.kind](note)
+    return TEXTS[note.kind].format(**words, **numbers)
+
+
+def _rows(note: Note) -> str:
+    """Name rows of a file: `data row 12`, or `3 data rows (12, 14 and 20)`."""
+    rows = [f"{row:g}" for row in note.places]
+    if len(rows) == 1:
+        return f"data row {rows[0]}"
+    count = note.numbers["count"].value
+    more = [f"{count - len(rows):g} more"] if count > len(rows) else []
+    return f"{count:g} data rows ({listing([*rows, *more])})"
+
+
+def _times(note: Note) -> str:
+    """Name times: `1.2 s`, or `1.2, 3.4 s and 5 more times`."""
+    more = note.numbers["times"].value - len(note.places)
+    times = ", ".join(f"{time:.6g}" for time in note.places) + " s"
+    return f"{times} and {more:g} more times" if more else times
+
+
+def _by_count(one: str, several: str) -> Callable[[Note], str]:
+    """Choose the text of one or of several; the latter takes the numbers of the note."""
+    return lambda note: (one if note.numbers["count"].value == 1 else several).format(
+        **{name: number.value for name, number in note.numbers.items()}
+    )
+
+
+def _delays(note: Note) -> str:
+    return ", ".join(f"{name} {1e3 * size.value:.3g} ms" for name, size in note.numbers.items()) or "half a sample"
+
+
+ROWS = (NoteKind.SPOILT, NoteKind.TIME_REPEATED, NoteKind.GLITCHES, NoteKind.STALE)
+PLACES = dict.fromkeys(ROWS, _rows) | dict.fromkeys((NoteKind.GAPS, NoteKind.FILLED), _times)
+VARIANTS: Mapping[NoteKind, Callable[[Note], str]] = {
+    NoteKind.ROWS_BELOW_HEADER: _by_count("1 row below the header holds", "{count:g} rows below the header hold"),
+    NoteKind.OTHER_ROWS: lambda note: {"held": "as it was last"}.get(note.text, "by interpolation"),
+    NoteKind.SPOILT: lambda note: "is" if len(note.quantities) == 1 else "are",
+    NoteKind.GAPS: _by_count("a gap of", "{count:g} gaps of {shortest:.3g} to"),
+    NoteKind.SHORT_SEGMENTS: _by_count("a segment", "{count:g} segments"),
+    NoteKind.FILLED: _by_count("1 sample is", "{count:g} samples are"),
+    NoteKind.RESAMPLED: lambda note: (
+        f", {note.numbers['slow'].value:g} of them over {note.numbers['ratio'].value:g} times the usual"
+        if "slow" in note.numbers
+        else ""
+    ),
+    NoteKind.ALIGNED: _delays,
+}
+TEXTS: Mapping[NoteKind, str] = {
+    NoteKind.TRANSFORMED: "{quantity} is {text}",
+    NoteKind.CONVERTED: "{quantity} converted to {text} from column {header!r}",
+    NoteKind.GAIN_UNKNOWN: "{quantity} is in {text}, its gain to be found",
+    NoteKind.COMMANDED_TORQUE: "{quantity} is the commanded one, from column {header!r}",
+    NoteKind.LOAD_TORQUE_ALONE: "{quantity} is that of column {header!r}: the log has no other torque",
+    NoteKind.LOAD_TORQUE: "column {header!r} is read as a load torque, which adds to torque",
+    NoteKind.PASSED_OVER: "{quantity} is taken from column {header!r}; {header1!r} is there too",
+    NoteKind.AMBIGUOUS: (
+        "{quantity} is left out: {count:g} columns match, as {header} and {header1}; name it with {columns}"
+    ),
+    NoteKind.NO_TORQUE: "torque is taken as none: the recording is a free swing (torque 0)",
+    NoteKind.NO_TORQUE_COLUMN: "no torque column: the recording is a free swing (torque 0)",
+    NoteKind.TORQUE_OF_DRIVE: "torque is not taken from the log: it is what the drive asked for",
+    NoteKind.TORQUE_BY_OUTPUT: "torque is the {text} that was logged, in {header} by the drive",
+    NoteKind.OTHER_TOPIC: "{quantity} is taken from {header} at the times of {header1}",
+    NoteKind.UNREADABLE: "{quantity} is left out: {text}",
+    NoteKind.SPARSE: "{quantity} is left out: it is {text} in {count:g} of {rows:.0f} rows",
+    NoteKind.ROWS_BELOW_HEADER: "{variant} no samples: left out",
+    NoteKind.FIRST_DATE: "time is counted from {text}",
+    NoteKind.LAST_ROW_CUT: "the last row is cut off: left out",
+    NoteKind.STAMP_TOO_MANY: "time has one stamp more than there are samples: the last is left out",
+    NoteKind.CLOCK_RESTARTED: "time goes on where its counter began again",
+    NoteKind.CELLS_HELD: "empty cells hold the last value: the file repeats no value",
+    NoteKind.OTHER_ROWS: "{quantity} stands in other rows than position: taken {variant}",
+    NoteKind.SPOILT: "{quantity} {variant} {text} in {places}: left out",
+    NoteKind.TIME_REPEATED: "time repeats that of the row before in {places}: left out",
+    NoteKind.GLITCHES: "{quantity} jumps for one sample in {places}: left out",
+    NoteKind.STALE: "{quantity} stays behind while the joint moves on in {places}: left out",
+    NoteKind.HELD_AT_FIRST: "{quantity} is held until {time:.2f} s: left out, for the swing is free from there on",
+    NoteKind.UNWRAPPED: "{quantity} unwrapped at {count:g} jumps of 2 pi",
+    NoteKind.GAPS: "{variant} {longest:.3g} s after {places}: segments end there",
+    NoteKind.SHORT_SEGMENTS: "{samples:.0f} samples in {variant} shorter than {least:g} s are left out",
+    NoteKind.FILLED: "{variant} missing after {places}: filled in by interpolation",
+    NoteKind.CLOCK_ROUNDED: (
+        "time set to uniform {rate:.6g} Hz, from which it differed by rounding only (up to {error:.2g} s)"
+    ),
+    NoteKind.RESAMPLED: (
+        "resampled to {rate:.6g} Hz: steps were {shortest:.4g} to {longest:.4g} ms (standard deviation {std:.2g} ms)"
+        "{variant}"
+    ),
+    NoteKind.ALIGNED: "aligned: {variant}",
+    NoteKind.MAY_BE_DEGREES: (
+        "{quantity} runs from {low:.4g} to {high:.4g} and is taken as radians, on which a spring acts; if it is "
+        "degrees, read it with {columns}"
+    ),
+    NoteKind.IMPLAUSIBLE: WARNING + "{text}",
+}
