@@ -9,8 +9,6 @@ import pendulum_env  # noqa: F401  (makes the environments known)
 from benchmarks.two_link import Multisine, TwoLink
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.planar import TWO_LINK, Link
-from pendulum_env.arms.recording import read_arm_recording
-from pendulum_env.wrappers import RecordMeasurements
 
 ID = "pendulum_env/PlanarArm-v0"
 ARM = TwoLink()
@@ -81,19 +79,6 @@ def test_clipped_is_said_of_each_joint_and_many_arms_step_together():
     envs.reset(seed=0)
     assert envs.step(np.ones((3, 2), dtype=np.float32))[0].shape == (3, 6)
     envs.close()
-
-
-def test_a_recording_has_columns_of_each_joint_and_the_robot_is_a_file(tmp_path):
-    env = RecordMeasurements(gym.make(ID), tmp_path / "run.csv")
-    env.reset()
-    for k in range(1101):
-        env.step(np.array([3 * np.sin(0.05 * k), 2 * np.cos(0.03 * k)], dtype=np.float32))
-    env.close()
-    (tmp_path / "arm.urdf").write_text(env.unwrapped.urdf)
-    body = read_body(tmp_path / "arm.urdf")
-    recording = read_arm_recording(tmp_path / "run.csv", body.joints)
-    assert recording.names == ("shoulder", "elbow") and len(recording) == 1101
-    assert recording.torque[1, 0] == pytest.approx(3 * np.sin(0.05), rel=1e-6)
 
 
 @pytest.mark.parametrize(

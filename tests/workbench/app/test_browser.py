@@ -20,7 +20,6 @@ from tests import slow
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import filled, press, recorded
 
-PICTURES = Path(".artefacts")
 WIDTHS = (420, 800, 1024, 1280, 1920)  # [px], from a telephone to a large screen
 MS = 1000 * PATIENCE  # as Playwright counts
 STAGES = {
@@ -93,11 +92,6 @@ class Tab:
         self.page.click(f"#to-{stage}")
         self.page.wait_for_selector(STAGES[stage])
         assert self.page.evaluate("scrollY") == 0  # a stage begins at its top
-
-    def picture(self, name: str) -> None:
-        PICTURES.mkdir(exist_ok=True)
-        self.page.wait_for_timeout(300)  # for fonts and plots to settle
-        self.page.screenshot(path=PICTURES / f"{name}.png", full_page=True)
 
     def brush(self, view: str, box: tuple[float, float, float, float]) -> str:
         """Draw a box, in shares of the plot; returns what the page says about it."""
@@ -430,7 +424,7 @@ def test_no_stage_is_wider_than_the_window_or_has_text_that_is_cut_or_overlaps(b
         tab.go(stage)
         for width in WIDTHS:
             tab.page.set_viewport_size({"width": width, "height": 900})
-            tab.picture(f"{width}-{stage}")
+            tab.page.wait_for_timeout(300)  # for fonts and plots to settle
             assert tab.page.evaluate("document.documentElement.scrollWidth") <= width, (stage, width)
             assert tab.unreadable() == [], (stage, width)
     assert tab.page.evaluate("document.documentElement.dataset.theme") == "dark"
