@@ -31,7 +31,6 @@ from pendulum_env.recording.vocabulary import (
     MOTEUS,
     MOTEUS_REGISTERS,
     MOTOR,
-    NAMES,
     NO_TORQUE,
     OPTIONAL,
     OUTPUTS,
@@ -45,6 +44,7 @@ from pendulum_env.recording.vocabulary import (
     UNITS_OF_NO_TORQUE,
     WORD,
     Rank,
+    find_name,
 )
 from pendulum_env.settings import setting
 from pendulum_env.words import along
@@ -119,7 +119,7 @@ class Column:
             notes.append(Note(NoteKind.GAIN_UNKNOWN, own, text=self.result_unit))
         if self.rank is Rank.COMMANDED and letters(self.header) != "u":  # which never means anything else
             notes.append(Note(NoteKind.COMMANDED_TORQUE, own, headers=header))
-        if self.quantity == "torque" and NAMES.get(letters(self.header), ("",))[0] == "load_torque":
+        if self.quantity == "torque" and (find_name(letters(self.header)) or ("",))[0] == "load_torque":
             notes.append(Note(NoteKind.LOAD_TORQUE_ALONE, own, headers=header))
         if self.quantity == "load_torque":
             notes.append(Note(NoteKind.LOAD_TORQUE, own, headers=header))
@@ -246,7 +246,7 @@ def may_be_torque(header: str, place: int) -> bool:
     bare, words = header.strip(), set(WORD.findall(header))
     if not bare or bare.lower() in INDICES:
         return not bare and place > 0  # pandas writes row numbers first
-    known = {match[0] for own in _spelt(header) if (match := NAMES.get(letters(own)))}
+    known = {match[0] for own in _spelt(header) if (match := find_name(letters(own)))}
     if known:
         return not known.isdisjoint(("torque", *MOTOR))
     unit = re.search(r"[\[(]([^\])]+)[\])]$", bare)
@@ -341,7 +341,7 @@ def _fitting(quantity: str, headers: Sequence[str], taken: set[int]) -> list[Col
     """Columns that could be a quantity: by their whole names, else by the last or last but one part of a path."""
     spelt = [_spelt(header) for header in headers]
     for part in range(len(spelt[0]) if spelt else 0):
-        matches = [(k, NAMES.get(letters(own[part]))) for k, own in enumerate(spelt) if k not in taken]
+        matches = [(k, find_name(letters(own[part]))) for k, own in enumerate(spelt) if k not in taken]
         fitting = [Column(quantity, headers[k].strip(), k, *m[1:]) for k, m in matches if m and m[0] == quantity]
         if fitting:
             return fitting

@@ -27,6 +27,7 @@ ALIASES = {
 }
 TICKS = {
     "second": "s",
+    "secs": "s",
     "millis": "ms",
     "milliseconds": "ms",
     "micros": "us",
@@ -157,8 +158,8 @@ class Rank(IntEnum):
     COMMANDED = 2
 
 
-def _names() -> Iterator[tuple[str, tuple[str, str | None, Rank]]]:
-    """Every name that is understood, as letters, with its quantity, unit and rank."""
+def _stems() -> Iterator[tuple[str, tuple[str, Rank]]]:
+    """Yield every name without a unit, as letters, with its quantity and rank."""
     for quantity, aliases in ALIASES.items():
         words: dict[Rank, tuple[str, ...]] = {Rank.MEASURED: MEASURED}
         if quantity in ("position", "velocity", "torque"):
@@ -177,11 +178,24 @@ def _names() -> Iterator[tuple[str, tuple[str, str | None, Rank]]]:
         if quantity == "torque":
             stems |= {"u": Rank.COMMANDED}  # control engineers' input
         for stem, rank in stems.items():
-            yield stem, (quantity, None, rank)
-            for unit in UNITS[quantity]:
-                yield stem + unit, (quantity, unit, rank)
+            yield stem, (quantity, rank)
 
 
-NAMES = dict(_names()) | {name: ("time", unit, Rank.MEASURED) for name, unit in TICKS.items()}
-NAMES |= {name: (quantity, unit, Rank.MEASURED) for name, (quantity, unit) in ODRIVE.items()}
-NAMES |= {"taum": ("torque", None, Rank.MEASURED)}  # of the motor; with a unit it is `tau [mNm]`
+STEMS = dict(_stems())
+WHOLE = {  # names that are no stem and unit
+    **{name: ("time", unit) for name, unit in TICKS.items()},
+    **ODRIVE,
+    "taum": ("torque", None),  # of the motor; with a unit it is `tau [mNm]`
+}
+
+
+def find_name(name: str) -> tuple[str, str | None, Rank] | None:
+    """Return quantity, unit and rank of a name as letters: the longest stem, and a unit or none; None if unknown."""
+    if name in WHOLE:
+        return *WHOLE[name], Rank.MEASURED
+    for end in range(len(name), 0, -1):
+        if name[:end] in STEMS:
+            quantity, rank = STEMS[name[:end]]
+            if end == len(name) or name[end:] in UNITS[quantity]:
+                return quantity, name[end:] or None, rank
+    return None

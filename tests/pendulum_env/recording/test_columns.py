@@ -73,9 +73,9 @@ def test_quantities_are_found_by_the_names_that_people_and_programs_give_them(he
 
 def test_no_name_has_two_meanings() -> None:
     meanings: dict[str, set[tuple[str, float, bool]]] = {}
-    for name, (quantity, unit, commanded) in vocabulary._names():
-        factor = 1.0 if unit is None else vocabulary.UNITS[quantity][unit]
-        meanings.setdefault(name, set()).add((quantity, factor, commanded))
+    for stem, (quantity, rank) in vocabulary._stems():
+        for unit, factor in {"": 1.0, **vocabulary.UNITS[quantity]}.items():
+            meanings.setdefault(stem + unit, set()).add((quantity, factor, rank))
     assert {name: meaning for name, meaning in meanings.items() if len(meaning) > 1} == {}
 
 
