@@ -3,14 +3,11 @@
 import contextlib
 import itertools
 import os
-from collections.abc import Iterator
 
 import pytest
 
 from pendulum_env.backends.hardware.drive import find_adapter
-from pendulum_env.settings import use_writer
 from tests.pendulum_env.rigs import EmulatedRig, Host
-from workbench.mistakes import write_option
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # windows of mode human need no screen
 
@@ -54,11 +51,3 @@ def host():
     yield start
     for one in hosts:
         one.close()
-
-
-@pytest.fixture(autouse=True)
-def _options() -> Iterator[None]:
-    """Messages name options as on the command line, where they are pasted."""
-    before = use_writer(write_option)
-    yield
-    use_writer(before)
