@@ -19,13 +19,13 @@ from estimators.diagnosis.suggestion import Suggestion
 from estimators.free_swings import known_values
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import arm_base, body_of
-from pendulum_env.arms.model import ArmModel, Asked
+from pendulum_env.arms.joints import arm_base
+from pendulum_env.arms.model import ArmModel, Asked, load_model
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.files import check_output, write_whole
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.limits import collect_limits
-from pendulum_env.physics.mechanism import Mechanism
+from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.reading import Text, Unreadable, convert, read_json
 from pendulum_env.recording import Recording, Source
@@ -112,12 +112,12 @@ def _print_note(note: str, terminal: Terminal) -> None:
     terminal.say(f"  {note}", style="yellow" if note.startswith(WARNING) else None)
 
 
-def read_model(path: str) -> Model:
-    """Read a model that can be compared with recordings: one with inertia.
+def read_model(path: str, body: Mechanism = PENDULUM) -> Model:
+    """Read a model that can be compared with recordings of a body: one with inertia.
 
     Raises ModelError if there is none in the file.
     """
-    model = Model.load(path)
+    model = load_model(path, body)
     try:
         return model_that_moves(model)
     except ModelError as error:
@@ -137,7 +137,7 @@ class Opened:
     @property
     def body(self) -> Mechanism:
         """The links of an arm; None of a pendulum."""
-        return body_of(self.model.terms)
+        return self.model.body
 
     def preprocessed(
         self, terminal: Terminal, align: bool | None = None, fixed: Mapping[str, float] | None = None
@@ -145,7 +145,7 @@ class Opened:
         """Recordings in torque where known loads tell the torque constant, or fixed parameters scale free swings."""
         known = known_values(self.model.terms) | dict(fixed or {})
         given = FitData.of(self.recordings, self.holdout, self.model.terms, known=known)
-        if isinstance(self.body, Body):
+        if not self.body.can_simulate:
             align = align or None  # looking takes long, so none is warned unasked
         return tell_preprocessed(given, align, terminal)
 

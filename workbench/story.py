@@ -4,10 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 from estimators.diagnosis.result import Diagnosis
-from pendulum_env.arms.body import Body
 from pendulum_env.physics import Estimate
 from pendulum_env.physics.model import short_name
-from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import Table, number_text
 from workbench.narrator.diagnosis import (
     describe_disagreement,
@@ -41,21 +39,21 @@ def tell(parts: Sequence[Part], terminal: Terminal) -> None:
 def tell_diagnosis(
     found: Diagnosis, terminal: Terminal, verbose: bool = False, every: bool = False, more: str = MORE
 ) -> None:
-    """Print a diagnosis; of an arm, which has many, parameters of effects alone.
+    """Print a diagnosis; of several joints, which have many, parameters of effects alone.
 
     What does not count is told if `verbose`, of every candidate if `every`; else `more` says how to see it.
     """
     estimates = found.model.readable
-    if isinstance(found.body, Body):
+    if len(found.floors) > 1:
         added = [term.id for term in found.model.terms if term.id in found.selected]
         estimates = {name: own for id in added for name, own in found.model.of(id).items()}
     step = next_step(found)
     lines = [*found.laws, errors_line(found)]
     lines += parameters_line(estimates, bool(found.unexplained))
-    first = found.unexplained[:1] if not isinstance(found.body, Body) else found.unexplained  # of an arm, one a joint
+    first = {region.at: region for region in reversed(found.unexplained)}  # of each joint
     lines += [
         f"left: {describe_unexplained(found, region)}"
-        for region in first
+        for region in reversed(first.values())
         if describe_region(region, found.torque_unit) != step
     ]
     lines += [
@@ -74,26 +72,20 @@ def tell_diagnosis(
 
 def errors_line(found: Diagnosis) -> str:
     """Held-out errors before and after, and what noise alone would leave."""
-    (first, last), floor, body = ends(found.steps), found.noise_floor, found.body
+    first, last = ends(found.steps)
+    what, source = ("in the loop", "encoder") if last.is_in_loop else ("torque", "noise")
 
     def fall(before: float, after: float, unit: str) -> str:
         is_new = len(found.steps) > 1 and not (math.isnan(before) and math.isnan(after))
         return f"{f'{number_text(before, 4)} -> ' if is_new else ''}{number_text(after, 4, unit)}"
 
-    if isinstance(body, Body):
-        units = {at: body.worded(at, NEWTON_METRE) for at in body.joints}
-        falls = [
-            f"{at} {fall(first.joints[at], own, units[at])} (noise alone {found.floors[at]:.3g})"
-            for at, own in last.joints.items()
-        ]
-        return f"error held out: {', '.join(falls)}"
-    if last.is_in_loop:
-        return f"error held out: in the loop {fall(first.in_loop, last.in_loop, 'rad')} (encoder alone {floor:.2g})"
-    torque = fall(first.torque_rms, last.torque_rms, found.torque_unit)
-    return (
-        f"error held out: torque {torque} (noise alone {floor:.3g}), "
-        f"free-running position {fall(first.position_rms, last.position_rms, 'rad')}"
-    )
+    falls = [
+        f"{at or what} {fall(first.at(at), last.at(at), found.unit_at(at))} ({source} alone {floor:.3g})"
+        for at, floor in found.floors.items()
+    ]
+    if found.body.can_simulate and not last.is_in_loop:
+        falls.append(f"free-running position {fall(first.position_rms, last.position_rms, 'rad')}")
+    return f"error held out: {', '.join(falls)}"
 
 
 def parameters_line(estimates: Mapping[str, Estimate], is_biased: bool) -> list[str]:

@@ -27,7 +27,7 @@ from pendulum_env.physics import Model
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
-from pendulum_env.words import json_per
+from pendulum_env.words import json_per, per
 
 SCHEMA, ARM_SCHEMA = "pendulum-ident/diagnosis@1", "pendulum-ident/arm-diagnosis@2"
 
@@ -172,6 +172,10 @@ class Diagnosis:
     def is_in_loop(self) -> bool:
         """Whether errors are those of motion that was simulated with the controller in the loop."""
         return self.steps[0].errors["holdout"].is_in_loop
+
+    def unit_at(self, joint: str) -> str:
+        """Unit of the error at a joint: of torque, of the current in its stead, or of motion in the loop."""
+        return per(self.body.worded(joint, self.steps[0].errors["holdout"].unit), self.torque_unit)
 
     @property
     def selected(self) -> tuple[str, ...]:

@@ -55,6 +55,18 @@ class Errors:
         """Whether there are errors of motion that was simulated with the controller in the loop."""
         return bool(np.isfinite(self.in_loop))
 
+    @property
+    def kinds(self) -> dict[str, str]:
+        """Names of the errors that a model is judged by, that at each joint first, with their units."""
+        if self.is_in_loop:
+            return {"in_loop": "rad"}
+        return {"torque_rms": "N m"} | ({"position_rms": "rad"} if np.isfinite(self.position_rms) else {})
+
+    @property
+    def unit(self) -> str:
+        """Unit of the error at a joint."""
+        return next(iter(self.kinds.values()))
+
     def at(self, joint: str) -> float:
         """Return the torque error at a joint [N m], or the error in the loop [rad]."""
         return self.in_loop if self.is_in_loop else error_at(self.joints, joint, self.torque_rms)

@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -82,6 +82,8 @@ class Body(Mechanism):
     ratios: Array
     offsets: Array
     rotors: bool
+
+    can_simulate: ClassVar[bool] = False
 
     def __repr__(self) -> str:
         return f"<Body {self.name!r}: {len(self.joints)} joints, {len(self.base)} base parameters>"
@@ -153,6 +155,11 @@ class Body(Mechanism):
             parts = [(self.standard[own], 1.0), *((self.standard[k], float(row[k])) for k in others)]
             found.append(BaseParameter(self.standard[own], self.unit_of(self.standard[own]), tuple(parts)))
         return tuple(found)
+
+    @property
+    def combined(self) -> dict[str, str]:
+        """Base parameters that combine several standard parameters."""
+        return {own.name: own.text for own in self.base if len(own.parts) > 1}
 
     @property
     def _independent(self) -> Index:

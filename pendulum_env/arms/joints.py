@@ -264,7 +264,7 @@ def _refuse_sliding(id: str, joints: Iterable[str], sliding: Collection[str]) ->
             raise Mistake(f"{id} is of joints that turn: it cannot be at '{joint}', which slides")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Links(Term):
     """The rigid body of an arm: one column for each base parameter, which the motion of all joints makes."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from pendulum_env.words import along
 
@@ -20,10 +21,17 @@ class Mechanism:
     joints: tuple[str, ...]
     sliding: frozenset[str]
 
+    can_simulate: ClassVar[bool] = True  # whether models of it are compared with the motion, by simulating it
+
     @property
     def slides(self) -> tuple[bool, ...]:
         """Whether each joint slides, (n,), instead of turning."""
         return tuple(joint in self.sliding for joint in self.joints)
+
+    @property
+    def combined(self) -> dict[str, str]:
+        """What parameters stand for that are combinations of others, by name: none of a pendulum."""
+        return {}
 
     def worded(self, joint: str, text: str) -> str:
         """A text about a joint that turns, such as the unit `N m`, as it is for this one."""

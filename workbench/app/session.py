@@ -13,8 +13,8 @@ from typing import Any
 from dash import Dash
 from dash.development.base_component import Component
 
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.model import ArmModel, Asked
+from pendulum_env.arms.joints import Links
+from pendulum_env.arms.model import Asked
 from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.errors import ColumnError
 from pendulum_env.words import listing
@@ -156,8 +156,7 @@ class Session:
 
         Raises ModelError if it is no model, as the command line does.
         """
-        body = self.state.body
-        terms = read_model(str(file)).terms if not isinstance(body, Body) else ArmModel.load(file, body).terms[1:]
+        terms = tuple(term for term in read_model(str(file), self.state.body).terms if not isinstance(term, Links))
         self.change(f"start from {file.name}", self.state.anew(terms=terms, model_file=file.name))
 
     def take_robot(self, robot: RobotFile) -> None:

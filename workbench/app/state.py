@@ -26,8 +26,7 @@ from estimators.selection.errors import Step
 from estimators.signals.measurements import measure_segments
 from estimators.signals.residual import Region, everywhere
 from pendulum_env._typing import Array
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Links, arm_base, body_of, links_of, model_terms
+from pendulum_env.arms.joints import arm_base, body_of, links_of, model_terms
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
@@ -164,12 +163,11 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
 
 
 @lru_cache(maxsize=4)
-def prepare_arm(
-    train: tuple[Recording, ...], holdout: tuple[Recording, ...], body: Body, terms: tuple[Term, ...]
-) -> Prepared:
-    """The same of an arm, with friction at each joint or with given terms; raises alike."""
+def prepare_arm(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: bool, asked: Asked) -> Prepared:
+    """The same of an arm, which is neither aligned nor known; raises alike."""
+    train, holdout = ([one.recording for one in loaded if one.held_out is held] for held in (False, True))
     fitted, _ = parted(train, holdout)
-    found = identify(fitted, (Links(body), *terms) if terms else arm_base(body), SCHEMES)
+    found = identify(fitted, terms, SCHEMES)
     model, data = found[SAVED].model, FitData.of(train, holdout, found[SAVED].model.terms)
     errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
     return Prepared(data, data, Step(None, model, errors), found)
@@ -274,10 +272,8 @@ class State:
             return "every recording is held out: keep one to fit the model to" if self.loaded else NO_RECORDING
         try:
             known = Asked(fix=self.asked.fix, bound=self.asked.bound)
-            if not isinstance(self.body, Body):
-                return prepare(self.loaded, self.base_terms, self.is_aligned, known)
-            parts = ([one.recording for one in self.loaded if one.held_out is held] for held in (False, True))
-            return prepare_arm(*map(tuple, parts), self.body, self.terms)
+            make = prepare if self.body.can_simulate else prepare_arm
+            return make(self.loaded, self.base_terms, self.is_aligned, known)
         except (Mistake, IdentificationError) as error:
             return str(error)
 
@@ -301,7 +297,7 @@ class State:
     @property
     def recordings(self) -> list[Recording]:
         """Those that are loaded, in N m and in time as far as that is known and asked for."""
-        if self.trouble or isinstance(self.body, Body):
+        if self.trouble:
             return [one.recording for one in self.loaded]
         fitted, held_out = iter(self.train), iter(self.holdout)
         return [next(held_out if one.held_out else fitted) for one in self.loaded]
@@ -357,7 +353,7 @@ class State:
     @cached_property
     def doubts(self) -> tuple[Finding, ...]:
         """What the fitted recordings cannot tell about the model's parameters."""
-        if isinstance(self.body, Body):
+        if not self.body.can_simulate:
             return ()
         fitted = [r for r, one in zip(self.recordings, self.loaded, strict=True) if not one.held_out]
         measured = [segment for recording in fitted for segment in measure_segments(recording)]
@@ -380,12 +376,12 @@ class State:
         Of an arm, the diagnosis if there is one.
         """
         found = self.diagnosis
-        if found is not None and isinstance(self.body, Body):
+        if found is not None and not self.body.can_simulate:
             return found
         if found is not None and set(self.added) < set(self.called):
             return replace(found, steps=self.called_for)
         data = self.prepared.data
-        if isinstance(self.body, Body) and self.added:  # perhaps what joints share
+        if data.terms and self.added:  # perhaps what joints share
             data = replace(data, terms=self.model.terms)
         if found is not None:
             left = found.unexplained if self.added == self.called else unexplained(data.parts[0], self.model)

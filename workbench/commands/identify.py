@@ -51,8 +51,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         model = one.model if nearest is not None else _model_to_write(found, arguments)
     if isinstance(body, Body):
         terminal.say(f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters")
-        for parameter in (own for own in body.base if len(own.parts) > 1):
-            terminal.say(f"  {parameter.name} stands for {parameter.text}")
+        for name, text in body.combined.items():
+            terminal.say(f"  {name} stands for {text}")
     write_json(
         arguments.json, identification_json(found) | ({"nearest_body": nearest.json()} if nearest is not None else {})
     )

@@ -16,6 +16,7 @@ FORMS = {
     "bump": "a bump at {0} rad, {1} rad wide",
     "step": "a step at {0} rad, {1} rad wide",
 }
+ERRORS = {"in_loop": "motion in the loop", "torque_rms": "torque", "position_rms": "position"}
 SIGNIFICANT = 3.0  # times its standard errors, from which a table has a shape
 
 
@@ -25,16 +26,11 @@ def describe_addition(found: Addition) -> str:
         objection = describe_objection(found.objection, found.model.torque_unit)
         return f"{found.after.added} {objection}: these recordings give no reason to keep it."
     old, new = found.before.errors["holdout"], found.after.errors["holdout"]
-    if found.is_in_loop:
-        share = new.in_loop / old.in_loop
-        return f"{found.after.added} lowers the held-out error in the loop to {share:.1%} of before."
-    if new.shares:
-        joint = next(iter(loads((found.after.added or "").partition("@")[2])))
-        share = new.joints[joint] / old.joints[joint]
-        return f"{found.after.added} lowers the held-out torque error of {joint} to {share:.1%} of before."
-    torque, position = new.torque_rms / old.torque_rms, new.position_rms / old.position_rms
-    falls = f"torque to {torque:.1%}{'' if np.isnan(position) else f', position to {position:.1%}'} of before"
-    return f"{found.after.added} lowers the held-out errors: {falls}."
+    joint = next(iter(loads((found.after.added or "").partition("@")[2])))
+    shares = {kind: getattr(new, kind) / getattr(old, kind) for kind in new.kinds if kind in old.kinds}
+    shares[next(iter(shares))] = new.at(joint) / old.at(joint)
+    falls = [f"{ERRORS[kind]}{f' at {joint}' if joint else ''} to {share:.1%}" for kind, share in shares.items()]
+    return f"{found.after.added} lowers the held-out errors: {', '.join(falls)} of before."
 
 
 def describe_table(step: Step) -> str | None:

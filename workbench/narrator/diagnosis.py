@@ -55,7 +55,7 @@ def _describe_stretch(region: Region, unit: str) -> str:
 def describe_unexplained(found: Diagnosis, region: Region) -> str:
     """Describe what a diagnosis leaves unexplained in a region; of an arm at its joint, with its size."""
     text = describe_region(region, found.torque_unit)
-    if not isinstance(found.body, Body) or region.at not in found.left:
+    if region.at not in found.left:
         return text
     left = f"{found.left[region.at]:.2g} {found.body.worded(region.at, NEWTON_METRE)} at {region.at}"
     return f"{left}; {text}" if text else left
@@ -136,7 +136,7 @@ def next_step(found: Diagnosis) -> str:
 def advice(found: Diagnosis) -> list[str]:
     """List all that was found, and what follows for the next step."""
     texts = []
-    if found.searched and not isinstance(found.body, Body) and found.data is not None:
+    if found.searched and found.data is not None:
         notes = [note for recording in found.data.recordings for note in recording.notes]
         texts = [note.text for note in notes if note.kind is NoteKind.IMPLAUSIBLE]
     texts += [_describe(found, finding) for finding in found.findings]

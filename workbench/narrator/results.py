@@ -15,8 +15,8 @@ from estimators.schemes.identification import Identification
 from estimators.selection.errors import Errors, Step
 from estimators.signals.residual import SYMBOLS, Profile
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import body_of
 from pendulum_env.physics import Model
+from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.model_card import parameters_table
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import Table, bar, listing, number_text, per
@@ -38,7 +38,7 @@ SCORE = (
     "likelier it makes data that it was not fitted to"
 )
 _DISTANCES = ("recording", "torque [N m]", "fit [%]", "noise floor [N m]", "free-running position [rad]", "fit [%]")
-ERRORS = {"in_loop": ("in the loop", "rad"), "torque_rms": ("torque", "N m"), "position_rms": ("position", "rad")}
+ERRORS = {"in_loop": "in the loop", "torque_rms": "torque", "position_rms": "position"}
 _IN_LOOP = ("in the loop, mean [rad]", "RMS [rad]")
 FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
 TIMES = "errors, times the least"  # a row that tells which schemes to trust
@@ -60,7 +60,7 @@ class Part(NamedTuple):
 def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[Part]:
     """A diagnosis, with the candidates that matter or every one; `how` the others are shown."""
     unit = found.torque_unit
-    if isinstance(found.body, Body):
+    if not found.body.can_simulate:
         table = joints_table(ends(found.steps), found.floors, found.body)
         errors = Part(f"Torque errors on held-out data, {CLEAR}", [table])
     else:
@@ -119,8 +119,8 @@ def of_addition(found: Addition) -> list[Part]:
         sentences.append(f"warning: {describe(found.doubt, found.model.torque_unit)}")
     title, steps, parameters = "the model refitted without and with the effect", (found.before, found.after), []
     parameters = [Part("Parameters", [parameters_table(found.model)])]
-    body = body_of(found.model.terms)
-    if not isinstance(body, Body):
+    body = found.model.body
+    if body.can_simulate:
         return [Part(f"Errors, {title}", [errors_table(steps, found.model.torque_unit), *sentences]), *parameters]
     fitted, unseen = (joints_table(ends(steps, part), found.floors, body) for part in ("train", "holdout"))
     return [
@@ -132,7 +132,7 @@ def of_addition(found: Addition) -> list[Part]:
 
 def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
     """Errors of a model, and where it fails: a profile as a table, unless it is drawn."""
-    body, several = body_of(found.model.terms), len(found.distances)
+    body, several = found.model.body, len(found.distances)
     regions = [(own.at, describe_region(own, found.torque_unit)) for own in found.regions]
     texts = [f"{at}: {text}" if at else text for at, text in regions]
     where: list[Table | str | tuple[str, ...]] = [tuple(texts)]
@@ -157,7 +157,7 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
     in_words = [text for text in (errors_in_loop(found), caveat(found)) if text]
     title = f"Errors of the model with {listing([term.id for term in found.model.terms])}"
     table = distances_table(found)
-    if isinstance(body, Body):
+    if not body.can_simulate:
         title = f"Torque errors, {CLEAR}"
         table = joints_table((found.joint.errors,), found.joint.floors, body, ("torque error",))
     return [
@@ -168,7 +168,10 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
 
 
 def joints_table(
-    columns: Sequence[Errors], floors: Mapping[str, float], body: Body, headers: Sequence[str] = ("before", "after")
+    columns: Sequence[Errors],
+    floors: Mapping[str, float],
+    body: Mechanism,
+    headers: Sequence[str] = ("before", "after"),
 ) -> Table:
     """A row a joint: torque errors of models, what noise alone leaves, and the share of the torque that is left."""
     rows = [
@@ -187,11 +190,9 @@ def joints_table(
 def errors_table(steps: Sequence[Step], torque_unit: str = NEWTON_METRE) -> Table:
     """Errors step by step, with a bar that shrinks; ratios are held-out errors over the base's."""
     base = steps[0].errors["holdout"]
-    kinds = ["in_loop"] if base.is_in_loop else ["torque_rms", "position_rms"]
     headers, rows = ["model"], [["as it was" if step.added is None else f"+ {step.added}"] for step in steps]
-    for kind in kinds:
-        what, unit = ERRORS[kind]
-        unit = per(unit, torque_unit)
+    for kind, unit in base.kinds.items():
+        what, unit = ERRORS[kind], per(unit, torque_unit)
         headers += [f"{what}, fitted [{unit}]", f"{what}, held out [{unit}]", "ratio"]
         for row, step in zip(rows, steps, strict=True):
             train, holdout = (getattr(step.errors[part], kind) for part in ("train", "holdout"))

@@ -10,14 +10,13 @@ from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.result import Diagnosis
 from estimators.signals.residual import REGIONS, profiles
 from estimators.weak_form.torque_windows import NEGLIGIBLE
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import body_of, links_of
+from pendulum_env.arms.joints import links_of
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import percent
 from workbench.narrator.diagnosis import describe_region, headline, next_step
 from workbench.report.case import Case, Drawn, ends
 from workbench.report.failures import key, profile_figure
-from workbench.report.numbers import of_models
+from workbench.report.numbers import parameters
 from workbench.report.section import Section
 from workbench.report.story import ranked
 
@@ -32,7 +31,7 @@ def sections(case: Case) -> list[Section]:
         joints(models, measured, headline(found), found.floors, found if found.searched else None),
         strips(models, case.data.parts[0]),
         *([ranked(found.candidates)] if found.candidates else []),
-        parameters(models),
+        parameters(case),
     ]
 
 
@@ -83,10 +82,3 @@ def strips(models: Sequence[Drawn], prepared: RegressionData) -> Section:
     entries = key(curves, standing[0], len(standing) > 1 and standing[-1])
     content = {"strips": found, "key": entries, "threshold": REGIONS.stands_out, "negligible": percent(NEGLIGIBLE)}
     return Section("strips", "Where it fails", "Where each joint's torque is not the model's", content)
-
-
-def parameters(models: Sequence[Drawn]) -> Section:
-    """Base parameters, and those of what acts at the joints, under each model."""
-    body = body_of(models[-1][2].model.terms)
-    combined = [parameter for parameter in (body.base if isinstance(body, Body) else ()) if len(parameter.parts) > 1]
-    return of_models([step.model for _, _, step in models], [label for label, _, _ in models], combined)

@@ -13,7 +13,7 @@ from estimators.figure import DRAWING, Figure, axis, band, line, segment
 from estimators.schemes.identification import Identification
 from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON
-from pendulum_env.physics import Estimate, Model
+from pendulum_env.physics import Estimate
 from pendulum_env.physics.table import Curve, Table
 from pendulum_env.words import number, opening, unit
 from workbench.narrator.effects import name
@@ -22,7 +22,7 @@ from workbench.report.case import Case
 from workbench.report.section import Section
 
 if TYPE_CHECKING:  # Pinocchio is imported by who needs it
-    from pendulum_env.arms.body import BaseParameter
+    pass
 
 PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))
 WIDTH, ROW, MARGIN = 240.0, 14.0, 12.0  # of an interval plot [px]
@@ -97,14 +97,10 @@ def ladder(case: Case, quantity: str, title: str, floor: float | None) -> Figure
 
 
 def parameters(case: Case) -> Section:
-    """Every parameter at every step."""
+    """Every parameter of the last model at every step, and what those stand for that combine several."""
     steps = case.diagnosis.steps
     labels = [case.first if step.added is None else f"+ {name(step.added)}" for step in steps]
-    return of_models([step.model for step in steps], labels)
-
-
-def of_models(models: Sequence[Model], labels: Sequence[str], combined: Sequence[BaseParameter] = ()) -> Section:
-    """Every parameter of the last of some models under each, and base parameters of an arm that combine several."""
+    models = [step.model for step in steps]
     shown, final = [model.readable for model in models], models[-1]
     single = [k for k, label in enumerate(final.estimates) if label in shown[-1]]  # entries of tables have their figure
     correlation = final.correlation if len(single) <= DRAWING.correlated else ()
@@ -114,7 +110,7 @@ def of_models(models: Sequence[Model], labels: Sequence[str], combined: Sequence
         "labels": labels,
         "width": WIDTH,
         "sigmas": DRAWING.sigmas,
-        "combined": combined,
+        "combined": final.body.combined,
         "names": [names[k] for k in single],
         "correlation": [[correlation[k][j] for j in single] for k in single] if correlation else (),
         "figures": [_drawn(term, curve) for term, curve in final.tables.values()],

@@ -16,7 +16,6 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.selection.errors import Step
 from pendulum_env import words
 from pendulum_env.arguments import check_order
-from pendulum_env.arms.body import Body
 from pendulum_env.files import write_whole
 from workbench.narrator.comparison import caveat, errors_in_loop, headline
 from workbench.narrator.diagnosis import describe_detectable, describe_disagreement, describe_region, warnings
@@ -68,13 +67,13 @@ def plotly() -> str:
 def render(diagnosis: Diagnosis, command: str = "") -> str:
     """HTML of the report, see `write_report`, with the command lines that do the same, if known."""
     case = Case(diagnosis, command=command)
-    if isinstance(diagnosis.body, Body):
+    if not diagnosis.body.can_simulate:
         sections = arm.sections(case)
     elif diagnosis.is_in_loop:
         sections = [of_diagnosis(case), candidates(case), parameters(case)]
     else:
         sections = [section for make in SECTIONS if (section := make(case)) is not None]
-    kind = "comparison with" if isinstance(diagnosis.body, Body) and not diagnosis.searched else "diagnosis of"
+    kind = "diagnosis of" if diagnosis.searched or diagnosis.findings else "comparison with"
     return _whole(case, sections, kind)
 
 
@@ -136,7 +135,7 @@ def render_comparison(compared: Comparison) -> str:
         data=compared.data,
     )
     case = Case(found, first="model")  # nothing is added to it
-    if isinstance(found.body, Body):
+    if not found.body.can_simulate:
         return _whole(case, arm.sections(case), "comparison with")
     title = headline(compared).replace(" N m", "\u00a0N\u00a0m").replace(" rad", "\u00a0rad")
     distances = Section("distances", "Result", title, {"compared": compared})

@@ -134,7 +134,7 @@ def joint_rows(found: Diagnosis) -> list[JSON]:
             "error_before": _number(first.at(joint)),
             "error_after": _number(last.at(joint)),
             "noise_floor": _number(found.floors[joint]),
-            "error_unit": "rad" if found.is_in_loop else found.body.worded(joint, found.torque_unit),
+            "error_unit": found.unit_at(joint),
             "position_rms_before": _number(first.position_rms),
             "position_rms_after": _number(last.position_rms),
             "parameters": parameters[joint],

@@ -11,7 +11,6 @@ from dash.development.base_component import Component
 
 from estimators.figure import Figure, line, stacked
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import thin
@@ -41,7 +40,7 @@ def show(session: Session) -> list[Component]:
     parts.append(html.Div([upload(state), beside], className="columns"))
     if state.loaded:
         plots = [graph(figure) for k, own in enumerate(state.recordings[:4]) for figure in _courses(state, k, own)]
-        told = [*timing(state), _telling(state)] if not isinstance(state.body, Body) else []
+        told = [*timing(state), _telling(state)] if state.body.can_simulate else []
         parts += [recordings(state), *told, html.Div(plots, className="panel")]
     return parts
 
@@ -62,10 +61,15 @@ def _robot(state: State, body: Body) -> Component:
 
 def _courses(state: State, k: int, recording: Recording) -> list[Figure]:
     """Position and torque of a recording over time, of an arm joint by joint."""
-    if not isinstance(recording, ArmRecording) or not isinstance(state.body, Body):
-        return [course(recording, f"course-{k}", recording.name)]
+    height = {} if len(recording.joints) == 1 else {"height": 260}
     return [
-        course(own, f"course-{k}-{n}", f"{joint}, {recording.name}", partial(state.body.worded, joint), 260)
+        course(
+            own,
+            f"course-{k}-{n}",
+            f"{joint}, {recording.name}" if joint else recording.name,
+            partial(state.body.worded, joint),
+            **height,
+        )
         for n, (joint, own) in enumerate(zip(recording.names, recording.joints, strict=True))
     ]
 
@@ -107,7 +111,7 @@ def _record() -> Component:
 
 def recordings(state: State) -> Component:
     """What is loaded, as a table; of an arm, turns and torque are the largest of its joints."""
-    stick = _share_in_stick(state) if not isinstance(state.body, Body) else {}
+    stick = _share_in_stick(state) if state.body.can_simulate else {}
     rows = [_row(one, recording, stick) for one, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
     note = [] if any(one.held_out for one in state.loaded) else [html.P(split, className="note")]

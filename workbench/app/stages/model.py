@@ -3,50 +3,43 @@
 from dash import html
 from dash.development.base_component import Component
 
-from pendulum_env.words import Table, opening
+from pendulum_env.words import opening
 from workbench.app.parts import button, drop, fragment, graph, panel, table
 from workbench.app.session import Session, Stage
 from workbench.app.state import State as Work
 from workbench.app.uploads import unpack
 from workbench.narrator.effects import name
 from workbench.narrator.results import TRUST, schemes_table
-from workbench.report import arm
-from workbench.report.case import ends
 from workbench.report.numbers import parameters, schemes
 
 
 def show(session: Session) -> list[Component]:
     """Terms, parameters, schemes."""
-    return [*(_of_arm if session.state.robot is not None else _of_pendulum)(session.state), begin_anew(session.state)]
-
-
-def _of_arm(state: Work) -> list[Component]:
-    about = "The torque of each joint is that of rigid links, M(q) q'' + C(q, q') q' + g(q), with friction and effects."
-    found = schemes_table(state.prepared.schemes) if state.prepared.schemes is not None else Table((), ())
-    headers = {opening(name(text)): k > 0 and text not in found.left for k, text in enumerate(found.headers)}
-    return [
-        panel("The model", html.P(about)),
-        panel("Parameters and how sure they are", fragment(arm.parameters(ends(state.ladder)))),
-        panel("Schemes side by side", table(headers, found.rows, "Schemes"), html.P(f"{opening(TRUST)}.")),
-    ]
-
-
-def _of_pendulum(state: Work) -> list[Component]:
+    state = session.state
     terms = [
         html.Li([html.Strong(opening(name(term.id))), " ", html.Span(term.law, className="law")])
         for term in state.model.terms
     ]
-    about = html.P("The torque that moves the joint is the sum of these terms:")
-    section = schemes(state.standing)
-    side_by_side: list[Component] = [html.P("These recordings are too poor for the six schemes.")]
-    if section is not None:
-        plots = [graph(figure) for figure in section.content["figures"]]
-        side_by_side = [fragment(section), html.Div(plots, className="grid")]
+    about = html.P("The torque that moves a joint is the sum of these terms:")
     return [
         panel("The model", about, html.Ul(terms, className="terms")),
         panel("Parameters and how sure they are", fragment(parameters(state.standing))),
-        panel("The six schemes side by side", *side_by_side),
+        panel("Schemes side by side", *_schemes(state)),
+        begin_anew(state),
     ]
+
+
+def _schemes(state: Work) -> list[Component]:
+    """Estimates by each scheme: a table of those that have been found already, or else the section of the report."""
+    if state.prepared.schemes is not None:
+        found = schemes_table(state.prepared.schemes)
+        headers = {opening(name(text)): k > 0 and text not in found.left for k, text in enumerate(found.headers)}
+        return [table(headers, found.rows, "Schemes"), html.P(f"{opening(TRUST)}.")]
+    section = schemes(state.standing)
+    if section is None:
+        return [html.P("These recordings are too poor for the schemes.")]
+    plots = [graph(figure) for figure in section.content["figures"]]
+    return [fragment(section), html.Div(plots, className="grid")]
 
 
 def begin_anew(state: Work) -> Component:
