@@ -209,7 +209,7 @@ class Diagnosis:
 
     @property
     def headline(self) -> str:
-        """The result in one sentence: `Stribeck friction is missing`; of an arm `Missing: stribeck@elbow`."""
+        """The result in one sentence: `Stribeck friction is missing`."""
         return headline(self)
 
     def __repr__(self) -> str:

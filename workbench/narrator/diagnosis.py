@@ -89,30 +89,18 @@ def describe_suggestion(found: Suggestion, unit: str = NEWTON_METRE) -> str:
 
 
 def headline(found: Diagnosis) -> str:
-    """State the result in a phrase: `Stribeck friction is missing`; of an arm `Missing: stribeck@elbow`."""
-    if isinstance(found.body, Body) and found.searched:
-        return _headline_of_arm(found)
+    """State the result in a phrase: `Stribeck friction is missing`, `Cogging at elbow is missing`."""
+    where = listing([at for at in dict.fromkeys(region.at for region in found.unexplained) if at])
+    place = f" at {where}" if where else ""
     groups = [listing([name(id) for id in group], "or") for group in found.effects]
     if groups:
-        rest = ", and more that no known effect explains" if found.unexplained else ""
+        rest = f", and more{place} that no known effect explains" if found.unexplained else ""
         return f"{opening(listing(groups))} {'is' if len(groups) == 1 else 'are'} missing{rest}"
-    if not found.searched:
-        where = listing([at for at in dict.fromkeys(region.at for region in found.unexplained) if at])
-        missing = f"Something is missing {f'at {where}' if where else 'in this model'}"
-        return missing if found.unexplained else "The model explains what was measured"
-    if found.unexplained:
-        return "Something is missing, and no known effect explains it"
-    return "Nothing is missing"
-
-
-def _headline_of_arm(found: Diagnosis) -> str:
-    where = listing(list(found.left))
-    if found.selected:
-        more = f", and more at {where} that no known effect explains" if where else ""
-        return f"Missing: {listing(found.selected)}{more}"
-    if found.left:
-        return f"Something is missing at {where}, and no known effect explains it"
-    return "No effect of the library is missing at any joint"
+    if not found.unexplained:
+        return "Nothing is missing" if found.searched else "The model explains what was measured"
+    return f"Something is missing{place}, and no known effect explains it" if found.searched else (
+        f"Something is missing{place or ' in this model'}"
+    )
 
 
 def describe_detectable(found: Detectable, unit: str = NEWTON_METRE) -> str:
