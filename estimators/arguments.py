@@ -167,7 +167,7 @@ def within_limits(
     limits = limits_of(fixed or {}, bounds or {})
     if not limits:
         return tuple(terms), dict(library)
-    if body_of(terms) is not PENDULUM:
+    if not body_of(terms).can_limit:
         raise Mistake("values and bounds are known of pendulums alone: leave them out for an arm")
     check_names(limits, (*(type(item) for item in terms), *nameable().values(), *library.values()))
     return (

@@ -83,19 +83,18 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
 def _refuse_other_kind(arguments: argparse.Namespace) -> None:
     """Refuse what is of an arm where no robot is named, and what says nothing of an arm where one is."""
     given = vars(arguments)
-    of_arm = given.get("robot") is not None
-    for action in given.get("of_pendulums" if of_arm else "of_arms", ()):
+    has_robot = given.get("robot") is not None
+    actions, why = given["refused"][has_robot] if "refused" in given else ((), "")
+    for action in actions:
         if given[action.dest] != action.default:
-            name = action.option_strings[-1]
-            why = "is for pendulums: leave it out with --robot"
-            raise InputError(f"{name} {why if of_arm else 'is of an arm: give its links with --robot ARM.urdf'}")
+            raise InputError(f"{action.option_strings[-1]} {why}")
     looked_for = (
         *given.get("effects", ()),
         given.get("effect", ""),
         *(given.get("only") or ()),
         *given.get("without", ()),
     )
-    for effect in () if of_arm else looked_for:
+    for effect in () if has_robot else looked_for:
         if "@" in effect:
             raise InputError(
                 f"{effect}: is an effect at a joint of an arm, which takes --robot; a pendulum has one joint"

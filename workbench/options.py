@@ -13,7 +13,7 @@ from pendulum_env.lookup import find
 from pendulum_env.physics import Term, nameable
 from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import DIGITS, LARGE, shown
-from pendulum_env.recording.columns import refuse_unknown_quantity
+from pendulum_env.recording.columns import refuse_unknown_quantity, without_joint
 from pendulum_env.recording.vocabulary import TOLD
 from pendulum_env.servo.drive import KEYS, Drive
 from workbench.mistakes import InputError
@@ -29,6 +29,8 @@ READING = "--columns --unwrap"  # how recordings are to be read
 ROBOT = "--robot --rotors --joints --base --no-gravity"
 LIMITS = "--fix --bound"  # parameters that are known or bounded
 OF_PENDULUMS = f"--drive --theta --instruments {LIMITS}"  # which say nothing of an arm
+NEEDS_ROBOT = "is of an arm: give its links with --robot ARM.urdf"
+NO_ROBOT = "is for pendulums: leave it out with --robot"
 
 
 def _with_message(convert: Callable[[str], T]) -> Callable[[str], T]:
@@ -178,7 +180,7 @@ def _columns(text: str) -> dict[str, str]:
             raise ValueError(
                 f"'{part}' should be QUANTITY=NAME:UNIT*GAIN, such as position=ANGLE:deg or torque=current:A*0.091"
             )
-        refuse_unknown_quantity(quantity, of_arm=True)
+        refuse_unknown_quantity(without_joint(quantity))
         if quantity in columns:
             raise ValueError(f"{quantity} is named twice in '{text}'")
         columns[quantity] = name
@@ -284,9 +286,12 @@ def declare(
         parser.add_argument(*names, **own)
     if "--rotors" not in parser._option_string_actions:
         return
-    kinds = (("of_arms", arms, ROBOT.split()[1:]), ("of_pendulums", pendulums, OF_PENDULUMS.split()))
-    for kind, dests, every in kinds:
-        marked = [one for one in parser._actions if one.dest in dests or not {*one.option_strings}.isdisjoint(every)]
-        parser.set_defaults(**{kind: marked})
-    for action in parser.get_default("of_pendulums"):
+
+    def marked(dests: Sequence[str], every: str) -> list[argparse.Action]:
+        options = set(every.split())
+        return [own for own in parser._actions if own.dest in dests or not options.isdisjoint(own.option_strings)]
+
+    of_arms, of_pendulums = marked(arms, ROBOT.partition(" ")[2]), marked(pendulums, OF_PENDULUMS)
+    parser.set_defaults(refused={False: (of_arms, NEEDS_ROBOT), True: (of_pendulums, NO_ROBOT)})
+    for action in of_pendulums:
         action.help = f"{action.help} [not with --robot]"

@@ -6,7 +6,6 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.errors import Step
 from estimators.selection.gates import Gate
 from pendulum_env.physics.table import Table
-from pendulum_env.recording.record import NEWTON_METRE
 
 BY_CHANCE = Finding(Kind.BY_CHANCE)
 
@@ -42,9 +41,8 @@ def about_table(kind: Kind, table: Table) -> Finding:
 def fall(before: Step, after: Step) -> Finding:
     """Return the fall of the held-out errors from one step to the next."""
     old, new = before.errors["holdout"], after.errors["holdout"]
-    kinds = {"in_loop": "rad"} if new.is_in_loop else {"torque_rms": NEWTON_METRE, "position_rms": "rad"}
     numbers: dict[str, Quantity] = {}
-    for kind, unit in kinds.items():
+    for kind, unit in (old.kinds | new.kinds).items():
         numbers |= {f"{kind}.before": Quantity(getattr(old, kind), unit=unit)}
         numbers |= {f"{kind}.after": Quantity(getattr(new, kind), unit=unit)}
     return Finding(Kind.ERRORS_FALL, numbers)

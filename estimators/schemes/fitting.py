@@ -18,7 +18,7 @@ from estimators.schemes.balance import Joints, rows, through
 from estimators.schemes.six import Regression, Regressor, Scheme, give
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import body_of
+from pendulum_env.arms.joints import Links
 from pendulum_env.arms.model import model_of
 from pendulum_env.notebook import shown
 from pendulum_env.physics import Estimate, Model, Term
@@ -153,9 +153,8 @@ def regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Reg
     kept: dict[tuple[int, str], list[Equations]] = {}
 
     def of(scheme: Regressor, joints: Joints) -> list[Regression]:
-        if not isinstance(body_of(terms), Body):
+        if not (isinstance(scheme, Scheme) and isinstance(terms[0], Links)):
             return [scheme.regression(m, terms) for m in joints]
-        assert isinstance(scheme, Scheme)
         key = id(joints), scheme.view
         if key not in kept:
             kept[key] = rows(joints, terms, scheme.view)
@@ -183,9 +182,8 @@ def stack(segments: Segments, of: Callable[[Joints], list[Regression]], terms: S
     usable = np.concatenate([_in_turn([own.usable for own in part]) for part in parts])
     recording = np.repeat(np.arange(len(segments)), [sum(len(joints[0]) for joints in own) * count for own in segments])
     joint = np.tile(np.arange(count), len(usable) // count)
-    is_arm = len(next(joints for own in segments for joints in own)) > 1
     weights = np.ones(len(usable))
-    if is_arm:
+    if count > 1:
         weights[usable] = by_joint(Equations(equations.phi[usable], equations.y[usable]), joint[usable])
     elif len(segments) > 1:
         given = {j: column.least for j, column in enumerate(c for t in terms for c in t.columns) if column.is_known}
@@ -269,24 +267,19 @@ def fitted(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model 
 
 def _units(scheme: Regressor, terms: Sequence[Term]) -> tuple[str, ...]:
     """Units of the residuals of the joints, or of all together."""
-    body = body_of(terms)
+    body = terms[0].mechanism
     is_sum = isinstance(scheme, Scheme) and scheme.adds_up
     return (scheme.unit,) if is_sum else tuple(body.worded(at, scheme.unit) for at in body.joints)
 
 
 def _of_momentum(terms: Sequence[Term]) -> list[int]:
     """Numbers of the columns that the momentum has."""
-    body = body_of(terms)
-    columns = [column for term in terms for column in term.columns]
-    of_links = _momentum_of(body) if isinstance(body, Body) else []
-    return [j for j, column in enumerate(columns) if column.mass is not zero or j in of_links]
-
-
-def _momentum_of(body: Body) -> list[int]:
-    """Numbers of the base parameters that the momentum of links has."""
-    rng = np.random.default_rng(0)
-    q, v = rng.uniform(-np.pi, np.pi, (2, 20, len(body.joints)))
-    return list(np.flatnonzero(np.abs(body.momentum(q, v)).max(axis=(0, 1)) > 1e-9).tolist())
+    own = [column.mass is not zero for term in terms for column in term.columns]
+    if isinstance(terms[0], Links):  # whose columns `Body` has
+        body = terms[0].body
+        q, v = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, 20, len(body.joints)))
+        own[: len(body.base)] = np.abs(body.momentum(q, v)).max(axis=(0, 1)) > 1e-9
+    return np.flatnonzero(own).tolist()
 
 
 def _random_walk_covariance(equations: Equations, data: Stack, theta: Array) -> Array:

@@ -182,10 +182,11 @@ def identify(
     """
     check_order("identify(recordings, terms, schemes)", (recordings, Recording), (terms, Term | Model))
     terms, chosen = chosen_terms(terms), chosen_schemes(schemes)
-    recordings = chosen_recordings(recordings, body=body_of(terms))
+    body = body_of(terms)
+    recordings = chosen_recordings(recordings, body=body)
     terms, _ = within_limits(terms, {}, fixed, bounds)
-    log_format, of = format_of(recordings), _of_arm if isinstance(body_of(terms), Body) else _of_pendulum
-    found = of(recordings, terms, chosen)
+    found = (_of_links if isinstance(body, Body) else _of_one_joint)(recordings, terms, chosen)
+    log_format = format_of(recordings)
     return replace(
         found,
         schemes={
@@ -194,7 +195,7 @@ def identify(
     )
 
 
-def _of_pendulum(
+def _of_one_joint(
     recordings: Sequence[Recording], terms: Sequence[Term], schemes: Sequence[Regressor]
 ) -> Identification:
     """The same of one joint, whose torque constant may be unknown."""
@@ -253,11 +254,11 @@ def _undriven(recordings: Sequence[Recording]) -> str:
     )
 
 
-def _of_arm(recordings: Sequence[Recording], terms: Sequence[Term], schemes: Sequence[Regressor]) -> Identification:
+def _of_links(recordings: Sequence[Recording], terms: Sequence[Term], schemes: Sequence[Regressor]) -> Identification:
     """The same of an arm: its first term are the links."""
     segments = [measure_joints(recording.joints) for recording in recordings]
     measured = [joints for own in segments for joints in own]
-    for k, joint in enumerate(body_of(terms).joints):
+    for k, joint in enumerate(terms[0].mechanism.joints):
         if not any(joints[k].moving.any() for joints in measured):
             raise IdentificationError(
                 f"{_names(recordings)}: joint '{joint}' never moves: record with all joints moving"
@@ -324,7 +325,7 @@ def _by_schemes(
     of: Callable[[Regressor, Joints], list[Regression]],
 ) -> dict[str, Identified]:
     """What each scheme finds in the segments of recordings, by its id; `of` makes regressions, see `regressions`."""
-    body, names = body_of(terms), _names(recordings)
+    joints, names = terms[0].mechanism.joints, _names(recordings)
     results: dict[str, Identified] = {}
     for scheme in schemes:
         data = stack(segments, partial(of, scheme), terms)
@@ -336,7 +337,7 @@ def _by_schemes(
         hidden = np.setdiff1d(data.joint, data.joint[data.usable])
         if len(hidden):
             raise IdentificationError(
-                f"{names}: joint '{body.joints[hidden[0]]}' is never clear of stick and reversals: record longer, "
+                f"{names}: joint '{joints[hidden[0]]}' is never clear of stick and reversals: record longer, "
                 "faster or wider motion of it"
             )
         if scheme.borrows is not None and scheme.borrows not in results:

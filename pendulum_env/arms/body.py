@@ -84,6 +84,7 @@ class Body(Mechanism):
     rotors: bool
 
     can_simulate: ClassVar[bool] = False
+    can_limit: ClassVar[bool] = False
 
     def __repr__(self) -> str:
         return f"<Body {self.name!r}: {len(self.joints)} joints, {len(self.base)} base parameters>"

@@ -217,7 +217,7 @@ def _read_joint(source: Readable, look: Preview, joint: str, named: Mapping[str,
     try:
         if own["torque"] == NONE:
             raise ColumnError("an arm needs the torque of every joint: name its column")
-        named_column("torque", own["torque"], look.headers, of_arm=True)
+        named_column("torque", own["torque"], look.headers, can_find_gain=False)
         read = read_recording(source, unwrap=unwrap, columns=own | unused)
     except RecordingError as error:
         text = _of_joint(joint, str(error).removeprefix(f"{label}: "))

@@ -22,6 +22,7 @@ class Mechanism:
     sliding: frozenset[str]
 
     can_simulate: ClassVar[bool] = True  # whether models of it are compared with the motion, by simulating it
+    can_limit: ClassVar[bool] = True  # whether parameters of its models may be known or bounded
 
     @property
     def slides(self) -> tuple[bool, ...]:

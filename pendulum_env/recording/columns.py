@@ -387,7 +387,7 @@ def _raw(quantity: str, headers: Sequence[str]) -> list[str]:
     ]
 
 
-def _gain_example(quantity: str, header: str, of_arm: bool = False) -> str:
+def _gain_example(quantity: str, header: str, can_find: bool = True) -> str:
     """Write an example of a column with a gain, in the unit that its name tells."""
     if quantity != "torque":
         unit = "counts/s" if quantity == "velocity" else "counts"
@@ -395,7 +395,9 @@ def _gain_example(quantity: str, header: str, of_arm: bool = False) -> str:
     unit, own = _raw_unit_of(header), _unit_at_the_end(RAW["torque"], header)
     told = f"{header}:{ {'ma': 'mA', 'mv': 'mV'}.get(own or '', unit) }"
     known = f"{setting('columns', {quantity: f'{told}*0.1'})} with {TORQUE_GAINS[unit]}"
-    return known if of_arm else f"{known}, or {setting('columns', {quantity: f'{told}*?'})} if known loads determine it"
+    if not can_find:
+        return known
+    return f"{known}, or {setting('columns', {quantity: f'{told}*?'})} if known loads determine it"
 
 
 def _raw_unit_of(header: str) -> str:
@@ -418,9 +420,14 @@ def _is_raw(quantity: str, header: str) -> bool:
     return not spelt.isdisjoint(names) or _unit_at_the_end(RAW.get(quantity, {}), header) is not None
 
 
-def refuse_unknown_quantity(quantity: str, of_arm: bool = False) -> None:
-    """Refuse a word that is no quantity of a recording, nor `position_JOINT` or `torque_JOINT` where arms are meant."""
-    if quantity not in ALIASES and not (of_arm and quantity.startswith(("position_", "torque_"))):
+def without_joint(quantity: str) -> str:
+    """Return the quantity of `position_elbow` or `torque_elbow`; others as they are."""
+    return quantity.partition("_")[0] if quantity.startswith(("position_", "torque_")) else quantity
+
+
+def refuse_unknown_quantity(quantity: str) -> None:
+    """Refuse a word that is no quantity of a recording."""
+    if quantity not in ALIASES:
         raise ColumnError(f"columns are named for {', '.join(ALIASES)}, not for {quantity!r}")
 
 
@@ -435,8 +442,8 @@ def check_named(columns: object) -> None:
         raise TypeError(f"columns={shown(columns)}: give a dictionary of quantities, as in {{'position': 'q:deg'}}")
 
 
-def named_column(quantity: str, text: str, headers: Sequence[str], of_arm: bool = False) -> Column:
-    """Find the column that a user names for a quantity, with what is to be done with it; an arm's gains are known."""
+def named_column(quantity: str, text: str, headers: Sequence[str], can_find_gain: bool = True) -> Column:
+    """Find the column that a user names for a quantity, with what is to be done with it."""
     refuse_unknown_quantity(quantity)
     names = [header.strip() for header in headers]
     raw = RAW.get(quantity, {})
@@ -458,7 +465,7 @@ def named_column(quantity: str, text: str, headers: Sequence[str], of_arm: bool 
     needs_gain = unit in raw if unit is not None else _is_raw(quantity, name)
     converted = any(factor[0] == "*" for factor in expression.factors)  # else nobody knows whether 2 pi is in a ratio
     if needs_gain and not (converted or (expression.factors and expression.unit is not None)):
-        example = _gain_example(quantity, name, of_arm)
+        example = _gain_example(quantity, name, can_find_gain)
         raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example}")
     if unit is None and needs_gain and quantity == "torque":  # `current [mA]`; a gain of counts is one to radians
         unit = _unit_at_the_end(raw, name)

@@ -39,7 +39,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.arguments import check_order
 from pendulum_env.files import write_whole
 from pendulum_env.reading import NonNegative, Number, Text, Unreadable, convert, read_toml, toml
-from pendulum_env.recording.columns import refuse_unknown_quantity
+from pendulum_env.recording.columns import refuse_unknown_quantity, without_joint
 from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.record import Load, Recording
 from pendulum_env.recording.storage import describe_reading, read_recording
@@ -311,7 +311,7 @@ def _source(folder: Path, data: _Recording, shared: Mapping[str, str], drive: Ma
 
 def _columns(table: Mapping[str, Any]) -> dict[str, str]:
     for quantity in table:
-        refuse_unknown_quantity(quantity, of_arm=True)
+        refuse_unknown_quantity(without_joint(quantity))
     return {quantity: convert(text, Text, f"columns.{quantity}") for quantity, text in table.items()}
 
 

@@ -70,14 +70,14 @@ def test_identify_compare_and_diagnose_an_arm(done, folder):
     written += ("--report", "found.html")
     out = done(*of_arm(folder, "diagnose", "hidden.csv", *written))
     brief = out.partition("\n\n")[2].splitlines()
-    assert brief[:2] == ["Missing: torque_offset@elbow", "torque_offset@elbow: c"] and len(brief) <= 8
+    assert brief[:2] == ["A torque offset at elbow is missing", "torque_offset@elbow: c"] and len(brief) <= 8
     assert re.match(
         r"error held out: shoulder \S+ -> \S+ N m \(.*\), elbow 0\.\d+ -> 0\.0\d+ N m \(noise alone 0\.00\d+\)$",
         brief[2],
     )
     assert re.match(r"parameters: torque_offset@elbow (0\.\d+ ± 0\.\d+) N m$", brief[3])
     page = (folder / "found.html").read_text()
-    assert "<h1" in page and "Missing: torque_offset@elbow" in page and 'id="candidates"' in page
+    assert "<h1" in page and "A torque offset at elbow is missing" in page and 'id="candidates"' in page
     found = json.loads((folder / "diagnosis.json").read_text())["model"]["theta"]["torque_offset@elbow"]
     assert f"{found['value']:.3f}"[:5] in page.partition('id="candidates"')[0]  # with what was found
     _, before, after = curves(folder / "found.html", "joint-1-velocity")
@@ -122,7 +122,7 @@ def test_compare_tells_what_an_arm_carries(done, refused, folder):
 
 def test_effects_at_joints_and_couplings_are_added_and_looked_for(done, refused, folder):
     out = done(*of_arm(folder, "add", "plain.json", "torque_offset@elbow", "hidden.csv", "-o", "added.json"))
-    assert "torque_offset@elbow lowers the held-out torque error of elbow" in out
+    assert "torque_offset@elbow lowers the held-out errors: torque at elbow to" in out
     theta = json.loads((folder / "added.json").read_text())["theta"]
     assert theta["torque_offset@elbow"]["value"] == pytest.approx(0.3, rel=0.03)
     out = done(*of_arm(folder, "add", "plain.json", "coupling@shoulder,elbow", "hidden.csv"))
@@ -290,7 +290,7 @@ def test_a_robot_goes_through_all_commands(robot, tmp_path, done, monkeypatch):
     out = done("compare", "model.json", "hidden.csv", *moving, "--report", "compared.html")
     assert re.search(rf"^{at} ", out, re.M)
     found = ("--only", "torque_offset,quadratic_drag", "--report", "found.html", "-o", "better.json")
-    assert f"Missing: torque_offset@{at}" in done("diagnose", "hidden.csv", *moving, *found)
+    assert f"A torque offset at {at} is missing" in done("diagnose", "hidden.csv", *moving, *found)
     theta = json.loads((tmp_path / "better.json").read_text())["theta"]
     assert theta[f"torque_offset@{at}"]["value"] == pytest.approx(1.5, rel=0.02)
     looked = ("--only", f"spring@{at}", "--json", "again.json")
@@ -310,7 +310,10 @@ def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, monkeypatch,
     report, files = tmp_path / "r.html", [tmp_path / f"r.{part}.csv" for part in ("train", "holdout")]
     told = done("demo", "--robot", "two-link", "--seed", "2", "-o", report)
     hidden = "load_dependent_friction@elbow"  # of which the elbow shows nothing: its links' parameters imitate it there
-    assert f"Missing: {hidden}" in told and f"hidden was {hidden}: (mu |tau| + mu_o |w sin q|) sgn q'" in told
+    assert (
+        "Load dependent friction at elbow is missing" in told
+        and f"hidden was {hidden}: (mu |tau| + mu_o |w sin q|) sgn q'" in told
+    )
     assert "\nfound\n" in told
     rows = {line.split()[0]: line.split() for line in told.splitlines() if "@" in line and "±" in line}
     for name in ("mz@shoulder", "Iyy@elbow", "coulomb@elbow"):  # the file has other masses

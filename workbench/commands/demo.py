@@ -86,8 +86,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     with terminal.progress("diagnosing") as progress:
         found = diagnose(train, holdout, hidden.terms, progress)
     tell_diagnosis(found, terminal, arguments.verbose, more="")
-    of_arm = ["--robot", str(robots[0])] if robots else []
-    line = shlex.join(["pendulum-ident", "diagnose", str(files[0]), "--holdout", str(files[1]), *of_arm])
+    options = ["--robot", str(robots[0])] if robots else []
+    line = shlex.join(["pendulum-ident", "diagnose", str(files[0]), "--holdout", str(files[1]), *options])
     write_page(str(report), terminal, "workbench.report:render", found, line)
     reveal(hidden, found, terminal)
     wrote([report, *robots, *files], terminal)

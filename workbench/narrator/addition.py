@@ -16,7 +16,7 @@ FORMS = {
     "bump": "a bump at {0} rad, {1} rad wide",
     "step": "a step at {0} rad, {1} rad wide",
 }
-ERRORS = {"in_loop": "motion in the loop", "torque_rms": "torque", "position_rms": "position"}
+ERRORS = {"in_loop": "in the loop", "torque_rms": "torque", "position_rms": "position"}
 SIGNIFICANT = 3.0  # times its standard errors, from which a table has a shape
 
 

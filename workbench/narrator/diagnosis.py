@@ -98,8 +98,10 @@ def headline(found: Diagnosis) -> str:
         return f"{opening(listing(groups))} {'is' if len(groups) == 1 else 'are'} missing{rest}"
     if not found.unexplained:
         return "Nothing is missing" if found.searched else "The model explains what was measured"
-    return f"Something is missing{place}, and no known effect explains it" if found.searched else (
-        f"Something is missing{place or ' in this model'}"
+    return (
+        f"Something is missing{place}, and no known effect explains it"
+        if found.searched
+        else (f"Something is missing{place or ' in this model'}")
     )
 
 

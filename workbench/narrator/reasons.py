@@ -1,7 +1,6 @@
 """Reasons for verdicts in words: phrases whose subject is the effect."""
 
 from collections.abc import Mapping
-from math import isnan
 
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity
@@ -33,6 +32,7 @@ HELD_OUT = {
     "holdout_position": "error of free-running simulation",
     "holdout_torque": "torque error",
 }
+FALLS = {"in_loop": "in the loop", "torque_rms": "torque", "position_rms": "free-running position"}
 
 
 def describe_reason(candidate: Candidate, unit: str = NEWTON_METRE) -> str:
@@ -75,11 +75,8 @@ def _fall(numbers: Mapping[str, Quantity], unit: str) -> str:
         before, after = (numbers[f"{kind}.{end}"] for end in ("before", "after"))
         return f"{number_text(before.value, 3)} -> {measure(after, unit)}"
 
-    if "in_loop.after" in numbers:
-        return f"error in the loop: {change('in_loop')}"
-    is_simulated = not isnan(numbers["position_rms.after"].value)
-    position = f", free-running position {change('position_rms')}" if is_simulated else ""
-    return f"errors: torque {change('torque_rms')}{position}"
+    kinds = [name.removesuffix(".after") for name in numbers if name.endswith(".after")]
+    return f"errors: {', '.join(f'{FALLS[kind]} {change(kind)}' for kind in kinds)}"
 
 
 def _gate(found: Finding, unit: str) -> str:

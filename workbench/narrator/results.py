@@ -20,7 +20,7 @@ from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.model_card import parameters_table
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import Table, bar, listing, number_text, per
-from workbench.narrator.addition import describe_addition, describe_table
+from workbench.narrator.addition import ERRORS, describe_addition, describe_table
 from workbench.narrator.comparison import caveat, errors_in_loop
 from workbench.narrator.diagnosis import (
     describe_detectable,
@@ -38,7 +38,6 @@ SCORE = (
     "likelier it makes data that it was not fitted to"
 )
 _DISTANCES = ("recording", "torque [N m]", "fit [%]", "noise floor [N m]", "free-running position [rad]", "fit [%]")
-ERRORS = {"in_loop": "in the loop", "torque_rms": "torque", "position_rms": "position"}
 _IN_LOOP = ("in the loop, mean [rad]", "RMS [rad]")
 FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
 TIMES = "errors, times the least"  # a row that tells which schemes to trust

@@ -60,7 +60,7 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow")))
     assert session.notice == ""
     assert session.state.found == ("torque_offset@elbow",)
-    assert told(session.state)[1] == "Missing: torque_offset@elbow"
+    assert told(session.state)[1] == "A torque offset at elbow is missing"
     session.act(lambda: add.start(session, "torque_offset@elbow"))
     state = session.state
     before, after = (rung.errors["holdout"].joints["elbow"] for rung in state.ladder)

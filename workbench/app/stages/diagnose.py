@@ -57,7 +57,7 @@ def show(session: Session) -> list[Component]:
 
 def choices(state: Work, is_open: bool) -> Component:
     """Fields for what is looked for and what is known, of a pendulum; what was typed stays where it was a mistake."""
-    asked, of_arm, library = state.asked, state.robot is not None, effects_to_choose(state.body)
+    asked, library, has_limits = state.asked, effects_to_choose(state.body), state.body.can_limit
 
     def several(label: str, id: str, empty: str) -> Component:
         control = dcc.Dropdown(
@@ -76,8 +76,11 @@ def choices(state: Work, is_open: bool) -> Component:
         text("Values that are known", "fix", "gravity=2.01", f"of {parameters}, and those of effects: ID or ID.NAME"),
         text("Bounds of others", "bound", "viscous=0:0.5", effects),
     ]
-    summary = html.Summary("Choose what to look for" if of_arm else "Choose what to look for, and say what is known")
-    groups = [html.Div(looked, className="fields asked"), html.Div(known, className="fields asked", hidden=of_arm)]
+    summary = html.Summary(f"Choose what to look for{', and say what is known' if has_limits else ''}")
+    groups = [
+        html.Div(looked, className="fields asked"),
+        html.Div(known, className="fields asked", hidden=not has_limits),
+    ]
     return html.Details([summary, *groups], open=is_open)
 
 
