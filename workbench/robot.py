@@ -11,6 +11,7 @@ import numpy as np
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.recording import STILL, ArmRecording, find_logged_joints, read_arm_source
 from pendulum_env.arms.robot import find_movable_joints, pinocchio
+from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Source
 from pendulum_env.recording.study import read_sources
 
@@ -68,6 +69,14 @@ def _body(robot: RobotFile, held: tuple[tuple[str, float], ...], changed: Hashab
     """Links of a file of that time and size; the last ones are kept."""
     body = read_body(robot.file, joints=robot.joints, held=dict(held), bolted=robot.bolted, rotors=robot.rotors)
     return body.weightless if robot.weightless else body
+
+
+def describe_links(body: Mechanism) -> list[str]:
+    """Name the joints and base parameters of an arm, and what these stand for; nothing of a pendulum."""
+    if not isinstance(body, Body):
+        return []
+    combined = [f"  {name} stands for {text}" for name, text in body.combined.items()]
+    return [f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters", *combined]
 
 
 def held_text(body: Body) -> str:

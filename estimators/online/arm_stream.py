@@ -11,8 +11,7 @@ from estimators.schemes.balance import for_arms, rows, through
 from estimators.schemes.six import GUARD, Scheme
 from estimators.signals.measurements import Smoothing, measure
 from pendulum_env._typing import Array, Mask
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import body_of
+from pendulum_env.arms.joints import Links, links_of
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Term
 
@@ -43,9 +42,7 @@ class ArmStream:
                     f"{one.id} cannot run on an arm as it is set: let it borrow nothing, and give a window"
                 )
         self._terms, self._schemes, self._smoothing = tuple(terms), for_arms(schemes), smoothing
-        body = body_of(terms)
-        assert isinstance(body, Body)
-        self.joints = body.joints
+        self.joints = links_of(terms).joints
         self._clock = Clock(1.0 / period)
         # after a sample, what decides whether it is clear; before it, what its row depends on
         self._after = smoothing.reach + max(smoothing.reach + 1, round(GUARD / period)) + 2
@@ -137,7 +134,7 @@ def stream_of(
     Raises:
         ValueError: if there are several arms.
     """
-    if isinstance(body_of(terms), Body):
+    if isinstance(terms[0], Links):
         if batch != 1:
             raise ValueError("arms are followed one by one: take one for each")
         return ArmStream(terms, schemes, smoothing, period)

@@ -31,7 +31,7 @@ from pendulum_env.recording.columns import NONE, Column, check_named, find_colum
 from pendulum_env.recording.errors import ColumnError, RecordingError
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.origin import Origin
-from pendulum_env.recording.record import NEWTON_METRE, Recording
+from pendulum_env.recording.record import Recording
 from pendulum_env.recording.table import Find, Table
 from pendulum_env.recording.text import read_csv, read_excel
 from pendulum_env.recording.vocabulary import OUTPUTS
@@ -255,11 +255,12 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
         with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is left out like an empty cell
             values[quantity] *= column.scale
             values[quantity] += column.offset
-    if drive is not None and drive.output == "duty" and drive.supply is None and "supply" not in values:
+    source = drive or Drive(output="torque")  # of torque
+    if source.output == "duty" and source.supply is None and "supply" not in values:
         raise RecordingError(
             "a duty is a share of the supply: name its column (supply=...), or give the drive a supply [V]"
         )
-    unit = columns["torque"].result_unit if "torque" in columns else NEWTON_METRE if drive is None else drive.unit
+    unit = columns["torque"].result_unit if "torque" in columns else source.unit
     if "torque" not in values:
         values["torque"] = np.zeros_like(values["position"])  # of a drive until the motion is known
         if drive is None:
@@ -270,7 +271,7 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
     def turns() -> Array:
         return np.unwrap(log.values["position"]) if unwrap else log.values["position"]
 
-    is_output = drive is not None and unit == OUTPUTS.get(drive.output)
+    is_output = unit == OUTPUTS.get(source.output)
     noted = [own for own in columns.values() if not (is_output and own.quantity == "torque")]
     log = Log(values, [*(note for column in noted for note in column.notes), *notes])
     log.notes += note_ambiguous_velocity(table.headers, columns, named)
@@ -287,7 +288,7 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
     checks.refuse_still(log.values["position"])
     sampling.cut(log, turns())
     checks.refuse_jumps(log.values["position"], log.rows, log.starts, origin, allow_wrapped=unwrap)
-    jumps = _unwrap(log, is_angle=drive is None or not drive.acts_on_speed) if unwrap else 0
+    jumps = _unwrap(log, is_angle=not source.acts_on_speed) if unwrap else 0
     sampling.long_enough(log)
     sampling.uniform(log)
     signals: dict[str, Any] = {**log.values}
@@ -307,10 +308,10 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
     if drive is not None and "torque" not in columns:
         asked = Note(NoteKind.TORQUE_OF_DRIVE)
         recording = replace(recording, torque=recording.asked_torque, notes=(*recording.notes, asked))
-    elif drive is not None and is_output:
-        logged = Note(NoteKind.TORQUE_BY_OUTPUT, headers=(drive.unit,), text=str(drive.output))
-        torque = drive.scale(recording.bus) * recording.torque
-        recording = replace(recording, torque=torque, torque_unit=drive.unit, notes=(*recording.notes, logged))
+    elif is_output:
+        logged = Note(NoteKind.TORQUE_BY_OUTPUT, headers=(source.unit,), text=str(source.output))
+        torque = source.scale(recording.bus) * recording.torque
+        recording = replace(recording, torque=torque, torque_unit=source.unit, notes=(*recording.notes, logged))
     checks.refuse_too_short(recording, origin)
     checks.refuse_foreign_reference(recording, origin)
     checks.refuse_torque_twice(recording, origin)

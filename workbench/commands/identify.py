@@ -14,6 +14,7 @@ from workbench.narrator.arms import describe_nearest_body
 from workbench.narrator.diagnosis import identification_json, warnings
 from workbench.narrator.results import schemes_table, trust_text
 from workbench.options import LIMITS, READING, ROBOT, declare
+from workbench.robot import describe_links
 from workbench.terminal import Terminal
 
 OVER_WINDOWS = "the least-squares fit over windows, which compare and diagnose use"
@@ -49,10 +50,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         one = found.schemes.get(SAVED, next(iter(found.schemes.values())))
         nearest = nearest_body(one.model) if isinstance(body, Body) else None
         model = one.model if nearest is not None else _model_to_write(found, arguments)
-    if isinstance(body, Body):
-        terminal.say(f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters")
-        for name, text in body.combined.items():
-            terminal.say(f"  {name} stands for {text}")
+    for text in describe_links(body):
+        terminal.say(text)
     write_json(
         arguments.json, identification_json(found) | ({"nearest_body": nearest.json()} if nearest is not None else {})
     )
@@ -69,7 +68,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         outputs[1] = write_model(model, arguments.output, terminal)
     wrote(outputs, terminal)
     if outputs[1] is not None and model is not None:
-        terminal.say(f"{outputs[1]} has {_name_fit(found, arguments)}")
+        terminal.say(f"{outputs[1]} has {_name_fit(found, model, arguments)}")
 
 
 def _model_to_write(found: Identification, arguments: argparse.Namespace) -> Model | None:
@@ -83,10 +82,9 @@ def _model_to_write(found: Identification, arguments: argparse.Namespace) -> Mod
     return schemes[0].model if len(schemes) == 1 else found.windows
 
 
-def _name_fit(found: Identification, arguments: argparse.Namespace) -> str:
+def _name_fit(found: Identification, model: Model, arguments: argparse.Namespace) -> str:
     """Name the estimates that `-o` writes."""
     if arguments.instruments:
         return "the estimates by instruments"
-    if isinstance(found.body, Body) or len(found.schemes) == 1:
-        return f"the estimates of {SAVED if SAVED in found.schemes else next(iter(found.schemes))}"
-    return OVER_WINDOWS
+    scheme = next((id for id, own in found.schemes.items() if own.model is model), None)
+    return OVER_WINDOWS if scheme is None else f"the estimates of {scheme}"
