@@ -336,7 +336,7 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
         fits = None
     if fits is None:
         return NO_ALIGNMENT
-    fits = fits if fits.data.given else fits.sharpest()  # what links and smooth laws follow is wide enough
+    fits = fits if fits.data.shared_columns else fits.sharpest()  # what links and smooth laws follow is wide enough
     found, sampled = fits.simplest(), replace(fits, is_sampled=True)
     free = fits.delayed
     if not (found.is_late or (free.is_sure and not found.is_found)):

@@ -60,7 +60,7 @@ def told(model: Model, data: TorqueWindows, fit: Callable[[TorqueWindows], Model
     if constant is None:
         return as_read(model.per(recording.torque_unit))
     fit = fit or (lambda own: fit_terms(RegressionData(own, ()), model.terms)[0])
-    return widened(model, constant, fit(data), fit(data.with_scaled_torque(1 + constant.std / constant.value)))
+    return widened(model, constant, fit(data), fit(data.with_torque(1 + constant.std / constant.value)))
 
 
 def widened(model: Model, constant: TorqueConstant, here: Model, there: Model) -> Model:

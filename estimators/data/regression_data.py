@@ -219,10 +219,10 @@ class RegressionData:
     def inertias(self, base: Sequence[Term]) -> dict[str, float]:
         """Return the inertia at each joint under a base model, by the joint's name [kg m^2]."""
         first, data = base[0], self.data
-        if first.id not in data.given:
+        if first.id not in data.shared_columns:
             return {at: base_inertia(self.torque.at(at)) for at in data.joints}
         theta = self.torque.solve(base)[: len(first.columns)]
-        return dict(zip(data.joints, np.abs(data.given[first.id].inertia @ theta).tolist(), strict=True))
+        return dict(zip(data.joints, np.abs(data.shared_columns[first.id].inertia @ theta).tolist(), strict=True))
 
     @cached_property
     def floors(self) -> dict[str, float]:
@@ -300,7 +300,7 @@ def base_inertia(rows: TorqueRows) -> float:
     data = rows.data
     if all(known := [w.recording.known_inertia for w in data.windows]):
         return max(known)
-    theta = (TorqueRows(data.clear) if data.impacts else rows).solve(BASE)
+    theta = (TorqueRows(data.without_impacts) if data.impacts else rows).solve(BASE)
     return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 
 

@@ -79,7 +79,9 @@ def _joined(
     )
     inertia = np.mean([np.diagonal(part.masses.mean(axis=0), axis1=1, axis2=2).T for part in parts], axis=0)
     data = join_windows([own[k] for k in joints for own in entries], {links.id: TermColumns(linear, rates, inertia)})
-    return replace(data, given={**data.given, **{kind.id: _coupled(entries, kind) for kind in shared}})
+    return replace(
+        data, shared_columns={**data.shared_columns, **{kind.id: _coupled(entries, kind) for kind in shared}}
+    )
 
 
 def _coupled(entries: Sequence[Sequence[Windows]], kind: type[Coupling]) -> TermColumns:

@@ -121,7 +121,7 @@ class TorqueRows:
 
     @cached_property
     def _perturbed(self) -> TorqueWindows:
-        return self.data.with_more_torque(PERTURBATION * self._largest_torque)
+        return self.data.with_torque(offset=PERTURBATION * self._largest_torque)
 
     @property
     def _perturbations(self) -> Array:

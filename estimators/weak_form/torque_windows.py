@@ -66,14 +66,14 @@ class TorqueWindows:
         clusters: block of time of each equation (R,), for standard errors under correlated residuals.
         link_states: samples with the estimated state variables of a term, by its id, one entry per recording; other
             states are propagated along the measured motion from the start.
-        given: columns of terms that belong to no single joint, by id.
+        shared_columns: columns of terms that belong to no single joint, by id.
     """
 
     windows: tuple[Windows, ...]
     weights: Array
     clusters: Index
     link_states: Mapping[str, Sequence[Samples]] = field(default_factory=dict)
-    given: Mapping[str, TermColumns] = field(default_factory=dict)
+    shared_columns: Mapping[str, TermColumns] = field(default_factory=dict)
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -126,15 +126,15 @@ class TorqueWindows:
 
         Only the rows of its joint are returned: an effect is zero at all others.
         """
-        if variants[0].id in self.given:
-            return [(self.given[variant.id].linear, np.zeros(len(self.weights))) for variant in variants]
+        if variants[0].id in self.shared_columns:
+            return [(self.shared_columns[variant.id].linear, np.zeros(len(self.weights))) for variant in variants]
         own = self.part(variants[0].at)
         return own.averages.columns(variants, own.trace(variants))
 
     def rates(self, term: Term) -> Array:
         """Return time derivatives of the linear columns of a term (R, P), on the rows of its joint."""
-        if term.id in self.given:
-            return self.given[term.id].rates
+        if term.id in self.shared_columns:
+            return self.shared_columns[term.id].rates
         own = self.part(term.at)
         (x,) = own.trace([term])
         columns = [own._rates.column(column, x) for column in term.columns]
@@ -197,17 +197,14 @@ class TorqueWindows:
 
     def negligible(self, at: str) -> float:
         """Return the residual below which a joint of an arm has no structure [N m]: errors of other joints enter it."""
-        return max(NEGLIGIBLE * float(np.std(self.part(at).torque())), self.least()) if self.given else 0.0
+        return max(NEGLIGIBLE * float(np.std(self.part(at).torque())), self.least()) if self.shared_columns else 0.0
 
-    def with_more_torque(self, more: float) -> TorqueWindows:
-        """Return the motion under a torque with an offset [N m], for the slope of columns by the torque."""
-        pushed = (w.under(w.recording.torque + more, w.samples.torque + more) for w in self.windows)
-        return replace(self, windows=tuple(pushed))
-
-    def with_scaled_torque(self, factor: float) -> TorqueWindows:
-        """Return the motion under a torque and a torque noise larger by a factor."""
-        larger = (w.under(factor * w.recording.torque, factor * w.samples.torque) for w in self.windows)
-        return replace(self, windows=tuple(replace(w, torque_noise=factor * w.torque_noise) for w in larger))
+    def with_torque(self, factor: float = 1.0, offset: float = 0.0) -> TorqueWindows:
+        """Return the motion under a torque, with its noise, larger by a factor, and with an offset [N m]."""
+        changed = (
+            w.under(factor * w.recording.torque + offset, factor * w.samples.torque + offset) for w in self.windows
+        )
+        return replace(self, windows=tuple(replace(w, torque_noise=factor * w.torque_noise) for w in changed))
 
     def with_impacts(self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float) -> TorqueWindows:
         """Return the windows with those near reversals whose residual exceeds dry friction: impacts.
@@ -240,7 +237,7 @@ class TorqueWindows:
         )
 
     @property
-    def clear(self) -> TorqueWindows:
+    def without_impacts(self) -> TorqueWindows:
         """The data without impacts."""
         return join_windows([replace(w, centers=w.centers[~np.isin(w.centers, w.turning)]) for w in self.windows])
 
@@ -395,9 +392,9 @@ def choose_half_width(recording: Recording) -> float:
     return widths[quiet[0] if quiet else feasible[-1]]
 
 
-def join_windows(windows: Sequence[Windows], given: Mapping[str, TermColumns] | None = None) -> TorqueWindows:
+def join_windows(windows: Sequence[Windows], shared_columns: Mapping[str, TermColumns] | None = None) -> TorqueWindows:
     """Join windows of several recordings, weighted by their noise."""
-    joints, count = {w.at for w in windows}, sum(own.linear.shape[1] for own in (given or {}).values())
+    joints, count = {w.at for w in windows}, sum(own.linear.shape[1] for own in (shared_columns or {}).values())
     total = sum(w.recording.duration for w in windows) / len(joints)
     half = max(len(w.kernel) // 2 / w.recording.rate for w in windows)
     shortest = WEAK_FORM.shortest * half if count else 0.0
@@ -412,7 +409,7 @@ def join_windows(windows: Sequence[Windows], given: Mapping[str, TermColumns] | 
         tuple(windows),
         np.concatenate(weights),
         _numbers(windows, min(0.5, max(total / max(30, WEAK_FORM.clusters * count), shortest))),
-        given=given or {},
+        shared_columns=shared_columns or {},
     )
 
 
