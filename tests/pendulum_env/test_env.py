@@ -59,7 +59,7 @@ HOW = [f"id = 'pendulum_env:{PENDULUM}'", f"import pendulum_env; id = '{PENDULUM
 def test_gymnasium_knows_the_environment_by_its_conventions_and_nothing_is_imported_that_is_not_needed(how):
     code = (
         f"import gymnasium, sys; {how}; print('pymunk' in sys.modules, gymnasium.make(id).unwrapped.rate); "
-        "import estimators, pendulum_env.backends.emulators; "
+        "from estimators import *; import pendulum_env.backends.emulators; "
         "print({'torch', 'plotly', 'pygame', 'serial', 'nidaqmx', 'grpc'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

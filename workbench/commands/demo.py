@@ -18,8 +18,7 @@ from pendulum_env.arms.body import read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import arm_base, effect_at, joint_effects
 from pendulum_env.arms.planar import TWO_LINK, Link, joint_names, urdf
-from pendulum_env.backends import record
-from pendulum_env.backends.simulated import TORQUE_NOISE
+from pendulum_env.backends.simulated import TORQUE_NOISE, record
 from pendulum_env.excitation import MOST_TORQUE, excitation
 from pendulum_env.files import write_whole
 from pendulum_env.interface import MAX_TORQUE
