@@ -13,7 +13,7 @@ from estimators.diagnosis.result import Diagnosis, corrected
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.unexplained import fit_that, held_out
 from estimators.findings import Finding, Kind
-from estimators.schemes.identifiability import untold_of_arm
+from estimators.schemes.identifiability import unidentifiable
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.physical import driving_friction
 from estimators.selection.residuals import Terms
@@ -43,7 +43,7 @@ def examine_arm(given: FitData, setting: Setting) -> Diagnosis:
     model = last.model.biased() if left or unseen else last.model
     seen = (concatenate_samples([w.samples for w in evaluator.train.data.part(at).windows]) for at in body.joints)
     motion = zip(*((x.position, x.velocity, x.torque) for x in seen), strict=True)
-    model = model.withholding(untold_of_arm([model], *map(np.column_stack, motion))[0])
+    model = model.withholding(unidentifiable(model, *map(np.column_stack, motion)))
     steps = (*others, replace(last, model=model))
     return Diagnosis(
         steps=steps,

@@ -10,7 +10,8 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.schemes.six import GUARD, scheme
 from estimators.signals.measurements import Measurements
 from pendulum_env._typing import Array, Mask
-from pendulum_env.arms.joints import DRAWS, links_of
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import DRAWS
 from pendulum_env.physics import BASE, Estimate, Model, Term
 
 
@@ -66,36 +67,40 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
 
 
 def untold(model: Model, measurements: Sequence[Measurements], doubts: Sequence[Finding] = ()) -> tuple[Finding, ...]:
-    """Parameters of the base that a model does not tell, fitted to recordings that hardly depend on them.
-
-    An error is large if it is more torque, at the speeds that were seen and at any angle, than was recorded; that of
-    inertia, which cannot be nothing, always is.
-    """
-    torque, speed, acceleration = (
-        max(float(np.abs(getattr(m, name)).max()) for m in measurements)
-        for name in ("held", "velocity", "acceleration")
+    """Parameters of the base that a model does not tell, fitted to recordings that hardly depend on them."""
+    position, velocity, torque, acceleration = (
+        np.concatenate([getattr(m, name) for m in measurements])[:, None]
+        for name in ("position", "velocity", "held", "acceleration")
     )
-    if torque == 0 and "inertia" in model.estimates:  # a free swing: what accelerates the inertia
-        torque = abs(model.estimates["inertia"].value) * acceleration
-    large = {"inertia": 0.0, "gravity": torque, "viscous": torque / max(speed, 1e-300), "coulomb": torque}
-    said, found = {name for doubt in doubts for name in doubt.withheld}, []
-    for term in BASE:
-        told = model.estimates.get(term.id)
-        if term.id not in said and told is not None and not is_told(told, large[term.id]):
-            best = Quantity(told.value, told.std, told.unit)
-            found.append(Finding(Kind.UNIDENTIFIABLE, {term.id: best}, (term.id,)))
-    return tuple(found)
+    if not torque.any() and "inertia" in model.estimates:  # a free swing: what accelerates the inertia
+        torque = model.estimates["inertia"].value * acceleration
+    said = {name for doubt in doubts for name in doubt.withheld}
+    found = [name for name in unidentifiable(model, position, velocity, torque) if name not in said]
+    best = ((name, model.estimates[name]) for name in found)
+    return tuple(
+        Finding(Kind.UNIDENTIFIABLE, {name: Quantity(own.value, own.std, own.unit)}, (name,)) for name, own in best
+    )
 
 
-def untold_of_arm(models: Sequence[Model], position: Array, velocity: Array, torque: Array) -> list[frozenset[str]]:
-    """Base parameters, and friction of joints, that each model fitted to N samples of n joints (N, n) does not tell.
+def unidentifiable(model: Model, position: Array, velocity: Array, torque: Array) -> list[str]:
+    """Parameters of links and friction that a model fitted to N samples of n joints (N, n) does not tell.
 
     An error is large if at some joint it is more torque, at the speeds that were seen and at any angle, than was
     recorded; or as much of the inertia, which cannot be nothing, as leaves that open.
     """
-    body = links_of(models[0].terms)
     largest, fastest = np.abs(torque).max(axis=0), np.abs(velocity).max(axis=0)
     largest = np.where(largest > 0, largest, largest.max())  # of a joint without a motor
+    large = {"inertia": 0.0, "gravity": float(largest[0])}  # of a pendulum
+    for joint, most, fast in zip(model.body.joints, largest.tolist(), fastest.tolist(), strict=True):
+        at = f"@{joint}" if joint else ""
+        large |= {f"viscous{at}": most / max(fast, 1e-300), f"coulomb{at}": most}
+    if isinstance(model.body, Body):
+        large |= _large_errors_of_links(model, model.body, position, largest)
+    return [name for name, own in model.estimates.items() if name in large and not is_told(own, large[name])]
+
+
+def _large_errors_of_links(model: Model, body: Body, position: Array, largest: Array) -> dict[str, float]:
+    """Errors of base parameters that are large beside the torque of each joint (n,) and the inertia that it has."""
     seen = position[:: max(1, len(position) // PLACES)]
     units = np.eye(len(body.joints))
     masses = [body.momentum(seen, np.broadcast_to(unit, seen.shape))[:, k] for k, unit in enumerate(units)]
@@ -103,18 +108,10 @@ def untold_of_arm(models: Sequence[Model], position: Array, velocity: Array, tor
     felt = np.sqrt(np.mean(np.square(masses), axis=1))  # (n, P)
     anywhere = np.random.default_rng(0).uniform(-np.pi, np.pi, (DRAWS, len(body.joints)))
     weight = np.abs(body.torque(anywhere, 0 * anywhere, 0 * anywhere)).max(axis=0)  # (n, P)
-    friction: dict[str, float] = {}
-    for joint, most, fast in zip(body.joints, largest.tolist(), fastest.tolist(), strict=True):
-        friction |= {f"viscous@{joint}": most / max(fast, 1e-300), f"coulomb@{joint}": most}
-    untold = []
-    for model in models:
-        inertia = np.abs(mean @ model.theta[: len(body.base)])  # of each joint (n,)
-        with np.errstate(divide="ignore"):
-            links = np.minimum(inertia[:, None] / TELLING.sure / felt, largest[:, None] / weight).min(axis=0)
-        large = friction | dict(zip(body.names, links.tolist(), strict=True))
-        errors = ((name, own, large.get(name, np.inf)) for name, own in model.estimates.items())
-        untold.append(frozenset(name for name, own, most in errors if not is_told(own, most)))
-    return untold
+    inertia = np.abs(mean @ model.theta[: len(body.base)])  # of each joint (n,)
+    with np.errstate(divide="ignore"):
+        links = np.minimum(inertia[:, None] / TELLING.sure / felt, largest[:, None] / weight).min(axis=0)
+    return dict(zip(body.names, links.tolist(), strict=True))
 
 
 def is_told(estimate: Estimate, large: float) -> bool:

@@ -27,8 +27,8 @@ from estimators.schemes.identifiability import (
     identifiability,
     inseparable,
     is_driven,
+    unidentifiable,
     untold,
-    untold_of_arm,
 )
 from estimators.schemes.six import SCHEMES, LowPass, Regression, Regressor, Scheme, chosen_schemes
 from estimators.selection.physical import driving_friction
@@ -272,7 +272,7 @@ def _of_links(recordings: Sequence[Recording], terms: Sequence[Term], schemes: S
     parts = [series(joints, "position", "velocity", "held") for joints in measured]
     seen = [np.concatenate(each) for each in zip(*parts, strict=True)]
     alike = {name for doubt in doubts for name in doubt.withheld}
-    unknown = dict(zip(results, untold_of_arm([one.model for one in results.values()], *seen), strict=True))
+    unknown = {id: frozenset(unidentifiable(one.model, *seen)) for id, one in results.items()}
     if alone := sorted(frozenset.intersection(*unknown.values()) - alike):  # by no scheme; others show no number for it
         doubts.append(Finding(Kind.UNIDENTIFIABLE, parameters=tuple(alone)))
     results = {id: replace(one, model=one.model.withholding(unknown[id] | alike)) for id, one in results.items()}

@@ -243,7 +243,7 @@ def detectable_table(found: Sequence[Detectable], unit: str = NEWTON_METRE) -> T
     )
 
 
-def schemes_of_arm(found: Identification) -> Table:
+def parameters_by_scheme(found: Identification) -> Table:
     """Estimates of every scheme, a row a parameter, a column a scheme."""
     models = [one.model.estimates for one in found.schemes.values()]
     rows = [(name, *(own[name].text for own in models), one.unit) for name, one in models[0].items()]
@@ -258,7 +258,7 @@ def schemes_of_arm(found: Identification) -> Table:
 def schemes_table(found: Identification, by_instruments: Model | None = None) -> Table:
     """Tabulate the estimates of every scheme, one a row, and those by instruments last; of an arm one a column."""
     if isinstance(found.body, Body):
-        return schemes_of_arm(found)
+        return parameters_by_scheme(found)
     columns = next(iter(found.schemes.values())).model.columns
     names = [column.name for column in columns]
     rows = []
