@@ -1,7 +1,6 @@
 """What several tests share."""
 
 import signal
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -9,11 +8,9 @@ from hypothesis import HealthCheck, settings
 from scipy.integrate import solve_ivp
 
 from pendulum_env.recording import Recording
-from pendulum_env.settings import use_writer
 from tests import once
 from tests.cases import recording
 from tests.pendulum_env.rigs import until_in_time
-from workbench.mistakes import write_option
 
 # a busy machine is no mistake: no test asserts how long it takes
 settings.register_profile("unhurried", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -56,11 +53,3 @@ def swing() -> Recording:
 def bouncing() -> Recording:
     """A light arm that is driven against two stiff stops, where it turns round within a few samples."""
     return recording("bouncing")
-
-
-@pytest.fixture(autouse=True)
-def _options() -> Iterator[None]:
-    """Messages name options as on the command line, where they are pasted."""
-    before = use_writer(write_option)
-    yield
-    use_writer(before)

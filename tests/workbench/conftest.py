@@ -5,6 +5,7 @@ import warnings
 
 import pytest
 
+from tests.options import options as options
 from workbench.cli import main
 from workbench.mistakes import LONGEST
 
