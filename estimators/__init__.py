@@ -8,8 +8,9 @@ if TYPE_CHECKING:
     from estimators.checks.alignment import Alignment
     from estimators.checks.channel import align
     from estimators.comparison import Comparison, compare
-    from estimators.data.fit_data import FitData, gather
+    from estimators.data.fit_data import FitData
     from estimators.data.regression_data import RegressionData, fit_terms
+    from estimators.data.split import gather
     from estimators.diagnosis.addition import add, fit
     from estimators.diagnosis.result import Addition, Diagnosis, Verdict
     from estimators.diagnosis.run import diagnose

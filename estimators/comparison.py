@@ -191,30 +191,25 @@ def compare(model: Model | HasModel, recordings: Recordings) -> Comparison:
     """
     check_order("compare(model, recordings)", (model, Model), (recordings, Recording))
     model = model_that_moves(model)
-    body = model.body
-    recordings = in_units_of(model, chosen_recordings(recordings, body=body, log_format=model.log_format)).recordings
+    recordings = chosen_recordings(recordings, body=model.body, log_format=model.log_format)
+    recordings = in_units_of(model, recordings).recordings
     that_may_show({term.id: type(term) for term in model.terms if term.needs}, recordings)
-    if isinstance(body, Body):
-        parts, together = [], RegressionData.of_arm(recordings, model.terms)
-    else:
-        parts = [_prepared(recording, model) for recording in recordings]
-        together = joined(parts)
+    joints = model.terms if isinstance(model.body, Body) else ()
+    alone = [] if joints else [_prepared(recording, model) for recording in recordings]
+    together = joined(alone) if alone else RegressionData.of_arm(recordings, joints)
     joint = distance("all", together, model)
-    distances = tuple(distance(part.recordings[0].name, part, model) for part in parts)
     left = together.residual(model.terms, model.theta)
-    told_by_torque = not isinstance(body, Body) and not are_driven(recordings)
-    failing = joint.floors if _is_logged(recordings) else ()
-    fits = own_fits([together.data], model.terms) if told_by_torque else []
-    terms, most = model.terms if isinstance(body, Body) else (), max(1, SHOWN // len(joint.floors))
+    fits = own_fits([together.data], model.terms) if alone and not are_driven(recordings) else []
+    failing, most = joint.floors if _is_logged(recordings) else (), max(1, SHOWN // len(joint.floors))
     return Comparison(
         model,
-        distances,
+        tuple(distance(part.recordings[0].name, part, model) for part in alone),
         joint,
-        tuple(profiles(together.samples, left, joint.noise_floor) if not isinstance(body, Body) else ()),
+        tuple(profiles(together.samples, left, joint.noise_floor) if alone else ()),
         tuple(region for at in failing for region in _fails(together, left, at, most)),
         (*disagreements_with(model, fits), *misfits(fits)),
         recordings[0].torque_constant,
-        FitData(recordings, recordings, terms=terms).holding((together, together)),
+        FitData(recordings, recordings, terms=joints).holding((together, together)),
     )
 
 

@@ -41,6 +41,14 @@ class Kind(StrEnum):
     TORQUE_SAMPLED_CORRECTED = "torque_sampled_corrected"
     ACTS_LATE = "acts_late"
 
+    # treatments of the recordings before a model is fitted
+    TORQUE_CONSTANT = "torque_constant"  # torque_constant
+    NARROWER_WINDOWS = "narrower_windows"  # share of the length
+    IMPACTS_INCLUDED = "impacts_included"
+    RECORDINGS_EXCLUDED = "recordings_excluded"
+    TIMED_BESIDE = "timed_beside"
+    BACK_EMF_INCLUDED = "back_emf_included"
+
     # recordings
     FEEDBACK = "feedback"  # gain
     FEEDBACK_WITH_REFERENCE = "feedback_with_reference"  # gain

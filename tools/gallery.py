@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from estimators.data.fit_data import gather
 from estimators.data.regression_data import fit_terms
+from estimators.data.split import gather
 from estimators.signals.residual import AXES, SYMBOLS, Profile, profiles
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation

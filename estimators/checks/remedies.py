@@ -117,7 +117,7 @@ def _can_be_upright(gravity: float, recordings: Sequence[Recording]) -> bool:
     return turns <= UPRIGHT_TURNS and abs(gravity) >= UPRIGHT_SHARE * torque
 
 
-def turned_round(model: Model, recordings: Sequence[Recording]) -> Finding | None:
+def find_turned_torque(model: Model, recordings: Sequence[Recording]) -> Finding | None:
     """Find torque that is logged turned round: every parameter of the base model is negative."""
     known = [name for name in ("inertia", "gravity", "viscous", "coulomb") if name in model.estimates]
     clear = sum(is_significantly_negative(model, name) for name in known)

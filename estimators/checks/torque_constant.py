@@ -46,7 +46,9 @@ def unit_of(recordings: Sequence[Recording]) -> str:
     return units[0]
 
 
-def told(model: Model, data: TorqueWindows, fit: Callable[[TorqueWindows], Model] | None = None) -> Model:
+def with_torque_constant(
+    model: Model, data: TorqueWindows, fit: Callable[[TorqueWindows], Model] | None = None
+) -> Model:
     """A model that was fitted to data, in the unit of their torque, with the torque constant and what it errs by.
 
     Args:
@@ -60,10 +62,10 @@ def told(model: Model, data: TorqueWindows, fit: Callable[[TorqueWindows], Model
     if constant is None:
         return as_read(model.per(recording.torque_unit))
     fit = fit or (lambda own: fit_terms(RegressionData(own, ()), model.terms)[0])
-    return widened(model, constant, fit(data), fit(data.with_torque(1 + constant.std / constant.value)))
+    return widen_by_constant(model, constant, fit(data), fit(data.with_torque(1 + constant.std / constant.value)))
 
 
-def widened(model: Model, constant: TorqueConstant, here: Model, there: Model) -> Model:
+def widen_by_constant(model: Model, constant: TorqueConstant, here: Model, there: Model) -> Model:
     """A model whose standard errors include that of the torque constant, which moves parameters from `here` to `there`.
 
     The error of the constant and those of a fit that is given it have nothing to do with each other, since the constant
@@ -115,7 +117,7 @@ def unknown_constant(kind: Kind, unit: str, **numbers: Quantity) -> Finding:
     return Finding(kind, {"torque_constant": Quantity(np.nan, unit=f"{NEWTON_METRE}/{unit}")} | numbers)
 
 
-def of_the_drive(model: Model, constant: TorqueConstant, data: TorqueWindows) -> list[Finding]:
+def find_gain_doubts(model: Model, constant: TorqueConstant, data: TorqueWindows) -> list[Finding]:
     """Find what a torque constant leaves open.
 
     Args:

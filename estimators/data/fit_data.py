@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -15,25 +14,18 @@ import numpy as np
 
 from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align_each
-from estimators.checks.torque_constant import torque_constant, unit_of, unknown_constant
+from estimators.checks.homogeneity import Disagreement
+from estimators.data.calibration import calibrate
 from estimators.data.regression_data import RegressionData, with_impacts
-from estimators.findings import Finding, Kind
-from estimators.free_swings import fitted_inertia, known_values, scale_swings, swing
-from estimators.regression.equations import IdentificationError
+from estimators.data.split import Parts, gather, parted
+from estimators.findings import Finding, Kind, Quantity
+from estimators.free_swings import known_values
 from estimators.selection.criterion import Criterion
-from estimators.weak_form.torque_windows import choose_half_width, prepare
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import body_of
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
-from pendulum_env.settings import Blank, setting
-
-HELD_OUT = 0.3  # end of each recording that is held out when no recording is
-MOTION = 0.5  # of the motion, that has to come before what is held out of the end of recordings
-SHORTEST = 0.25  # share of the windows' length, the least, where longer windows are too few
-
-Parts = tuple[RegressionData, RegressionData]  # fitted and held out
+from pendulum_env.recording.record import TorqueConstant
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +41,10 @@ class FitData:
         window_share: length of the windows, relative to the length that the noise asks for.
         impacts_beside: terms beside which turns that miss torque are among the windows; None where they are not.
         terms: of an arm, that may be fitted to it, the links first.
+        treatments: of the recordings, in order.
+        excluded: recordings that were left out, since they show another plant.
+        whole: the data before recordings were left out; None if none was.
+        untimed: the data before torque was timed; None if it was not.
     """
 
     recordings: tuple[Recording, ...]
@@ -58,6 +54,10 @@ class FitData:
     window_share: float = 1.0
     impacts_beside: tuple[Term, ...] | None = None
     terms: tuple[type[Term] | Term, ...] = ()
+    treatments: tuple[Finding, ...] = ()
+    excluded: tuple[Disagreement, ...] = ()
+    whole: FitData | None = None
+    untimed: FitData | None = None
 
     @classmethod
     def of(
@@ -86,103 +86,79 @@ class FitData:
             IdentificationError: if units differ, from that of the constant, too, or if the recordings hold too little
                 motion to tell anything, or if torque is applied in held-out recordings only and no parameter is known.
         """
-        every = (*recordings, *holdout)
         if isinstance(body_of(terms), Body):
             return cls(tuple(recordings), tuple(holdout), terms=tuple(terms))
-        if any(own.drive is not None and own.drive.ki and own.torque_unit != NEWTON_METRE for own in every):
-            doubt = unknown_constant(Kind.INTEGRAL_CONTROLLER, recordings[0].torque_unit)
-            return cls(tuple(recordings), tuple(holdout), doubt)
         known = known_values([term for term in terms if isinstance(term, Term)]) if known is None else known
-        driven = [own for own in every if not own.is_free]
-        if len(driven) == len(every):
-            return cls._in_newton_metres(recordings, holdout, constant)
-        if all(own.is_free for own in recordings):
-            return cls._of_swings(recordings, holdout, driven, known)
-        fitted, unseen = (_swings(part, 0.0, unit_of(driven)) for part in (recordings, holdout))
-        given = cls._in_newton_metres(fitted, unseen, constant)
-        inertia = known.get("inertia") or fitted_inertia([own for own in given.recordings if not own.is_free])
-        fitted, unseen = (_swings(part, inertia, given.unit) for part in (given.recordings, given.holdout))
-        return replace(given, recordings=fitted, holdout=unseen)
+        data = cls(*calibrate(recordings, holdout, constant, known))
+        if data.constant is None:
+            return data
+        value = Quantity(data.constant.value, data.constant.std, data.constant.unit)
+        return data.treated(Finding(Kind.TORQUE_CONSTANT, {"torque_constant": value}))
 
-    @classmethod
-    def _of_swings(
-        cls,
-        recordings: Sequence[Recording],
-        holdout: Sequence[Recording],
-        driven: Sequence[Recording],
-        known: Mapping[str, float],
-    ) -> Self:
-        """Free swings, as `of` scales them; some held-out recordings may be driven."""
-        inertia = scale_swings(recordings, known)
-        unit = PER_INERTIA if inertia is None else NEWTON_METRE
-        if driven and unit_of(driven) != unit:
-            raise IdentificationError(
-                f"{driven[0].name}: has torque, but no recording that is fitted has any: fit one with torque, or give "
-                f"the inertia, {setting('fixed', {'inertia': Blank('VALUE')})}, and torque in N m"
-            )
-        fitted, unseen = (_swings(part, 1.0 if inertia is None else inertia, unit) for part in (recordings, holdout))
-        if inertia is not None:
-            return cls(fitted, unseen)
-        loaded = tuple(own.name for own in recordings if own.load is not None)
-        return cls(fitted, unseen, Finding(Kind.RELATIVE_TO_INERTIA, recordings=loaded))
+    def treated(self, treatment: Finding, **changes: Any) -> Self:
+        """Return the data after one more treatment, with the fields that it changes."""
+        return replace(self, treatments=(*self.treatments, treatment), **changes)
 
-    @classmethod
-    def _in_newton_metres(
-        cls, recordings: Sequence[Recording], holdout: Sequence[Recording], constant: TorqueConstant | None
-    ) -> Self:
-        """Recordings, as `of` makes them, whose unit of torque is one."""
-        unit = unit_of((*recordings, *holdout))
-        if unit == NEWTON_METRE:
-            return cls(tuple(recordings), tuple(holdout))
-        if constant is not None and constant.of != unit:
-            raise IdentificationError(
-                f"torque is in {unit}, but the torque constant is of {constant.of}: convert the log"
-            )
-        found = constant or torque_constant(recordings)
-        if isinstance(found, Finding):
-            return cls(tuple(recordings), tuple(holdout), found)
-        fitted, unseen = (tuple(_turned(one, found) for one in part) for part in (recordings, holdout))
-        return cls(fitted, unseen)
+    def has_treatment(self, kind: Kind) -> bool:
+        """Return whether the data had a treatment."""
+        return any(treatment.kind is kind for treatment in self.treatments)
 
-    def timed(self, beside: Sequence[Term] = ()) -> Self:
-        """The same with the torque that acted, beside effects that joints have: see `estimators.align`.
+    def timed(self, beside: Sequence[Term] = ()) -> FitData:
+        """Return the data with the torque that acted, beside effects that joints have: see `estimators.align`.
 
-        The log's timing is no part of the model, so that held-out recordings tell it, too.
+        The timing of the log is no part of the model, so held-out and excluded recordings determine it, too.
         """
-        beside = [*(term for term in self.terms if isinstance(term, Term)), *beside]
-        every = (*self.recordings, *self.holdout)
-        alignments = align_each(every, beside)
+        if self.whole is not None:
+            return self.whole.timed(beside).without(self.excluded)
+        raw, terms = self.untimed or self, [term for term in self.terms if isinstance(term, Term)]
+        every, count = (*raw.recordings, *raw.holdout), len(raw.recordings)
+        alignments = align_each(every, [*terms, *beside])
         moved = tuple(one.apply(recording) for one, recording in zip(alignments, every, strict=True))
-        count = len(self.recordings)
-        return replace(self, recordings=moved[:count], holdout=moved[count:], alignments=tuple(alignments))
+        earlier = tuple(treatment for treatment in self.treatments if treatment not in self.corrections)
+        changes: dict[str, Any] = {"recordings": moved[:count], "holdout": moved[count:], "untimed": raw}
+        timed = replace(self, **changes, alignments=tuple(alignments))
+        asked = [Finding(Kind.TIMED_BESIDE, effects=tuple(term.id for term in beside))] if beside else []
+        return replace(timed, treatments=(*earlier, *asked, *timed.corrections))
 
-    def without(self, odd: Container[int]) -> Self:
-        """The same without fitted recordings of the given numbers, counted from 1."""
-        count = len(self.recordings)
+    def without(self, outliers: Sequence[Disagreement]) -> FitData:
+        """Return the data without fitted recordings that disagree with the others."""
+        odd, count = {one.recording for one in outliers}, len(self.recordings)
         kept = [k for k in range(count) if k + 1 not in odd]
         if len(kept) == count:
             return self
         alignments = [self.alignments[k] for k in (*kept, *range(count, len(self.alignments))) if self.alignments]
-        return replace(self, recordings=tuple(self.recordings[k] for k in kept), alignments=tuple(alignments))
+        names = tuple(own.name for k, own in enumerate(self.recordings) if k not in kept)
+        return self.treated(
+            Finding(Kind.RECORDINGS_EXCLUDED, recordings=names),
+            recordings=tuple(self.recordings[k] for k in kept),
+            alignments=tuple(alignments),
+            excluded=tuple(outliers),
+            whole=self,
+        )
 
-    def closer(self, share: float = Criterion.shorter_window) -> Self:
-        """The same in shorter windows."""
-        return replace(self, window_share=share)
+    def narrowed(self, share: float = Criterion.shorter_window) -> Self:
+        """Return the data in narrower windows."""
+        return self.treated(Finding(Kind.NARROWER_WINDOWS, {"share": Quantity(share)}), window_share=share)
 
     def with_impacts(self, terms: Sequence[Term]) -> Self:
-        """The same with the turns that miss torque beside some terms, as it is where these are too few."""
+        """Return the data with the turns that miss torque beside some terms, as they are where these are too few."""
         parts = with_impacts(self.parts, terms)
-        return self if parts is self.parts else replace(self, impacts_beside=tuple(terms)).holding(parts)
+        if parts is self.parts:
+            return self
+        return self.treated(Finding(Kind.IMPACTS_INCLUDED), impacts_beside=tuple(terms)).holding(parts)
 
     def holding(self, parts: Parts) -> Self:
-        """The same with parts that are prepared already."""
+        """Return the data with parts that are prepared already."""
         vars(self)["parts"] = parts  # where the property would keep them
         return self
 
     def fresh(self, terms: tuple[Term, ...] = ()) -> Self:
-        """The same, of an arm for given terms, without what a search has kept with the parts: columns that it tried."""
-        train, holdout = map(replace, self.parts)
-        return replace(self, terms=terms).holding((train, holdout))
+        """Return the data, of an arm for given terms, without columns that a search tried and earlier data."""
+        fresh = replace(self, terms=terms if self.terms else (), whole=None, untimed=None)
+        if "parts" in vars(self):
+            train, holdout = map(replace, self.parts)
+            fresh.holding((train, holdout))
+        return fresh
 
     @cached_property
     def parts(self) -> Parts:
@@ -223,6 +199,15 @@ class FitData:
             for one, two in zip(self.alignments, other.alignments, strict=True)
         )
 
+    @property
+    def corrections(self) -> list[Finding]:
+        """Findings on torque that was logged late, and that is corrected."""
+        kinds = {
+            Kind.TORQUE_LATE: Kind.TORQUE_LATE_CORRECTED,
+            Kind.TORQUE_SAMPLED: Kind.TORQUE_SAMPLED_CORRECTED,
+        }
+        return [replace(finding, kind=kinds[finding.kind]) for finding in self.timing(True)]
+
     def timing(self, is_late: bool) -> tuple[Finding, ...]:
         """Findings on torque that is logged late, or that acts late; with names of recordings where they differ."""
         every = zip((*self.recordings, *self.holdout), self.alignments, strict=bool(self.alignments))
@@ -237,65 +222,3 @@ class FitData:
         if all(one is self.alignments[0] for one in self.alignments):
             return tuple(found)
         return tuple(replace(one, recordings=tuple(own)) for one, own in zip(found, names, strict=True))
-
-
-def _swings(recordings: Sequence[Recording], inertia: float, torque_unit: str) -> tuple[Recording, ...]:
-    """Recordings with the free swings among them scaled by an inertia."""
-    return tuple(swing(recording, inertia, torque_unit) for recording in recordings)
-
-
-def _turned(recording: Recording, constant: TorqueConstant) -> Recording:
-    """A recording in N m, whose drive has the constant for a gain."""
-    torque, drive = constant.value * recording.torque, recording.drive
-    if drive is not None and drive.unit == constant.of:
-        drive = replace(drive, gain=constant.value)
-    return replace(recording, torque=torque, torque_unit=NEWTON_METRE, torque_constant=constant, drive=drive)
-
-
-def parted(
-    recordings: Sequence[Recording], holdout: Sequence[Recording] = ()
-) -> tuple[list[Recording], list[Recording]]:
-    """What is fitted of an arm and what is held out: the last 30 % of each recording, where no others are."""
-    if holdout:
-        return list(recordings), list(holdout)
-    pairs = [recording.split(1 - HELD_OUT) for recording in recordings]
-    return [first for first, _ in pairs], [last for _, last in pairs]
-
-
-def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), shorter: float = 1.0) -> Parts:
-    """Training and held-out data, prepared; without held-out recordings, the end of each recording is held out.
-
-    Args:
-        recordings: to fit.
-        holdout: to check on.
-        shorter: factor on the lengths of the windows, which are shorter still where they would be too few.
-
-    Raises:
-        IdentificationError: if a part holds too little motion, or torque is never applied.
-    """
-    if not any(recording.is_driven or recording.known_inertia for recording in recordings):
-        names = ", ".join(recording.name for recording in recordings)
-        raise IdentificationError(
-            f"{names}: torque is never applied, so that only ratios of parameters are known: take `FitData.of`"
-        )
-    try:
-        return _gather(recordings, holdout, shorter)
-    except IdentificationError:
-        if shorter <= SHORTEST:
-            raise
-        return gather(recordings, holdout, Criterion.shorter_window * shorter)  # more windows, each with more noise
-
-
-def _gather(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> Parts:
-    widths, checks = ([shorter * choose_half_width(r) for r in part] for part in (recordings, holdout))
-    if holdout:
-        return RegressionData.of(recordings, widths), RegressionData.of(holdout, checks)
-
-    def split(share: float) -> Parts:
-        return RegressionData.of(recordings, widths, (0.0, share)), RegressionData.of(recordings, widths, (share, 1.0))
-
-    motion = np.concatenate([w.centers / len(w.recording) for w in prepare(recordings, widths).windows])
-    if np.mean(motion < 1 - HELD_OUT) >= MOTION:
-        with suppress(IdentificationError):  # the end may be at rest
-            return split(1 - HELD_OUT)
-    return split(float(np.quantile(motion, 1 - HELD_OUT)))  # of the motion, not of the time

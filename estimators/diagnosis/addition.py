@@ -6,16 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.arguments import HasModel, Recordings, chosen_recordings, model_that_moves, that_may_show, within_limits
-from estimators.checks.torque_constant import told
-from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
-from estimators.diagnosis.in_loop import Looped, with_back_emf
+from estimators.diagnosis.case import Trial
+from estimators.diagnosis.cases import case_of
 from estimators.diagnosis.reasons import BY_CHANCE, rejection
 from estimators.diagnosis.result import Addition
 from estimators.diagnosis.setting import Setting
-from estimators.findings import Finding
-from estimators.free_swings import known_by, restore_known, swing_terms
-from estimators.in_loop.rollouts import are_driven
+from estimators.free_swings import known_by
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.candidates import best_variant, refit_nonlinear, release_parameters
@@ -25,12 +22,10 @@ from estimators.selection.motion import refit_by_likelihood
 from estimators.selection.physical import confirmation_gates
 from estimators.selection.search import SearchResult
 from pendulum_env.arguments import check_order
-from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import kind_at
 from pendulum_env.physics import BASE, Model, Term
-from pendulum_env.physics.friction import LoadDependentFriction
 from pendulum_env.physics.limits import Bounds
-from pendulum_env.physics.terms import ids, is_hidden
+from pendulum_env.physics.terms import is_hidden
 from pendulum_env.recording import Recording
 from pendulum_env.recording.study import format_of
 
@@ -54,7 +49,7 @@ def add(
     fixed: Mapping[str, float] | None = None,
     bounds: Bounds | None = None,
 ) -> Addition:
-    """Refit a model's terms, then with one more effect; of an arm, nonlinear parameters of its terms stay.
+    """Refit a model's terms, then with one more effect.
 
     Args:
         model: to start from.
@@ -85,68 +80,25 @@ def add(
     if all(recording.is_free for recording in recordings):
         fixed = known_by(model, fixed)
     terms, library = within_limits(model.terms, {kind.id: kind}, fixed, bounds)
-    model, kind = replace(model, terms=terms), library[kind.id]
-    setting = Setting(model.terms, library, progress=progress)
-    if isinstance(body, Body):
-        found = _added_at_joint(recordings, holdout, setting, kind)
-    elif are_driven([*recordings, *holdout]):
-        found = _added_in_loop(recordings, holdout, setting, kind)
-    else:
-        found = _added_by_torque(recordings, holdout, setting, kind, model)
-    return replace(found, after=found.after.with_log_format(format_of(recordings)))
-
-
-def _added_by_torque(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, kind: type[Term], model: Model
-) -> Addition:
-    """An effect added to a joint, by its torque and its free runs."""
-    progress = setting.progress
+    setting = Setting(terms, library, progress=progress)
+    case = case_of(terms, (*recordings, *holdout))
     progress("reading the motion", 0.0)
-    given = FitData.of(recordings, holdout, model.terms)
-    original = model.terms
-    model = replace(model, terms=swing_terms(original, given.recordings))
-    setting, given = replace(setting, base=model.terms), given.with_impacts(model.terms)
-    evaluator = setting.evaluator(given.parts)
-    before, longer, against = _searched(evaluator, kind)
+    data, setting = case.prepare(recordings, holdout, setting)
+    data = case.reveal(data, tuple(setting.base), library[kind.id])
+    evaluator = case.evaluator(data, setting)
+    before, longer = _search_effect(evaluator, library[kind.id])
     progress("refitting", 0.9)
-    (shown,) = refit_by_likelihood(SearchResult(evaluator, [before]), model).steps
+    (shown,) = case.refit(SearchResult(evaluator, [before]), replace(model, terms=tuple(setting.base))).steps
     more = longer.model.terms[-1]
     start = Model.build((*shown.model.terms, more), np.append(shown.model.theta, np.zeros(len(more.columns))))
-    *_, after = refit_by_likelihood(SearchResult(evaluator, [before, longer]), start).steps
-    against = rejection(confirmation_gates(after, shown, evaluator.train.motions)) or (
-        None if is_hidden(more) else against
-    )  # motion tells it
-    shown, after = (
-        replace(step, model=restore_known(told(step.model, given.parts[0].data), original, given.recordings))
-        for step in (shown, after)
-    )
-    return Addition(shown, after, evaluator.residuals.floors, against, given.doubt)
-
-
-def _added_at_joint(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, kind: type[Term]
-) -> Addition:
-    """An effect added at a joint of an arm."""
-    evaluator = setting.evaluator(FitData.of(recordings, holdout, (*setting.base, kind)).parts)
-    longer = _longer(evaluator, evaluator.base, kind)
-    without, with_it = evaluator.fit_with_std(None, evaluator.base), evaluator.fit_with_std(kind.id, longer)
-    against = rejection(confirmation_gates(with_it, without, evaluator.train.motions))
-    if against is None and not evaluator.is_significant(longer, evaluator.base):
-        against = BY_CHANCE
-    return Addition(without, with_it, evaluator.residuals.floors, against)
-
-
-def _added_in_loop(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting, kind: type[Term]
-) -> Addition:
-    """An effect added to a servo, by its motion in the loop."""
-    rubs = LoadDependentFriction.id in ids((*setting.base, kind()))
-    servos = Looped.of(recordings, holdout, with_back_emf(setting, recordings) if rubs else setting)
-    before, longer, against = _searched(servos.evaluator, kind)
-    shown, after = servos.sharpened(before), servos.sharpened(longer)
-    against = rejection(confirmation_gates(after, shown, servos.evaluator.train.motions)) or against
-    shown, after = servos.readable(shown), servos.readable(after)
-    return Addition(shown, after, servos.evaluator.residuals.floors, against, servos.given.doubt)
+    found = case.refit(SearchResult(evaluator, [before, longer]), start)
+    after, is_gain = found.steps[-1], evaluator.is_significant(longer.model.terms, before.model.terms)
+    objection = rejection(confirmation_gates(after, shown, evaluator.train.motions))
+    if objection is None and not is_gain and not (is_hidden(more) and evaluator.train.segments):
+        objection = BY_CHANCE  # the motion shows hidden states
+    trial, log_format = Trial(case, data, setting, found), format_of(recordings)
+    shown, after = (case.present(trial, step).with_log_format(log_format) for step in (shown, after))
+    return Addition(shown, after, evaluator.residuals.floors, objection, data.doubt)
 
 
 def loosened(evaluator: ModelEvaluator, terms: tuple[Term, ...]) -> tuple[Term, ...]:
@@ -166,16 +118,11 @@ def _longer(evaluator: ModelEvaluator, terms: tuple[Term, ...], kind: type[Term]
     return trial.terms
 
 
-def _searched(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, Step, Finding | None]:
-    """The base model, the same with the best variant of an effect, and what its gain says against it."""
+def _search_effect(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, Step]:
+    """Fit the base model, and the same with the best variant of an effect."""
     evaluator.progress("fitting without it", 0.1)
     before = evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))
     evaluator.progress(f"searching {kind.id}", 0.3)
     longer = _longer(evaluator, before.model.terms, kind)
     evaluator.progress(f"fitting with {kind.id}", 0.8)
-    terms = refit_nonlinear(evaluator, loosened(evaluator, longer))
-    return (
-        before,
-        evaluator.fit_with_std(kind.id, terms),
-        None if evaluator.is_significant(terms, before.model.terms) else BY_CHANCE,
-    )
+    return before, evaluator.fit_with_std(kind.id, refit_nonlinear(evaluator, loosened(evaluator, longer)))

@@ -11,7 +11,7 @@ Source: Atkinson and Fedorov, Biometrika 62(1), 1975.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -34,7 +34,9 @@ from pendulum_env.physics import Model, Samples, Term, simulate
 from pendulum_env.physics.terms import ids
 from pendulum_env.plant import paper_plant, typical
 from pendulum_env.recording import Recording
+from pendulum_env.recording.record import NEWTON_METRE
 
+BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
 USUAL = 6.0  # [N m], the paper's peak torque: what a motor is trusted with unless it is known to give more
 
 
@@ -78,6 +80,13 @@ class Limits:
         """Bounds that were given, by name; without torque where none may be applied."""
         bounds = {"torque": (self.torque or None, "N m"), "angle": (self.angle, "rad"), "speed": (self.speed, "rad/s")}
         return {name: Quantity(own, unit=unit) for name, (own, unit) in bounds.items() if own is not None}
+
+    def with_trusted_torque(self, recordings: Sequence[Recording]) -> Limits:
+        """Return the limits with the torque that is trusted where no bound is given, by what was recorded."""
+        largest = max(float(np.abs(recording.torque).max()) for recording in recordings)
+        bold = min(USUAL, BOLDER * largest) if recordings[0].torque_unit == NEWTON_METRE else 0.0
+        usual = max(bold, largest)
+        return replace(self, torque=self.torque or usual, usual=usual)
 
     def reach(self, recordings: Sequence[Recording]) -> tuple[float, float]:
         """Lowest and highest angle that a motion may go to [rad]; a joint that turned may turn as far either way.

@@ -1,16 +1,17 @@
 """Results of a diagnosis, with the probability of each effect, and of an addition, with errors before and after it."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from math import isfinite
 
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.comparison import of_joints
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.suggestion import Suggestion
-from estimators.findings import Finding, Kind
+from estimators.findings import Finding
 from estimators.prediction import Prediction, predictions
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Step, of_one
@@ -94,6 +95,34 @@ class Detectable:
         return asdict(self) | {"between": None if self.between is None else list(self.between)}
 
 
+@dataclass(frozen=True)
+class TriedTreatment:
+    """A treatment of the recordings under which effects were searched for.
+
+    Attributes:
+        treatment: what was done.
+        error_ratio: held-out error of the model that was found, over that of the model without the treatment.
+        assumptions: effects, corrected torque and treatments of windows, with the treatment.
+        before: the same without it.
+        is_kept: whether the result stands on it.
+    """
+
+    treatment: Finding
+    error_ratio: float
+    assumptions: int
+    before: int
+    is_kept: bool
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        assumptions = {"with": self.assumptions, "without": self.before}
+        return self.treatment.json() | {
+            "error_ratio": self.error_ratio if isfinite(self.error_ratio) else None,
+            "assumptions": assumptions,
+            "kept": self.is_kept,
+        }
+
+
 @dataclass(frozen=True, repr=False)
 class Diagnosis:
     """What a diagnosis found.
@@ -120,6 +149,7 @@ class Diagnosis:
         data: that it was made of, without recordings that disagree; None of a diagnosis that was read from a file.
         left: of an arm, torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
         by_torque: of a servo in the loop, effects that its torque calls for by itself; None if none was logged.
+        treatments: of the recordings that were tried, in order; what was done to them before is in the data.
         evaluator: fits and scores of the search; `evaluator.model(candidate.terms)` is a candidate. Not pickled.
     """
 
@@ -142,6 +172,7 @@ class Diagnosis:
     left: Mapping[str, float] = field(default_factory=dict)
     by_torque: tuple[str, ...] | None = None
     evaluator: ModelEvaluator | None = field(default=None, compare=False, repr=False)
+    treatments: tuple[TriedTreatment, ...] = ()
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in self.__dict__.items() if name != "evaluator"}
@@ -242,6 +273,7 @@ class Diagnosis:
             "regions": [region.json() for region in self.unexplained],
             "noise_floor": {"torque_rms": self.noise_floor},
             "findings": self._findings,
+            "treatments": [one.json() for one in self.treatments],
             "suggestion": self.suggestion.json() if self.suggestion is not None else None,
             "table": next(iter(self.tables), None),
             "inseparable": [list(group) for group in self.inseparable],
@@ -274,17 +306,9 @@ class Diagnosis:
             "tables": list(self.tables),
             "alignments": [alignment.json() for alignment in self.alignments],
             "findings": self._findings,
+            "treatments": [one.json() for one in self.treatments],
             "model": self.model.json(),
         }
-
-
-def corrected(given: FitData) -> list[Finding]:
-    """Findings on torque that was logged late, and that a diagnosis has corrected."""
-    kinds = {
-        Kind.TORQUE_LATE: Kind.TORQUE_LATE_CORRECTED,
-        Kind.TORQUE_SAMPLED: Kind.TORQUE_SAMPLED_CORRECTED,
-    }
-    return [replace(finding, kind=kinds[finding.kind]) for finding in given.timing(True)]
 
 
 @dataclass(frozen=True, repr=False)

@@ -19,7 +19,7 @@ from pendulum_env.physics import Term
 from pendulum_env.recording.record import NEWTON_METRE
 
 
-def unexplained(found: SearchResult) -> list[Region]:
+def find_unexplained(found: SearchResult) -> list[Region]:
     """Regions that the final model leaves unexplained, in torque or else in free-running motion, fitted or held out."""
     evaluator, last = found.evaluator, found.steps[-1]
     wrong = violations(last.model, evaluator.train.motions)
@@ -41,7 +41,7 @@ def unexplained(found: SearchResult) -> list[Region]:
     if not evaluator.residuals.is_noise_in(evaluator.holdout, unseen):
         beyond = stand_out(evaluator.holdout.samples, unseen, evaluator.residuals.noise_floor(evaluator.holdout))
         beyond = beyond or _nowhere(evaluator, evaluator.holdout, unseen)
-        return [replace(region, held_out=held_out(evaluator)) for region in beyond]
+        return [replace(region, held_out=holdout_names(evaluator)) for region in beyond]
     if not is_misfit(evaluator, last):
         return []
     error = last.errors["train"].position_rms
@@ -49,17 +49,17 @@ def unexplained(found: SearchResult) -> list[Region]:
     return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, "rad/s", is_profiled=False, cause=cause)]
 
 
-def of_held_out(evaluator: ModelEvaluator, final: Sequence[Term]) -> Finding | None:
+def find_holdout_structure(evaluator: ModelEvaluator, final: Sequence[Term]) -> Finding | None:
     """Return a finding where held-out data alone show more."""
-    return fit_that(evaluator) if evaluator.residuals.is_noise_by_part(tuple(final)) == (True, False) else None
+    return fit_holdout_too(evaluator) if evaluator.residuals.is_noise_by_part(tuple(final)) == (True, False) else None
 
 
-def fit_that(evaluator: ModelEvaluator, kind: Kind = Kind.FIT_HELD_OUT) -> Finding:
+def fit_holdout_too(evaluator: ModelEvaluator, kind: Kind = Kind.FIT_HELD_OUT) -> Finding:
     """Return the finding that the fitted data are explained, and the held-out data are not."""
-    return Finding(kind, recordings=held_out(evaluator))
+    return Finding(kind, recordings=holdout_names(evaluator))
 
 
-def held_out(evaluator: ModelEvaluator) -> tuple[str, ...]:
+def holdout_names(evaluator: ModelEvaluator) -> tuple[str, ...]:
     """Names of the held-out recordings."""
     return tuple(dict.fromkeys(recording.name for recording in evaluator.holdout.recordings))
 

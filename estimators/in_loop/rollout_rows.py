@@ -16,7 +16,7 @@ import numpy as np
 from estimators.data.regression_data import RegressionData
 from estimators.data.rows import FittedTerms, RowLayout, Terms, Trial
 from estimators.in_loop.fit import LOOP, Linear, fit, likeliest, linear, scale_of
-from estimators.in_loop.rollouts import Rollouts
+from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
 from estimators.simulation.output_error import Point
@@ -69,6 +69,11 @@ class RolloutRows:
     def with_steps(self, steps: int, guide: RolloutRows | None = None) -> Self:
         """Return the rows with more or fewer steps of the integrator, and nothing fitted."""
         return replace(self, rollouts=replace(self.rollouts, steps=steps), guide=guide)
+
+    @cached_property
+    def fine(self) -> Self:
+        """The rows with shorter steps of the integrator."""
+        return self.with_steps(FINE, self.guide and self.guide.fine)
 
     def near(self, terms: Terms) -> Linear:
         """Return the errors around the fit of the terms."""

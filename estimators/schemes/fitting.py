@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.checks.torque_constant import widened
+from estimators.checks.torque_constant import widen_by_constant
 from estimators.free_swings import as_read, restore_known
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import Fit, least_squares, solve, weigh_recordings
@@ -127,7 +127,7 @@ class Identified:
 
     def calibrated(self, constant: TorqueConstant, there: Model) -> Identified:
         """The same with the error of the torque constant, one of which more moves the parameters `there`."""
-        model = widened(self.model, constant, self.model, there)
+        model = widen_by_constant(self.model, constant, self.model, there)
         old, new = (np.array([e.std for e in m.estimates.values()])[: len(m.theta)] for m in (self.model, model))
         course = replace(self.convergence, std=self.convergence.std * (new / np.maximum(old, 1e-300)))
         return replace(self, model=model, convergence=course)

@@ -13,6 +13,7 @@ from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import DRAWS
 from pendulum_env.physics import BASE, Estimate, Model, Term
+from pendulum_env.physics.model import SIGNIFICANT
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,6 @@ class IdentifiabilitySettings:
     small: float = 0.3  # [rad]; up to here sin q and q differ by less than 1.5 %
     alike: float = 1e-4  # columns of length one whose weighted sum is shorter than this act alike
     followed: float = 0.9  # share of the squared torque that the motion may leave unexplained if it follows the torque
-    sure: float = 3.0  # standard errors by which a value differs from nothing
     one_sided: float = 0.002  # share of the motion that may go the other way by mistake
 
 
@@ -66,7 +66,9 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
     return (*doubts, *(doubt for doubt in inseparable(phi, names, acts) if not said.issuperset(doubt.withheld)))
 
 
-def untold(model: Model, measurements: Sequence[Measurements], doubts: Sequence[Finding] = ()) -> tuple[Finding, ...]:
+def find_unidentifiable(
+    model: Model, measurements: Sequence[Measurements], doubts: Sequence[Finding] = ()
+) -> tuple[Finding, ...]:
     """Parameters of the base that a model does not tell, fitted to recordings that hardly depend on them."""
     position, velocity, torque, acceleration = (
         np.concatenate([getattr(m, name) for m in measurements])[:, None]
@@ -96,7 +98,7 @@ def unidentifiable(model: Model, position: Array, velocity: Array, torque: Array
         large |= {f"viscous{at}": most / max(fast, 1e-300), f"coulomb{at}": most}
     if isinstance(model.body, Body):
         large |= _large_errors_of_links(model, model.body, position, largest)
-    return [name for name, own in model.estimates.items() if name in large and not is_told(own, large[name])]
+    return [name for name, own in model.estimates.items() if name in large and not is_determined(own, large[name])]
 
 
 def _large_errors_of_links(model: Model, body: Body, position: Array, largest: Array) -> dict[str, float]:
@@ -110,13 +112,13 @@ def _large_errors_of_links(model: Model, body: Body, position: Array, largest: A
     weight = np.abs(body.torque(anywhere, 0 * anywhere, 0 * anywhere)).max(axis=0)  # (n, P)
     inertia = np.abs(mean @ model.theta[: len(body.base)])  # of each joint (n,)
     with np.errstate(divide="ignore"):
-        links = np.minimum(inertia[:, None] / TELLING.sure / felt, largest[:, None] / weight).min(axis=0)
+        links = np.minimum(inertia[:, None] / SIGNIFICANT / felt, largest[:, None] / weight).min(axis=0)
     return dict(zip(body.names, links.tolist(), strict=True))
 
 
-def is_told(estimate: Estimate, large: float) -> bool:
+def is_determined(estimate: Estimate, large: float) -> bool:
     """Whether an estimate tells its parameter: it differs from nothing, or its error is less than what is large."""
-    return estimate.std <= max(abs(estimate.value) / TELLING.sure, large)
+    return estimate.is_significant or estimate.std <= large
 
 
 def is_driven(m: Measurements) -> bool:

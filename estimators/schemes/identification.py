@@ -14,7 +14,7 @@ from estimators.arguments import Recordings, Terms, chosen_recordings, chosen_te
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
 from estimators.checks.remedies import far_zero, wrong_columns
-from estimators.checks.torque_constant import told
+from estimators.checks.torque_constant import with_torque_constant
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData, fit_terms
 from estimators.findings import Finding, Kind, Quantity
@@ -24,11 +24,11 @@ from estimators.schemes.balance import Joints, for_arms, series
 from estimators.schemes.fitting import Identified, Segments, fitted, regressions, stack
 from estimators.schemes.identifiability import (
     CONSTANT,
+    find_unidentifiable,
     identifiability,
     inseparable,
     is_driven,
     unidentifiable,
-    untold,
 )
 from estimators.schemes.six import SCHEMES, LowPass, Regression, Regressor, Scheme, chosen_schemes
 from estimators.selection.physical import driving_friction
@@ -43,7 +43,6 @@ from pendulum_env.notebook import headline, shown
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.limits import Bounds
 from pendulum_env.physics.mechanism import Mechanism
-from pendulum_env.physics.model import SURE
 from pendulum_env.recording import Recording
 from pendulum_env.recording.columns import NONE
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
@@ -110,7 +109,7 @@ class Identification(Mapping[str, Identified]):
         model = self.fitted(lambda data: fit_terms(RegressionData(data), terms)[0])
         model = restore_known(model, first.terms, recordings) if recordings else model
         inertia = model.estimates.get("inertia")
-        if inertia is not None and abs(inertia.value) <= SURE * inertia.std:
+        if inertia is not None and not inertia.is_significant:
             unknown.add("inertia")
         return model.biased(disputed).withholding(unknown)
 
@@ -126,7 +125,7 @@ class Identification(Mapping[str, Identified]):
                 f"{names}: too little of the motion is clear of stick: record longer or faster motion"
             )
         log_format = next(iter(self.schemes.values())).model.log_format
-        return replace(told(fit(self.data), self.data, fit), log_format=log_format)
+        return replace(with_torque_constant(fit(self.data), self.data, fit), log_format=log_format)
 
     def __repr__(self) -> str:
         count = len(self.recordings)
@@ -309,7 +308,7 @@ def _withheld(
 
     What no scheme tells is said; a scheme that alone does not tell a parameter shows no number for it.
     """
-    alone = {id: untold(own.model, measurements, doubts) for id, own in results.items()}
+    alone = {id: find_unidentifiable(own.model, measurements, doubts) for id, own in results.items()}
     unsaid = {id: {name for doubt in own for name in doubt.withheld} for id, own in alone.items()}
     of_all = set.intersection(*unsaid.values())
     doubts = (*doubts, *(doubt for doubt in next(iter(alone.values())) if of_all.issuperset(doubt.withheld)))

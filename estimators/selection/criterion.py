@@ -27,6 +27,7 @@ class Criterion:
         least_excitation: least share of an effect's torque that the other terms cannot imitate.
         drift_piece: length of the pieces in which a drifting torque is predicted from the others [s].
         shorter_window: share of the windows' length in a second search, where motion shows more than torque.
+        error_margin: share by which held-out errors under two treatments of the data differ by chance.
         accuracy: share of the motion that initial states and integration of a simulation are accurate to.
     """
 
@@ -47,6 +48,7 @@ class Criterion:
     least_excitation: float = 0.001
     drift_piece: float = 0.2
     shorter_window: float = 0.5
+    error_margin: float = 0.05
     accuracy: float = 0.001
 
     def has_structure(self, residual: ResidualStructure, floor: float) -> bool:

@@ -21,7 +21,6 @@ from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
 from pendulum_env.arms.model import model_of
 from pendulum_env.physics import BASE, Model, Term, effects
-from pendulum_env.physics.model import SURE
 from pendulum_env.physics.table import COMPETING, ByTime
 from pendulum_env.physics.term import loads
 from pendulum_env.physics.terms import has_link, has_transmission, ids
@@ -198,7 +197,7 @@ class ModelEvaluator:
         model, fit = fit_terms(self.train, self.base)
         inertia, rms = model.estimates["inertia"], float(np.sqrt(np.mean(fit.residual**2)))
         noise = inertia.std * min(1.0, self.residuals.noise_floor() / max(rms, 1e-300))
-        return frozenset({"inertia"}) if abs(inertia.value) <= SURE * noise else frozenset()
+        return frozenset() if replace(inertia, std=noise).is_significant else frozenset({"inertia"})
 
     def fit(self, added: str | None, terms: Terms) -> Step:
         """Fit the terms to the training data, and compute the errors."""
@@ -255,9 +254,13 @@ def _blocks(part: RegressionData, length: float) -> Blocks:
 
 
 def held_out_cost(step: Step) -> float:
-    """Return the product of both held-out errors [N m rad].
+    """Return the product of both held-out errors [N m rad]; of joints the mean of the torque, in the loop its error.
 
-    A model is better where one error falls by a larger factor than the other rises.
+    A model is better where one error falls by a larger factor than the other rises; the mean is geometric.
     """
     errors = step.errors["holdout"]
-    return errors.torque_rms * (1.0 if np.isnan(errors.position_rms) else errors.position_rms)
+    if errors.is_in_loop:
+        return errors.in_loop
+    joints = [*errors.joints.values()]
+    torque = float(np.exp(np.mean(np.log(np.maximum(joints, 1e-300))))) if len(joints) > 1 else errors.torque_rms
+    return torque * (1.0 if np.isnan(errors.position_rms) else errors.position_rms)

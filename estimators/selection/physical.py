@@ -120,7 +120,7 @@ def is_significantly_negative(model: Model, name: str) -> bool:
 def significant_sign(model: Model, name: str) -> int:
     """Return the sign of an estimate; 0 within 3 standard errors of zero, or where it is unknown or was given."""
     estimate = model.estimates.get(name)
-    if estimate is None or estimate.is_unknown or not abs(estimate.value) > 3 * estimate.std > 0:
+    if estimate is None or estimate.is_unknown or estimate.std <= 0 or not estimate.is_significant:
         return 0
     return int(np.sign(estimate.value))
 

@@ -37,7 +37,7 @@ class ModelError(Mistake):
     """A model or model file that makes no sense; the message says where and what to do."""
 
 
-SURE = 3.0  # standard errors by which a known inertia differs from zero
+SIGNIFICANT = 3.0  # standard errors by which a parameter differs from zero
 NO_INERTIA = "the model lacks the term inertia: add it"
 
 
@@ -61,6 +61,11 @@ class Estimate:
         """An estimate that was kept within bounds; where they leave one value, it is known."""
         at_bound = least < most and value in (least, most)
         return cls(value, 0.0 if at_bound else std, unit, at_bound)
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the value differs from zero by more than 3 standard errors."""
+        return abs(self.value) > SIGNIFICANT * self.std
 
     @property
     def text(self) -> str:

@@ -11,9 +11,10 @@ import numpy as np
 
 from estimators.arguments import chosen_effects, within_limits
 from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
-from estimators.checks.torque_constant import told
-from estimators.data.fit_data import FitData, parted
+from estimators.checks.torque_constant import with_torque_constant
+from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
+from estimators.data.split import parted
 from estimators.diagnosis.addition import fit
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.findings import Finding
@@ -158,7 +159,7 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
     timed = given.timed()
     own = timed if is_aligned else given
     base = fit(*own.parts, swing_terms(terms, own.recordings))
-    model = restore_known(told(base.model, own.parts[0].data), terms, own.recordings)
+    model = restore_known(with_torque_constant(base.model, own.parts[0].data), terms, own.recordings)
     return Prepared(own, timed, replace(base, model=model))
 
 

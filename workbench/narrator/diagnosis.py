@@ -5,7 +5,7 @@ import numpy as np
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.comparison import Comparison
-from estimators.diagnosis.result import Detectable, Diagnosis
+from estimators.diagnosis.result import Detectable, Diagnosis, TriedTreatment
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding, Kind
 from estimators.schemes.identification import Identification
@@ -102,6 +102,14 @@ def headline(found: Diagnosis) -> str:
         f"Something is missing{place}, and no known effect explains it"
         if found.searched
         else (f"Something is missing{place or ' in this model'}")
+    )
+
+
+def describe_treatment(found: TriedTreatment) -> str:
+    """Describe a treatment of the recordings, its score, and whether it was kept."""
+    return (
+        f"{describe(found.treatment)} The held-out error is {found.error_ratio:.3g} times that without it, with "
+        f"{found.assumptions} instead of {found.before} assumptions: {'kept' if found.is_kept else 'not kept'}."
     )
 
 

@@ -26,6 +26,7 @@ from workbench.narrator.diagnosis import (
     describe_detectable,
     describe_disagreement,
     describe_region,
+    describe_treatment,
     describe_unexplained,
 )
 from workbench.narrator.findings import describe
@@ -72,6 +73,8 @@ def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[P
     ]
     if found.detectable:
         parts.append(Part("What would have shown", [detectable_table(found.detectable, unit)], brief=False))
+    if treatments := tuple(describe_treatment(one) for one in found.treatments):
+        parts.append(Part("Treatments of the recordings that were tried", [treatments], brief=False))
     if left := tuple(describe_unexplained(found, region) for region in found.unexplained):
         parts.append(Part("Left unexplained", [left]))
     return parts

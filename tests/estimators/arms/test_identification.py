@@ -9,7 +9,7 @@ from estimators.findings import Kind
 from estimators.regression.equations import IdentificationError
 from estimators.schemes import six
 from estimators.schemes.balance import for_arms
-from estimators.schemes.identifiability import unidentifiable, untold
+from estimators.schemes.identifiability import find_unidentifiable, unidentifiable
 from estimators.schemes.six import PAPER, SCHEMES, Integral
 from estimators.signals.measurements import measure_segments
 from pendulum_env.arms.body import read_body
@@ -167,7 +167,7 @@ def test_a_pendulum_and_an_arm_of_one_joint_call_the_same_errors_unknown(tmp_pat
         ((0.015, 1.9, 0.7, 2.1), {2, 3}),
     ):
         pendulum = Model.build(BASE, (0.05, 0.1, 0.1, 0.1), errors)
-        told = {doubt.withheld[0] for doubt in untold(pendulum, measured)}
+        told = {doubt.withheld[0] for doubt in find_unidentifiable(pendulum, measured)}
         assert told == {BASE[k].id for k in expected}
         theta, std = np.full(len(rod.base), 1e-3), np.zeros(len(rod.base))
         theta[rod.names.index("Iyy@joint0")], std[rod.names.index("Iyy@joint0")] = 0.05, errors[0]

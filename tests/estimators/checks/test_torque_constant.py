@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.checks.torque_constant import of_the_drive, torque_constant
+from estimators.checks.torque_constant import find_gain_doubts, torque_constant
 from estimators.comparison import compare
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.addition import add
@@ -109,10 +109,10 @@ def test_what_a_voltage_and_a_motor_that_always_drives_leave_open_is_said():
     (run,) = bench(loads=LOADS[2:3], seconds=5.0)
     always = replace(run, torque=np.sign(np.gradient(run.position)), torque_unit="V")
     model = Model.build(BASE, list(UNLOADED.values()))
-    one_number, back_emf = of_the_drive(model, TorqueConstant(0.5, 0.01, "V", 2), prepare([always]))
+    one_number, back_emf = find_gain_doubts(model, TorqueConstant(0.5, 0.01, "V", 2), prepare([always]))
     assert one_number.kind is Kind.GEAR_LOSS_UNKNOWN and one_number.numbers["share"].value == 1.0
     assert back_emf.numbers["back_emf"].value == pytest.approx(0.3)  # 0.15 N m s/rad of viscous friction over 0.5 N m/V
-    assert of_the_drive(model, TorqueConstant(0.5, 0.01, "A", 2), prepare([run])) == []
+    assert find_gain_doubts(model, TorqueConstant(0.5, 0.01, "A", 2), prepare([run])) == []
 
 
 def test_two_loads_are_enough_and_a_recording_without_one_is_a_load_of_none():

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
 from estimators.findings import Kind
 from estimators.regression.equations import IdentificationError
@@ -46,9 +47,10 @@ def test_held_out_recordings_tell_the_timing_of_the_log_too():
 
 def test_what_is_said_of_recordings_goes_with_them_when_others_are_left_out():
     assert mixed().without([]) is mixed()
-    left = mixed().without([2])
+    first, second = (Disagreement(number, "", (), ()) for number in (1, 2))
+    left = mixed().without([second])
     assert left.timing(True) == () and not left.has_moved
-    assert mixed().without([1]).timing(True)[0].recordings == ()
+    assert mixed().without([first]).timing(True)[0].recordings == ()
 
 
 def test_data_that_come_from_another_process_are_prepared_again_alike(bouncing):

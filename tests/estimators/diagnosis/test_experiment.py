@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Diagnosis
-from estimators.data.fit_data import gather
+from estimators.data.split import gather
 from estimators.diagnosis.experiment import DESIGN, Limits, Question, of_typical_size, suggest
 from estimators.diagnosis.result import Verdict
 from estimators.diagnosis.suggestion import Aim, Suggestion

@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import align, identify
-from estimators.data.fit_data import gather
 from estimators.data.regression_data import with_impacts
+from estimators.data.split import gather
 from estimators.findings import Kind
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.torque_windows import prepare
@@ -162,7 +162,7 @@ def test_a_log_that_is_mostly_at_rest_is_split_where_it_moves():
 
 def test_where_windows_are_too_few_to_hold_some_out_shorter_ones_are_taken(monkeypatch):
     brief = recording("brief")
-    monkeypatch.setattr("estimators.data.fit_data.choose_half_width", lambda _: 0.08)
+    monkeypatch.setattr("estimators.data.split.choose_half_width", lambda _: 0.08)
     few = len(prepare([brief], [0.08]).weights)
     train, holdout = gather([brief])
     assert few < 20 and min(len(part.data.weights) for part in (train, holdout)) >= 10

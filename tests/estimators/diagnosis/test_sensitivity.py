@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.data.fit_data import gather
+from estimators.data.split import gather
 from estimators.diagnosis.sensitivity import detectable, smallest
 from estimators.selection.evaluator import ModelEvaluator
 from pendulum_env.physics import BASE, effects

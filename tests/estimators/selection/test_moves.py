@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.data.fit_data import gather
+from estimators.data.split import gather
 from estimators.diagnosis.ranking import alternatives
 from estimators.selection.candidates import best_variant, refit_nonlinear, screen_effects, screen_replacements
 from estimators.selection.evaluator import ModelEvaluator

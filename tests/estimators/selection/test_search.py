@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.data.fit_data import gather
+from estimators.data.split import gather
 from estimators.selection.candidates import best_variant, refit_nonlinear, release_parameters, screen_effects
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, add_pair, improves_form

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.data.fit_data import gather
 from estimators.data.regression_data import RegressionData
+from estimators.data.split import gather
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit_by_likelihood
 from estimators.selection.search import SearchResult

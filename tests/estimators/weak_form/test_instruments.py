@@ -9,7 +9,7 @@ from benchmarks.excitation import smooth_reference
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import IdentificationError, RegressionData, fit_terms
 from estimators.arguments import within_limits
-from estimators.data.fit_data import gather
+from estimators.data.split import gather
 from estimators.weak_form.instruments import fit_by_reference
 from estimators.weak_form.torque_windows import prepare
 from pendulum_env.physics import BASE, effect

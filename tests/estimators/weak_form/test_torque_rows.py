@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.data.fit_data import gather
+from estimators.data.split import gather
 from estimators.regression.balance import Balance
 from estimators.search_hints import grid
 from estimators.selection.evaluator import ModelEvaluator

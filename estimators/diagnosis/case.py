@@ -1,0 +1,132 @@
+"""Cases of a diagnosis, and trials: searches on data under some treatments.
+
+What differs between a pendulum, an arm and servos stands in one record for each; the driver asks nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
+from estimators.data.fit_data import FitData
+from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.setting import Setting
+from estimators.findings import Finding
+from estimators.selection.errors import Step
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.residuals import Terms
+from estimators.selection.search import SearchResult
+from estimators.signals.residual import Region
+from pendulum_env.physics import Model, Term
+from pendulum_env.physics.terms import ids
+from pendulum_env.recording import Recording
+
+Treatment = Callable[["Trial"], FitData | None]  # data after one more treatment; None where it is not worth trying
+
+
+@dataclass(frozen=True)
+class Case:
+    """Functions by which recordings of a pendulum, of an arm, and of servos differ in a diagnosis.
+
+    Attributes:
+        prepare: calibrate recordings, and complete the base model and the library for them.
+        evaluator: make the evaluator of models.
+        search: search for effects.
+        refit: refit the steps of a search by all that the data hold, from a model with a link if one is given.
+        refine: refit a trial, drop effects that it refutes, and withhold parameters that the data do not determine;
+            return findings on these as well.
+        unexplained: find what the final model of a trial leaves.
+        present: return a step in the units of the user.
+        conclude: add findings and the next step to a diagnosis.
+        reveal: return data in which a given effect shows beside the base model.
+        treatments: candidates, in the order in which they are tried.
+        is_timed: whether the time between torque and motion is corrected first.
+    """
+
+    prepare: Callable[[Sequence[Recording], Sequence[Recording], Setting], tuple[FitData, Setting]]
+    evaluator: Callable[[FitData, Setting], ModelEvaluator]
+    search: Callable[[ModelEvaluator], SearchResult]
+    refit: Callable[[SearchResult, Model | None], SearchResult]
+    refine: Callable[[Trial], tuple[SearchResult, Sequence[Finding]]]
+    unexplained: Callable[[Trial], Sequence[Region]]
+    present: Callable[[Trial, Step], Step]
+    conclude: Callable[[Trial, Diagnosis], Diagnosis]
+    reveal: Callable[[FitData, Terms, type[Term]], FitData]
+    treatments: tuple[Treatment, ...]
+    is_timed: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A search for effects in data under some treatments.
+
+    Attributes:
+        case: of the recordings.
+        data: that were searched.
+        setting: of the diagnosis.
+        found: result of the search.
+    """
+
+    case: Case
+    data: FitData
+    setting: Setting
+    found: SearchResult
+
+    @classmethod
+    def of(cls, case: Case, data: FitData, setting: Setting) -> Trial:
+        """Search for effects in data."""
+        return cls(case, data, setting, case.search(case.evaluator(data, setting)))
+
+    @property
+    def evaluator(self) -> ModelEvaluator:
+        """Evaluator of the search."""
+        return self.found.evaluator
+
+    @cached_property
+    def _refined(self) -> tuple[SearchResult, Sequence[Finding]]:
+        return self.case.refine(self)
+
+    @property
+    def final(self) -> SearchResult:
+        """The result refitted by all that the data hold, without parameters that they do not determine."""
+        return self._refined[0]
+
+    @property
+    def doubts(self) -> Sequence[Finding]:
+        """Findings on parameters that the data do not determine."""
+        return self._refined[1]
+
+    @property
+    def model(self) -> Model:
+        """The final model."""
+        return self.final.steps[-1].model
+
+    @property
+    def terms(self) -> Terms:
+        """Terms of the final model, as they were searched for unless the refit dropped some."""
+        return (self.found if ids(self.found.terms) == ids(self.final.terms) else self.final).terms
+
+    @cached_property
+    def unexplained(self) -> tuple[Region, ...]:
+        """Regions of the residual of the final model."""
+        return tuple(self.case.unexplained(self))
+
+    @cached_property
+    def outliers(self) -> tuple[Disagreement, ...]:
+        """Recordings that disagree with the others, those that were left out among them.
+
+        An effect that each recording alone takes for parameters of its own shows only in all of them. Without any
+        recording left, those stand that were left out before.
+        """
+        whole = self.data.whole or self.data
+        datasets = [part.data for part in (whole.parts if whole.holdout else whole.parts[:1])]
+        found = {one.recording: one for one in self.data.excluded}
+        named: tuple[Disagreement, ...] = ()
+        if self.unexplained and not found:
+            named = disagreements(own_fits(datasets, self.setting.base), only_if_all_fit=True)
+        named = named or disagreements(own_fits(datasets, self.model.terms))
+        more = found | {one.recording: one for one in named}
+        is_any_left = any(k + 1 not in more for k in range(len(whole.recordings)))
+        return tuple(own for _, own in sorted((more if is_any_left else found).items()))

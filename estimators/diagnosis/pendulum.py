@@ -1,0 +1,176 @@
+"""Case of a pendulum: effects that recorded torque calls for, confirmed by free-running motion."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from estimators.checks.closed_loop import feedback
+from estimators.checks.remedies import find_turned_torque, remedies
+from estimators.checks.torque_constant import find_gain_doubts, with_torque_constant
+from estimators.data.fit_data import FitData
+from estimators.data.regression_data import fit_terms
+from estimators.diagnosis.case import Case, Trial
+from estimators.diagnosis.experiment import questions, suggest
+from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.sensitivity import detectable
+from estimators.diagnosis.setting import Setting
+from estimators.diagnosis.treatments import exclude_outliers, include_impacts, narrow_windows, time_beside_effects
+from estimators.diagnosis.unexplained import find_holdout_structure, find_unexplained
+from estimators.findings import Finding, Kind, Quantity
+from estimators.free_swings import needs_torque, restore_known, swing_terms
+from estimators.schemes.identifiability import find_unidentifiable, identifiability
+from estimators.selection.candidates import refit_nonlinear
+from estimators.selection.errors import Step
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.motion import refit_by_likelihood, refit_if_misfit
+from estimators.selection.physical import violations
+from estimators.selection.search import SearchResult, search
+from estimators.selection.tables import find_explaining_law
+from estimators.signals.measurements import measure_segments
+from estimators.signals.residual import Region
+from estimators.weak_form.instruments import fit_by_reference
+from pendulum_env.physics import Model
+from pendulum_env.physics.table import COMPETING, TABLES
+from pendulum_env.physics.terms import untested_ends
+from pendulum_env.recording import Recording
+
+PLENTY = 40  # stretches of motion, below which little can be told
+
+
+def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
+    """Calibrate the recordings; the base model of free swings has the inertia that scales them."""
+    data = FitData.of(recordings, holdout, setting.base)
+    return data, replace(setting, base=swing_terms(setting.base, data.recordings), original=setting.base)
+
+
+def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
+    """Make the evaluator of models; tables compete that the recordings can show."""
+    is_free = all(recording.known_inertia for recording in data.recordings)
+    return setting.evaluator(data.parts, [kind for kind in COMPETING if not (is_free and needs_torque(kind))])
+
+
+def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:
+    """Search for effects; none is named where torque is logged turned round."""
+    if find_contradiction(evaluator) is None:
+        return refit_if_misfit(search(evaluator))
+    evaluator = replace(evaluator, library={}, tables=())
+    return SearchResult(evaluator, [evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))])
+
+
+def find_contradiction(evaluator: ModelEvaluator) -> Finding | None:
+    """Find torque that is logged turned round."""
+    return find_turned_torque(fit_terms(evaluator.train, evaluator.base)[0], evaluator.train.recordings)
+
+
+def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
+    """Refit the result by likelihood, the base model by instruments where these are asked for."""
+    if find_contradiction(trial.evaluator) is not None:
+        return trial.found, ()
+    trial.setting.progress("refitting", 0.93)
+    found = refit_by_likelihood(trial.found)
+    steps = found.steps
+    if trial.setting.by_reference:
+        base = fit_by_reference(trial.data.parts[0].data, trial.setting.base)
+        steps = [found.evaluator.make_step(None, base), *steps[1:]]
+    *others, last = steps
+    measured = [m for recording in trial.data.recordings for m in measure_segments(recording)]
+    doubts = identifiability(measured, last.model.terms)
+    unknown = find_unidentifiable(last.model, measured, doubts)
+    model = last.model.withholding({name for doubt in unknown for name in doubt.withheld})
+    return replace(found, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)
+
+
+def find_regions(trial: Trial) -> Sequence[Region]:
+    """Find what the final model leaves, all of it where torque is logged turned round."""
+    cause = find_contradiction(trial.evaluator)
+    if cause is None:
+        return find_unexplained(trial.final)
+    end = float(trial.evaluator.train.samples.time.max())
+    return [Region("time", 0.0, end, 0.0, 0.0, is_profiled=False, cause=cause)]
+
+
+def present(trial: Trial, step: Step) -> Step:
+    """Return a step with the torque constant in its model, and with known values as the user gave them."""
+    model = with_torque_constant(step.model, trial.data.parts[0].data)
+    return replace(step, model=restore_known(model, trial.setting.original, trial.data.recordings))
+
+
+def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
+    """Add findings on the torque channel, what would have shown, and the experiment that settles what is open."""
+    found = replace(found, disagreements=trial.outliers)
+    channel, wrong = find_in_channel(trial, found), remedies(found.model, trial.data.recordings, found.ambiguous)
+    if (cause := find_contradiction(trial.evaluator)) is not None:
+        return replace(found, findings=(*wrong, *channel), forbidden=cause)
+    evaluator, model, left, doubts = trial.final.evaluator, trial.model, found.unexplained, trial.doubts
+    table = trial.found.table.id if trial.found.table is not None and trial.found.table.id in TABLES else None
+    if left and table is None:
+        table = find_explaining_law(evaluator, model.terms, TABLES.values())
+    kept = None if table is None else Finding(Kind.TABLE_HELPS, effects=(table,))
+    trial.setting.progress("looking for the next experiment", 0.95)
+    asked = questions(evaluator, model.terms, found.ambiguous, found.candidates, doubts)
+    if violations(model, evaluator.train.motions) or not model.has_known_inertia:
+        asked = []  # the motion under another torque is unknown
+    limits = trial.setting.limits.with_trusted_torque((trial.data.whole or trial.data).recordings)
+    suggestion, hopeless, forbidden = suggest(evaluator, model, asked, limits, left)
+    if not model.has_known_inertia:
+        forbidden = Finding(Kind.INERTIA_UNKNOWN)
+    elif left and not asked:
+        forbidden = find_holdout_structure(evaluator, trial.terms) or kept or Finding(Kind.NO_EFFECT_OPEN)
+    is_whole = not left and len(trial.terms) == len(evaluator.base)
+    return replace(
+        found,
+        findings=(
+            *wrong,
+            *channel,
+            *(Finding(Kind.TIED, effects=group) for group in found.ambiguous),
+            *_few_stretches(evaluator),
+            *doubts,
+            *_untested(model, *evaluator.train.reach()),
+            *([kept] if kept and kept != forbidden else []),
+        ),
+        detectable=detectable(evaluator, trial.terms, evaluator.library) if is_whole else (),
+        suggestion=suggestion,
+        forbidden=forbidden,
+        tables=() if table is None else (table,),
+        inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
+    )
+
+
+def find_in_channel(trial: Trial, found: Diagnosis) -> list[Finding]:
+    """Find what is open of the torque channel: its constant, the time between torque and motion, and feedback."""
+    whole = trial.data.whole or trial.data
+    constant, findings = whole.constant, [] if whole.doubt is None else [whole.doubt]
+    if constant is not None:
+        findings += find_gain_doubts(found.model, constant, whole.parts[0].data)
+    findings += whole.corrections
+    named = {id for group in found.effects for id in group}
+    if named & {"dead_time", "actuator_lag"}:
+        findings += whole.timing(False)
+    elif found.unexplained and whole.timing(False):  # not where the effects explain the delay
+        findings += whole.timed([term for term in found.model.terms if term.id in found.selected]).timing(False)
+    return [*findings, *feedback(whole.recordings)]
+
+
+def _few_stretches(evaluator: ModelEvaluator) -> list[Finding]:
+    """Return a finding where few stretches of motion are clear of stick."""
+    count = len(evaluator.train.layout.clusters)
+    return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < PLENTY else []
+
+
+def _untested(model: Model, low: float, high: float) -> list[Finding]:
+    """Find terms that were tested between two angles [rad] only."""
+    ends = {term.id: untested_ends(term, low, high) for term in model.terms}
+    return [Finding(Kind.UNTESTED_RANGE, own, effects=(id,)) for id, own in ends.items() if own]
+
+
+PENDULUM = Case(
+    prepare=prepare,
+    evaluator=make_evaluator,
+    search=search_by_torque,
+    refit=refit_by_likelihood,
+    refine=refine,
+    unexplained=find_regions,
+    present=present,
+    conclude=conclude,
+    reveal=lambda data, base, kind: data.with_impacts(base),
+    treatments=(narrow_windows, include_impacts, exclude_outliers, time_beside_effects),
+)

@@ -1,0 +1,220 @@
+"""Case of servos: effects are found by simulating each servo with its controller in the loop.
+
+Friction at rest, and how a servo sticks and leaves, shows in how far it stays behind its goal. Torque that is regressed
+on motion says nothing of that, and is a function of the position itself, where a controller made it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.checks.drive import find_speed_rate, find_torque_scale
+from estimators.checks.remedies import remedies
+from estimators.data.fit_data import FitData
+from estimators.data.regression_data import RegressionData
+from estimators.data.split import HELD_OUT
+from estimators.diagnosis.case import Case, Trial
+from estimators.diagnosis.pendulum import PENDULUM
+from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.setting import Setting
+from estimators.findings import Finding, Kind, Quantity
+from estimators.in_loop.fit import LOOP
+from estimators.in_loop.refit import fine_rows, fit_step, refit_step
+from estimators.in_loop.rollout_rows import RolloutRows
+from estimators.in_loop.rollouts import Rollouts
+from estimators.progress import no_progress
+from estimators.regression.equations import IdentificationError
+from estimators.selection.errors import Step, of_one
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.physical import significant_sign
+from estimators.selection.residuals import Terms
+from estimators.selection.search import SearchResult, search
+from estimators.signals.residual import Region, everywhere
+from estimators.simulation.output_error import Point
+from estimators.weak_form.windows import WHOLE
+from pendulum_env.physics import Model, Term
+from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.physics.friction import LoadDependentFriction
+from pendulum_env.physics.potential import GravityTilt
+from pendulum_env.physics.terms import ids
+from pendulum_env.recording import Recording
+
+
+def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
+    """Calibrate the recordings; a simulation from goals shows no effect of a sensor.
+
+    A horn is put on a servo by hand, so the angle at which it hangs is fitted as well. Back-EMF can be distinguished
+    from viscous friction where the motor was off for a while.
+    """
+    data = FitData.of(recordings, holdout, setting.base)
+    more = [GravityTilt(), *([BackEmf()] if are_ever_off(data.recordings) else [])]
+    base = (*setting.base, *(term for term in more if term.id not in ids(setting.base)))
+    library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
+    criterion = replace(setting.criterion, explained_share=LOOP.needed, needed_share=LOOP.needed)
+    return data, replace(setting, base=base, library=library, criterion=criterion, original=setting.base)
+
+
+def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
+    """Make the evaluator of models on rollouts; without held-out recordings, the end of each is held out.
+
+    Raises:
+        IdentificationError: if the recordings hold too little motion to begin with.
+    """
+    first, last = (WHOLE, WHOLE) if data.holdout else ((0.0, 1 - HELD_OUT), (1 - HELD_OUT, 1.0))
+    fitted, unseen = data.recordings, data.holdout or data.recordings
+    if data.has_treatment(Kind.BACK_EMF_INCLUDED):
+        setting = replace(setting, base=(*setting.base, BackEmf()))
+    windows = RegressionData.of(fitted, part=first).torque
+    ways = [RolloutRows(Rollouts(fitted, is_held=held, shares=first), windows) for held in (True, False)]
+    train = likeliest_way(ways, setting.base, list(setting.library.values()))
+    rest = Rollouts(unseen, is_held=train.rollouts.is_held, shares=last)
+    check = RolloutRows(rest, RegressionData.of(unseen, part=last).torque, train)
+    return setting.evaluator((train.data, check.data))
+
+
+def refit(found: SearchResult, start: Model | None = None) -> SearchResult:
+    """Refit all steps with shorter steps of the integrator."""
+    return replace(found, steps=[refit_step(found.evaluator, step) for step in found.steps])
+
+
+def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
+    """Refit all steps, and drop effects that predict no better with shorter steps: they made up for long ones."""
+    found = refit(trial.found)
+    train, unseen = fine_rows(found.evaluator)
+    evaluator, steps = replace(found.evaluator, train=train.data, holdout=unseen.data), found.steps
+    fitted = {ids(step.model.terms): step.model.terms for step in steps}
+    terms, named = found.terms, [step.added for step in steps[1:]]
+
+    def without(*left_out: str | None) -> Terms:
+        return tuple(term for term in terms if term.id not in left_out)
+
+    while idle := [id for id in named if not evaluator.is_significant(terms, without(id))]:
+        named.remove(idle[-1])
+        rest = without(idle[-1])
+        terms = fitted.get(ids(rest)) or train.with_nonlinear(rest)
+    if len(named) == len(steps) - 1:
+        return found, ()
+    kept = [fit_step(found.evaluator, id, without(*named[k + 1 :])) for k, id in enumerate(named)]
+    return replace(found, steps=[steps[0], *kept]), ()
+
+
+def present(trial: Trial, step: Step) -> Step:
+    """Return a step without back-EMF where that and viscous friction are one number: that of both.
+
+    They are until the motor is off, or its gear rubs under its torque; or if viscous friction is limited.
+    """
+    if BackEmf.id not in step.model.estimates or are_ever_off(trial.data.recordings) or rubs(step):
+        return step
+    theta = {column.name: value for column, value in zip(step.model.columns, step.model.theta, strict=True)}
+    viscous = next((column for column in step.model.columns if column.name == "viscous"), None)
+    both = theta.get("viscous", 0.0) + theta.pop(BackEmf.id)
+    if viscous is None or viscous.is_known or not viscous.allows(both):
+        return step
+    rest = tuple(term for term in step.model.terms if term.id != BackEmf.id)
+    start = Point.within(rest, np.array(list((theta | {"viscous": both}).values())))
+    fine_rows(trial.evaluator)[0].begin_at(start)
+    return fit_step(trial.evaluator, step.added, start.terms)
+
+
+def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:
+    """Include back-EMF in the base model beside friction of a gear that the torque presses, if a voltage drives it.
+
+    It is viscous friction until the motor is off, or its gear rubs under the torque that is left.
+    """
+    is_pressed = LoadDependentFriction.id in ids(terms) and BackEmf.id not in ids(terms)
+    finding = Finding(Kind.BACK_EMF_INCLUDED, effects=(BackEmf.id,))
+    return data.treated(finding) if is_pressed and under_voltage(data.recordings) else None
+
+
+def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
+    """Add findings on the drive, and the effects that logged torque calls for by itself."""
+    data = trial.data
+    dropped = ids(trial.found.terms) - ids(trial.final.terms)
+    doubts = (data.doubt, find_speed_rate(found.model, data.recordings), find_torque_scale(data.recordings))
+    found = replace(
+        found,
+        candidates=tuple(
+            replace(own, reason=Finding(Kind.LONG_STEPS)) if own.effect in dropped else own for own in found.candidates
+        ),
+        floors=fine_rows(trial.evaluator)[0].rollouts.encoder,
+        findings=(*remedies(found.model, data.recordings, found.ambiguous), *filter(None, doubts)),
+        forbidden=Finding(Kind.CHECK_DRIVE) if found.unexplained else None,
+    )
+    if not all(own.has_logged_torque for own in (*data.recordings, *data.holdout)):
+        return found
+    # Play and links that yield are left to the loop: a search for them by torque takes longer than all else
+    trial.setting.progress("looking at the torque", 0.96)
+    library = {id: kind for id, kind in trial.setting.library.items() if kind.kind != "transmission"}
+    base = found.steps[0].model.terms
+    alone = replace(trial.setting, base=base, library=library, progress=no_progress)
+    with suppress(IdentificationError):  # too little motion for a regression
+        by_torque = search(replace(PENDULUM.evaluator(data.timed(), alone), tables=()))
+        found = replace(found, by_torque=tuple(sorted(ids(by_torque.terms) - ids(base))))
+    return found
+
+
+def likeliest_way(ways: Sequence[RolloutRows], base: Sequence[Term], effects: Sequence[type[Term]]) -> RolloutRows:
+    """That of several ways to look at recordings under which a model is likeliest, with one more effect if need be.
+
+    A goal that is held is late by half a sample, which a model without what is missing may well prefer.
+    """
+
+    def of(one: RolloutRows) -> float:
+        terms = one.fit(base, exactly=True).terms
+        beside = [effect for effect in effects if effect.id not in ids(terms)]
+        foreseen = [trial for effect in beside for trial in one.data.ranked(terms, effect)[:1]]
+        promising = sorted(foreseen, key=lambda trial: trial.fitted_rms)[: LOOP.promising]
+        return min(one.trial(each).fitted_rms for each in (terms, *(trial.terms for trial in promising)))
+
+    return min(ways, key=of)
+
+
+def rubs(step: Step) -> bool:
+    """Whether a gear surely rubs under the motor's torque, which back-EMF is no part of."""
+    return significant_sign(step.model, LoadDependentFriction.id) > 0
+
+
+def are_ever_off(recordings: Sequence[Recording]) -> bool:
+    """Whether a motor that a voltage drives is off for a while."""
+    return not all(recording.powered.all() for recording in under_voltage(recordings))
+
+
+def under_voltage(recordings: Sequence[Recording]) -> list[Recording]:
+    """Recordings whose drive gives the motor a voltage, not a torque."""
+    return [own for own in recordings if own.drive is not None and own.drive.output in ("duty", "voltage")]
+
+
+def find_regions(trial: Trial) -> Sequence[Region]:
+    """Find what the final model leaves of the motion, and the recording that has most of it."""
+    evaluator, last, train = trial.evaluator, trial.final.steps[-1], fine_rows(trial.evaluator)[0]
+    data = train.rollouts
+    left = train.residual(last.model.terms, np.asarray(last.model.theta))
+    if evaluator.residuals.is_noise_in(evaluator.train, left):
+        return []
+    sizes = np.array([np.mean(np.abs(left[data.recording_of == k])) for k in range(len(data.recordings))])
+    worst = int(np.argmax(sizes))
+    error, floor = float(np.mean(np.abs(left))), of_one(data.encoder)
+    numbers = {"error": Quantity(error, unit="rad"), "times": Quantity(error / floor)}
+    if len(sizes) > 1:
+        numbers["worst"] = Quantity(sizes[worst], unit="rad")
+    cause = Finding(Kind.SERVO_OFF, numbers, recordings=(data.recordings[worst].name,))
+    return [everywhere(cause, evaluator.train.samples, error, floor)]
+
+
+SERVO = Case(
+    prepare=prepare,
+    evaluator=make_evaluator,
+    search=search,
+    refit=refit,
+    refine=refine,
+    unexplained=find_regions,
+    present=present,
+    conclude=conclude,
+    reveal=lambda data, base, kind: include_back_emf(data, (*base, kind())) or data,
+    treatments=(lambda trial: include_back_emf(trial.data, trial.final.terms),),
+    is_timed=False,
+)
