@@ -133,15 +133,16 @@ def placed(term: Term, joint: str, slides: bool = False) -> Term:
 
 
 def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
-    """Refuse terms that are at no joint of an arm.
+    """Refuse terms that are at none of the joints.
 
     Raises:
         ValueError: with the term, and the joints that there are.
     """
     for term in terms:
         if not isinstance(term, Links) and not set(loads(term.at)) <= set(joints):
+            other = f"none of the joints {', '.join(joints)}: place it, placed(term, {joints[0]!r})"
             raise Mistake(
-                f"{term.id} is at none of the joints {', '.join(joints)}: place it, placed(term, {joints[0]!r})"
+                f"{term.id} is at {other if any(joints) else 'a joint of an arm, and a pendulum has one joint'}"
             )
 
 
