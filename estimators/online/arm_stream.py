@@ -134,7 +134,7 @@ def stream_of(
     Raises:
         ValueError: if there are several arms.
     """
-    if isinstance(terms[0], Links):
+    if any(isinstance(term, Links) for term in terms):
         if batch != 1:
             raise ValueError("arms are followed one by one: take one for each")
         return ArmStream(terms, schemes, smoothing, period)
