@@ -20,7 +20,7 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.prediction import Prediction, predictions
 from estimators.regression.equations import IdentificationError
 from estimators.selection.errors import Errors, of_one
-from estimators.signals.residual import Profile, Region, everywhere, profiles
+from estimators.signals.residual import AXES, Profile, Region, everywhere, profiles
 from estimators.simulation.free_running import growth, select
 from estimators.weak_form.torque_windows import join_windows
 from pendulum_env._typing import JSON, Array
@@ -33,9 +33,8 @@ from pendulum_env.physics.terms import has_link
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
 from pendulum_env.settings import Blank, setting
-from pendulum_env.words import json_per
 
-SCHEMA, ARM_SCHEMA = "pendulum-ident/comparison@1", "pendulum-ident/arm-comparison@1"
+SCHEMA = "pendulum-ident/comparison@2"
 SHOWN = 6  # regions where a model fails, shared by the joints
 GROWS = 10.0  # times, that an error of the initial position grows in a window of free run where the motion is unstable
 
@@ -67,7 +66,7 @@ class Distance:
         return {
             "name": self.name,
             "errors": self.errors.json(),
-            "noise_floor": {"torque_rms": self.noise_floor},
+            "noise_floor": floors_json(self.floors),
             "unstable": self.unstable,
         }
 
@@ -131,15 +130,9 @@ class Comparison:
         return shown(self)
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
-        if isinstance(body := self.model.body, Body):
-            regions = [region.json() | {"joint": region.at} for region in self.regions]
-            joints = of_joints(self.joint.errors, self.joint.floors, body)
-            return {"schema": ARM_SCHEMA, "joints": joints, "regions": regions}
-        data = {
+        """Plain dictionary for JSON; `joint` has all recordings together."""
+        return result_json(self.model, self.torque_constant, self.regions, self.disagreements) | {
             "schema": SCHEMA,
-            "torque_constant": self.torque_constant.json() if self.torque_constant is not None else None,
-            "model": self.model.json(),
             "recordings": [distance.json() for distance in self.distances],
             "joint": self.joint.json(),
             "profiles": [
@@ -152,10 +145,30 @@ class Comparison:
                 }
                 for item in self.profiles
             ],
-            "regions": [region.json() for region in self.regions],
-            "disagreements": [disagreement.json() for disagreement in self.disagreements],
         }
-        return data | json_per({key: data[key] for key in ("profiles", "regions", "disagreements")}, self.torque_unit)
+
+
+def result_json(
+    model: Model,
+    constant: TorqueConstant | None,
+    regions: Sequence[Region],
+    disagreements: Sequence[Disagreement],
+) -> JSON:
+    """Return what the files of `compare` and `diagnose` share, as a plain dictionary for JSON."""
+    every = {at: model.units(at) for at in model.body.joints}
+    return {
+        "torque_unit": model.torque_unit,
+        "torque_constant": constant.json() if constant is not None else None,
+        "units": {at: {name: units.unit(AXES[name]) for name in ("position", "torque")} for at, units in every.items()},
+        "model": model.json(),
+        "regions": [region.json() for region in regions],
+        "disagreements": [disagreement.json() for disagreement in disagreements],
+    }
+
+
+def floors_json(floors: Mapping[str, float]) -> JSON:
+    """Return noise floors as a plain dictionary for JSON; null stands for that of several joints together."""
+    return {"torque_rms": of_one(floors) if len(floors) == 1 else None, "joints": dict(floors)}
 
 
 def distance(name: str, prepared: RegressionData, model: Model) -> Distance:
@@ -205,7 +218,7 @@ def compare(model: Model | HasModel, recordings: Recordings) -> Comparison:
         model,
         tuple(distance(part.recordings[0].name, part, model) for part in alone),
         joint,
-        tuple(profiles(together.samples, left, joint.noise_floor) if alone else ()),
+        tuple(profiles(together.samples, left, joint.noise_floor, units=together.units()) if alone else ()),
         tuple(region for at in failing for region in _fails(together, left, at, most)),
         (*disagreements_with(model, fits), *misfits(fits)),
         recordings[0].torque_constant,
@@ -223,22 +236,10 @@ def _fails(prepared: RegressionData, left: Array, at: str, most: int) -> list[Re
     error = prepared.joint_errors(left)[at]
     if found or error <= AGREEMENT.misfits * max(floor, prepared.data.negligible(at)):
         return found
-    cause = Finding(Kind.NOWHERE, {"residual": Quantity(error, unit=NEWTON_METRE), "times": Quantity(error / floor)})
-    return [everywhere(cause, prepared.data.part(at).samples, error, floor, at)]
-
-
-def of_joints(errors: Errors, floors: Mapping[str, float], body: Body) -> list[JSON]:
-    """Torque errors of an arm, joint by joint, as plain dictionaries for JSON."""
-    return [
-        {
-            "joint": at,
-            "torque_rms": error,
-            "noise_floor": floors[at],
-            "share": errors.shares[at],
-            "unit": body.worded(at, NEWTON_METRE),
-        }
-        for at, error in errors.joints.items()
-    ]
+    units = prepared.units(at)
+    residual = Quantity(error, unit=units.unit(NEWTON_METRE))
+    cause = Finding(Kind.NOWHERE, {"residual": residual, "times": Quantity(error / floor)})
+    return [everywhere(cause, prepared.data.part(at).samples, error, floor, at, units)]
 
 
 def _prepared(recording: Recording, model: Model) -> RegressionData:

@@ -23,7 +23,8 @@ from pendulum_env.physics.limits import limited_term
 from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA
 from pendulum_env.settings import Blank, setting
-from pendulum_env.words import listing, per
+from pendulum_env.units import is_of_torque
+from pendulum_env.words import listing
 
 NONE = Load(0.0, 0.0)
 
@@ -140,7 +141,7 @@ def restore_known(model: Model, terms: Sequence[Term], recordings: Sequence[Reco
     own = [*model.estimates.values()]
     offset = np.array([{"inertia": load.inertia, "gravity": load.gravity}.get(key, 0.0) for key in names])
     total, k = np.array([estimate.value for estimate in own]) + offset, names.index(name)
-    linear = {column.name for column in model.columns if per(column.unit, PER_INERTIA) != column.unit}
+    linear = {column.name for column in model.columns if is_of_torque(column.unit)}
     is_scaled = np.array([key in linear for key in names])
     factor = (known[name] + offset[k]) / total[k]
     jacobian = np.diag(np.where(is_scaled, factor, 1.0))

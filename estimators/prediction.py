@@ -151,7 +151,7 @@ def _without_values(model: Model, recording: Recording) -> Prediction:
     """A prediction that is still to be made."""
     shape = recording.position.shape
     torque, predicted, simulated = (np.full(shape, np.nan) for _ in range(3))
-    units = {at: model.body.worded(at, recording.torque_unit) for at in recording.names}
+    units = {at: model.body.units(at, recording.torque_unit).unit("N m") for at in recording.names}
     counted, held_out = np.zeros(shape, dtype=bool), np.zeros(len(recording.time), dtype=bool)
     time, position = recording.time, recording.position
     return Prediction(recording.name, time, position, torque, predicted, simulated, counted, held_out, units)

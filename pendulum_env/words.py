@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
-from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-SPACES = (" ", "\N{NO-BREAK SPACE}", "&nbsp;", "\\u00a0")  # in units: plain, on a page, in its figures
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -61,70 +58,6 @@ def number(value: float, digits: int = 3, padded: bool = False) -> str:
 def unit(text: str) -> str:
     """Unit as printed; empty for a pure number."""
     return "" if text == "1" else text.replace("^2", "²").replace(" ", "\N{NO-BREAK SPACE}")
-
-
-def per(text: str, torque_unit: str) -> str:
-    """Text with the units that quantities have if torque is in another unit: `kg m^2` becomes `A s^2`.
-
-    All equations are linear in the torque: nothing else changes where a current stands for it.
-    """
-    if torque_unit == "N m":
-        return text
-    if torque_unit == "rad/s^2":
-        return _per_inertia(text)
-    text = {"J": "N m rad", "W": "N m rad/s"}.get(text, text)
-    for space in SPACES:
-        for square in ("^2", "²", "\\u00b2"):
-            text = text.replace(f"kg{space}m{square}", f"N{space}m{space}s{square}")
-        newton_metre = (
-            rf"(?<!\()\bN{re.escape(space)}m(?![a-zA-Z])(?!/{re.escape(torque_unit)}\b)"  # a torque constant stays
-        )
-        text = re.sub(newton_metre, lambda _: torque_unit, text)
-    return text
-
-
-def _per_inertia(text: str) -> str:
-    """Text with the units that quantities have once they are divided by the inertia: `N m s/rad` becomes `1/s`."""
-    if text in ("J", "W"):
-        return {"J": "rad^2/s^2", "W": "rad^2/s^3"}[text]
-    for space, square in product(SPACES, ("^2", "²", "\\u00b2")):
-        for unit, divided in (
-            (f"kg m{square}", "1"),
-            (f"N m s{square}/rad{square}", "1/rad"),
-            ("N m s/rad/K", "1/s/K"),
-            ("N m s/rad", "1/s"),
-            ("N m rad", f"rad{square}/s{square}"),
-            ("N m/rad", f"1/s{square}"),
-            ("N m", f"rad/s{square}"),
-        ):
-            whole = rf"(?<![\w/(]){re.escape(unit.replace(' ', space))}(?![\w^])"
-            text = re.sub(whole, lambda _, divided=divided: divided, text)  # type: ignore[misc]
-    return text
-
-
-def along(text: str) -> str:
-    """Text about a joint that turns, as it is for one that slides: `N m s/rad` becomes `N s/m`."""
-    for turning, sliding in (
-        (r"kg m\^2", "kg"),
-        (r"N m\b", "N"),
-        (r"\brad\b", "m"),
-        ("torque", "force"),
-        ("angle", "position"),
-    ):
-        text = re.sub(turning, sliding, text)
-    return text
-
-
-def json_per(data: Any, torque_unit: str) -> Any:
-    """Plain data for JSON with every unit as `per` has it."""
-    if isinstance(data, dict):
-        return {
-            key: per(value, torque_unit) if key == "unit" and isinstance(value, str) else json_per(value, torque_unit)
-            for key, value in data.items()
-        }
-    if isinstance(data, list):
-        return [json_per(value, torque_unit) for value in data]
-    return data
 
 
 def typeset(text: str) -> str:

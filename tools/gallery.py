@@ -14,7 +14,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Coulomb, Inertia, Term, Viscous, effects
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import Recording, read_recording
-from pendulum_env.words import along
+from pendulum_env.units import TURNING, JointUnits
 
 SECONDS = 20.0  # of motion, under the paper's excitation
 WIDTH, HEIGHT, MARGIN = 190.0, 110.0, 8.0  # of a panel [px]
@@ -33,20 +33,18 @@ def machines(folder: Path, data: Path) -> None:
     """Draw what rigid models leave of two real recordings, see `docs/machines.md`."""
     folder.mkdir(exist_ok=True)
     emps = read_recording(data / "emps" / "emps.csv.gz", columns={"position": "position:m", "torque": "torque:N"})
-    shown = picture(
-        "What friction that is the same in both directions leaves", left(emps, (Inertia(), Viscous(), Coulomb()))
-    )
-    _write(folder / "emps.svg", along(shown))
+    drawn = left(emps, (Inertia(), Viscous(), Coulomb()), JointUnits(slides=True))
+    _write(folder / "emps.svg", picture("What friction that is the same in both directions leaves", drawn))
     motor = read_recording(data / "odrive" / "accel_5_nocomp_first22.csv.gz")
     _write(folder / "odrive.svg", picture("What a rotor without cogging leaves", left(motor)))
 
 
-def left(recording: Recording, terms: Sequence[Term] = BASE) -> list[Profile]:
+def left(recording: Recording, terms: Sequence[Term] = BASE, units: JointUnits = TURNING) -> list[Profile]:
     """Residual of a model, fitted to a recording, over angle (within a turn), velocity, torque and time."""
     prepared, _ = gather([recording], [recording])
     model, fit = fit_terms(prepared, terms)
     noise = prepared.data.noise(model.estimates["inertia"].value)
-    return profiles(prepared.samples, fit.residual, noise, tuple(AXES))
+    return profiles(prepared.samples, fit.residual, noise, tuple(AXES), units)
 
 
 def picture(title: str, profiles: Sequence[Profile]) -> str:
@@ -54,7 +52,7 @@ def picture(title: str, profiles: Sequence[Profile]) -> str:
     largest = max(float(np.abs(item.mean).max()) for item in profiles) or 1.0
     panels = "".join(panel(item, k * WIDTH, largest) for k, item in enumerate(profiles))
     size = f'width="{len(profiles) * WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {len(profiles) * WIDTH:g} {HEIGHT:g}"'
-    label = f"<title>{html.escape(title)}, up to {largest:.2g} N m</title>"
+    label = f"<title>{html.escape(title)}, up to {largest:.2g} {profiles[0].units.unit('N m')}</title>"
     style = f'font-family="system-ui, sans-serif" font-size="11" fill="{TEXT}"'
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {style}>{label}{panels}</svg>\n'
 

@@ -267,7 +267,7 @@ def read_suggestion(path: str) -> Suggestion:
     """
     hint = "a diagnosis is what `diagnose --json` writes"
     content = read_json(path, hint)
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+    if not isinstance(content, dict) or content.get("schema") not in (SCHEMA, "pendulum-ident/diagnosis@1"):
         raise InputError(f"{path}: is not a diagnosis; {hint}")
     try:
         data = convert(content, _Diagnosis)

@@ -81,7 +81,7 @@ def describe_links(body: Mechanism) -> list[str]:
 
 def held_text(body: Body) -> str:
     """Which joints are held where; empty if all move."""
-    units = {joint: body.worded(joint, "rad") for joint in body.held}
+    units = {joint: body.units(joint).unit("rad") for joint in body.held}
     places = [f"{joint} at {f'{q:.4g} {units[joint]}' if q else 'zero'}" for joint, q in body.held.items()]
     return f"held: {', '.join(places)}" if places else ""
 
@@ -91,6 +91,6 @@ def straying(body: Body, recordings: Sequence[ArmRecording]) -> list[str]:
     found = []
     for recording, (joint, q) in product(recordings, body.held.items()):
         if (off := np.max(np.abs(recording.still.get(joint, q) - q))) > STILL:
-            away = f"{joint} gets {off:.2g} {body.worded(joint, 'rad')} away from there in {recording.name}"
+            away = f"{joint} gets {off:.2g} {body.units(joint).unit('rad')} away from there in {recording.name}"
             found.append(f"{away}: name it in --joints if it moves")
     return found

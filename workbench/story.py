@@ -54,12 +54,9 @@ def tell_diagnosis(
     lines += [
         f"left: {describe_unexplained(found, region)}"
         for region in reversed(first.values())
-        if describe_region(region, found.torque_unit) != step
+        if describe_region(region) != step
     ]
-    lines += [
-        f"{describe_disagreement(one, found.torque_unit)} It is not fitted: diagnose it on its own."
-        for one in found.disagreements
-    ]
+    lines += [f"{describe_disagreement(one)} It is not fitted: diagnose it on its own." for one in found.disagreements]
     lines += [f"note: {remark}" for remark in remarks(found)[: None if verbose else 2]]
     terminal.heading(headline(found))
     for line in (*lines, f"next: {step}"):

@@ -24,6 +24,7 @@ from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Column, Model, Term
 from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.units import TURNING, JointUnits
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,7 @@ class Own:
         rms, floor: torque that is left, and that noise alone would leave [N m].
         sure: standard errors from which a difference is no chance.
         is_free: whether it is a free swing, whose parameters are relative to the inertia.
+        units: of its parameters and its residual.
     """
 
     number: int
@@ -135,6 +137,7 @@ class Own:
     floor: float
     sure: float
     is_free: bool = False
+    units: JointUnits = TURNING
 
     @property
     def times(self) -> float:
@@ -151,10 +154,10 @@ class Own:
         gap, std = self._gap(other)
         large = np.abs(gap) > np.maximum(AGREEMENT.practical * np.abs(other.theta), self.known.bias + other.bias)
         told = np.flatnonzero(large & (np.abs(gap) > self.sure * std))
-        return tuple(
-            Difference(column.name, column.unit, float(self.known.theta[j]), float(other.theta[j]), float(std[j]))
-            for j, column in ((j, self.columns[j]) for j in sorted(told, key=lambda j: -abs(gap[j]) / std[j]))
-        )
+        surest = sorted(told, key=lambda j: -abs(gap[j]) / std[j])
+        sizes = zip(self.columns, self.known.theta.tolist(), other.theta.tolist(), std.tolist(), strict=True)
+        found = [Difference(own.name, self.units.unit(own.unit), *numbers) for own, *numbers in sizes]
+        return tuple(found[j] for j in surest)
 
     def kind(self, other: Known) -> tuple[Kind, dict[str, Quantity]]:
         """Return how a recording differs, with the factor if all its parameters differ by one."""
@@ -221,7 +224,11 @@ def misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
     poor = [fit for fit in fits if fit.times > AGREEMENT.misfits]
     if len(others) < len(poor):
         return ()
-    left = [{"residual": Quantity(fit.rms, unit=NEWTON_METRE), "times": Quantity(fit.times)} for fit in poor]
+    units = [fit.units.unit(NEWTON_METRE) for fit in poor]
+    left = [
+        {"residual": Quantity(fit.rms, unit=unit), "times": Quantity(fit.times)}
+        for fit, unit in zip(poor, units, strict=True)
+    ]
     return tuple(
         Disagreement(fit.number, fit.name, others, (), Kind.MISFIT, numbers)
         for fit, numbers in zip(poor, left, strict=True)
@@ -277,6 +284,7 @@ def own_fits(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[O
                     float(np.sqrt(np.mean(near.scale[rows] ** 2))) * w.noise(abs(inertia)),
                     sure,
                     bool(w.recording.known_inertia),
+                    JointUnits(w.recording.torque_unit),
                 )
             )
     return fits

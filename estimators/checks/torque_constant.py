@@ -26,6 +26,7 @@ from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env.physics import Estimate, Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
+from pendulum_env.units import is_of_torque
 
 LEAST = 5.0  # standard errors that the constant has to be from none
 
@@ -74,7 +75,7 @@ def widen_by_constant(model: Model, constant: TorqueConstant, here: Model, there
     estimates = {}
     for name, own in model.estimates.items():
         if "." in name and name not in {column.name for column in model.columns}:  # a nonlinear parameter, searched for
-            moved = own.value * constant.std / constant.value if own.unit.startswith(NEWTON_METRE) else 0.0
+            moved = own.value * constant.std / constant.value if is_of_torque(own.unit) else 0.0
         else:
             moved = there.estimates[name].value - here.estimates[name].value
         estimates[name] = replace(own, std=float(np.hypot(own.std, moved)))

@@ -28,6 +28,7 @@ from pendulum_env.physics.table import Table
 from pendulum_env.physics.term import loads
 from pendulum_env.physics.terms import complexity, has_link, link_of
 from pendulum_env.recording import Recording
+from pendulum_env.units import JointUnits
 
 REPEATED = 2  # impacts, least number: a single one may be an accident
 DISPLACEMENTS = (1e-3, 10.0)  # [s], of an instant in trials, for its standard error
@@ -229,11 +230,15 @@ class RegressionData:
         """Error of the rows due to sensor noise at each joint, by the scatter of the log [N m], or [rad]."""
         return {at: self.layout.noise(at, inertia) for at, inertia in self.inertias(self.base).items()}
 
+    def units(self, at: str = "") -> JointUnits:
+        """Return the units of quantities at a joint."""
+        return body_of(self.base).units(at, self.recordings[0].torque_unit)
+
     def stand_out(self, residual: Array, at: str, axes: Sequence[str] = tuple(SYMBOLS), most: int = 6) -> list[Region]:
         """Return the regions where a residual (R,) [N m] exceeds the noise at a joint, the most significant first."""
-        own, least, body = residual[self.data.where(at)], self.data.negligible(at), body_of(self.base)
-        found = stand_out(self.data.part(at).samples, own, self.floors[at], axes, most)
-        return [replace(region, at=at, slides=at in body.sliding) for region in found if abs(region.residual) > least]
+        own, least = residual[self.data.where(at)], self.data.negligible(at)
+        found = stand_out(self.data.part(at).samples, own, self.floors[at], axes, most, self.units(at))
+        return [replace(region, at=at) for region in found if abs(region.residual) > least]
 
     def with_link_states(self, model: Model) -> RegressionData:
         """Return the data with the states of a model's link estimated from the motion around each instant."""

@@ -110,7 +110,7 @@ def where_it_stands_out(
         (evaluator.holdout, evaluator.residuals.holdout_residual(terms), unseen, holdout_names(evaluator)),
     ):
         for at in places:
-            region = next(iter(part.stand_out(residual, at, most=1)), everywhere(at=at))
+            region = next(iter(part.stand_out(residual, at, most=1)), everywhere(at=at, units=part.units(at)))
             regions.append(replace(region, held_out=names))
     return tuple(regions)
 

@@ -35,6 +35,7 @@ from pendulum_env.physics.terms import ids
 from pendulum_env.plant import paper_plant, typical
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.units import JointUnits, is_of_torque
 
 BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
 USUAL = 6.0  # [N m], the paper's peak torque: what a motor is trusted with unless it is known to give more
@@ -75,11 +76,10 @@ class Limits:
     speed: float | None = None
     usual: float = USUAL
 
-    @property
-    def quantities(self) -> dict[str, Quantity]:
-        """Bounds that were given, by name; without torque where none may be applied."""
+    def quantities(self, units: JointUnits) -> dict[str, Quantity]:
+        """Return the bounds that were given, by name; without torque where none may be applied."""
         bounds = {"torque": (self.torque or None, "N m"), "angle": (self.angle, "rad"), "speed": (self.speed, "rad/s")}
-        return {name: Quantity(own, unit=unit) for name, (own, unit) in bounds.items() if own is not None}
+        return {name: Quantity(own, unit=units.unit(unit)) for name, (own, unit) in bounds.items() if own is not None}
 
     def with_trusted_torque(self, recordings: Sequence[Recording]) -> Limits:
         """Return the limits with the torque that is trusted where no bound is given, by what was recorded."""
@@ -176,7 +176,7 @@ def of_typical_size(kind: type[Term], inertia: float = 0.0) -> tuple[Term, Array
     term = kind(**{parameter.name: values.pop(parameter.name) for parameter in kind.nonlinear_parameters})
     theta = np.array(list(values.values()))
     if inertia:
-        is_torque = [column.unit.startswith(("N m", "kg m^2")) for column in term.columns]
+        is_torque = [is_of_torque(column.unit) for column in term.columns]
         theta = theta * np.where(is_torque, inertia / paper_plant().estimates["inertia"].value, 1.0)
     return term, theta
 
@@ -226,7 +226,7 @@ def suggest(
     forbidden = [question.aim for question in unsettled if question.aim not in aims]
     if not forbidden:
         return suggestion, aims, None
-    numbers = limits.quantities | ({} if place is None else {"place": Quantity(place, unit="rad")})
+    numbers = limits.quantities(model.units()) | ({} if place is None else {"place": Quantity(place, unit="rad")})
     pairs = tuple((aim.effect, aim.instead) for aim in forbidden)
     return suggestion, aims, Finding(Kind.BEYOND_LIMITS, numbers, pairs=pairs)
 

@@ -73,7 +73,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
         steps = [found.evaluator.make_step(None, base), *steps[1:]]
     *others, last = steps
     measured = [m for recording in trial.data.recordings for m in measure_segments(recording)]
-    doubts = identifiability(measured, last.model.terms)
+    doubts = identifiability(measured, last.model.terms, last.model.torque_unit)
     unknown = find_unidentifiable(last.model, measured, doubts)
     model = last.model.withholding({name for doubt in unknown for name in doubt.withheld})
     return replace(found, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)

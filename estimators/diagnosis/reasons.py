@@ -43,6 +43,7 @@ def fall(before: Step, after: Step) -> Finding:
     old, new = before.errors["holdout"], after.errors["holdout"]
     numbers: dict[str, Quantity] = {}
     for kind, unit in (old.kinds | new.kinds).items():
+        unit = after.model.units().unit(unit)
         numbers |= {f"{kind}.before": Quantity(getattr(old, kind), unit=unit)}
         numbers |= {f"{kind}.after": Quantity(getattr(new, kind), unit=unit)}
     return Finding(Kind.ERRORS_FALL, numbers)

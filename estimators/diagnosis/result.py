@@ -8,7 +8,7 @@ from math import isfinite
 
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
-from estimators.comparison import of_joints
+from estimators.comparison import floors_json, result_json
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding
@@ -21,16 +21,14 @@ from estimators.selection.residuals import Terms
 from estimators.selection.score import Gain
 from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
-from pendulum_env.arms.body import Body
 from pendulum_env.mistake import Mistake
 from pendulum_env.notebook import headline, shown
 from pendulum_env.physics import Model
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.terms import has_link
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
-from pendulum_env.words import json_per, per
 
-SCHEMA, ARM_SCHEMA = "pendulum-ident/diagnosis@1", "pendulum-ident/arm-diagnosis@2"
+SCHEMA = "pendulum-ident/diagnosis@2"
 
 
 class Verdict(StrEnum):
@@ -206,7 +204,7 @@ class Diagnosis:
 
     def unit_at(self, joint: str) -> str:
         """Unit of the error at a joint: of torque, of the current in its stead, or of motion in the loop."""
-        return per(self.body.worded(joint, self.steps[0].errors["holdout"].unit), self.torque_unit)
+        return self.model.units(joint).unit(self.steps[0].errors["holdout"].unit)
 
     @property
     def selected(self) -> tuple[str, ...]:
@@ -250,14 +248,14 @@ class Diagnosis:
         return shown(self)
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON, as the design of the command line fixes it."""
-        if isinstance(self.body, Body):
-            return self._json_of_arm(self.body)
+        """Plain dictionary for JSON, as the design of the command line fixes it; a pendulum has one joint, "".
+
+        A comparison has the same units, model, regions and disagreements.
+        """
         base = self.steps[0].model
-        data = {
+        last = [] if self.forbidden is None or self.forbidden in self.findings else [self.forbidden]
+        return result_json(self.model, self.torque_constant, self.unexplained, self.disagreements) | {
             "schema": SCHEMA,
-            "torque_unit": self.torque_unit,
-            "torque_constant": self.torque_constant.json() if self.torque_constant is not None else None,
             "base": {
                 "terms": [term.id for term in base.terms],
                 "theta": {name: estimate.json() for name, estimate in base.estimates.items()},
@@ -269,45 +267,18 @@ class Diagnosis:
             "unexplained": {
                 "present": bool(self.unexplained),
                 "where": "; ".join(region.kind for region in self.unexplained) or None,
+                "joints": dict(self.left),
             },
-            "regions": [region.json() for region in self.unexplained],
-            "noise_floor": {"torque_rms": self.noise_floor},
-            "findings": self._findings,
+            "noise_floor": floors_json(self.floors),
+            "findings": [finding.json() for finding in (*self.findings, *last)],
             "treatments": [one.json() for one in self.treatments],
             "suggestion": self.suggestion.json() if self.suggestion is not None else None,
             "table": next(iter(self.tables), None),
+            "tables": list(self.tables),
             "inseparable": [list(group) for group in self.inseparable],
-            "disagreements": [disagreement.json() for disagreement in self.disagreements],
             "alignments": [alignment.json() for alignment in self.alignments],
             "detectable": [one.json() for one in self.detectable],
             "by_torque": None if self.by_torque is None else {"effects": [*self.by_torque]},
-        }
-        worded = ("candidates", "regions", "findings", "disagreements", "detectable")
-        return data | json_per({key: data[key] for key in worded}, self.torque_unit)
-
-    @property
-    def _findings(self) -> list[JSON]:
-        """All findings for JSON, with what forbids an experiment last."""
-        last = [] if self.forbidden is None or self.forbidden in self.findings else [self.forbidden]
-        return [finding.json() for finding in (*self.findings, *last)]
-
-    def _json_of_arm(self, body: Body) -> JSON:
-        ends = {"before": self.steps[0], "after": self.steps[-1]}
-        return {
-            "schema": ARM_SCHEMA,
-            "selected": list(self.selected),
-            "ambiguous": [list(group) for group in self.ambiguous],
-            "candidates": [candidate.json() for candidate in self.candidates],
-            "errors": {name: of_joints(step.errors["holdout"], self.floors, body) for name, step in ends.items()},
-            "unexplained": dict(self.left),
-            "regions": {
-                region.at: region.json() for region in self.unexplained if region.is_profiled or region.held_out
-            },
-            "tables": list(self.tables),
-            "alignments": [alignment.json() for alignment in self.alignments],
-            "findings": self._findings,
-            "treatments": [one.json() for one in self.treatments],
-            "model": self.model.json(),
         }
 
 

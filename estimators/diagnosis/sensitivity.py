@@ -10,6 +10,7 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.residuals import Terms
 from estimators.signals.residual import turns
 from pendulum_env.physics import Term
+from pendulum_env.units import JointUnits
 
 TOLD = ("stribeck", "quadratic_drag", "load_dependent_friction", "cogging", "spring")  # as long as they are known
 CLEAR = 2.0  # times what counts as structure: windows next to each other share about half of it
@@ -50,8 +51,9 @@ def smallest(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -> float
 def detectable(evaluator: ModelEvaluator, terms: Terms, library: Mapping[str, type[Term]]) -> tuple[Detectable, ...]:
     """What would have shown beside the terms, and from which size on."""
     sizes = {id: smallest(evaluator, terms, library[id]) for id in TOLD if id in library}
+    units = JointUnits(evaluator.train.recordings[0].torque_unit)
     found = [
-        Detectable(id, size, of_typical_size(library[id])[0].columns[0].unit)
+        Detectable(id, size, units.unit(of_typical_size(library[id])[0].columns[0].unit))
         for id, size in sizes.items()
         if size is not None
     ]

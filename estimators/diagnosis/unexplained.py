@@ -17,18 +17,20 @@ from estimators.signals.residual import Region, everywhere, stand_out
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.units import JointUnits
 
 
 def find_unexplained(found: SearchResult) -> list[Region]:
     """Regions that the final model leaves unexplained, in torque or else in free-running motion, fitted or held out."""
     evaluator, last = found.evaluator, found.steps[-1]
+    units, noise_floor = last.model.units(), evaluator.residuals.noise_floor
     wrong = violations(last.model, evaluator.train.motions)
     if wrong:
         numbers = {gate.name: Quantity(gate.value, unit=gate.unit) for gate in wrong}
         return [everywhere(Finding(Kind.IMPOSSIBLE, numbers, tuple(numbers)))]
     left = evaluator.train.with_link_states(last.model).residual(last.model.terms, last.model.theta)
     is_noise = found.table is None and evaluator.residuals.is_noise_in(evaluator.train, left)
-    regions = [] if is_noise else stand_out(evaluator.train.samples, left, evaluator.residuals.noise_floor())
+    regions = [] if is_noise else stand_out(evaluator.train.samples, left, noise_floor(), units=units)
     if found.table is not None:
         place = next((own for own in regions if own.axis == found.table.axis), None)
         cause = about_table(Kind.TABLE_EXPLAINS, found.table)
@@ -36,11 +38,11 @@ def find_unexplained(found: SearchResult) -> list[Region]:
             return [everywhere(cause, evaluator.train.samples), *regions]
         return [replace(place, cause=cause), *(own for own in regions if own is not place)]
     if not is_noise:
-        return regions or _nowhere(evaluator, evaluator.train, left)
+        return regions or _nowhere(evaluator, evaluator.train, left, units)
     unseen = evaluator.residuals.holdout_residual(last.model.terms)
     if not evaluator.residuals.is_noise_in(evaluator.holdout, unseen):
-        beyond = stand_out(evaluator.holdout.samples, unseen, evaluator.residuals.noise_floor(evaluator.holdout))
-        beyond = beyond or _nowhere(evaluator, evaluator.holdout, unseen)
+        beyond = stand_out(evaluator.holdout.samples, unseen, noise_floor(evaluator.holdout), units=units)
+        beyond = beyond or _nowhere(evaluator, evaluator.holdout, unseen, units)
         return [replace(region, held_out=holdout_names(evaluator)) for region in beyond]
     if not is_misfit(evaluator, last):
         return []
@@ -64,10 +66,11 @@ def holdout_names(evaluator: ModelEvaluator) -> tuple[str, ...]:
     return tuple(dict.fromkeys(recording.name for recording in evaluator.holdout.recordings))
 
 
-def _nowhere(evaluator: ModelEvaluator, part: RegressionData, left: Array) -> list[Region]:
+def _nowhere(evaluator: ModelEvaluator, part: RegressionData, left: Array, units: JointUnits) -> list[Region]:
     """Return the region of a residual (R,) that stands out nowhere, unless it may be noise."""
     size, floor = float(np.sqrt(np.mean(left**2))), evaluator.residuals.noise_floor(part)
     if size <= evaluator.criterion.misfit * floor:
         return []
-    cause = Finding(Kind.NOWHERE, {"residual": Quantity(size, unit=NEWTON_METRE), "times": Quantity(size / floor)})
+    residual = Quantity(size, unit=units.unit(NEWTON_METRE))
+    cause = Finding(Kind.NOWHERE, {"residual": residual, "times": Quantity(size / floor)})
     return [everywhere(cause, part.samples, size, floor)]

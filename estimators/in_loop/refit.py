@@ -13,7 +13,7 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording
-from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.units import is_of_torque
 
 
 def fine_rows(evaluator: ModelEvaluator) -> tuple[RolloutRows, RolloutRows]:
@@ -45,7 +45,7 @@ def _in_unit(model: Model, recording: Recording) -> Model:
         return model.per(recording.torque_unit)
     larger = 1.0 + constant.std / constant.value
     there = {
-        name: replace(own, value=larger * own.value) if own.unit.startswith((NEWTON_METRE, "kg")) else own
+        name: replace(own, value=larger * own.value) if is_of_torque(own.unit) else own
         for name, own in model.estimates.items()
     }
     return widen_by_constant(model, constant, model, replace(model, estimates=there))

@@ -17,7 +17,6 @@ from estimators.regression.recursive import evenly, history
 from estimators.schemes.balance import Joints, rows, through
 from estimators.schemes.six import Regression, Regressor, Scheme, give
 from pendulum_env._typing import JSON, Array, Index, Mask
-from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Links
 from pendulum_env.arms.model import model_of
 from pendulum_env.notebook import shown
@@ -25,7 +24,7 @@ from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.physics.term import zero
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import TorqueConstant
-from pendulum_env.words import per
+from pendulum_env.units import JointUnits
 
 POINTS = 200  # of the history
 CLUSTER = 0.5  # [s], longer than residuals stay correlated, except those that drift; shorter in short recordings
@@ -118,7 +117,8 @@ class Identified:
 
     def per(self, torque_unit: str) -> Identified:
         """The same numbers, said of a torque that is in another unit."""
-        return replace(self, model=as_read(self.model.per(torque_unit)), unit=per(self.unit, torque_unit))
+        model, unit = as_read(self.model.per(torque_unit)), JointUnits(torque_unit).unit
+        return replace(self, model=model, unit=unit(self.unit), units=tuple(map(unit, self.units)))
 
     def with_known(self, terms: Sequence[Term], recordings: Sequence[Recording]) -> Identified:
         """Scale the results of free swings to a known parameter of the original terms, see `restore_known`."""
@@ -138,10 +138,13 @@ class Identified:
             name: {"value": None, "std": None, "unit": estimate.unit} if estimate.is_unknown else estimate.json()
             for name, estimate in self.model.estimates.items()
         }
-        joints = {"rms": list(self.residuals), "units": list(self.units)}
+        names = self.model.body.joints if len(self.units) > 1 else ("",)  # energies of joints add up
+        own = zip(names, self.residuals, self.units, strict=True)
+        joints = {name: {"rms": rms, "unit": unit} for name, rms, unit in own}
+        together = joints[""] if "" in joints else {"rms": None, "unit": None}
         return {
             "theta": theta,
-            "residual": joints if isinstance(self.model.body, Body) else {"rms": self.residual_rms, "unit": self.unit},
+            "residual": {**together, "joints": joints},
             "condition": self.condition,
             "used": list(self.used),
             "convergence": self.convergence.json(),
@@ -269,7 +272,7 @@ def _units(scheme: Regressor, terms: Sequence[Term]) -> tuple[str, ...]:
     """Units of the residuals of the joints, or of all together."""
     body = terms[0].mechanism
     is_sum = isinstance(scheme, Scheme) and scheme.adds_up
-    return (scheme.unit,) if is_sum else tuple(body.worded(at, scheme.unit) for at in body.joints)
+    return (scheme.unit,) if is_sum else tuple(body.units(at).unit(scheme.unit) for at in body.joints)
 
 
 def _of_momentum(terms: Sequence[Term]) -> list[int]:

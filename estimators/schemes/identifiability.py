@@ -14,6 +14,7 @@ from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import DRAWS
 from pendulum_env.physics import BASE, Estimate, Model, Term
 from pendulum_env.physics.model import SIGNIFICANT
+from pendulum_env.recording.record import NEWTON_METRE
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,13 @@ CONSTANT = 1e-6  # of a torque, by which it may change if it is constant
 PLACES = 50  # instants at which the joints' inertia is looked at
 
 
-def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term]) -> tuple[Finding, ...]:
-    """What recordings, taken together, cannot tell about the parameters of the terms; empty if all is well."""
+def identifiability(
+    measurements: Sequence[Measurements], terms: Sequence[Term], unit: str = NEWTON_METRE
+) -> tuple[Finding, ...]:
+    """What recordings, taken together, cannot tell about the parameters of the terms; empty if all is well.
+
+    `unit` is that of the torque.
+    """
     names = [column.name for term in terms for column in term.columns]
     clear = [m.clear(GUARD) for m in measurements]
     velocity = np.concatenate([m.velocity[use] for m, use in zip(measurements, clear, strict=True)])
@@ -45,7 +51,7 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
         mean = float(np.mean([m.held.mean() for m in measurements]))
         is_constant = all(np.ptp(m.held) <= CONSTANT * abs(mean) for m in measurements)
         kind = Kind.TORQUE_IS_CONSTANT if is_constant else Kind.TORQUE_IS_NOISE
-        doubts.append(Finding(kind, {"torque": Quantity(mean, unit="N m")}, tuple(names)))
+        doubts.append(Finding(kind, {"torque": Quantity(mean, unit=unit)}, tuple(names)))
     forwards = float(np.mean(velocity > 0))
     if not TELLING.one_sided < forwards < 1 - TELLING.one_sided:
         constants = ("coulomb", "torque_offset", "coulomb_asymmetry")

@@ -48,9 +48,9 @@ from pendulum_env.recording.columns import NONE
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.recording.study import format_of
 from pendulum_env.settings import setting
-from pendulum_env.words import json_per, listing
+from pendulum_env.words import listing
 
-SCHEMA, ARM_SCHEMA = "pendulum-ident/identification@1", "pendulum-ident/arm-identification@1"
+SCHEMA = "pendulum-ident/identification@2"
 SAVED = "filtered_dynamic"  # scheme whose model of an arm is the one to go on with
 APART = 5.0  # standard errors between two schemes, to which noise alone does not bring them: 2.3 is the most seen,
 COARSE = 0.05  # and share of a parameter, to which slow sampling does not: 0.034 is what 50 Hz do
@@ -138,11 +138,11 @@ class Identification(Mapping[str, Identified]):
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         return {
-            "schema": ARM_SCHEMA if isinstance(self.body, Body) else SCHEMA,
+            "schema": SCHEMA,
             "recordings": list(self.recordings),
             "torque_unit": self.torque_unit,
             "torque_constant": self.torque_constant.json() if self.torque_constant is not None else None,
-            "findings": json_per([finding.json() for finding in self.findings], self.torque_unit),
+            "findings": [finding.json() for finding in self.findings],
             "schemes": {id: result.json() for id, result in self.schemes.items()},
         }
 
@@ -206,7 +206,7 @@ def _of_one_joint(
     if not (all(own.is_free for own in recordings) or any(is_driven(m) for m in measurements)):
         raise IdentificationError(f"{_names(recordings)}: {_undriven(recordings)}")
     chosen, slowed = _at_rate(schemes, segments)
-    doubts = (*identifiability(measurements, terms), *slowed)
+    doubts = (*identifiability(measurements, terms, given.unit), *slowed)
     results = _by_schemes(chosen, segments, terms, recordings, regressions(terms))
     first = next(iter(results.values())).model
     if given.constant is not None:

@@ -46,7 +46,7 @@ class Errors:
         return replace(self, in_loop=mean, in_loop_rms=rms)
 
     def __repr__(self) -> str:
-        errors = [f"{name}={value:.4g}" for name, value in self.json().items()]
+        errors = [f"{name}={value:.4g}" for name, value in self._totals.items()]
         errors += [f"{joint}={error:.4g}" for joint, error in self.joints.items() if joint]
         return f"<Errors: {', '.join(errors)}>"
 
@@ -71,13 +71,16 @@ class Errors:
         """Return the torque error at a joint [N m], or the error in the loop [rad]."""
         return self.in_loop if self.is_in_loop else error_at(self.joints, joint, self.torque_rms)
 
+    @property
+    def _totals(self) -> dict[str, float]:
+        """Return the known errors of all joints together, by name."""
+        names = ("torque_rms", "position_rms", "torque_fit", "position_fit", "in_loop", "in_loop_rms")
+        return {name: value for name in names if np.isfinite(value := getattr(self, name))}
+
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
-        told = {
-            name: getattr(self, name)
-            for name in ("torque_rms", "position_rms", "torque_fit", "position_fit", "in_loop", "in_loop_rms")
-        }
-        return {name: value for name, value in told.items() if np.isfinite(value)}
+        """Plain dictionary for JSON, without unknown errors."""
+        joints = {at: {"torque_rms": rms, "share": self.shares.get(at)} for at, rms in self.joints.items()}
+        return {**self._totals, "joints": joints}
 
 
 def error_at(joints: Mapping[str, float], at: str, otherwise: float) -> float:

@@ -30,11 +30,11 @@ def violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
     """
     here = replace(model, terms=tuple(term for term in model.terms if not motions.keys().isdisjoint(loads(term.at))))
     found = [
-        Gate(column.name, value, column.nearest(value), False, column.unit)
+        Gate(column.name, value, column.nearest(value), False, model.units().unit(column.unit))
         for column, value in bound_violations(here.terms, here.theta)
     ]
     found += [
-        Gate(term.full(parameter.name), parameter.high, parameter.high, False, parameter.unit)
+        Gate(term.full(parameter.name), parameter.high, parameter.high, False, model.units().unit(parameter.unit))
         for term, parameter in parameters_at_upper_limit(here.terms)
     ]
     for at, x in motions.items():
@@ -59,7 +59,7 @@ def _violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate]:
     dry = _dry_over_a_turn([(column, value) for term, column, value in friction if not column.of_torque], x).max()
     is_arm = any(term.at for term in model.terms)  # links move its joints as well
     if dry > limit and x.torque.any() and not is_arm:
-        found.append(Gate("dry_friction", float(dry), limit, False, "N m"))
+        found.append(Gate("dry_friction", float(dry), limit, False, model.units().unit("N m")))
     return found
 
 
@@ -148,8 +148,10 @@ def confirmation_gates(after: Step, before: Step, motions: Mapping[str, Samples]
     if sign and "gravity_tilt" not in after.model.estimates:  # beside a tilt, gravity alone has any sign
         gates.append(Gate("gravity_sign", sign, 0, sign > 0))
     errors = [("in_loop", new.in_loop, old.in_loop, "rad"), ("position", new.position_rms, old.position_rms, "rad")]
-    errors += [(f"torque@{at}" if at else "torque", new.at(at), old.at(at), "N m") for at in motions if at in changed]
+    for at in () if new.is_in_loop else [at for at in motions if at in changed]:
+        unit = after.model.units(at).unit("N m")
+        errors.append((f"torque@{at}" if at else "torque", new.at(at), old.at(at), unit))
     for name, error, limit, unit in errors:
-        if not np.isnan([error, limit]).any() and gates[-1].passed and not (new.is_in_loop and unit == "N m"):
+        if not np.isnan([error, limit]).any() and gates[-1].passed:
             gates.append(Gate(f"holdout_{name}", error, limit, error < limit, unit))
     return gates

@@ -1,13 +1,14 @@
 """Where a model fails: regions of angle, velocity, torque, time and frequency whose residual stands out of noise."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimators.findings import Finding
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Samples
+from pendulum_env.units import TURNING, JointUnits
 
 AXES = {"position": "rad", "velocity": "rad/s", "torque": "N m", "time": "s"}
 SYMBOLS = {"position": "q", "velocity": "q'", "torque": "tau", "time": "t", "frequency": "f"}
@@ -35,6 +36,7 @@ class Profile:
     Attributes:
         axis: position, velocity, torque, time or frequency.
         unit: of the axis.
+        units: at the joint, of axis and residual.
         edges: limits of the bins (K + 1,).
         mean: mean residual in each bin (K,) [N m]; for frequency the amplitude.
         error: its standard error from noise alone (K,) [N m].
@@ -45,6 +47,7 @@ class Profile:
     edges: Array
     mean: Array
     error: Array
+    units: JointUnits = TURNING
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ class Region:
         significance: in standard errors of the noise.
         unit: of the axis.
         at: joint of an arm.
-        slides: whether the joint slides: units are then N and m.
+        units: at the joint, of axis and residual.
         is_profiled: whether the stretch is one of a profile; else nothing stands out at one place.
         held_out: names of recordings, if the residual is that of held-out data alone.
         cause: a finding that says more than the stretch.
@@ -71,7 +74,7 @@ class Region:
     significance: float
     unit: str = ""
     at: str = ""
-    slides: bool = False
+    units: JointUnits = TURNING
     is_profiled: bool = True
     held_out: tuple[str, ...] = ()
     cause: Finding | None = None
@@ -89,17 +92,32 @@ class Region:
     def json(self) -> JSON:
         """Plain dictionary for JSON; null stands for no limit."""
         low, high = (limit if np.isfinite(limit) else None for limit in (self.low, self.high))
-        data = {"axis": self.axis, "low": low, "high": high, "residual": self.residual}
-        cause = self.cause.json() if self.cause is not None else None
-        return data | {"significance": self.significance, "cause": cause}
+        return {
+            "joint": self.at,
+            "axis": self.axis,
+            "low": low,
+            "high": high,
+            "unit": self.unit,
+            "residual": self.residual,
+            "significance": self.significance,
+            "held_out": [*self.held_out],
+            "cause": self.cause.json() if self.cause is not None else None,
+        }
 
 
 def everywhere(
-    cause: Finding | None = None, x: Samples | None = None, size: float = 0.0, floor: float = 1.0, at: str = ""
+    cause: Finding | None = None,
+    x: Samples | None = None,
+    size: float = 0.0,
+    floor: float = 1.0,
+    at: str = "",
+    units: JointUnits = TURNING,
 ) -> Region:
     """Return the region of all recorded speeds, or of any: the residual is at no one place."""
     fast = np.inf if x is None else float(np.abs(x.velocity).max())
-    return Region("velocity", -fast, fast, size, size / floor, "rad/s", at, is_profiled=False, cause=cause)
+    return Region(
+        "velocity", -fast, fast, size, size / floor, units.unit("rad/s"), at, units, is_profiled=False, cause=cause
+    )
 
 
 def turns(position: Array) -> bool:
@@ -156,19 +174,27 @@ def _fit_amplitude(time: Array, residual: Array, omega: float) -> float:
     return float(2 * np.sqrt(share.real**2 / (1 + size) + share.imag**2 / max(1 - size, np.finfo(float).eps)))
 
 
-def profiles(x: Samples, residual: Array, noise: float, axes: Sequence[str] = tuple(SYMBOLS)) -> list[Profile]:
+def profiles(
+    x: Samples, residual: Array, noise: float, axes: Sequence[str] = tuple(SYMBOLS), units: JointUnits = TURNING
+) -> list[Profile]:
     """Profiles over position, velocity, torque and time, and the spectrum, or some of them."""
-    return [
+    found = [
         spectrum(np.asarray(x.time), residual, noise)
         if axis == "frequency"
         else profile(axis, np.asarray(getattr(x, axis)), residual, noise)
         for axis in axes
         if axis != "torque" or np.ptp(x.torque) > 0
     ]
+    return [replace(own, unit=units.unit(own.unit), units=units) for own in found]
 
 
 def stand_out(
-    x: Samples, residual: Array, noise: float, axes: Sequence[str] = tuple(SYMBOLS), most: int = 6
+    x: Samples,
+    residual: Array,
+    noise: float,
+    axes: Sequence[str] = tuple(SYMBOLS),
+    most: int = 6,
+    units: JointUnits = TURNING,
 ) -> list[Region]:
     """Regions whose mean residual exceeds five standard errors of the noise, the most telling first.
 
@@ -179,7 +205,9 @@ def stand_out(
     more: list[Region] = []
     left, first = np.asarray(residual, dtype=float), 0.0
     for _ in range(len(axes) + 1):
-        laws = [law for law in (_constant(x, left, noise), *profiles(x, left, noise, axes)) if _regions(law)]
+        laws = [
+            law for law in (_constant(x, left, noise, units), *profiles(x, left, noise, axes, units)) if _regions(law)
+        ]
         law = max(laws, key=weight, default=None)
         if law is None or weight(law) < REGIONS.share * first:
             break
@@ -189,10 +217,11 @@ def stand_out(
     return [*places, *more][:most]
 
 
-def _constant(x: Samples, residual: Array, noise: float) -> Profile:
+def _constant(x: Samples, residual: Array, noise: float, units: JointUnits) -> Profile:
     """The mean, as a profile of one bin: all of the time."""
     edges = np.array([np.min(x.time), np.max(x.time)], dtype=float)
-    return Profile("time", "s", edges, np.array([residual.mean()]), np.array([noise / np.sqrt(len(residual))]))
+    mean, error = np.array([residual.mean()]), np.array([noise / np.sqrt(len(residual))])
+    return Profile("time", "s", edges, mean, error, units)
 
 
 def weight(law: Profile) -> float:
@@ -229,5 +258,5 @@ def _regions(item: Profile) -> list[Region]:
         sigma = abs(mean) * float(np.sqrt(weight.sum()))
         low, high = float(item.edges[part[0]]), float(item.edges[part[-1] + 1])
         unit = item.unit if len(item.mean) > 1 else ""  # a constant has none
-        regions.append(Region(item.axis, low, high, mean, sigma, unit))
+        regions.append(Region(item.axis, low, high, mean, sigma, unit, units=item.units))
     return sorted(regions, key=lambda region: -region.significance)

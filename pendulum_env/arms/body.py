@@ -174,7 +174,7 @@ class Body(Mechanism):
     def unit_of(self, name: str) -> str:
         """Unit of a standard parameter."""
         quantity, _, joint = name.partition("@")
-        return self.worded(joint, "kg m^2") if quantity == "rotor" else UNITS.get(quantity, "kg m^2")
+        return self.units(joint).unit("kg m^2") if quantity == "rotor" else UNITS.get(quantity, "kg m^2")
 
     @cached_property
     def _reduction(self) -> tuple[Index, Array]:

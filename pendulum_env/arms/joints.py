@@ -6,7 +6,7 @@ at a joint is the pendulum's term under another name, `stribeck@elbow`; it meets
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
@@ -23,7 +23,7 @@ from pendulum_env.physics.library import MEASURED, addition
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.term import derived, loads, one
-from pendulum_env.words import along
+from pendulum_env.units import JointUnits
 
 T = TypeVar("T")
 FRICTION: tuple[Term, ...] = (Viscous(), Coulomb())  # of a joint, where nothing else is known
@@ -51,20 +51,22 @@ def at_joint(effect: type[Term], joint: str, slides: bool = False) -> type[Term]
         return effect
     if effect.at:
         raise Mistake(f"{effect.id} is at a joint already: place {effect.id.partition('@')[0]} at '{joint}' instead")
-    return _at_joint(cast(Hashable, effect), joint, along if slides else str)
+    return _at_joint(cast(Hashable, effect), joint, slides)
 
 
 @cache  # so that the same effect at the same joint is the same class
-def _at_joint(effect: type[Term], joint: str, unit_of: Callable[[str], str]) -> type[Term]:
+def _at_joint(effect: type[Term], joint: str, slides: bool) -> type[Term]:
+    unit_of = JointUnits(slides=slides).unit
+
     def named(columns: Sequence[Column]) -> tuple[Column, ...]:
         own = (column for column in columns if column.name not in OF_THE_ARM)
         return tuple(replace(column, name=f"{column.name}@{joint}", unit=unit_of(column.unit)) for column in own)
 
     made = derived(
-        effect, at_joint, joint, unit_of is along,
+        effect, at_joint, joint, slides,
         id=f"{effect.id}@{joint}",
         at=joint,
-        slides=unit_of is along,
+        slides=slides,
         nonlinear_parameters=tuple(
             replace(own, unit=unit_of(own.unit)) for own in effect.nonlinear_parameters if not own.follows
         ),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from pendulum_env.words import along
+from pendulum_env.units import JointUnits
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +34,9 @@ class Mechanism:
         """What parameters stand for that are combinations of others, by name: none of a pendulum."""
         return {}
 
-    def worded(self, joint: str, text: str) -> str:
-        """A text about a joint that turns, such as the unit `N m`, as it is for this one."""
-        return along(text) if joint in self.sliding else text
+    def units(self, joint: str, torque_unit: str = "N m") -> JointUnits:
+        """Return the units of quantities at a joint."""
+        return JointUnits(torque_unit, joint in self.sliding)
 
 
 def describe_joints(names: Sequence[str]) -> str:

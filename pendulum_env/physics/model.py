@@ -27,7 +27,8 @@ from pendulum_env.physics.term import Column, Samples, Term
 from pendulum_env.physics.terms import with_nonlinear_values
 from pendulum_env.reading import Number, Text, Unreadable, convert, read_json, shown
 from pendulum_env.settings import Blank, setting
-from pendulum_env.words import per, plus_minus
+from pendulum_env.units import JointUnits
+from pendulum_env.words import plus_minus
 
 SCHEMA = "pendulum-ident/model@1"
 ARM_SCHEMA = "pendulum-ident/arm-model@1"  # of several joints, which `pendulum_env.arms` reads
@@ -265,9 +266,14 @@ class Model(Mapping[str, Estimate]):
         terms = with_nonlinear_values(self.terms, values)
         return replace(self, terms=terms, estimates={**self.estimates, **new}, correlation=())
 
+    def units(self, joint: str = "") -> JointUnits:
+        """Return the units of quantities at a joint."""
+        return self.body.units(joint, self.torque_unit)
+
     def per(self, torque_unit: str) -> Self:
         """The same numbers with the units that they have if torque is in another unit, such as `A`."""
-        named = {name: replace(e, unit=per(e.unit, torque_unit)) for name, e in self.estimates.items()}
+        unit = JointUnits(torque_unit).unit
+        named = {name: replace(e, unit=unit(e.unit)) for name, e in self.estimates.items()}
         return replace(self, estimates=named, torque_unit=torque_unit)
 
     def of(self, id: str) -> dict[str, Estimate]:
@@ -490,9 +496,7 @@ def _all_derived(model: Model) -> dict[str, Estimate]:
             slope = np.array([other[name][0] - value for other in moved]) / perturbations.diagonal()
             std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope)))
             is_biased = any(model.estimates[names[k]].is_biased for k in place)
-            found[term.full(name)] = Estimate(
-                float(value), float(std), per(unit, model.torque_unit), is_biased=is_biased
-            )
+            found[term.full(name)] = Estimate(float(value), float(std), model.units().unit(unit), is_biased=is_biased)
         for part in term.percent_of:
             name, of = term.full(part), f"{part}@{term.at}" if term.at else part
             base, entry = model.estimates.get(of), model.estimates[name]

@@ -8,6 +8,7 @@ import numpy as np
 from pendulum_env._typing import ArrayLike
 from pendulum_env.physics.term import Term
 from pendulum_env.quantity import Quantity
+from pendulum_env.units import JointUnits
 
 
 def ids(terms: Sequence[Term]) -> frozenset[str]:
@@ -59,7 +60,8 @@ def with_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike]
 def untested_ends(term: Term, low: float, high: float) -> dict[str, Quantity]:
     """Ends `low` and `high` of a motion [rad] beyond which a term may act; empty if none."""
     ends = zip(("low", "high"), (low, high), term.open_ends, strict=True)
-    return {name: Quantity(value, unit="m" if term.slides else "rad") for name, value, is_open in ends if is_open}
+    unit = JointUnits(slides=term.slides).unit("rad")
+    return {name: Quantity(value, unit=unit) for name, value, is_open in ends if is_open}
 
 
 def complexity(term: Term) -> int:

@@ -47,7 +47,7 @@ from pendulum_env.recording.vocabulary import (
     find_name,
 )
 from pendulum_env.settings import setting
-from pendulum_env.words import along
+from pendulum_env.units import JointUnits
 
 ADDED = re.compile(
     r"^\[[^\]]*\]\s*(?=\w)|^(?:latest|run\s*#?\d+)\s*:\s*|^[%#]\s*|\s*\brun\s*#?\d+$", re.IGNORECASE
@@ -113,7 +113,7 @@ class Column:
             notes.append(Note(NoteKind.TRANSFORMED, own, text=str(self.expression)))
         elif self.scale != 1.0:
             si = SI[self.quantity]
-            unit = along(si) if self.unit in LINEAR.get(self.quantity, {}) else si
+            unit = JointUnits(slides=self.unit in LINEAR.get(self.quantity, {})).unit(si)
             notes.append(Note(NoteKind.CONVERTED, own, headers=header, text=unit))
         if self.result_unit != SI[self.quantity]:
             notes.append(Note(NoteKind.GAIN_UNKNOWN, own, text=self.result_unit))

@@ -54,7 +54,7 @@ def test_identify_compare_and_diagnose_an_arm(done, folder):
     out = done(*of_arm(folder, "identify", "plain.csv", "-o", "arm.json", "--json", "found.json"))
     assert "Iyy@shoulder stands for Iyy@shoulder + 0.2025 m@elbow" in out and "filtered_hamiltonian" in out
     found = json.loads((folder / "found.json").read_text())
-    assert found["schema"] == "pendulum-ident/arm-identification@1"
+    assert found["schema"] == "pendulum-ident/identification@2"
     assert found["schemes"]["energy"]["theta"]["coulomb@elbow"]["value"] == pytest.approx(ARM.coulomb[1], rel=0.01)
 
     written = ("--json", "errors.json", "--report", "compared.html")
@@ -63,8 +63,8 @@ def test_identify_compare_and_diagnose_an_arm(done, folder):
         ((_, shoulder), (_, elbow)) = (curves(folder / "compared.html", f"joint-{k}-{axis}") for k in range(2))
         assert np.abs(shoulder["y"]).max() < 0.02  # [N m]
         assert np.mean(elbow["y"]) == pytest.approx(0.3, abs=0.02)
-    errors = json.loads((folder / "errors.json").read_text())["joints"]
-    assert errors[1]["torque_rms"] == pytest.approx(0.3, rel=0.05)
+    errors = json.loads((folder / "errors.json").read_text())["joint"]["errors"]["joints"]
+    assert errors["elbow"]["torque_rms"] == pytest.approx(0.3, rel=0.05)
 
     written = ("--only", "torque_offset,spring", "--json", "diagnosis.json", "-o", "better.json")
     written += ("--report", "found.html")
@@ -97,7 +97,8 @@ def test_torque_of_an_arm_that_is_logged_late_is_corrected_where_that_is_asked_f
     errors = []
     for align in ((), ("--align",)):
         done(*of_arm(folder, "compare", "plain.json", "late.csv", "--json", "errors.json", *align))
-        errors.append([one["torque_rms"] for one in json.loads((folder / "errors.json").read_text())["joints"]])
+        found = json.loads((folder / "errors.json").read_text())["joint"]["errors"]["joints"]
+        errors.append([one["torque_rms"] for one in found.values()])
     assert np.all(np.array(errors[0]) > 3 * np.array(errors[1]))
 
 
@@ -173,9 +174,8 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(done, lif
     rows = {line.split()[0]: line.split()[-2:] for line in out.splitlines() if "@torso" in line}
     assert rows["viscous@torso"] == ["N", "s/m"] and rows["m@torso"][1] == "kg" and rows["coulomb@torso"][1] == "N"
     found = json.loads((lift / "found.json").read_text())["schemes"]
-    assert found["dynamic"]["residual"]["units"] == ["N", "N m", "N m"] and found["energy"]["residual"]["units"] == [
-        "J"
-    ]
+    assert [own["unit"] for own in found["dynamic"]["residual"]["joints"].values()] == ["N", "N m", "N m"]
+    assert found["energy"]["residual"]["unit"] == "J"
     assert found["dynamic"]["theta"]["coulomb@torso"]["unit"] == "N"
     assert json.loads((lift / "model.json").read_text())["held"] == pytest.approx({"left": 0.01, "right": 0.01})
 
@@ -184,7 +184,8 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(done, lif
     out = done(*of_arm(lift, "compare", "model.json", "moved.csv", "--report", "page.html", "--json", "e.json"))
     assert "warning: left gets 0.02 m away from there in moved: name it in --joints if it moves" in out
     assert "position_torso converted to m from column 'position_torso [mm]'" in out
-    assert [error["unit"] for error in json.loads((lift / "e.json").read_text())["joints"]] == ["N", "N m", "N m"]
+    units = json.loads((lift / "e.json").read_text())["units"]
+    assert [own["torque"] for own in units.values()] == ["N", "N m", "N m"] and units["torso"]["position"] == "m"
     (row,) = [line for line in out.splitlines() if line.startswith("torso")]
     assert row.split()[3] == "N" and float(row.split()[4]) < 2.0  # [%]
     titles = [figure["layout"]["xaxis"]["title"]["text"] for figure in Page((lift / "page.html").read_text()).figures]

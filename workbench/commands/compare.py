@@ -79,10 +79,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     payload, is_asked = None, arguments.payload is not None
     if isinstance(asked.body, Body):
         payload = carried(arguments, asked, recordings, terminal)
-    write_json(
-        arguments.json,
-        comparison_json(found) | ({"payload": payload.json()} if payload is not None and is_asked else {}),
-    )
+    payload_json = payload.json() if payload is not None and is_asked else None
+    write_json(arguments.json, comparison_json(found) | {"payload": payload_json})
     write_page(arguments.report, terminal, "workbench.report:render_comparison", found)
     tell(of_comparison(found), terminal)
     if payload is not None and is_asked:
@@ -118,7 +116,9 @@ def of_payload(found: Payload, body: Body) -> list[Part]:
         content.append(f"{listing(found.hidden)}: no motion of the joints shows them")
     if found.exists is False:
         content.append("no body has these moments: something else changed as well, or the motion says too little")
-    left = [(at, f"{old:.4g}", f"{new:.4g}", body.worded(at, NEWTON_METRE)) for at, (old, new) in found.left.items()]
+    left = [
+        (at, f"{old:.4g}", f"{new:.4g}", body.units(at).unit(NEWTON_METRE)) for at, (old, new) in found.left.items()
+    ]
     explained = Table(("joint", "without payload", "with it", "unit"), left, left=("unit",))
     return [
         Part(f"Payload at the link behind {found.joint}, in that joint's frame", content),

@@ -52,9 +52,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         model = one.model if nearest is not None else _model_to_write(found, arguments)
     for text in describe_links(body):
         terminal.say(text)
-    write_json(
-        arguments.json, identification_json(found) | ({"nearest_body": nearest.json()} if nearest is not None else {})
-    )
+    nearest_json = nearest.json() if nearest is not None else None
+    write_json(arguments.json, identification_json(found) | {"nearest_body": nearest_json})
     terminal.heading("Estimates ± standard errors")
     estimates = schemes_table(found, model if arguments.instruments else None)
     terminal.table(*estimates)

@@ -6,15 +6,16 @@ from estimators.diagnosis.likeness import Likeness, likenesses
 from estimators.diagnosis.result import Addition
 from estimators.selection.errors import Step
 from pendulum_env.physics.term import loads
-from pendulum_env.words import along, listing
+from pendulum_env.units import JointUnits
+from pendulum_env.words import listing
 from workbench.narrator.reasons import describe_objection
 
 FORMS = {
     "power": "|q'|^{0}",
     "wave": "a wave of {0} a turn",
     "line": "a straight line",
-    "bump": "a bump at {0} rad, {1} rad wide",
-    "step": "a step at {0} rad, {1} rad wide",
+    "bump": "a bump at {0} {rad}, {1} {rad} wide",
+    "step": "a step at {0} {rad}, {1} {rad} wide",
 }
 ERRORS = {"in_loop": "in the loop", "torque_rms": "torque", "position_rms": "position"}
 SIGNIFICANT = 3.0  # times its standard errors, from which a table has a shape
@@ -23,7 +24,7 @@ SIGNIFICANT = 3.0  # times its standard errors, from which a table has a shape
 def describe_addition(found: Addition) -> str:
     """State whether the effect lowers errors on data to which it was not fitted."""
     if found.objection is not None:
-        objection = describe_objection(found.objection, found.model.torque_unit)
+        objection = describe_objection(found.objection)
         return f"{found.after.added} {objection}: these recordings give no reason to keep it."
     old, new = found.before.errors["holdout"], found.after.errors["holdout"]
     joint = next(iter(loads((found.after.added or "").partition("@")[2])))
@@ -48,6 +49,7 @@ def describe_table(step: Step) -> str | None:
 
 def describe_likeness(found: Likeness, slides: bool = False) -> str:
     """Write a formula and the share of the shape that it explains: `|q'|^0.4 (99.7 %)`."""
-    text = FORMS[found.form].format(*(f"{value:.3g}" for value in found.values))
+    unit = JointUnits(slides=slides).unit("rad")
+    text = FORMS[found.form].format(*(f"{value:.3g}" for value in found.values), rad=unit)
     text = text.replace("of 1 a turn", "of one a turn")
-    return f"{along(text) if slides else text} ({100 * found.share:.3g} %)"
+    return f"{text} ({100 * found.share:.3g} %)"

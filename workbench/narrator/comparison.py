@@ -3,6 +3,7 @@
 import numpy as np
 
 from estimators.comparison import Comparison
+from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import percent
 from workbench.narrator.findings import GIVE_INERTIA
 
@@ -11,7 +12,7 @@ def headline(found: Comparison) -> str:
     """State the error of the model in one sentence."""
     errors = found.joint.errors
     times, at = max((errors.joints[at] / max(floor, 1e-300), at) for at, floor in found.joint.floors.items())
-    unit, where = found.model.body.worded(at, found.torque_unit), f" at {at}" if at else ""
+    unit, where = found.model.units(at).unit(NEWTON_METRE), f" at {at}" if at else ""
     text = f"The model is off by {errors.joints[at]:.3g} {unit}{where}, {times:.2g} times the noise floor"
     return text if np.isnan(errors.position_rms) else f"{text}, and by {errors.position_rms:.3g} rad in free run"
 

@@ -11,26 +11,24 @@ from estimators.findings import Finding, Kind
 from estimators.schemes.identification import Identification
 from estimators.signals.residual import SYMBOLS, Region
 from pendulum_env._typing import JSON
-from pendulum_env.arms.body import Body
 from pendulum_env.excitation import signal_json
 from pendulum_env.recording import NoteKind
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.words import listing, opening, per
+from pendulum_env.words import listing, opening
 from workbench.narrator.effects import name
 from workbench.narrator.findings import aim, describe
 from workbench.narrator.reasons import describe_reason
 
 FOR_DIAGNOSE = {Kind.INCOMPLETE, Kind.FRICTION_NEGATIVE}  # findings of `identify` that a diagnosis follows up
 COUNTABLE = 100.0  # standard errors, above which their number says nothing more
-SLIDING = {"rad": "m", "rad/s": "m/s", "N m": "N"}
 OUTLIERS = {Kind.OUTLIER_RECORDING, Kind.SCALED_INERTIA, Kind.SCALED_TORQUE, Kind.TURNED_ROUND}
 
 
-def describe_region(region: Region, unit: str = NEWTON_METRE) -> str:
+def describe_region(region: Region) -> str:
     """Describe the residual in a region; empty of one that stands out nowhere, with nothing more to say."""
-    texts = [] if region.cause is None else [describe(region.cause, unit)]
+    texts = [] if region.cause is None else [describe(region.cause)]
     if region.is_profiled:
-        texts.append(_describe_stretch(region, unit))
+        texts.append(_describe_stretch(region))
     text = " ".join(texts)
     if not region.held_out:
         return text
@@ -38,15 +36,14 @@ def describe_region(region: Region, unit: str = NEWTON_METRE) -> str:
     return f"{where}: {text[:1].lower()}{text[1:]}" if text else f"{where}, at no one speed, angle or time."
 
 
-def _describe_stretch(region: Region, unit: str) -> str:
+def _describe_stretch(region: Region) -> str:
     """Describe the residual in a stretch of a profile."""
-    quantity, force = ("force", "N") if region.slides else ("torque", unit)
-    axis_unit = per(SLIDING.get(region.unit, region.unit) if region.slides else region.unit, unit)
+    quantity, unit = region.units.name("torque"), region.units.unit(NEWTON_METRE)
     significance = f"{region.significance:.0f}" if region.significance <= COUNTABLE else f"more than {COUNTABLE:g}"
-    size, error = f"{abs(region.residual):.3g} {force}", f"({significance} standard errors)"
+    size, error = f"{abs(region.residual):.3g} {unit}", f"({significance} standard errors)"
     if region.axis == "frequency":
         return f"Around {0.5 * (region.low + region.high):.3g} Hz the residual oscillates by {size} {error}."
-    place = f"For {SYMBOLS[region.axis]} from {region.low:.3g} to {region.high:.3g} {axis_unit}"
+    place = f"For {SYMBOLS[region.axis]} from {region.low:.3g} to {region.high:.3g} {region.unit}"
     place = "Everywhere" if region.is_constant else place
     side = "more" if region.residual > 0 else "less"
     return f"{place} the joint needs {size} {side} {quantity} than the model says {error}."
@@ -54,16 +51,16 @@ def _describe_stretch(region: Region, unit: str) -> str:
 
 def describe_unexplained(found: Diagnosis, region: Region) -> str:
     """Describe what a diagnosis leaves unexplained in a region; of an arm at its joint, with its size."""
-    text = describe_region(region, found.torque_unit)
+    text = describe_region(region)
     if region.at not in found.left:
         return text
-    left = f"{found.left[region.at]:.2g} {found.body.worded(region.at, NEWTON_METRE)} at {region.at}"
+    left = f"{found.left[region.at]:.2g} {found.model.units(region.at).unit(NEWTON_METRE)} at {region.at}"
     return f"{left}; {text}" if text else left
 
 
-def describe_disagreement(found: Disagreement, unit: str = NEWTON_METRE) -> str:
+def describe_disagreement(found: Disagreement) -> str:
     """Describe how a recording disagrees with the others."""
-    return describe(found.finding, unit)
+    return describe(found.finding)
 
 
 def describe_alignment(found: Alignment) -> str | None:
@@ -113,11 +110,11 @@ def describe_treatment(found: TriedTreatment) -> str:
     )
 
 
-def describe_detectable(found: Detectable, unit: str = NEWTON_METRE) -> str:
+def describe_detectable(found: Detectable) -> str:
     """Return the sizes that would have shown: `above 0.05 N m`, `between -1.2 and 0.9 rad`."""
     if found.between is not None:
         return "between {:.3g} and {:.3g} rad".format(*found.between)
-    return f"above {found.above:.2g}{'' if found.unit == '1' else ' ' + per(found.unit, unit)}"
+    return f"above {found.above:.2g}{'' if found.unit == '1' else ' ' + found.unit}"
 
 
 def next_step(found: Diagnosis) -> str:
@@ -163,7 +160,7 @@ def warnings(found: Identification) -> list[str]:
     """List what an identification found besides its estimates, with the next step."""
     texts = []
     for finding in found.findings:
-        text = describe(finding, found.torque_unit)
+        text = describe(finding)
         text += " Run `diagnose`." if finding.kind in FOR_DIAGNOSE else ""
         text += " Leave it out, or find out what was changed." if finding.kind in OUTLIERS else ""
         texts.append(text)
@@ -180,37 +177,32 @@ def comparison_json(found: Comparison) -> JSON:
     """Return the content of the file of `compare --json`: results, and recordings that disagree in words."""
     data = found.json()
     for own, region in zip(data["regions"], found.regions, strict=True):
-        own["text"] = describe_region(region, found.torque_unit)
-    for own, disagreement in zip(data.get("disagreements", ()), found.disagreements, strict=True):
-        own["text"] = describe_disagreement(disagreement, found.torque_unit)
+        own["text"] = describe_region(region)
+    for own, disagreement in zip(data["disagreements"], found.disagreements, strict=True):
+        own["text"] = describe_disagreement(disagreement)
     return data
 
 
 def diagnosis_json(found: Diagnosis) -> JSON:
     """Return the content of the file of `diagnose --json`: results, findings, and these in words."""
-    unit, data = found.torque_unit, found.json()
+    data = found.json()
     for own, candidate in zip(data["candidates"], found.candidates, strict=True):
-        own["reason"] = describe_reason(candidate, unit)
+        own["reason"] = describe_reason(candidate)
     data["advice"] = advice(found)
     data["forbidden"] = None if found.forbidden is None else _describe(found, found.forbidden)
     for own, alignment in zip(data["alignments"], found.alignments, strict=True):
         own["text"] = describe_alignment(alignment)
-    if isinstance(found.body, Body):
-        for region in found.unexplained:
-            if region.at in data["regions"]:
-                data["regions"][region.at]["text"] = describe_region(region)
-        return data
     for own, region in zip(data["regions"], found.unexplained, strict=True):
-        own["text"] = describe_region(region, unit)
-    data["unexplained"]["where"] = "; ".join(own["text"] for own in data["regions"]) or None
+        own["text"] = describe_region(region)
+    data["unexplained"]["where"] = "; ".join(describe_unexplained(found, own) for own in found.unexplained) or None
     for own, disagreement in zip(data["disagreements"], found.disagreements, strict=True):
-        own["text"] = describe_disagreement(disagreement, unit)
+        own["text"] = describe_disagreement(disagreement)
     if found.suggestion is not None:
-        data["suggestion"]["text"] = describe_suggestion(found.suggestion, unit)
+        data["suggestion"]["text"] = describe_suggestion(found.suggestion, found.torque_unit)
     if found.by_torque is not None:
         data["by_torque"]["says"] = contradiction(found) if found.is_contradicted else None
     return data
 
 
 def _describe(found: Diagnosis, finding: Finding) -> str:
-    return describe(finding, found.torque_unit)
+    return describe(finding)

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity
 from pendulum_env.settings import setting
-from pendulum_env.words import listing, number_text, opening, per, plus_minus
+from pendulum_env.words import listing, number_text, opening, plus_minus
 from workbench.narrator.effects import description, name
 
 LOGGED = {"A": "a current", "V": "a voltage", "duty": "a duty cycle"}
@@ -20,23 +20,22 @@ PHRASES = {  # of violated bounds, by the name of their gate; others are paramet
     "dry_friction": "dry friction of {}, more than the torque that moved the joint",
 }
 GIVE_INERTIA = "Record faster reversals, or give its value (--fix inertia=VALUE)."
-LIMITS = {"torque": "N m", "angle": "rad", "speed": "rad/s"}
+LIMITS = ("torque", "angle", "speed")
 
 
-def describe(finding: Finding, unit: str = "N m") -> str:
+def describe(finding: Finding) -> str:
     """Describe a finding in one to three sentences.
 
     Args:
         finding: to describe.
-        unit: of the torque that is shown.
     """
-    return DESCRIBED[finding.kind](finding, unit)
+    return DESCRIBED[finding.kind](finding)
 
 
-def measure(quantity: Quantity, unit: str, digits: int = 3) -> str:
-    """Return a number with its standard error, if it has one, and its unit where torque is in `unit`."""
+def measure(quantity: Quantity, digits: int = 3) -> str:
+    """Return a number with its standard error, if it has one, and its unit."""
     value = plus_minus(quantity.value, quantity.std) if quantity.std else number_text(quantity.value, digits)
-    return f"{value} {per(quantity.unit, unit)}".rstrip()
+    return f"{value} {quantity.unit}".rstrip()
 
 
 def milliseconds(quantity: Quantity) -> str:
@@ -46,21 +45,21 @@ def milliseconds(quantity: Quantity) -> str:
     return f"{value:.{digits}f} ± {std:.{digits}f} ms"
 
 
-def _unidentifiable(found: Finding, unit: str) -> str:
+def _unidentifiable(found: Finding) -> str:
     names, first = listing(found.parameters), found.parameters[0].partition(".")[0]
     if not found.numbers:
         return f"The data do not determine {names}. Move all joints faster, wider and together."
-    best = ", ".join(measure(found.numbers[name], unit) for name in found.parameters)
+    best = ", ".join(measure(found.numbers[name]) for name in found.parameters)
     return (
         f"The data do not determine {names}: the best fit is {best}. "
         f"Record {description(first).informative_experiment}, at more frequencies."
     )
 
 
-def _constant(reason: Callable[[Finding], str]) -> Callable[[Finding, str], str]:
+def _constant(reason: Callable[[Finding], str]) -> Callable[[Finding], str]:
     """Describe why a torque constant is unknown."""
 
-    def sentence(found: Finding, unit: str) -> str:
+    def sentence(found: Finding) -> str:
         logged = found.numbers["torque_constant"].unit.partition("/")[2]
         name = "torque constant" if logged == "A" else "torque gain"
         return f"The {name} is unknown, and every parameter is per {logged}: {reason(found)}"
@@ -89,10 +88,10 @@ def _negative(found: Finding) -> str:
     )
 
 
-def _gear(cause: Callable[[Finding], str]) -> Callable[[Finding, str], str]:
+def _gear(cause: Callable[[Finding], str]) -> Callable[[Finding], str]:
     """Describe why the losses of a gear are part of the torque constant."""
 
-    def sentence(found: Finding, unit: str) -> str:
+    def sentence(found: Finding) -> str:
         constant = found.numbers["torque_constant"]
         name = "torque constant" if constant.unit.endswith("/A") else "torque gain"
         return (
@@ -103,7 +102,7 @@ def _gear(cause: Callable[[Finding], str]) -> Callable[[Finding, str], str]:
     return sentence
 
 
-def _back_emf(found: Finding, unit: str) -> str:
+def _back_emf(found: Finding) -> str:
     constant = found.numbers["back_emf"]
     logged = LOGGED[constant.unit.partition(" ")[0]]
     return (
@@ -117,10 +116,10 @@ def _of(found: Finding) -> str:
     return f"{listing(found.recordings)}: the" if found.recordings else "The"
 
 
-def _late(remedy: str, is_sampled: bool = False) -> Callable[[Finding, str], str]:
+def _late(remedy: str, is_sampled: bool = False) -> Callable[[Finding], str]:
     """Describe torque that is logged late or filtered."""
 
-    def sentence(found: Finding, unit: str) -> str:
+    def sentence(found: Finding) -> str:
         delay, lag = found.numbers.get("delay"), found.numbers.get("lag")
         law = ["logged half a sample late"] if is_sampled and not delay else []
         law += [f"logged {milliseconds(delay)} late"] if delay else []
@@ -133,10 +132,10 @@ def _late(remedy: str, is_sampled: bool = False) -> Callable[[Finding, str], str
 
 def describe_late(finding: Finding, remedy: str) -> str:
     """Describe torque that is logged late, with a remedy of one's own."""
-    return _late(remedy, is_sampled=finding.kind is Kind.TORQUE_SAMPLED)(finding, "N m")
+    return _late(remedy, is_sampled=finding.kind is Kind.TORQUE_SAMPLED)(finding)
 
 
-def _acts_late(found: Finding, unit: str) -> str:
+def _acts_late(found: Finding) -> str:
     delay = found.numbers.get("delay")
     law = (
         f"{milliseconds(delay)} after its time stamp"
@@ -159,11 +158,11 @@ def _rival(found: Finding) -> str:
     return ""
 
 
-def _feedback(remedy: str) -> Callable[[Finding, str], str]:
+def _feedback(remedy: str) -> Callable[[Finding], str]:
     """Describe torque that answers the motion."""
 
-    def sentence(found: Finding, unit: str) -> str:
-        gain = measure(found.numbers["gain"], unit, 2)
+    def sentence(found: Finding) -> str:
+        gain = measure(found.numbers["gain"], 2)
         return (
             f"{_of(found)} torque answers the motion ({gain} between samples), so reactions of a controller may be "
             f"taken for physics. {remedy}"
@@ -172,46 +171,43 @@ def _feedback(remedy: str) -> Callable[[Finding, str], str]:
     return sentence
 
 
-def _outlier(what: Callable[[Finding, str], str]) -> Callable[[Finding, str], str]:
+def _outlier(what: Callable[[Finding], str]) -> Callable[[Finding], str]:
     """Describe a recording of another plant."""
 
-    def sentence(found: Finding, unit: str) -> str:
+    def sentence(found: Finding) -> str:
         name, *others = found.recordings
         one = f"'{others[0]}'" if others else "the model"
         number = f"{found.numbers['number'].value:g}"
-        return (
-            f"Recording {number} ({name}) disagrees with {'the others' if len(others) > 1 else one}: "
-            f"{what(found, unit)}."
-        )
+        return f"Recording {number} ({name}) disagrees with {'the others' if len(others) > 1 else one}: {what(found)}."
 
     return sentence
 
 
-def _differences(found: Finding, unit: str) -> str:
+def _differences(found: Finding) -> str:
     parts = []
     for parameter in found.parameters:
         own, others = found.numbers[parameter], found.numbers[f"others.{parameter}"]
         share = (own.value - others.value) / max(abs(others.value), 1e-300)
         if abs(share) > 1:  # of a parameter near zero
-            parts.append(f"{parameter} {own.value:.3g} instead of {others.value:.3g} {per(own.unit, unit)}")
+            parts.append(f"{parameter} {own.value:.3g} instead of {others.value:.3g} {own.unit}")
         else:
             percent = float(f"{100 * abs(share):.2g}")
             parts.append(f"{parameter} {percent:g} % {'higher' if share > 0 else 'lower'}")
     return ", ".join(parts)
 
 
-def _misfit(found: Finding, unit: str) -> str:
-    left, times = measure(found.numbers["residual"], unit, 2), found.numbers["times"].value
+def _misfit(found: Finding) -> str:
+    left, times = measure(found.numbers["residual"], 2), found.numbers["times"].value
     return (
         f"no parameters fit it. The residual is {left}, {times:.2g} times the noise floor: something was changed, or "
         "an effect shows there only"
     )
 
 
-def _remedy(text: str, otherwise: str = "") -> Callable[[Finding, str], str]:
+def _remedy(text: str, otherwise: str = "") -> Callable[[Finding], str]:
     """Describe a column that was read wrongly, with the option that reads it rightly, ready to paste."""
 
-    def sentence(found: Finding, unit: str) -> str:
+    def sentence(found: Finding) -> str:
         options = [
             f"Read {'it' if len(found.remedies) == 1 else listing(own.recordings)} with "
             f"{setting('columns', own.columns)} instead."
@@ -222,7 +218,7 @@ def _remedy(text: str, otherwise: str = "") -> Callable[[Finding, str], str]:
     return sentence
 
 
-def _zero_shifted(found: Finding, unit: str) -> str:
+def _zero_shifted(found: Finding) -> str:
     angle = found.numbers["angle"]
     size, error = abs(np.degrees(angle.value)), np.degrees(angle.std)
     digits = int(np.clip(-np.floor(np.log10(max(error, 1e-9))), 0, 3))
@@ -230,10 +226,10 @@ def _zero_shifted(found: Finding, unit: str) -> str:
         f"The zero of the position is {size:.{digits}f} ± {error:.{digits}f} degrees off, or the base is tilted by "
         "that angle (gravity_tilt)"
     )
-    return _remedy(text)(found, unit)
+    return _remedy(text)(found)
 
 
-def _incomplete(found: Finding, unit: str) -> str:
+def _incomplete(found: Finding) -> str:
     parts = []
     if "residual" in found.numbers:
         size = f"{found.numbers['residual'].value:.2g} times the noise floor"
@@ -246,30 +242,30 @@ def _incomplete(found: Finding, unit: str) -> str:
     return f"The model is incomplete: {', and '.join(parts)}."
 
 
-def describe_violations(found: Finding, unit: str) -> list[str]:
+def describe_violations(found: Finding) -> list[str]:
     """Return phrases such as "a negative inertia" for violated physical bounds."""
-    numbers = {name: measure(found.numbers[name], unit) for name in found.parameters}
+    numbers = {name: measure(found.numbers[name]) for name in found.parameters}
     return [PHRASES.get(name, f"{name} = {{}}").format(number) for name, number in numbers.items()]
 
 
-def _impossible(found: Finding, unit: str) -> str:
-    violated = listing(describe_violations(found, unit))
+def _impossible(found: Finding) -> str:
+    violated = listing(describe_violations(found))
     return (
         f"The best fit is unphysical: it has {violated}. Check the signs of torque and position, or record a motion of "
         "more than one frequency."
     )
 
 
-def _servo_off(found: Finding, unit: str) -> str:
+def _servo_off(found: Finding) -> str:
     worst = found.numbers.get("worst")
-    most = "" if worst is None else f", most of it in {listing(found.recordings)} ({measure(worst, unit, 2)})"
+    most = "" if worst is None else f", most of it in {listing(found.recordings)} ({measure(worst, 2)})"
     return (
-        f"Simulated from its goal, the servo is off by {measure(found.numbers['error'], unit, 2)}, "
+        f"Simulated from its goal, the servo is off by {measure(found.numbers['error'], 2)}, "
         f"{found.numbers['times'].value:.2g} times the noise of the encoder{most}."
     )
 
 
-def _tied(found: Finding, unit: str) -> str:
+def _tied(found: Finding) -> str:
     text = f"{listing(found.effects)} look the same in these data"
     reveals = description(found.effects[-1]).informative_experiment
     return f"{text}. To tell them apart: {reveals}." if reveals else f"{text}."
@@ -277,7 +273,7 @@ def _tied(found: Finding, unit: str) -> str:
 
 def describe_untested(found: Finding) -> str:
     """Return the angles beyond which an effect was not tested, as a phrase."""
-    ends = {end: measure(found.numbers[end], "N m") for end in ("low", "high") if end in found.numbers}
+    ends = {end: measure(found.numbers[end]) for end in ("low", "high") if end in found.numbers}
     effect = name(found.effects[0]).removeprefix("a ")
     if len(ends) == 2:
         where = f"no {effect} was met from {ends['low']} to {ends['high']}"
@@ -294,7 +290,7 @@ def describe_law(found: Finding) -> str:
     return name(found.effects[0]) if power is None else f"friction that grows as |q'|^{power.value:.2g}"
 
 
-def _table_helps(found: Finding, unit: str) -> str:
+def _table_helps(found: Finding) -> str:
     first, *others = found.effects
     more = f" {listing(others)} would keep others." if others else ""
     return (
@@ -303,29 +299,29 @@ def _table_helps(found: Finding, unit: str) -> str:
     )
 
 
-def _fit_held_out(found: Finding, unit: str) -> str:
+def _fit_held_out(found: Finding) -> str:
     return f"The model explains the fitted data, but not the held-out data ({listing(found.recordings)}): fit both."
 
 
-def _fit_held_out_or_payload(found: Finding, unit: str) -> str:
+def _fit_held_out_or_payload(found: Finding) -> str:
     carried = "If the arm carried something there, `compare MODEL.json --payload` identifies it."
-    return f"{_fit_held_out(found, unit)} {carried}"
+    return f"{_fit_held_out(found)} {carried}"
 
 
-def _beyond_limits(found: Finding, unit: str) -> str:
+def _beyond_limits(found: Finding) -> str:
     aims = listing([aim(*pair) for pair in found.pairs], "or")
     place = found.numbers.get("place")
     there = "" if place is None else f" and go to {np.degrees(place.value):.0f} degrees, where most is left,"
     options = "--max-angle, --max-speed" + ", --max-torque" * ("torque" in found.numbers)  # without it, a free swing
     return (
-        f"No experiment within {limits_text(found.numbers, unit)} would {aims}{there}: allow more ({options}) if the "
+        f"No experiment within {limits_text(found.numbers)} would {aims}{there}: allow more ({options}) if the "
         "rig bears it."
     )
 
 
-def limits_text(numbers: Mapping[str, Quantity], unit: str) -> str:
+def limits_text(numbers: Mapping[str, Quantity]) -> str:
     """Name the limits of an experiment: `0.5 N m, 2 rad/s and the recorded angles`."""
-    given = [measure(numbers[name], unit) for name in LIMITS if name in numbers and np.isfinite(numbers[name].value)]
+    given = [measure(numbers[name]) for name in LIMITS if name in numbers and np.isfinite(numbers[name].value)]
     recorded = [f"{name}s" for name in ("angle", "speed") if name not in numbers]
     return listing([*given, *([f"the recorded {listing(recorded)}"] if recorded else [])])
 
@@ -340,33 +336,33 @@ CORRECTED = "It is corrected here; other commands correct it with --align."
 PLANNED = "Record the reference of the controller as well (column `reference`), or a torque that is planned."
 INSTRUMENTS = "--instruments reference keeps them out of the base model of `identify` and `diagnose`."
 
-DESCRIBED: Mapping[Kind, Callable[[Finding, str], str]] = {
-    Kind.NO_MOTION: lambda found, unit: (
+DESCRIBED: Mapping[Kind, Callable[[Finding], str]] = {
+    Kind.NO_MOTION: lambda found: (
         "The joint hardly moves, so no parameter can be identified. Record wider or faster motion."
     ),
-    Kind.TORQUE_IS_NOISE: lambda found, unit: (
+    Kind.TORQUE_IS_NOISE: lambda found: (
         "The torque is noise alone, so only ratios of parameters are known. Read the file without it (--columns "
         "torque=none)."
     ),
-    Kind.TORQUE_IS_CONSTANT: lambda found, unit: (
-        f"The torque is constant at {measure(found.numbers['torque'], unit, 3)}, and the motion does not follow it. "
+    Kind.TORQUE_IS_CONSTANT: lambda found: (
+        f"The torque is constant at {measure(found.numbers['torque'], 3)}, and the motion does not follow it. "
         "Read the file without it (--columns torque=none), or look for an offset."
     ),
-    Kind.ONE_DIRECTION: lambda found, unit: (
+    Kind.ONE_DIRECTION: lambda found: (
         "The velocity never changes sign, so coulomb and torque_offset cannot be told apart. Record both directions."
     ),
-    Kind.SMALL_ANGLES: lambda found, unit: (
-        f"The position stays small, within {measure(found.numbers['angle'], unit, 2)}: gravity and a spring look the "
+    Kind.SMALL_ANGLES: lambda found: (
+        f"The position stays small, within {measure(found.numbers['angle'], 2)}: gravity and a spring look the "
         "same. Record wider swings."
     ),
-    Kind.NEVER_ACTS: lambda found, unit: (
+    Kind.NEVER_ACTS: lambda found: (
         f"{listing(found.parameters)} never acts in these recordings. Record motion that reaches it."
     ),
-    Kind.INDISTINGUISHABLE: lambda found, unit: (
+    Kind.INDISTINGUISHABLE: lambda found: (
         f"{listing(found.parameters)} cannot be told apart: they act alike in these recordings."
     ),
     Kind.UNIDENTIFIABLE: _unidentifiable,
-    Kind.RELATIVE_TO_INERTIA: lambda found, unit: (
+    Kind.RELATIVE_TO_INERTIA: lambda found: (
         "No torque is applied: every parameter is relative to the inertia"
         f"{' of the joint with its known load' if found.recordings else ''}, which is 1. A known value makes them "
         'absolute (--fix inertia=VALUE, or `fixed={"inertia": VALUE}` in Python).'
@@ -408,37 +404,35 @@ DESCRIBED: Mapping[Kind, Callable[[Finding, str], str]] = {
     Kind.TORQUE_SAMPLED: _late(CORRECT_IT, is_sampled=True),
     Kind.TORQUE_SAMPLED_CORRECTED: _late(CORRECTED, is_sampled=True),
     Kind.ACTS_LATE: _acts_late,
-    Kind.TORQUE_CONSTANT: lambda found, unit: "The known loads give the torque constant.",
-    Kind.NARROWER_WINDOWS: lambda found, unit: f"The windows have {found.numbers['share'].value:g} of their length.",
-    Kind.IMPACTS_INCLUDED: lambda found, unit: "Windows with impacts at reversals are included.",
-    Kind.RECORDINGS_EXCLUDED: lambda found, unit: f"Left out: {listing(found.recordings)}.",
-    Kind.TIMED_BESIDE: lambda found, unit: f"Torque is timed beside {listing(found.effects)}.",
-    Kind.BACK_EMF_INCLUDED: lambda found, unit: "The base model has back-EMF.",
+    Kind.TORQUE_CONSTANT: lambda found: "The known loads give the torque constant.",
+    Kind.NARROWER_WINDOWS: lambda found: f"The windows have {found.numbers['share'].value:g} of their length.",
+    Kind.IMPACTS_INCLUDED: lambda found: "Windows with impacts at reversals are included.",
+    Kind.RECORDINGS_EXCLUDED: lambda found: f"Left out: {listing(found.recordings)}.",
+    Kind.TIMED_BESIDE: lambda found: f"Torque is timed beside {listing(found.effects)}.",
+    Kind.BACK_EMF_INCLUDED: lambda found: "The base model has back-EMF.",
     Kind.FEEDBACK: _feedback(PLANNED),
     Kind.FEEDBACK_WITH_REFERENCE: _feedback(INSTRUMENTS),
     Kind.OUTLIER_RECORDING: _outlier(_differences),
     Kind.SCALED_TORQUE: _outlier(
-        lambda found, unit: f"its torque is {found.numbers['factor'].value:.3g} times what the same motion takes there"
+        lambda found: f"its torque is {found.numbers['factor'].value:.3g} times what the same motion takes there"
     ),
-    Kind.SCALED_INERTIA: _outlier(
-        lambda found, unit: f"its inertia is {found.numbers['factor'].value:.3g} times that there"
-    ),
-    Kind.TURNED_ROUND: _outlier(lambda found, unit: "torque or position has the opposite sign in it"),
+    Kind.SCALED_INERTIA: _outlier(lambda found: f"its inertia is {found.numbers['factor'].value:.3g} times that there"),
+    Kind.TURNED_ROUND: _outlier(lambda found: "torque or position has the opposite sign in it"),
     Kind.MISFIT: _outlier(_misfit),
-    Kind.FEW_STRETCHES: lambda found, unit: (
+    Kind.FEW_STRETCHES: lambda found: (
         f"Only {found.numbers['count'].value:g} stretches of motion are clear of stick and reversals, and many effects "
         "would not show. Record longer, faster or wider motion."
     ),
-    Kind.FILTER_SLOWED: lambda found, unit: (
+    Kind.FILTER_SLOWED: lambda found: (
         f"At {found.numbers['rate'].value:.4g} Hz the filters would pass everything: their cutoff is lowered to "
         f"{found.numbers['rate'].value:.4g} rad/s."
     ),
-    Kind.SPEED_RATE_UNKNOWN: lambda found, unit: (
+    Kind.SPEED_RATE_UNKNOWN: lambda found: (
         "If the drive computes its speed from two readings of its encoder, give the rate of the readings (`rate`). At "
         f"{found.numbers['rate'].value:g} readings a second, the inertia is "
-        f"{measure(found.numbers['inertia'], unit, 2)} larger than stated here."
+        f"{measure(found.numbers['inertia'], 2)} larger than stated here."
     ),
-    Kind.TORQUE_SCALED: lambda found, unit: (
+    Kind.TORQUE_SCALED: lambda found: (
         f"The logged torque is {found.numbers['factor'].value:.2f} times the torque that the described drive asks for, "
         "and all parameters are by the drive. Check its gains and limit, and the unit of the torque column."
     ),
@@ -452,39 +446,39 @@ DESCRIBED: Mapping[Kind, Callable[[Finding, str], str]] = {
     Kind.ZERO_UPRIGHT: _remedy(
         "The gravity came out negative: position 0 seems to be the upright position, and must be the hanging one"
     ),
-    Kind.GRAVITY_BESIDE_SPRING: lambda found, unit: (
+    Kind.GRAVITY_BESIDE_SPRING: lambda found: (
         "The gravity came out negative beside a spring: the two cancel, and neither is meaningful."
     ),
-    Kind.FRICTION_NEGATIVE: lambda found, unit: (
+    Kind.FRICTION_NEGATIVE: lambda found: (
         f"{listing(found.parameters)} came out negative, and no friction drives: another law acts in its place."
     ),
     Kind.INCOMPLETE: _incomplete,
     Kind.TIED: _tied,
-    Kind.UNTESTED_RANGE: lambda found, unit: f"{opening(describe_untested(found))}.",
+    Kind.UNTESTED_RANGE: lambda found: f"{opening(describe_untested(found))}.",
     Kind.IMPOSSIBLE: _impossible,
-    Kind.TABLE_EXPLAINS: lambda found, unit: (
+    Kind.TABLE_EXPLAINS: lambda found: (
         f"{opening(describe_law(found))} would explain most of the residual, and no effect of the library is that law."
     ),
-    Kind.NEAR_REVERSALS: lambda found, unit: (
+    Kind.NEAR_REVERSALS: lambda found: (
         "The torque fits where the joint moves freely, but free-running simulation errs by "
-        f"{measure(found.numbers['error'], unit, 2)}: something acts near reversals or at rest."
+        f"{measure(found.numbers['error'], 2)}: something acts near reversals or at rest."
     ),
-    Kind.NOWHERE: lambda found, unit: (
-        f"The residual is {measure(found.numbers['residual'], unit, 2)}, {found.numbers['times'].value:.2g} times the "
+    Kind.NOWHERE: lambda found: (
+        f"The residual is {measure(found.numbers['residual'], 2)}, {found.numbers['times'].value:.2g} times the "
         "noise floor, at no one speed, angle or time: something acts faster than the windows resolve, or rarely."
     ),
     Kind.SERVO_OFF: _servo_off,
     Kind.TABLE_HELPS: _table_helps,
-    Kind.NO_EFFECT_OPEN: lambda found, unit: (
+    Kind.NO_EFFECT_OPEN: lambda found: (
         "No library effect explains the rest of the residual. Write your own effect, or keep a table."
     ),
     Kind.FIT_HELD_OUT: _fit_held_out,
     Kind.FIT_HELD_OUT_OR_PAYLOAD: _fit_held_out_or_payload,
-    Kind.INERTIA_UNKNOWN: lambda found, unit: (
+    Kind.INERTIA_UNKNOWN: lambda found: (
         f"The motion of an experiment cannot be predicted without the inertia. {GIVE_INERTIA}"
     ),
     Kind.BEYOND_LIMITS: _beyond_limits,
-    Kind.CHECK_DRIVE: lambda found, unit: (
+    Kind.CHECK_DRIVE: lambda found: (
         "No effect that was tried explains the residual. Check the gains and limits of the drive, and record under "
         "more gains."
     ),

@@ -31,7 +31,7 @@ from pendulum_env.notebook import (
 from pendulum_env.notebook import headline as headlines
 from pendulum_env.recording import Note
 from pendulum_env.recording.record import Recording, TorqueConstant
-from pendulum_env.words import Table, listing, opening, per, unit
+from pendulum_env.words import Table, listing, opening, unit
 from workbench.narrator import comparison
 from workbench.narrator.addition import describe_addition
 from workbench.narrator.diagnosis import advice, headline, next_step, remarks, warnings
@@ -131,7 +131,7 @@ def _settling(results: Sequence[Identified]) -> list[Html]:
         middle = float(np.median([curve.values[-1] for curve in curves]))
         settled = np.concatenate([curve.values[late] for curve in curves])
         reach = 1.6 * max(float(np.abs(settled - middle).max()), 0.005 * abs(middle), 1e-12)
-        label = f"{column.name} [{unit(per(column.unit, results[0].model.torque_unit)) or '1'}] over {time[-1]:.3g} s"
+        label = f"{column.name} [{unit(results[0].model.units().unit(column.unit)) or '1'}] over {time[-1]:.3g} s"
         plots.append(plot(label, time, curves, span=(middle - reach, middle + reach)))
     return plots
 
@@ -148,7 +148,7 @@ def show_comparison(found: Comparison) -> str:
     plots = [
         plot(
             f"{'amplitude of the' if item.axis == 'frequency' else 'mean'} residual torque [{found.torque_unit}] "
-            f"over {item.axis}, {item.edges[0]:.3g} to {item.edges[-1]:.3g} {per(item.unit, found.torque_unit)}",
+            f"over {item.axis}, {item.edges[0]:.3g} to {item.edges[-1]:.3g} {item.unit}",
             0.5 * (item.edges[1:] + item.edges[:-1]),
             [Curve(item.mean, ORANGE)],
             noise=2 * item.error,
@@ -170,7 +170,7 @@ def show_diagnosis(found: Diagnosis) -> str:
     laws = tuple(found.laws)
     texts = (next_step(found), *remarks(found)) if found.candidates else tuple(advice(found))
     parts = [
-        *disagreeing(found.disagreements, found.torque_unit),
+        *disagreeing(found.disagreements),
         *sorted(of_diagnosis(found), key=lambda part: not part.brief),
         *([Part("What to do next", [texts])] if texts else []),
     ]

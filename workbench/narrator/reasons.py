@@ -4,8 +4,7 @@ from collections.abc import Mapping
 
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity
-from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.words import listing, number_text, per
+from pendulum_env.words import listing, number_text
 from workbench.narrator.effects import description
 from workbench.narrator.findings import describe_law, describe_untested, describe_violations, measure
 
@@ -35,21 +34,21 @@ HELD_OUT = {
 FALLS = {"in_loop": "in the loop", "torque_rms": "torque", "position_rms": "free-running position"}
 
 
-def describe_reason(candidate: Candidate, unit: str = NEWTON_METRE) -> str:
+def describe_reason(candidate: Candidate) -> str:
     """Return the reason for the verdict on a candidate, as a phrase."""
     found = candidate.reason
     if found.kind not in (Kind.NOT_TESTED, Kind.NOT_EXCITED):
-        return describe_objection(found, unit)
+        return describe_objection(found)
     needed = description(candidate.effect).informative_experiment
     text = "these data hardly depend on it" if found.kind is Kind.NOT_EXCITED else describe_untested(found)
     return f"{text}; it needs {needed}" if needed else text
 
 
-def describe_objection(found: Finding, unit: str = NEWTON_METRE) -> str:
+def describe_objection(found: Finding) -> str:
     """Return what speaks for or against an effect, as a phrase."""
     match found.kind:
         case Kind.ERRORS_FALL:
-            return f"lowers the held-out {_fall(found.numbers, unit)}"
+            return f"lowers the held-out {_fall(found.numbers)}"
         case Kind.ERROR_FALLS_AT_JOINT:
             joints, share = listing(found.joints), found.numbers["share"].value
             return f"lowers the held-out torque error of {joints} to {share:.1%}"
@@ -65,21 +64,21 @@ def describe_objection(found: Finding, unit: str = NEWTON_METRE) -> str:
             return "predicts no better with shorter steps of the integrator: it made up for long ones"
         case Kind.BY_CHANCE:
             return "lowers the held-out errors by no more than chance would"
-    return _gate(found, unit)
+    return _gate(found)
 
 
-def _fall(numbers: Mapping[str, Quantity], unit: str) -> str:
+def _fall(numbers: Mapping[str, Quantity]) -> str:
     """Return the errors before and after."""
 
     def change(kind: str) -> str:
         before, after = (numbers[f"{kind}.{end}"] for end in ("before", "after"))
-        return f"{number_text(before.value, 3)} -> {measure(after, unit)}"
+        return f"{number_text(before.value, 3)} -> {measure(after)}"
 
     kinds = [name.removesuffix(".after") for name in numbers if name.endswith(".after")]
     return f"errors: {', '.join(f'{FALLS[kind]} {change(kind)}' for kind in kinds)}"
 
 
-def _gate(found: Finding, unit: str) -> str:
+def _gate(found: Finding) -> str:
     """Return the gate that an effect failed."""
     name, _, at = found.parameters[0].partition("@")
     value, limit = found.numbers[found.parameters[0]], found.numbers[f"limit.{found.parameters[0]}"]
@@ -99,6 +98,6 @@ def _gate(found: Finding, unit: str) -> str:
     if name == "gravity_sign":
         return "fits only with negative gravity: both terms cancel and imitate a third law"
     if name in HELD_OUT:
-        falls = f"({limit.value:.3g} -> {value.value:.3g} {per(value.unit, unit)})"
+        falls = f"({limit.value:.3g} -> {value.value:.3g} {value.unit})"
         return f"does not lower the held-out {HELD_OUT[name]} {falls}{f' at {at}' if at else ''}"
-    return f"would mean {listing(describe_violations(found, unit))}, which no body has"
+    return f"would mean {listing(describe_violations(found))}, which no body has"

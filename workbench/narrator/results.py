@@ -16,10 +16,10 @@ from estimators.selection.errors import Errors, Step
 from estimators.signals.residual import SYMBOLS, Profile
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model
-from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.model_card import parameters_table
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.words import Table, bar, listing, number_text, per
+from pendulum_env.units import JointUnits
+from pendulum_env.words import Table, bar, listing, number_text
 from workbench.narrator.addition import ERRORS, describe_addition, describe_table
 from workbench.narrator.comparison import caveat, errors_in_loop
 from workbench.narrator.diagnosis import (
@@ -38,7 +38,6 @@ SCORE = (
     "score: probability that an effect is what the data call for at its place; nats: logarithm of how many times "
     "likelier it makes data that it was not fitted to"
 )
-_DISTANCES = ("recording", "torque [N m]", "fit [%]", "noise floor [N m]", "free-running position [rad]", "fit [%]")
 _IN_LOOP = ("in the loop, mean [rad]", "RMS [rad]")
 FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
 TIMES = "errors, times the least"  # a row that tells which schemes to trust
@@ -61,7 +60,7 @@ def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[P
     """A diagnosis, with the candidates that matter or every one; `how` the others are shown."""
     unit = found.torque_unit
     if not found.body.can_simulate:
-        table = joints_table(ends(found.steps), found.floors, found.body)
+        table = joints_table(ends(found.steps), found.floors, found.model)
         errors = Part(f"Torque errors on held-out data, {CLEAR}", [table])
     else:
         noise = noise_text(found.noise_floor, found.is_in_loop, unit)
@@ -69,10 +68,10 @@ def of_diagnosis(found: Diagnosis, every: bool = False, how: str = "") -> list[P
     parts = [
         errors,
         Part("Parameters", [parameters_table(found.model), *([BIASED] if found.unexplained else [])]),
-        judged(found.candidates, every, how, unit),
+        judged(found.candidates, every, how),
     ]
     if found.detectable:
-        parts.append(Part("What would have shown", [detectable_table(found.detectable, unit)], brief=False))
+        parts.append(Part("What would have shown", [detectable_table(found.detectable)], brief=False))
     if treatments := tuple(describe_treatment(one) for one in found.treatments):
         parts.append(Part("Treatments of the recordings that were tried", [treatments], brief=False))
     if left := tuple(describe_unexplained(found, region) for region in found.unexplained):
@@ -85,26 +84,19 @@ def ends(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors, Errors]:
     return steps[0].errors[part], steps[-1].errors[part]
 
 
-def judged(candidates: Sequence[Candidate], every: bool, how: str = "", unit: str = NEWTON_METRE) -> Part:
+def judged(candidates: Sequence[Candidate], every: bool, how: str = "") -> Part:
     """The candidates that matter or every one, with the meaning of their score, and the gates that they met."""
-    ranking, more = candidates_table(candidates, every, unit)
+    ranking, more = candidates_table(candidates, every)
     shown = {row[0] for row in ranking.rows}
-    gates = [
-        (one.effect, *(per(cell, unit) for cell in gate.cells))
-        for one in candidates
-        if one.effect in shown
-        for gate in one.gates
-    ]
+    gates = [(one.effect, *gate.cells) for one in candidates if one.effect in shown for gate in one.gates]
     table = Table(("effect", "gate", "value", "limit", "result"), gates, left=("gate", "result"))
     more_text = [f"and {more}{how}"] if more else []
     return Part("Candidates", [ranking, *more_text, SCORE, *([table] if gates else [])], brief=False)
 
 
-def disagreeing(found: Sequence[Disagreement], unit: str = NEWTON_METRE) -> list[Part]:
+def disagreeing(found: Sequence[Disagreement]) -> list[Part]:
     """Recordings that show another plant than the others, if there are any."""
-    return (
-        [Part("Recordings that disagree", [tuple(describe_disagreement(one, unit) for one in found)])] if found else []
-    )
+    return [Part("Recordings that disagree", [tuple(describe_disagreement(one) for one in found)])] if found else []
 
 
 def of_addition(found: Addition) -> list[Part]:
@@ -118,13 +110,13 @@ def of_addition(found: Addition) -> list[Part]:
             f"what is left is {found.left:.1f} times the noise floor: something else is missing, `diagnose` ranks what"
         )
     if found.doubt is not None:
-        sentences.append(f"warning: {describe(found.doubt, found.model.torque_unit)}")
+        sentences.append(f"warning: {describe(found.doubt)}")
     title, steps, parameters = "the model refitted without and with the effect", (found.before, found.after), []
     parameters = [Part("Parameters", [parameters_table(found.model)])]
     body = found.model.body
     if body.can_simulate:
         return [Part(f"Errors, {title}", [errors_table(steps, found.model.torque_unit), *sentences]), *parameters]
-    fitted, unseen = (joints_table(ends(steps, part), found.floors, body) for part in ("train", "holdout"))
+    fitted, unseen = (joints_table(ends(steps, part), found.floors, found.model) for part in ("train", "holdout"))
     return [
         Part(f"Torque errors on fitted data, {title}", [fitted]),
         Part(f"Torque errors on held-out data, {title}", [unseen, *sentences]),
@@ -135,13 +127,13 @@ def of_addition(found: Addition) -> list[Part]:
 def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
     """Errors of a model, and where it fails: a profile as a table, unless it is drawn."""
     body, several = found.model.body, len(found.distances)
-    regions = [(own.at, describe_region(own, found.torque_unit)) for own in found.regions]
+    regions = [(own.at, describe_region(own)) for own in found.regions]
     texts = [f"{at}: {text}" if at else text for at, text in regions]
     where: list[Table | str | tuple[str, ...]] = [tuple(texts)]
     axes = [region.axis for region in found.regions if region.axis != "frequency"]
     profile = next((item for axis in axes for item in found.profiles if item.axis == axis), None)
     if profile is not None and not is_drawn:
-        where.append(profile_table(profile, found.torque_unit))
+        where.append(profile_table(profile))
     if len(found.regions) > 1:
         where.append("regions of different quantities may be of the same moments")
     if found.regions:
@@ -161,19 +153,16 @@ def of_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
     table = distances_table(found)
     if not body.can_simulate:
         title = f"Torque errors, {CLEAR}"
-        table = joints_table((found.joint.errors,), found.joint.floors, body, ("torque error",))
+        table = joints_table((found.joint.errors,), found.joint.floors, found.model, ("torque error",))
     return [
         Part(title, [table, *in_words]),
-        *disagreeing(found.disagreements, found.torque_unit),
+        *disagreeing(found.disagreements),
         Part(f"Where, all {several} recordings together" if several > 1 else "Where", where),
     ]
 
 
 def joints_table(
-    columns: Sequence[Errors],
-    floors: Mapping[str, float],
-    body: Mechanism,
-    headers: Sequence[str] = ("before", "after"),
+    columns: Sequence[Errors], floors: Mapping[str, float], model: Model, headers: Sequence[str] = ("before", "after")
 ) -> Table:
     """A row a joint: torque errors of models, what noise alone leaves, and the share of the torque that is left."""
     rows = [
@@ -181,7 +170,7 @@ def joints_table(
             at,
             *(f"{errors.joints[at]:.4g}" for errors in columns),
             f"{floors[at]:.4g}",
-            body.worded(at, NEWTON_METRE),
+            model.units(at).unit(NEWTON_METRE),
             "" if share is None else f"{100 * share:.2g} %",
         )
         for at, share in columns[-1].shares.items()
@@ -194,7 +183,7 @@ def errors_table(steps: Sequence[Step], torque_unit: str = NEWTON_METRE) -> Tabl
     base = steps[0].errors["holdout"]
     headers, rows = ["model"], [["as it was" if step.added is None else f"+ {step.added}"] for step in steps]
     for kind, unit in base.kinds.items():
-        what, unit = ERRORS[kind], per(unit, torque_unit)
+        what, unit = ERRORS[kind], JointUnits(torque_unit).unit(unit)
         headers += [f"{what}, fitted [{unit}]", f"{what}, held out [{unit}]", "ratio"]
         for row, step in zip(rows, steps, strict=True):
             train, holdout = (getattr(step.errors[part], kind) for part in ("train", "holdout"))
@@ -216,9 +205,7 @@ def fit_text(steps: Sequence[Step]) -> str:
     return f"fit of what was held out: torque {torque}, position {position}"
 
 
-def candidates_table(
-    candidates: Sequence[Candidate], every: bool = False, unit: str = NEWTON_METRE
-) -> tuple[Table, str]:
+def candidates_table(candidates: Sequence[Candidate], every: bool = False) -> tuple[Table, str]:
     """The candidates that matter, or all, and in words which ones are not shown; empty if none.
 
     Those that matter are all but the less likely of those left out.
@@ -227,8 +214,7 @@ def candidates_table(
     rest = [c for c in candidates if c not in settled]
     shown, hidden = (rest, []) if every else (rest[:RUNNERS_UP], rest[RUNNERS_UP:])
     rows = [
-        (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", describe_reason(c, unit))
-        for c in (*settled, *shown)
+        (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", describe_reason(c)) for c in (*settled, *shown)
     ]
     blind = [c.effect for c in hidden if c.verdict is Verdict.NOT_EXCITED]
     worse = len(hidden) - len(blind)
@@ -237,11 +223,11 @@ def candidates_table(
     return Table(("effect", "verdict", "score", "reason"), rows, left=("verdict", "reason")), " and ".join(parts)
 
 
-def detectable_table(found: Sequence[Detectable], unit: str = NEWTON_METRE) -> Table:
+def detectable_table(found: Sequence[Detectable]) -> Table:
     """From which size on effects would have shown."""
     return Table(
         ("effect", "would have shown"),
-        [(one.effect, describe_detectable(one, unit)) for one in found],
+        [(one.effect, describe_detectable(one)) for one in found],
         left=("would have shown",),
     )
 
@@ -262,7 +248,7 @@ def schemes_table(found: Identification, by_instruments: Model | None = None) ->
     """Tabulate the estimates of every scheme, one a row, and those by instruments last; of an arm one a column."""
     if isinstance(found.body, Body):
         return parameters_by_scheme(found)
-    columns = next(iter(found.schemes.values())).model.columns
+    columns, units = next(iter(found.schemes.values())).model.columns, JointUnits(found.torque_unit)
     names = [column.name for column in columns]
     rows = []
     for id, result in found.schemes.items():
@@ -271,9 +257,7 @@ def schemes_table(found: Identification, by_instruments: Model | None = None) ->
     if by_instruments is not None:
         shown = by_instruments.withholding({name for own in found.findings for name in own.withheld})
         rows.append(("instruments", *(shown.estimates[name].text for name in names), ""))
-    return Table(
-        ("scheme", *(f"{column.name} [{per(column.unit, found.torque_unit)}]" for column in columns), "residual"), rows
-    )
+    return Table(("scheme", *(f"{column.name} [{units.unit(column.unit)}]" for column in columns), "residual"), rows)
 
 
 def trust_text(shown: Table) -> str:
@@ -302,9 +286,12 @@ def kin(scheme: str, otherwise: int = 0) -> tuple[int, bool]:
 def distances_table(found: Comparison) -> Table:
     """Errors of a model on every recording, and on all together if there are several."""
     distances = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances
+    unit = found.torque_unit
+    errors = (f"torque [{unit}]", "fit [%]", f"noise floor [{unit}]", "free-running position [rad]", "fit [%]")
     return Table(
         (
-            *(header.replace(NEWTON_METRE, found.torque_unit) for header in _DISTANCES),
+            "recording",
+            *errors,
             *(_IN_LOOP if found.joint.errors.is_in_loop else ()),
         ),
         [
@@ -322,16 +309,15 @@ def distances_table(found: Comparison) -> Table:
     )
 
 
-def profile_table(profile: Profile, unit: str = NEWTON_METRE) -> Table:
+def profile_table(profile: Profile) -> Table:
     """Mean residual over one quantity, with bars to either side of zero."""
     largest = float(np.abs(profile.mean).max()) or 1.0
     rows = [
         (f"{low:.3g} to {high:.3g}", f"{mean:.3g}", _to_either_side(mean / largest))
         for (low, high), mean in zip(pairwise(profile.edges), profile.mean.tolist(), strict=True)
     ]
-    return Table(
-        (f"{SYMBOLS[profile.axis]} [{per(profile.unit, unit)}]", f"mean residual [{unit}]", ""), rows, left=("",)
-    )
+    unit = profile.units.unit(NEWTON_METRE)
+    return Table((f"{SYMBOLS[profile.axis]} [{profile.unit}]", f"mean residual [{unit}]", ""), rows, left=("",))
 
 
 def _to_either_side(share: float, width: int = 12) -> str:

@@ -1,16 +1,13 @@
 """The report of an arm: errors joint by joint, where each joint's torque is not the model's, and parameters."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 
 import numpy as np
 
-from estimators.comparison import of_joints
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.result import Diagnosis
 from estimators.signals.residual import REGIONS, profiles
 from estimators.weak_form.torque_windows import NEGLIGIBLE
-from pendulum_env.arms.joints import links_of
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import percent
 from workbench.narrator.diagnosis import describe_region, headline, next_step
@@ -44,14 +41,17 @@ def joints(
 ) -> Section:
     """Torque errors of every joint under each model, on the data that `measured` names, and what a diagnosis found."""
     final = models[-1][2].model
-    body = links_of(final.terms)
+    errors = [step.errors["holdout"] for _, _, step in models]
     selected, left = (found.selected, found.left.items()) if found is not None else ((), ())
     content = {
         "measured": measured,
         "labels": [label for label, _, _ in models],
-        "rows": list(zip(*(of_joints(step.errors["holdout"], floors, body) for _, _, step in models), strict=True)),
+        "rows": [
+            (at, [own.joints[at] for own in errors], floors[at], final.units(at).unit(NEWTON_METRE), share)
+            for at, share in errors[-1].shares.items()
+        ],
         "laws": [(own.id, own.law, final.of(own.id)) for own in final.terms if own.id in selected],
-        "unexplained": [(joint, size, body.worded(joint, NEWTON_METRE)) for joint, size in left],
+        "unexplained": [(joint, size, final.units(joint).unit(NEWTON_METRE)) for joint, size in left],
         "next_step": next_step(found) if found is not None else "",
     }
     return Section("joints", "Result", headline, content)
@@ -60,19 +60,17 @@ def joints(
 def strips(models: Sequence[Drawn], prepared: RegressionData) -> Section:
     """One strip of plots a joint: mean residual over angle, velocity and time, of each model."""
     curves, data = [(label, color) for label, color, _ in models], prepared.data
-    body = links_of(models[-1][2].model.terms)
     residuals = [prepared.residual(step.model.terms, step.model.theta) for _, _, step in models]
     found, standing = [], [False] * len(residuals)
     for k, joint in enumerate(data.joints):
-        x, noise, in_units = data.part(joint).samples, prepared.floors[joint], partial(body.worded, joint)
-        maps = [profiles(x, left[data.where(joint)], noise, SHOWN) for left in residuals]
+        x, noise, units = data.part(joint).samples, prepared.floors[joint], prepared.units(joint)
+        maps = [profiles(x, left[data.where(joint)], noise, SHOWN, units) for left in residuals]
         regions = [prepared.stand_out(left, joint, SHOWN) for left in residuals]
         standing = [seen or bool(own) for seen, own in zip(standing, regions, strict=True)]
         reach = 1.08 * max(float(np.abs(item.mean).max()) for own in maps for item in own)
         still = regions[-1] if len(maps) > 1 else []
         figures = [
-            profile_figure(curves, drawn, regions[0], still, reach, f"joint-{k}", in_units)
-            for drawn in zip(*maps, strict=True)
+            profile_figure(curves, drawn, regions[0], still, reach, f"joint-{k}") for drawn in zip(*maps, strict=True)
         ]
         standing_out = [
             {"label": label, "regions": [describe_region(region) for region in own]}

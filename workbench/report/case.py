@@ -13,6 +13,7 @@ from estimators.schemes.six import SCHEMES
 from estimators.selection.errors import Step
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
+from pendulum_env.units import JointUnits
 
 Drawn = tuple[str, str, Step]  # how the page calls a model, the colour of its curves, and its errors
 
@@ -49,6 +50,11 @@ class Case:
     def models(self) -> list[tuple[str, str, Model]]:
         """Label, colour and model of what is drawn, see `ends`."""
         return [(label, color, step.model) for label, color, step in ends(self.diagnosis.steps, self.first)]
+
+    @property
+    def units(self) -> JointUnits:
+        """JointUnits that stands for the torque; of an arm that of a joint that turns."""
+        return self.diagnosis.model.units()
 
     @property
     def drawn(self) -> list[tuple[str, str]]:

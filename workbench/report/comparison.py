@@ -51,7 +51,7 @@ def torque_figure(
     x, (measured, *left) = broken(time, thin(residuals[0]), torque, *residuals)
     modelled = [measured - residual for residual in left]
     label = f"Measured and modelled torque over time, and their difference, {of}"
-    names = ("torque", "residual", "N m")
+    names = ("torque", "residual", case.units.unit("N m"))
     figure = before_and_after(id, label, x, measured, case.drawn, modelled, left, names, case.is_incomplete)
     figure.data.insert(0, band(time[[0, -1]], np.full(2, 2 * noise), "noise (±2σ)", yaxis="y2"))
     return figure

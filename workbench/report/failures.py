@@ -1,21 +1,23 @@
 """Where the model fails: its residual over angle, velocity, torque, time and frequency, and in the phase plane."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from estimators.figure import Figure, axis, band, line, numbers
 from estimators.signals.residual import REGIONS, WITHIN, Profile, Region, profiles, stand_out, wrapped
 from pendulum_env._typing import JSON, Array
+from pendulum_env.physics import Samples
+from pendulum_env.units import JointUnits
 from workbench.report.case import Case
 from workbench.report.section import Section
 
-TITLES = {
-    "position": "angle q [rad]",
-    "velocity": "velocity q' [rad/s]",
-    "torque": "torque τ [N m]",
-    "time": "time t [s]",
-    "frequency": "frequency [Hz]",
+TITLES = {  # name and symbol of an axis
+    "position": ("angle", " q"),
+    "velocity": ("velocity", " q'"),
+    "torque": ("torque", " τ"),
+    "time": ("time", " t"),
+    "frequency": ("frequency", ""),
 }
 AROUND = "angle q, wrapped [rad]"
 QUARTERS = {"tickvals": [-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], "ticktext": ["−π", "−π/2", "0", "π/2", "π"]}
@@ -27,12 +29,12 @@ def failures(case: Case) -> Section:
     """Residual maps of the base model beside the final one, on the data that were fitted."""
     prepared, noise = case.data.parts[0], case.diagnosis.noise_floor
     residuals = case.residuals(prepared)
-    maps = [profiles(prepared.samples, residual, noise) for residual in residuals]
-    regions = stand_out(prepared.samples, residuals[0], noise)
+    maps = [profiles(prepared.samples, residual, noise, units=case.units) for residual in residuals]
+    regions = stand_out(prepared.samples, residuals[0], noise, units=case.units)
     curves = [(label, color) for label, color, _ in case.models]
     still = case.diagnosis.unexplained if case.diagnosis.selected else ()
     reach = 1.08 * max(float(np.max(np.abs(item.mean))) for drawn in maps for item in drawn if item.axis != "frequency")
-    drawn = zip(case.models, planes(prepared.samples.position, prepared.samples.velocity, residuals), strict=True)
+    drawn = zip(case.models, planes(prepared.samples, residuals, case.units), strict=True)
     about = "Mean residual torque in the plane of angle and velocity"
     content = {
         "first": case.first,
@@ -68,28 +70,26 @@ def profile_figure(
     still: Sequence[Region],
     reach: float,
     name: str = "profile",
-    said: Callable[[str], str] = str,
 ) -> Figure:
     """Mean residual of each model over one quantity up to `reach` [N m], noise band, and regions that stand out.
 
     These are `regions` under the first model, and `still` under the last one, if it is another. `name` is before the
-    axis in the figure's id, and `said` is a unit as it is for the joint.
+    axis in the figure's id.
     """
-    first = drawn[0]
+    first, unit = drawn[0], drawn[0].units.unit("N m")
     middle = 0.5 * (first.edges[1:] + first.edges[:-1])
     oscillates = first.axis == "frequency"
     data = [band(middle, REGIONS.stands_out * first.error, f"noise (±{REGIONS.stands_out:g}σ)")]
     for (label, color), profile in zip(curves, drawn, strict=True):
-        data.append(
-            line(middle, profile.mean, label, color, said("N m"), mode="lines" if oscillates else "lines+markers")
-        )
+        data.append(line(middle, profile.mean, label, color, unit, mode="lines" if oscillates else "lines+markers"))
     half = 0.5 if still else 0.0  # both kinds of stripe share the height
     shapes = [stripe(r, "--region", half, 1.0) for r in regions if r.axis == first.axis]
     shapes += [stripe(r, "--open", 0.0, half) for r in still if r.axis == first.axis]
-    title = AROUND if first.unit == WITHIN else TITLES.get(first.axis, f"{first.axis} [{first.unit}]")
-    what = said("amplitude [N m]" if oscillates else "mean residual [N m]")
+    quantity, symbol = TITLES[first.axis]
+    title = AROUND if first.unit == WITHIN else f"{first.units.name(quantity)}{symbol} [{first.unit}]"
+    what = f"{'amplitude' if oscillates else 'mean residual'} [{unit}]"
     layout: JSON = {
-        "xaxis": axis(said(title), **(QUARTERS if first.unit == WITHIN else {})),
+        "xaxis": axis(title, **(QUARTERS if first.unit == WITHIN else {})),
         "yaxis": axis(what, **({"rangemode": "tozero"} if oscillates else {"range": [-reach, reach]})),
         "shapes": shapes,
         "showlegend": False,
@@ -115,9 +115,9 @@ def stripe(region: Region, color: str, low: float, high: float) -> JSON:
     }
 
 
-def planes(position: Array, velocity: Array, residuals: Sequence[Array]) -> list[tuple[JSON, JSON]]:
+def planes(x: Samples, residuals: Sequence[Array], units: JointUnits) -> list[tuple[JSON, JSON]]:
     """Cells and layout of a map of each residual (N,) over angle and velocity (N,), all in one colour scale."""
-    angle = wrapped(position)
+    angle, velocity = wrapped(x.position), x.velocity
     across = int(np.clip(np.sqrt(len(angle)) * 0.8, 10, 40))
     reach = 1.02 * float(np.max(np.abs(velocity)))
     edges = [np.linspace(-np.pi, np.pi, across + 1), np.linspace(-reach, reach, across + 1)]
@@ -133,10 +133,10 @@ def planes(position: Array, velocity: Array, residuals: Sequence[Array]) -> list
         "yaxis": axis("velocity q' [rad/s]"),
         "margin": {"t": 12, "r": 8},
     }
-    return [(cells(middles[0], middles[1], mean, limit), layout) for mean in means]
+    return [(cells(middles[0], middles[1], mean, limit, units.unit("N m")), layout) for mean in means]
 
 
-def cells(x: Array, y: Array, values: Array, limit: float) -> JSON:
+def cells(x: Array, y: Array, values: Array, limit: float, unit: str) -> JSON:
     """Cells (Y, X) in colours on either side of zero."""
     return {
         "type": "heatmap",
@@ -146,7 +146,7 @@ def cells(x: Array, y: Array, values: Array, limit: float) -> JSON:
         "zmin": -limit,
         "zmax": limit,
         "colorscale": [[0, "--low"], [0.5, "--middle"], [1, "--high"]],
-        "colorbar": {"title": {"text": "[N m]", "side": "top"}, "thickness": 12, "outlinewidth": 0},
+        "colorbar": {"title": {"text": f"[{unit}]", "side": "top"}, "thickness": 12, "outlinewidth": 0},
         "hoverongaps": False,
-        "hovertemplate": "q %{x:.2f} rad, q' %{y:.2f} rad/s: %{z:.3g} N m<extra></extra>",
+        "hovertemplate": f"q %{{x:.2f}} rad, q' %{{y:.2f}} rad/s: %{{z:.3g}} {unit}<extra></extra>",
     }

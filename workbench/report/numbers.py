@@ -15,6 +15,7 @@ from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON
 from pendulum_env.physics import Estimate
 from pendulum_env.physics.table import Curve, Table
+from pendulum_env.units import JointUnits
 from pendulum_env.words import number, opening, unit
 from workbench.narrator.effects import name
 from workbench.narrator.results import kin
@@ -33,8 +34,10 @@ def errors(case: Case) -> Section:
     """Errors after every step: table, and plot where there is more than one."""
     steps = case.diagnosis.steps
     is_simulated = np.isfinite([own.position_rms for step in steps for own in step.errors.values()]).all()
+    unit_of_torque = case.units.unit("N m")
     content = {
         "steps": steps,
+        "unit": unit_of_torque,
         "noise_floor": case.diagnosis.noise_floor,
         "whiteness": [
             whiteness(f"{label}, {part}", case, prepared, k)
@@ -42,7 +45,7 @@ def errors(case: Case) -> Section:
             for part, prepared in zip(("fitted", "held out"), case.data.parts, strict=True)
         ],
         "figures": [
-            ladder(case, "torque_rms", "torque error [N m]", case.diagnosis.noise_floor),
+            ladder(case, "torque_rms", f"torque error [{unit_of_torque}]", case.diagnosis.noise_floor),
             *([ladder(case, "position_rms", "free-running position error [rad]", None)] if is_simulated else []),
         ]
         if len(steps) > 1
@@ -113,20 +116,21 @@ def parameters(case: Case) -> Section:
         "combined": final.body.combined,
         "names": [names[k] for k in single],
         "correlation": [[correlation[k][j] for j in single] for k in single] if correlation else (),
-        "figures": [_drawn(term, curve) for term, curve in final.tables.values()],
+        "figures": [_drawn(term, curve, final.units(term.at)) for term, curve in final.tables.values()],
     }
     return Section("parameters", "Parameters", "Parameters and how sure they are", content)
 
 
-def _drawn(table: Table, curve: Curve) -> Figure:
+def _drawn(table: Table, curve: Curve, units: JointUnits) -> Figure:
     """A table as a function, with its band."""
     title = f"{opening(name(table.id))}, {table.law}"
-    argument = "angle [rad]" if table.axis == "position" else "speed [rad/s]"
+    quantity, of = ("angle", "rad") if table.axis == "position" else ("speed", "rad/s")
+    argument, of_torque = f"{units.name(quantity)} [{units.unit(of)}]", units.unit(table.unit)
     data = [
         band(curve.x, DRAWING.sigmas * curve.std, f"± {DRAWING.sigmas:g} standard errors", curve.value),
-        line(curve.x, curve.value, title, "--final", table.unit),
+        line(curve.x, curve.value, title, "--final", of_torque),
     ]
-    return Figure(f"table-{table.id}", title, data, {"xaxis": axis(argument), "yaxis": axis(f"f [{table.unit}]")}, 320)
+    return Figure(f"table-{table.id}", title, data, {"xaxis": axis(argument), "yaxis": axis(f"f [{of_torque}]")}, 320)
 
 
 def _row(label: str, estimates: Sequence[Estimate | None]) -> dict[str, Any]:
@@ -158,13 +162,13 @@ def schemes(case: Case) -> Section | None:
     if found is None:
         return None
     strokes = {id: stroke(k, id) for k, id in enumerate(found.schemes)}
-    columns = next(iter(found.schemes.values())).model.columns
+    columns, units = next(iter(found.schemes.values())).model.columns, case.units.unit
     content = {
         "found": found,
         "names": [column.name for column in columns],
-        "units": [column.unit for column in columns],
+        "units": [units(column.unit) for column in columns],
         "strokes": strokes,
-        "figures": [convergence_figure(found, k, strokes) for k in range(len(columns))],
+        "figures": [convergence_figure(found, k, strokes, units(columns[k].unit)) for k in range(len(columns))],
     }
     return Section("schemes", "Schemes", "The schemes side by side", content)
 
@@ -175,8 +179,8 @@ def stroke(place: int, scheme: str) -> JSON:
     return {"color": COLORS[family], "width": 1.8, "dash": "dash" if is_filtered else "solid"}
 
 
-def convergence_figure(found: Identification, column: int, strokes: dict[str, JSON]) -> Figure:
-    """Estimate of one parameter over time, every scheme; the wild start is out of the picture."""
+def convergence_figure(found: Identification, column: int, strokes: dict[str, JSON], of: str) -> Figure:
+    """Estimate of one parameter over time, in its unit, every scheme; the wild start is out of the picture."""
     parameter = next(iter(found.schemes.values())).model.columns[column]
     data, settled = [], []
     for id, result in found.schemes.items():
@@ -184,11 +188,11 @@ def convergence_figure(found: Identification, column: int, strokes: dict[str, JS
         estimate = course.theta[:, column]
         late = course.time >= course.time[0] + DRAWING.settled * (course.time[-1] - course.time[0])
         settled.append(estimate[late])
-        data.append(line(course.time, estimate, name(id), "", unit(parameter.unit), line=strokes[id]))
+        data.append(line(course.time, estimate, name(id), "", unit(of), line=strokes[id]))
     values = np.concatenate(settled)
     middle = float(np.median([result[-1] for result in settled]))
     reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / DRAWING.frame
-    title = f"{parameter.name} [{unit(parameter.unit)}]" if unit(parameter.unit) else parameter.name
+    title = f"{parameter.name} [{unit(of)}]" if unit(of) else parameter.name
     between = {"color": "--muted", "width": 1, "dash": "dot"}  # recordings
     layout = {
         "xaxis": axis("time [s]"),

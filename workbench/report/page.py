@@ -137,8 +137,7 @@ def render_comparison(compared: Comparison) -> str:
     case = Case(found, first="model")  # nothing is added to it
     if not found.body.can_simulate:
         return _whole(case, arm.sections(case), "comparison with")
-    title = headline(compared).replace(" N m", "\u00a0N\u00a0m").replace(" rad", "\u00a0rad")
-    distances = Section("distances", "Result", title, {"compared": compared})
+    distances = Section("distances", "Result", headline(compared), {"compared": compared})
     sections = [distances, comparison(case), failures(case), parameters(case)]
     if (error := errors_in_loop(compared)) is not None:
         sections.insert(1, loop(error, [("model", compared.model)], case.data.recordings))
@@ -146,6 +145,5 @@ def render_comparison(compared: Comparison) -> str:
 
 
 def _whole(case: Case, sections: Sequence[Section], kind: str) -> str:
-    """HTML of a page about recordings, in the unit of their torque."""
-    page = assemble(sections, f"{kind} {words.listing([recording.name for recording in case.data.recordings])}")
-    return words.per(page, case.diagnosis.torque_unit)
+    """HTML of a page about recordings."""
+    return assemble(sections, f"{kind} {words.listing([recording.name for recording in case.data.recordings])}")

@@ -63,9 +63,9 @@ def changes(diagnosis: Diagnosis) -> list[Change]:
         is_compared = diagnosis.selected and not math.isnan(after)
         return Change(label, unit, before, after, after / before if is_compared else None, note)
 
-    over = f"on held-out data, over {SECONDS:g} s"
+    unit, over = diagnosis.model.units().unit("N m"), f"on held-out data, over {SECONDS:g} s"
     return [
-        change("Torque error", "N m", first.torque_rms, last.torque_rms, "on held-out data"),
+        change("Torque error", unit, first.torque_rms, last.torque_rms, "on held-out data"),
         change("Free-running position error", "rad", first.position_rms, last.position_rms, over),
     ]
 
@@ -131,12 +131,12 @@ def next_experiment(case: Case) -> Section | None:
     suggestion = case.diagnosis.suggestion
     if suggestion is None or suggestion.signal is None:
         return None
-    time, torque = suggestion.samples()
+    (time, torque), unit = suggestion.samples(), case.units.unit("N m")
     figure = Figure(
         "next-torque",
         "torque of the suggested experiment over time",
-        [line(time, torque, "torque", "--final", "N m")],
-        {"xaxis": axis("time [s]"), "yaxis": axis("torque [N m]"), "showlegend": False},
+        [line(time, torque, "torque", "--final", unit)],
+        {"xaxis": axis("time [s]"), "yaxis": axis(f"torque [{unit}]"), "showlegend": False},
         height=220,
     )
     low, high = np.degrees(suggestion.reach)
@@ -157,6 +157,7 @@ def method(case: Case) -> Section:
             for part, prepared in zip(("fitted", "held out"), case.data.parts, strict=True)
             for w in prepared.data.windows
         ],
+        "unit": case.units.unit("N m"),
         "split": not case.data.holdout,
         "seconds": SECONDS,
         "command": case.command,

@@ -17,7 +17,6 @@ from pendulum_env.mistake import told
 from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import fault
 from pendulum_env.recording import Source
-from pendulum_env.words import per
 from workbench.inputs import open_sources
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.terminal import Terminal
@@ -116,7 +115,7 @@ def joint_rows(found: Diagnosis) -> list[JSON]:
         parameters[joint][quantity] = {
             "value": None if own.is_unknown else _number(own.value),
             "std": None if own.is_unknown else _number(own.std),
-            "unit": per(own.unit, found.torque_unit),
+            "unit": own.unit,
         }
         if own.is_biased:
             biased.add(joint)

@@ -64,8 +64,8 @@ def test_a_torso_that_slides_has_its_mass_in_kg_and_its_friction_in_newtons(runs
     viscous, coulomb = (found["filtered_dynamic"].model.estimates[f"{name}@torso"] for name in ("viscous", "coulomb"))
     assert (viscous.unit, coulomb.unit) == ("N s/m", "N")
     assert found["dynamic"].units == ("N", "N m", "N m")
-    errors = compare(found["filtered_dynamic"].model, recording).json()["joints"]
-    assert [error["unit"] for error in errors] == ["N", "N m", "N m"]
+    units = compare(found["filtered_dynamic"].model, recording).json()["units"]
+    assert [own["torque"] for own in units.values()] == ["N", "N m", "N m"]
     standard = standard_parameters(found["filtered_dynamic"].model)
     assert standard["m@torso"].unit == "kg" and standard["m@torso"].value > 0
 

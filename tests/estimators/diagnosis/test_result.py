@@ -19,7 +19,7 @@ def is_number(value: object) -> bool:
 def test_json_is_laid_out_as_promised(name):
     data = diagnosed(name).json()
     assert json.loads(json.dumps(data, allow_nan=False)) == data
-    assert data["schema"] == "pendulum-ident/diagnosis@1"
+    assert data["schema"] == "pendulum-ident/diagnosis@2"
     assert data["base"]["terms"] == ["inertia", "gravity", "viscous", "coulomb"]
     assert data["base"]["theta"].keys() == THETA.keys()
     assert [step["added"] for step in data["steps"]] == [None, *data["selected"]]
@@ -31,8 +31,9 @@ def test_json_is_laid_out_as_promised(name):
             assert isinstance(entry["unit"], str)
         assert step["errors"].keys() == {"train", "holdout"}
         for errors in step["errors"].values():
-            assert errors.keys() == {"torque_rms", "position_rms", "torque_fit", "position_fit"}
-            assert all(is_number(value) for value in errors.values())
+            assert errors.keys() == {"torque_rms", "position_rms", "torque_fit", "position_fit", "joints"}
+            assert all(is_number(value) for name, value in errors.items() if name != "joints")
+            assert errors["joints"][""]["torque_rms"] == errors["torque_rms"]
             assert errors["torque_rms"] > 0 and errors["position_rms"] > 0
             assert errors["torque_fit"] <= 100 and errors["position_fit"] <= 100  # [%]
     for candidate in data["candidates"]:
@@ -51,7 +52,7 @@ def test_json_is_laid_out_as_promised(name):
     assert {c["effect"] for c in data["candidates"] if c["verdict"] == "selected"} == set(data["selected"])
     in_groups = {id for group in data["ambiguous"] for id in group} - set(data["selected"])
     assert {c["effect"] for c in data["candidates"] if c["verdict"] == "ambiguous"} == in_groups
-    assert data["unexplained"].keys() == {"present", "where"}
+    assert data["unexplained"].keys() == {"present", "where", "joints"}
     assert data["unexplained"]["present"] == (data["unexplained"]["where"] is not None)
     assert bool(data["regions"]) == data["unexplained"]["present"]
     least = min(errors["torque_rms"] for errors in data["steps"][-1]["errors"].values())

@@ -123,6 +123,7 @@ def told(state: Work) -> tuple[str, str, list[Any]]:
     if state.trouble:
         return kicker, "Nothing can be fitted yet", [f"{opening(state.trouble)}."]
     kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name(effect)}' for effect in state.added)}"
+    unit = state.model.units().unit("N m")
     diagnosis, names = state.told, listing([name(effect) for effect in state.added])
     first, last = ends(state.ladder)
     if state.robot is not None:
@@ -131,12 +132,12 @@ def told(state: Work) -> tuple[str, str, list[Any]]:
         smaller, joint = max((first.joints[at] / last.joints[at], at) for at in last.joints)
         error = f"torque error of {joint}"
     else:
-        lead = ["On data it was not fitted to, the torque error is ", _b(last.torque_rms, "N m")]
-        lead += [", that of the base model ", _b(first.torque_rms, "N m")] if state.added else []
-        lead.append(f"; noise alone would leave {number(diagnosis.noise_floor)}{NBSP}N{NBSP}m.")
+        lead = ["On data it was not fitted to, the torque error is ", _b(last.torque_rms, unit)]
+        lead += [", that of the base model ", _b(first.torque_rms, unit)] if state.added else []
+        lead.append(f"; noise alone would leave {_unbroken(diagnosis.noise_floor, unit)}.")
         if state.found:
             would, found = ends(diagnosis.steps)[1].torque_rms, listing([name(effect) for effect in state.found])
-            lead += [f" With {found} it would be ", _b(would, "N m"), "."]
+            lead += [f" With {found} it would be ", _b(would, unit), "."]
         smaller, error = first.torque_rms / last.torque_rms, "torque error"
     if state.found or not state.added:
         return kicker, headline(diagnosis), lead
@@ -146,7 +147,11 @@ def told(state: Work) -> tuple[str, str, list[Any]]:
 
 
 def _b(value: float, unit: str) -> Component:
-    return html.B(f"{number(value)} {unit}".replace(" ", NBSP))
+    return html.B(_unbroken(value, unit))
+
+
+def _unbroken(value: float, unit: str) -> str:
+    return f"{number(value)} {unit}".replace(" ", NBSP)
 
 
 def running(session: Session) -> list[Component]:

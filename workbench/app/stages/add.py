@@ -44,10 +44,10 @@ def said(steps: Sequence[Step]) -> str:
     """The last step in words."""
     if len(steps) == 1:
         return "The ladder has one rung, the base model. Add an effect and watch both errors, fitted and held out."
-    told = []
+    told, unit = [], steps[-1].model.units().unit("N m")
     for part, where in (("train", "fitted"), ("holdout", "held-out")):
         old, new = (number(step.errors[part].torque_rms) for step in steps[-2:])
-        told.append(f"from {old} to {new} N m on {where} data")
+        told.append(f"from {old} to {new} {unit} on {where} data")
     added = steps[-1].added or ""
     fall = f"With {name(added)} the torque error goes {listing(told)}."
     shape = describe_table(steps[-1])

@@ -66,13 +66,13 @@ class Points:
 
     def regions(self, shown: int) -> list[Region]:
         """What stands out of the noise under a model."""
-        return stand_out(self.samples, self.residuals[shown], self.noise)
+        return stand_out(self.samples, self.residuals[shown], self.noise, units=self.case.units)
 
 
 def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
     """The three views; `shown` is the model whose residual the map shows."""
     x, label = points.samples, points.case.models[shown][0]
-    cells, map_layout = planes(x.position, x.velocity, points.residuals)[shown]
+    cells, map_layout = planes(x, points.residuals, points.case.units)[shown]
     select = {"dragmode": "select", "margin": {"t": 12, "r": 8}}
     dots, kept = thin(x.velocity, LIT), thin(x.velocity, 2 * LIT)
     picked = _dots(wrapped(x.position[dots]), x.velocity[dots], "--text", 2, opacity=0.25, hoverinfo="skip")
@@ -224,7 +224,7 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
     found = [one.effect for one in state.diagnosis.candidates] if state.diagnosis is not None else []
     ranked = sorted(names, key=lambda id: found.index(id) if id in found else len(found))
     drawn, curve = (
-        profiles(points.samples, points.residuals[shown], points.noise, tuple(AXES)),
+        profiles(points.samples, points.residuals[shown], points.noise, tuple(AXES), points.case.units),
         points.case.models[shown],
     )
     reach = 1.08 * max(float(np.abs(item.mean).max()) for item in drawn)
@@ -258,9 +258,10 @@ def say(points: Points, selected: Mask, shown: int) -> str:
         return "Nothing is in this selection."
     residual, time = points.residuals[shown][selected], points.samples.time[selected]
     mean, rms = float(residual.mean()), float(np.sqrt(np.mean(residual**2)))
+    unit = points.case.units.unit("N m")
     return (
         f"{len(time)} of {len(selected)} windows, from {time.min():.3g} to {time.max():.3g} s: residual {number(mean)} "
-        f"N m on average, {number(rms)} N m RMS; noise alone would leave {number(points.noise)} N m."
+        f"{unit} on average, {number(rms)} {unit} RMS; noise alone would leave {number(points.noise)} {unit}."
     )
 
 

@@ -1,8 +1,6 @@
 """Data: recordings come in, are checked, and say what they can and cannot tell."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +12,7 @@ from pendulum_env.arms.body import Body
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from pendulum_env.thinning import thin
+from pendulum_env.units import JointUnits
 from pendulum_env.words import listing, number, opening, percent
 from workbench.app import card, recorder, uploads
 from workbench.app.parts import UNWRAP, aria, button, drop, field, graph, panel, saves, table
@@ -67,7 +66,7 @@ def _courses(state: State, k: int, recording: Recording) -> list[Figure]:
             own,
             f"course-{k}-{n}",
             f"{joint}, {recording.name}" if joint else recording.name,
-            partial(state.body.worded, joint),
+            state.body.units(joint, recording.torque_unit),
             **height,
         )
         for n, (joint, own) in enumerate(zip(recording.names, recording.joints, strict=True))
@@ -186,16 +185,16 @@ def timing(state: State) -> list[Component]:
     return [panel("Torque and motion in time", *said, *press)] if said else []
 
 
-def course(r: Recording, id: str, title: str, said: Callable[[str], str] = str, height: int = 340) -> Figure:
-    """Position and torque over time; `said` is a unit as it is for the joint."""
-    data = []
+def course(r: Recording, id: str, title: str, units: JointUnits, height: int = 340) -> Figure:
+    """Position and torque over time."""
+    data, (angle, torque) = [], (units.unit("rad"), units.unit("N m"))
     for series, label, color, unit, where in (
-        (r.position, "position", "--final", "rad", "y"),
-        (r.torque, "torque", "--train", "N m", "y2"),
+        (r.position, "position", "--final", angle, "y"),
+        (r.torque, "torque", "--train", torque, "y2"),
     ):
         kept = thin(series)
-        data.append(line(r.time[kept], series[kept], label, color, said(unit), yaxis=where, showlegend=False))
-    layout = stacked(said("position [rad]"), said("torque [N m]"), "time [s]")
+        data.append(line(r.time[kept], series[kept], label, color, unit, yaxis=where, showlegend=False))
+    layout = stacked(f"position [{angle}]", f"{units.name('torque')} [{torque}]", "time [s]")
     layout["margin"] = {"t": 40}
     layout["title"] = {"text": title, "x": 0, "xref": "paper", "font": {"size": 14}}
     return Figure(id, f"Position and torque over time, {title}", data, layout, height)

@@ -1,0 +1,87 @@
+"""Files of --json have the fields that the page on results names, alike for a pendulum, an arm and a servo."""
+
+import json
+import re
+from functools import cache
+
+import pytest
+
+from benchmarks.two_link import TwoLink
+from estimators import compare, diagnose, identify
+from pendulum_env.arms import read_body
+from pendulum_env.arms.joints import arm_base
+from pendulum_env.physics import BASE
+from pendulum_env.recording import Recording
+from pendulum_env.servo.drive import Drive
+from tests.cases import recording
+from tests.two_link import recorded
+from tools.prose import ROOT
+from workbench.narrator.diagnosis import comparison_json, diagnosis_json, identification_json
+
+PAGE = (ROOT / "docs" / "how-to" / "results.md").read_text(encoding="utf-8").partition("## Files of `--json`")[2]
+OF_COMMANDS = {"payload", "nearest_body"}  # which commands add
+FEW = ("torque_offset", "spring")
+
+
+def rows(title):
+    """Rows of a table of the page, as cells."""
+    lines = PAGE.partition(title)[2].partition("\n###")[0].splitlines()
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")][2:]
+
+
+def names(cell):
+    return set(re.findall(r"`([^`]*)`", cell))
+
+
+def fields(record):
+    """Fields of a record that the page names."""
+    return {name for kinds, cell, *_ in rows("### Records") if record in kinds.split(", ") for name in names(cell)}
+
+
+@cache
+def servo():
+    """A servo with a drive, whose motor follows a goal."""
+    run, drive = recording("gears 41"), Drive(output="torque", kp=5.0, limit=6.0, rate=1000.0)
+    goal = run.position + run.torque / drive.kp
+    return Recording("servo", run.time, run.position, run.torque, reference=goal, drive=drive)
+
+
+@pytest.fixture(scope="module", params=["pendulum", "arm", "servo"])
+def files(request, tmp_path_factory):
+    """What `diagnose`, `compare` and `identify` write on a machine."""
+    terms, runs = BASE, [recording("stribeck")]
+    if request.param == "servo":
+        runs = [servo()]
+    if request.param == "arm":
+        pytest.importorskip("pinocchio")
+        robot = tmp_path_factory.mktemp("arm") / "arm.urdf"
+        robot.write_text(TwoLink().urdf())
+        terms, runs = arm_base(read_body(robot)), [recorded(seconds=6.0, rate=500.0, offset=(0.0, 0.3))]
+    found, estimates = diagnose(runs, (), terms, only=FEW), identify(runs, terms, ["dynamic", "filtered_dynamic"])
+    written = diagnosis_json(found), comparison_json(compare(found.model, runs)), identification_json(estimates)
+    return [json.loads(json.dumps(one, allow_nan=False)) for one in written]
+
+
+def test_files_have_the_documented_fields(files):
+    for own, title in zip(files, ("### Diagnosis", "### Comparison", "### Identification"), strict=True):
+        documented = {name for cell, *_ in rows(title) for name in names(cell)}
+        assert own.keys() == documented - OF_COMMANDS
+        assert title.lower().removeprefix("### ") in own["schema"] and own["schema"] in PAGE
+
+
+def test_records_have_the_documented_fields(files):
+    diagnosis, comparison, identification = files
+    errors = [own for step in diagnosis["steps"] for own in step["errors"].values()]
+    errors += [own["errors"] for own in (*comparison["recordings"], comparison["joint"])]
+    estimates = [own for step in diagnosis["steps"] for own in step["theta"].values()]
+    estimates += [own for scheme in identification["schemes"].values() for own in scheme["theta"].values()]
+    findings = [*diagnosis["findings"], *identification["findings"]]
+    assert all(own.keys() == fields("step") for own in diagnosis["steps"])
+    assert all(own.keys() == fields("candidate") for own in diagnosis["candidates"])
+    assert all(own.keys() == fields("region") for own in (*diagnosis["regions"], *comparison["regions"]))
+    assert all(own.keys() == fields("finding") for own in findings)
+    assert all(own.keys() == fields("quantity") for finding in findings for own in finding["numbers"].values())
+    assert all(fields("quantity") <= own.keys() <= fields("estimate") for own in estimates)
+    assert all({"joints"} <= own.keys() <= fields("errors") for own in errors)
+    for own in errors:
+        assert own["joints"].keys() <= diagnosis["units"].keys() == diagnosis["noise_floor"]["joints"].keys()
