@@ -3,7 +3,6 @@
 import functools
 import io
 import json
-import tempfile
 import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,7 +16,6 @@ from agents.config import Config
 from agents.network import SHIPPED, Network
 from benchmarks.two_link import TwoLink
 from pendulum_env.arms import read_body
-from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import arm_base, at_joint
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.backends.hardware.config import load as load_rig
@@ -30,6 +28,7 @@ from pendulum_env.reading import Unreadable, read_toml, toml
 from pendulum_env.recording import Recording, read_recording, write_recording
 from pendulum_env.recording.study import read_sources
 from tests.pendulum_env.recording.test_formats import write_bag, write_xlsx
+from tests.two_link import body
 from workbench.inputs import read_suggestion
 from workbench.mistakes import sentence
 
@@ -99,17 +98,9 @@ def kept(name: str) -> Callable[[Path], bytes]:
     return lambda _: content
 
 
-@functools.cache
-def arm() -> Body:
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "arm.urdf"
-        file.write_text(TwoLink().urdf())
-        return read_body(file)
-
-
 def arm_model(_: Path) -> bytes:
     """A model of an arm with an effect that has whole numbers, a table, limits and a log's format."""
-    terms = [*arm_base(arm()), *(kind() for kind in (at_joint(Cogging, "elbow"), at_joint(Stribeck, "shoulder")))]
+    terms = [*arm_base(body()), *(kind() for kind in (at_joint(Cogging, "elbow"), at_joint(Stribeck, "shoulder")))]
     terms.append(at_joint(TABLES["torque_by_angle"], "elbow").over(Extent(-1.0, 2.0, 4))())
     model = ArmModel.build(terms, 0.5, 0.01)
     limits = {"viscous@elbow": [0.1, 0.6], "coulomb@elbow": [None, 2.0]}
@@ -127,7 +118,7 @@ def read_training(path: Path) -> Config:
 Format = tuple[str, Callable[[Path], object], Callable[[Path], bytes]]  # a file's ending, its reader, and a good one
 FORMATS: dict[str, Format] = {
     "model": (".json", Model.load, kept("model.json")),
-    "arm-model": (".json", lambda path: ArmModel.load(path, arm()), arm_model),
+    "arm-model": (".json", lambda path: ArmModel.load(path, body()), arm_model),
     "diagnosis": (".json", lambda path: read_suggestion(str(path)), kept("diagnosis.json")),
     "rig": (".toml", load_rig, kept("rig.toml")),
     "study": (".toml", read_sources, kept("study.toml")),
@@ -194,8 +185,8 @@ WRONG = (*NO_QUANTITY, "x", "", [], {}, True, 10**17)
 
 
 def places(content: Any) -> Iterator[tuple[Any, Any]]:
-    """All tables and lists in a document, each with all of its keys."""
-    for key in content if isinstance(content, dict) else range(len(content)):
+    """All tables of a document with all of their keys, and lists with their first two places."""
+    for key in content if isinstance(content, dict) else range(min(len(content), 2)):
         yield content, key
         if isinstance(content[key], dict | list):
             yield from places(content[key])

@@ -9,12 +9,9 @@ from dataclasses import asdict
 
 import pytest
 
-from estimators.regression.recursive import PRIOR
-from estimators.schemes.six import CUTOFF, GUARD, SCHEMES, Integral
-from estimators.selection import motion, score
+from estimators.schemes.six import SCHEMES
 from estimators.selection.criterion import Criterion
-from estimators.simulation.free_running import SECONDS
-from pendulum_env.physics import BASE, library, table
+from pendulum_env.physics import BASE, library
 from tools import prose
 from tools.prose import PAGES, README, ROOT, check, first_untold
 from tools.refresh import refreshed
@@ -86,28 +83,6 @@ def test_the_extra_all_has_all_that_the_page_lists_and_constraints_pin_it():
     pinned = re.findall(r"(?m)^([\w-]+)==", (ROOT / "constraints.txt").read_text(encoding="utf-8"))
     asked = {re.match(r"[\w-]+", one)[0] for extra in extras.values() for one in extra} - {"pendulum-ident"}
     assert asked <= set(pinned)
-
-
-def test_numbers_in_the_prose_are_those_of_the_code():
-    library_size = f"a library of {len(library.nameable())} effects"
-    assert library_size in " ".join(README.read_text(encoding="utf-8").split())
-    theory = " ".join((ROOT / "docs" / "theory.md").read_text(encoding="utf-8").split())
-    for told in (
-        f"({score.FOLDS} folds)",
-        f"$\\nu = {score.NU:.0f}$ degrees of freedom",
-        f"{score.DRAWS} times over",
-        f"stretches of {score.BLOCK:.0f} second".replace("1", "one"),
-        f"knots {table.ByTime.length:g} s apart",
-        f"pieces of {Criterion().drift_piece:g} s",
-        f"segments of {motion.SEGMENT:g} second".replace("0.5", "half a"),
-        f"$\\lambda = {CUTOFF:.0f}$ rad/s",
-        f"a guard of {1000 * GUARD:.0f} ms",
-        f"a sliding window of {1000 * Integral().window:.0f} ms",
-        f"windows of {SECONDS:.0f} second".replace("1", "one"),
-    ):
-        assert told in theory
-    assert (Criterion().explained_share, Criterion().shorter_window) == (0.2, 0.5)  # a fifth, half the length
-    assert PRIOR == 1e7  # 10^7
 
 
 def test_the_page_on_theory_has_every_number_that_decides():

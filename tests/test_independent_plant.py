@@ -10,10 +10,8 @@ from scipy.integrate import solve_ivp
 
 from benchmarks import independent_plant
 from benchmarks.independent_plant import (
-    EFFECTS,
     Experiment,
     Plant,
-    effect_share,
     random_case,
     simulate,
 )
@@ -144,15 +142,3 @@ def test_dead_time_delays_the_command() -> None:
     experiment = Experiment(seconds=3, **EXACT)
     one, other = simulate([(delayed, experiment), (Plant(), experiment)], [command, late])
     np.testing.assert_allclose(one.position, other.position, atol=1e-12)
-
-
-def test_every_effect_has_a_share_and_nothing_hidden_has_none() -> None:
-    def case(effect: str) -> tuple[Plant, Experiment]:
-        drawn = random_case(np.random.default_rng(2), [effect], excitation="two_tone", rate=200.0, seconds=3)
-        return drawn.plant, drawn.train
-
-    plain, *hidden = simulate([(Plant(), Experiment(seconds=4)), *map(case, EFFECTS)])
-    assert effect_share(plain).with_true_parameters < 1e-9
-    for effect, run in zip(EFFECTS, hidden, strict=True):
-        share = effect_share(run)
-        assert 0.002 < share.after_refit <= share.with_true_parameters, effect

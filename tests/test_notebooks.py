@@ -27,15 +27,8 @@ def words(cell) -> str:
 
 @pytest.mark.slow
 @pytest.mark.pages
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("reinforcement_learning", ["missing: stribeck", "nat in an episode", "two-tone", "PPO"]),
-        ("tutorial", ["Stribeck friction is missing", "Stribeck friction and cubic damping are missing"]),
-        ("paper", ["filtered_hamiltonian differs from filtered_dynamic by 0.000 % at most"]),
-    ],
-)
-def test_a_notebook_runs_and_its_stored_output_is_what_comes_out(name, said):
+@pytest.mark.parametrize("name", ["reinforcement_learning", "tutorial", "paper"])
+def test_a_notebook_runs_and_its_stored_output_is_what_comes_out(name):
     import nbformat
 
     if name == "reinforcement_learning":
@@ -47,6 +40,3 @@ def test_a_notebook_runs_and_its_stored_output_is_what_comes_out(name, said):
     for old, new in zip(stored, fresh, strict=True):
         line = None if new.source.startswith(VARIES) else first_untold(words(old), words(new))
         assert line is None, f"{path.name} shows what no longer comes out, run tools/execute.py: {line}"
-    for cells in (stored, fresh):
-        told = "".join(map(words, cells))
-        assert not [text for text in said if text not in told]

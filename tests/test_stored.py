@@ -6,9 +6,6 @@ from pathlib import Path
 import pytest
 
 from agents.config import Config
-from agents.network import NAMES, load
-from benchmarks.two_link import TwoLink
-from pendulum_env.arms import read_body
 from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.backends.hardware.config import load as load_rig
 from pendulum_env.excitation import Multisine
@@ -17,6 +14,7 @@ from pendulum_env.reading import read_toml
 from pendulum_env.recording.record import Load
 from pendulum_env.recording.study import Source, read_sources, write_study
 from pendulum_env.servo.drive import Drive
+from tests.two_link import body
 from workbench.inputs import read_suggestion
 
 STORED = Path(__file__).parent / "stored"
@@ -33,10 +31,9 @@ def test_a_model():
     assert model.torque_unit == "A" and model.torque_constant.value == 0.87
 
 
-def test_a_model_of_an_arm(tmp_path):
+def test_a_model_of_an_arm():
     pytest.importorskip("pinocchio")
-    (tmp_path / "arm.urdf").write_text(TwoLink().urdf())
-    model = ArmModel.load(STORED / "arm-model.json", read_body(tmp_path / "arm.urdf"))
+    model = ArmModel.load(STORED / "arm-model.json", body())
     assert model.json() == stored_json("arm-model.json")
     assert Asked.of_model(STORED / "arm-model.json").log_format == model.log_format != {}
 
@@ -72,8 +69,3 @@ def test_a_rig():
 def test_a_training():
     config = Config.of(read_toml(STORED / "training.toml"))
     assert (config.constraint, config.hidden, config.learning_rate, config.levels) == ("rms", 32, 1e-4, (-1, 0, 1))
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_policy(name):
-    assert load(name).constraint == name

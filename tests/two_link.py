@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+import functools
+import tempfile
+from pathlib import Path
+
 import numpy as np
 
 from benchmarks.two_link import Multisine, TwoLink
+from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.recording import ArmRecording
 from tests.once import once
 
 JOINTS = ("shoulder", "elbow")
+
+
+@functools.cache
+def body() -> Body:
+    """The arm, read from its own file."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "two.urdf"
+        path.write_text(TwoLink().urdf())
+        return read_body(path)
 
 
 @once("benchmarks")

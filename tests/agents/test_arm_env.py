@@ -110,19 +110,3 @@ def test_record_lets_an_arm_follow_such_a_motion(tmp_path, capsys, asked):
     assert "from rest to rest" in capsys.readouterr().out
     assert main([*arm, "--policy", "peak", "-o", str(tmp_path / "b.csv")]) != 0
     assert "policy" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("command", "told"),
-    [
-        ("record --robot arm.urdf --excitation rl --amplitude 0.01 -o x.csv", "joint 'shoulder' never moves"),
-        ("record --excitation rl --policy arm -o x.csv", "policy arm chooses the motion of an arm"),
-        ("train --robot arm.urdf -o x.npz", "robot is of the constraint arm, not of peak"),
-    ],
-)
-def test_what_does_not_go_together_is_one_line(tmp_path, monkeypatch, capsys, command, told):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "arm.urdf").write_text(PlanarArm().urdf)
-    assert main(command.split()) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert told in line

@@ -56,20 +56,3 @@ def test_record_by_a_policy(tmp_path, capsys):
     assert np.abs(recording.torque).max() < 6.2
     found = identify([recording])["filtered_dynamic"].model.theta
     np.testing.assert_allclose(found, list(PAPER.values()), rtol=0.01)
-
-
-@pytest.mark.parametrize(
-    ("options", "reason"),
-    [
-        (["--amplitude", "3"], "--amplitude does not go with --excitation rl"),
-        (["--backend", "simulated"], "use --backend pymunk"),
-        (["--policy", "peek"], "unknown policy 'peek': did you mean peak"),
-        (["--rate", "730"], "multiple of 50 Hz"),
-        (["--excitation", "paper", "--policy", "peak"], "--policy goes with --excitation rl only"),
-    ],
-)
-def test_what_does_not_go_with_a_policy_is_one_line(options, reason, tmp_path, capsys):
-    assert main(["record", "--excitation", "rl", *options, "-o", str(tmp_path / "run.csv")]) == 2
-    error = capsys.readouterr().err
-    assert reason in error and error.count("\n") == 1
-    assert not list(tmp_path.iterdir())

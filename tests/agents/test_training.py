@@ -15,6 +15,7 @@ from agents.config import Config
 from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS
 from agents.training import CheckpointError, LearntOn, export, make_model, train
+from pendulum_env.arms.env import PlanarArm
 from workbench.cli import main
 
 SMALL = {"steps": 288, "pendulums": 8, "rollout": 12, "batch": 48, "epochs": 2, "checkpoint": 96}
@@ -123,20 +124,30 @@ def test_train_from_the_command_line(tmp_path, capsys):
     assert load(str(policy)).constraint == "peak"
 
 
-def test_what_makes_no_sense_is_one_line(tmp_path, capsys):
-    text = tmp_path / "policy.npz"
-    text.write_text("no policy")
-    other = tmp_path / "other.npz"
-    load("rms").save(other)
-    for arguments, message in (
-        (["evaluate", str(text)], "a policy is what `pendulum-ident train` writes"),
-        (["evaluate", str(other)], "was trained under the constraint rms, not peak"),
-        (["train", "--resume", "-o", str(tmp_path / "new.npz")], "--resume needs --checkpoints"),
-        (["train", "-o", "policy.zip"], "should end in .npz"),
-    ):
-        assert main(arguments) == 2
-        error = capsys.readouterr().err
-        assert message in error and error.count("\n") == 1
+@pytest.mark.parametrize(
+    ("command", "reason"),
+    [
+        ("evaluate text.npz", "a policy is what `pendulum-ident train` writes"),
+        ("evaluate rms.npz", "was trained under the constraint rms, not peak"),
+        ("train --resume -o new.npz", "--resume needs --checkpoints"),
+        ("train -o policy.zip", "should end in .npz"),
+        ("train --robot arm.urdf -o x.npz", "robot is of the constraint arm, not of peak"),
+        ("record --robot arm.urdf --excitation rl --amplitude 0.01 -o x.csv", "joint 'shoulder' never moves"),
+        ("record --excitation rl --policy arm -o x.csv", "policy arm chooses the motion of an arm"),
+        ("record --excitation rl --amplitude 3 -o x.csv", "--amplitude does not go with --excitation rl"),
+        ("record --excitation rl --backend simulated -o x.csv", "use --backend pymunk"),
+        ("record --excitation rl --policy peek -o x.csv", "unknown policy 'peek': did you mean peak"),
+        ("record --excitation paper --policy peak -o x.csv", "--policy goes with --excitation rl only"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line(command, reason, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("text.npz").write_text("no policy")
+    load("rms").save("rms.npz")
+    Path("arm.urdf").write_text(PlanarArm().urdf)
+    assert main(command.split()) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert reason in line and not Path("x.csv").exists()
 
 
 class Payload:

@@ -9,13 +9,10 @@ from gymnasium.wrappers import RescaleAction
 from gymnasium.wrappers.vector import RescaleAction as RescaleActions
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
-from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from agents.vec_env import BatchedVecEnv
 from estimators.wrappers import EstimateParameters, EstimateParametersVector, InformationReward, InformationRewardVector
-from pendulum_env.excitation import excitation
-from pendulum_env.policy import OpenLoop
 from pendulum_env.registration import PENDULUM
 
 
@@ -58,15 +55,6 @@ def test_ppo_learns_on_batched_pendulums_and_repeats_itself():
         return np.concatenate([p.detach().numpy().ravel() for p in model.policy.parameters()])
 
     np.testing.assert_array_equal(weights(), weights())
-
-
-def test_policies_are_evaluated_by_stable_baselines():
-    env = InformationReward(EstimateParameters(gym.make(PENDULUM, max_episode_steps=1000), schemes="dynamic"))
-    signal = OpenLoop(excitation("paper", np.random.default_rng(0)), 1000.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it recommends a Monitor
-        gained, _ = evaluate_policy(signal, env, n_eval_episodes=2)
-    assert gained > 20
 
 
 def test_pendulums_that_start_anew_later_are_refused():

@@ -147,17 +147,9 @@ def test_an_effect_for_an_earlier_release_is_read_with_a_warning():
             id, law, kind = "old_wave", "sin Nq", "potential"
             title, reveal, typical = "a wave", "full turns", "order=14"
             shapes = (NonlinearParameter("order", "1", 1, 60, integer=True),)
-
-            @classmethod
-            def grid(cls, x, residual):
-                return [cls(3.0), cls(4.0), cls(5.0)]
-
-            @classmethod
-            def looked_at(cls, x, residual):
-                return 60
-
-            def possible(self, x):
-                return self.order > 3
+            grid = classmethod(lambda cls, x, residual: [cls(3.0), cls(4.0), cls(5.0)])
+            looked_at = classmethod(lambda cls, x, residual: 60)
+            possible = lambda self, x: self.order > 3  # noqa: E731
 
     x = recorded(1)
     assert (Old.description.title, Old.description.informative_experiment) == ("a wave", "full turns")

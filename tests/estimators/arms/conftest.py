@@ -3,16 +3,13 @@
 import pytest
 
 from benchmarks import six_joint
-from benchmarks.two_link import TwoLink
-from pendulum_env.arms.body import read_body
+from tests import two_link
 
 
-@pytest.fixture(scope="module")
-def body(tmp_path_factory):
-    """The plane arm of two links, read from its own file."""
-    path = tmp_path_factory.mktemp("robot") / "two.urdf"
-    path.write_text(TwoLink().urdf())
-    return read_body(path)
+@pytest.fixture(scope="session")
+def body():
+    """The plane arm of two links."""
+    return two_link.body()
 
 
 @pytest.fixture(scope="session")

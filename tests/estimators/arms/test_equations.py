@@ -6,14 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.two_link import Multisine
 from estimators import identify
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.setting import Setting
 from estimators.regression.balance import Columns
-from estimators.selection.criterion import Criterion
-from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import search
 from pendulum_env.arms.joints import Links, arm_base, at_joint, coupling, couplings, placed
 from pendulum_env.arms.model import ArmModel
@@ -62,19 +59,6 @@ def test_what_other_joints_share_may_be_condensed_wherever_a_law_acts(body, prep
     assert isinstance(own, Columns) and len(small.y) <= len(whole.y)
     left, full = (np.linalg.norm(one.weights * one.error(one.solve())) for one in (small, whole))
     assert left == pytest.approx(full, rel=1e-5)
-
-
-def test_a_lag_that_only_makes_torque_smaller_gains_nothing_beside_a_true_one(run, base):
-    elbow = Multisine.paper(0, (3.5, 2.2)).held(TIME, 1e-3)[:, 1]
-    lags = 0.02 * np.gradient(elbow, 1e-3)  # the elbow's drive follows with a lag of 20 ms
-    hums = np.sin(2 * np.pi * 15.0 * TIME)  # and something hums in the shoulder's channel
-    prepared = RegressionData.of_arm([replace(run, torque=run.torque + np.column_stack([hums, lags]))], base)
-    evaluator = ModelEvaluator(prepared, prepared, base=base, tables=())
-    lag = effect("actuator_lag")
-    true = (*base, at_joint(lag, "elbow")(0.02))
-    both = (*true, at_joint(lag, "shoulder")(0.01))
-    assert evaluator.gain(true, base).p_value < Criterion().p_value
-    assert evaluator.gain(both, true).p_value > Criterion().p_value
 
 
 def test_terms_are_at_a_joint_of_the_arm_and_at_one(body, run):

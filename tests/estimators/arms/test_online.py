@@ -25,7 +25,6 @@ from pendulum_env.arms.body import read_body
 from pendulum_env.arms.joints import arm_base, at_joint
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import TWO_LINK
-from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE, Model, effects
 from tests.two_link import JOINTS, recorded
 
@@ -169,14 +168,12 @@ def test_what_changes_in_an_arm_is_told_with_its_joint(links, after, kind, name)
 
 
 def driven(env, steps, seed=0):
-    """Info after some steps under a multisine, and time, positions and torques of all."""
-    signal, samples = Multisine.paper(seed, LIVELY), []
+    """Info after some steps under a multisine."""
+    signal = Multisine.paper(seed, LIVELY)
     _, info = env.reset(seed=seed)
     for k in range(steps):
-        time, position = info["time"], info["position"]
         info = env.step(signal(k / RATE))[4]
-        samples.append((time, position, info["torque"]))
-    return info, [np.array(series) for series in zip(*samples, strict=True)]
+    return info
 
 
 @pytest.fixture
@@ -185,22 +182,17 @@ def file(tmp_path):
     return tmp_path / "arm.urdf"
 
 
-def test_an_arm_is_known_after_a_few_seconds_as_well_as_from_its_recording(file):
+def test_an_arm_is_known_after_a_few_seconds(file):
     arm = gym.make(ARM, max_episode_steps=-1, rate=RATE, substeps=2, torque_noise=0.01)
     env, body = EstimateParameters(arm, ["filtered_dynamic", "energy"]), read_body(file)
-    info, samples = driven(env, 3000)
-    offline = identify(ArmRecording.of("run", body.joints, *samples), arm_base(body))
+    info = driven(env, 3000)
     friction = [value for link in TWO_LINK for value in (link.viscous, link.coulomb)]
-    for scheme, found in info["estimates"].items():
-        assert len(found) == len(list(found)) and "theta" in repr(found)
-        assert found["P"].shape == found["covariance"].shape == (10, 10) and info["parameters"] == tuple(
-            offline[scheme].model.estimates
-        )
-        assert np.allclose(found["theta"], offline[scheme].model.theta, rtol=0.02, atol=5e-3)
+    for found in info["estimates"].values():
+        assert found["P"].shape == found["covariance"].shape == (10, 10)
         assert np.allclose(found["theta"], [*body.values, *friction], rtol=0.03, atol=0.01)
     assert 0 < info["time"] - info["estimates_time"] < 0.15
     again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
-    a, b = (driven(one, 400)[0]["estimates"]["energy"]["theta"] for one in (env, again))
+    a, b = (driven(one, 400)["estimates"]["energy"]["theta"] for one in (env, again))
     np.testing.assert_array_equal(a, b)
     assert not env.reset()[1]["estimates"]["energy"]["theta"].any()
 
@@ -208,7 +200,7 @@ def test_an_arm_is_known_after_a_few_seconds_as_well_as_from_its_recording(file)
 def test_a_diagnosis_knows_the_arms_effects_and_takes_one_in():
     env = gym.make(ARM, rate=500, effects="cogging@elbow=12,0.4")
     env = DiagnoseOnline(env, candidates=["cogging", "quadratic_drag@elbow"])
-    assert driven(env, 3000)[0]["diagnosis"].group == ("cogging@elbow",)
+    assert driven(env, 3000)["diagnosis"].group == ("cogging@elbow",)
     assert env.add("cogging@elbow").id == "cogging@elbow" and env.diagnoser.said.added == ("cogging@elbow",)
     with pytest.raises(ValueError, match="unknown effect of joints 'stribek': did you mean stribeck"):
         DiagnoseOnline(gym.make(ARM), candidates="stribek")
@@ -216,7 +208,7 @@ def test_a_diagnosis_knows_the_arms_effects_and_takes_one_in():
 
 def test_an_arm_is_diagnosed_with_a_model_of_the_same_arm(links, tmp_path):
     arm, model = gym.make(ARM, rate=500), ArmModel.build(links, np.ones(10))
-    found = driven(DiagnoseOnline(arm, candidates="stribeck", model=model), 4000)[0]["diagnosis"]
+    found = driven(DiagnoseOnline(arm, candidates="stribeck", model=model), 4000)["diagnosis"]
     assert found.kind == "changed" and "viscous@shoulder" in found.changed
     Model.build(BASE, np.ones(4)).save(tmp_path / "pendulum.json")
     for env, options, told in (

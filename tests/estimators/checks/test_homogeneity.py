@@ -73,15 +73,6 @@ def test_the_one_recording_with_a_heavier_payload_is_named_and_measured(heavier)
 
 
 @pytest.mark.slow
-def test_another_payload_is_no_missing_effect():
-    *training, holdout = recorded([PLANT, PLANT, HEAVIER, PLANT])
-    found = diagnosed(training, [holdout])
-    assert found.selected == () and found.unexplained == ()
-    assert [(one.recording, one.name) for one in found.disagreements] == [(3, "run 2")]
-    assert found.model.estimates["inertia"].value == pytest.approx(PLANT.inertia, rel=0.01)
-
-
-@pytest.mark.slow
 def test_a_missing_effect_is_found_beside_another_payload():
     hidden = {"quadratic_drag": {"drag": 0.04}}
     runs = recorded([replace(plant, effects=hidden) for plant in (PLANT, HEAVIER, PLANT)])
@@ -102,8 +93,8 @@ def test_what_is_no_other_plant_is_not_told():
     assert disagreements(own_fits([prepare(recorded([PLANT, changing, PLANT]))], terms)) == ()
     short = recorded([HEAVIER], seconds=1.5)
     assert disagreements(own_fits([prepare([*recorded([PLANT, PLANT]), *short])], BASE)) == ()
-    fits = own_fits([prepare(recorded([RUBBING] * 3))], BASE)
-    assert disagreements(fits, only_if_all_fit=True) == misfits(fits) == ()
+    fits = own_fits([prepare(recorded([GEARED] * 3))], BASE)
+    assert disagreements(fits) and disagreements(fits, only_if_all_fit=True) == misfits(fits) == ()
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
@@ -116,15 +107,6 @@ def test_an_effect_that_each_recording_alone_takes_for_its_own_friction_is_no_ot
     assert (found.selected, found.disagreements) == (("load_dependent_friction",), ())
     theta = {name: found.model.estimates[name].value for name in ("coulomb", "load_dependent_friction")}
     assert theta == pytest.approx({"coulomb": PLANT.coulomb, "load_dependent_friction": 0.1}, rel=0.02)
-
-
-def test_what_is_left_of_either_recording_may_have_moved_its_parameters():
-    geared = replace(PLANT, effects={"load_dependent_friction": {"load_mu": 0.05}})
-    kinds = [Experiment(500.0, 10.0, "two_tone", seed=1), Experiment(500.0, 10.0, "prbs", 0.6, 2, torque_noise=0.1)]
-    runs = [told(run) for run in simulate([(geared, experiment) for experiment in kinds])]
-    fits = own_fits([prepare(runs)], BASE)
-    assert [fit.is_explained for fit in fits] == [False, True]
-    assert disagreements(fits) == ()
 
 
 def turned(recording: Recording) -> Recording:

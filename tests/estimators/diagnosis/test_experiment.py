@@ -104,39 +104,24 @@ def test_the_suggested_motion_stays_within_what_the_rig_bears():
     assert diagnosed([recording, run]).selected == ("spring",)
 
 
-def test_unless_asked_an_experiment_stays_within_what_was_recorded():
-    recording, _ = first("an offset while spinning")
-    found = diagnosed([recording])
-    if found.suggestion is None:
-        assert found.forbidden is not None and not {"angle", "speed"} & found.forbidden.numbers.keys()
-        return
-    low, high = found.suggestion.reach
-    assert high - low <= 2 * np.ptp(recording.position)
-    assert found.suggestion.peak_speed <= np.abs(np.gradient(recording.position[::10], 10 / RATE)).max()
-
-
-def test_nothing_is_suggested_for_what_no_effect_explains():
-    found = diagnosed("cubic_damping")
-    assert found.unexplained and found.suggestion is None
-    assert found.tables == ("friction_by_speed",) and found.forbidden == Finding(
-        Kind.TABLE_HELPS, effects=("friction_by_speed",)
-    )
-
-
 def test_an_experiment_goes_where_most_is_left(evaluator):
     model = evaluator.fit_with_std(None, BASE).model
     asked = [Question(Aim("spring"), BASE, of_typical_size(effects()["spring"]))]
     low, high = evaluator.train.reach()
 
-    def tried(place: float) -> tuple[Suggestion | None, Finding | None]:
+    def tried(place: float, **limits: float) -> tuple[Suggestion | None, Finding | None]:
         left = [Region("position", place - 0.1, place + 0.1, 0.1, 9.0)]
-        suggestion, _, forbidden = suggest(evaluator, model, asked, Limits(6.0), left)
+        suggestion, _, forbidden = suggest(evaluator, model, asked, Limits(6.0, **limits), left)
         return suggestion, forbidden
 
     for place in (0.6 * low, 0.6 * high):
         found, _ = tried(place)
         assert found is not None
         assert DESIGN.safe * low <= found.reach[0] <= place <= found.reach[1] <= DESIGN.safe * high
+        most = {"angle": 0.8 * max(map(abs, found.reach)), "speed": 0.8 * found.peak_speed}
+        for name in most:  # less far or less fast, if at all
+            less, _ = tried(place, **{name: most[name]})
+            assert less is None or {"angle": max(map(abs, less.reach)), "speed": less.peak_speed}[name] <= most[name]
     found, forbidden = tried(high + 2.0)
     assert found is None and forbidden.numbers["place"].value == pytest.approx(high + 2.0)
 
@@ -155,4 +140,5 @@ def test_limits_that_leave_no_experiment_are_said(limits, given):
     assert found.suggestion is None and found.inseparable == ()
     assert found.forbidden.kind is Kind.BEYOND_LIMITS and found.forbidden.pairs == (("spring", "gravity"),)
     assert {name: found.forbidden.numbers[name].value for name in given} == given
+    assert limits or found.forbidden.numbers.keys() == {"torque"}  # unless asked, it stays within what was recorded
     assert first("a spring at small angles")[1].forbidden is None

@@ -52,9 +52,8 @@ def test_friction_by_temperature_is_named_and_told_per_kelvin(tmp_path):
         assert own.value == pytest.approx(100 * share, abs=4 * own.std + 0.02)
     before, after = found.steps[0].errors["holdout"], found.steps[-1].errors["holdout"]
     assert after.torque_rms < 0.3 * before.torque_rms and after.position_rms < 0.1 * before.position_rms
-    found.model.save(tmp_path / "model.json")
     write_recording(unseen, tmp_path / "unseen.csv")
-    errors = compare(Model.load(tmp_path / "model.json"), [read_recording(tmp_path / "unseen.csv")]).joint.errors
+    errors = compare(found.model, [read_recording(tmp_path / "unseen.csv")]).joint.errors
     assert errors.position_rms == pytest.approx(after.position_rms, rel=0.1)
 
 

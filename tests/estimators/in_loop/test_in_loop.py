@@ -129,29 +129,32 @@ def test_friction_that_grows_with_the_load_is_named_and_the_error_falls(pressed)
     json.dumps(found.json(), allow_nan=False)
 
 
-def under_voltage(kp: float, seed: int, rubs: float = 0.0, pressed: float = 0.0) -> Recording:
+def under_voltage(kp: float, seed: int, rubs: float = 0.0, pressed: float = 0.0, warms: float = 0.0) -> Recording:
     """Eight seconds of a servo whose duty drives a motor that brakes by turning, beside friction of its torque.
 
     By steps of 0.2 ms that stop where dry friction does; the motor, 0.3 N m/V, brakes by 0.25 N m s/rad. Friction grows
-    by `rubs` of its torque, and by `pressed` of the weight's.
+    by `rubs` of its torque, by `pressed` of the weight's and by `warms` with each kelvin, where the motor is off at
+    last.
     """
     rng, step, rate = np.random.default_rng(seed), 2e-4, 100
     tones, phases = 2 * np.pi * np.array([0.23, 0.41, 0.9]), rng.uniform(0, 2 * np.pi, 3)
     q, v, held, rows = 0.0, 0.0, 0.0, []
     for k in range(round(8.0 / step)):
+        is_on, warmer = float(not warms or k * step < 6.5), 2.5 * k * step
         if k % round(1 / rate / step) == 0:
-            held = float(np.sin(tones * k * step + phases) @ [0.5, 0.35, 0.2])
-            rows.append((k * step, np.round(q / 1.5e-3) * 1.5e-3, held))
-        motor = 0.3 * 12.0 * np.clip(kp * (held - q), -0.95, 0.95) - 0.25 * v
-        pushed = v + step * (motor - TRUE["gravity"] * np.sin(q) - TRUE["viscous"] * v) / TRUE["inertia"]
+            held = float(np.sin(tones * k * step + phases) @ [0.5, 0.35, 0.2]) + (warms > 0)
+            rows.append((k * step, np.round(q / 1.5e-3) * 1.5e-3, held, is_on, 25.0 + warmer))
+        motor = is_on * (0.3 * 12.0 * np.clip(kp * (held - q), -0.95, 0.95) - 0.25 * v)
         weight = TRUE["gravity"] * np.sin(q)
-        most = step * (TRUE["coulomb"] + rubs * abs(motor) + pressed * abs(weight)) / TRUE["inertia"]
-        v = float(np.sign(pushed) * max(abs(pushed) - most, 0.0))
+        pushed = v + step * (motor - weight - TRUE["viscous"] * v) / TRUE["inertia"]
+        dry = TRUE["coulomb"] + rubs * abs(motor) + pressed * abs(weight) + warms * warmer
+        v = float(np.sign(pushed) * max(abs(pushed) - step * dry / TRUE["inertia"], 0.0))
         q += step * v
-    time, position, goal = np.array(rows).T
-    drive, ones = Drive(kp=kp, limit=0.95, supply=12.0, gain=0.3), np.ones(len(time))
-    torque = drive.torque(goal, position, 0 * ones, 12.0 * ones, ones)
-    return Recording(f"gain-{kp}", time, position, torque, reference=goal, drive=drive)
+    time, position, goal, on, temperature = np.array(rows).T
+    drive = Drive(kp=kp, limit=0.95, supply=12.0, gain=0.3)
+    torque = drive.torque(goal, position, 0 * goal, 12.0 + 0 * goal, on)
+    known = {"enabled": on, "temperature": temperature} if warms else {}
+    return Recording(f"gain-{kp}", time, position, torque, reference=goal, drive=drive, **known)
 
 
 def test_what_a_motor_brakes_is_told_from_viscous_friction_where_the_gear_rubs_under_its_torque(rubbed):
@@ -270,35 +273,12 @@ def test_a_servo_that_is_told_to_go_at_once_starts_at_rest():
     assert abs(speed) < 0.1  # where a cubic over 80 ms has half a radian per second
 
 
-def geared(kp: float, seed: int) -> Recording:
-    """A servo whose gear is pressed by its motor, less its back-EMF, and by the weight that it drops, and warms up."""
-    rng, step, every = np.random.default_rng(seed), 2e-4, 25
-    time = step * np.arange(30_000)
-    (fast, slow), phase = rng.uniform(2.0, 6.0, 2), rng.uniform(0.0, 6.0)
-    goal = (1.0 + 0.7 * np.sin(fast * time) + 0.4 * np.sin(slow * time + phase))[::every]
-    on, warmer = time[::every] < 5.0, 2.5 * time[::every]
-    q, v, path = goal[0], 0.0, []
-    for k in range(len(time)):
-        if k % every == 0:
-            path.append(q)
-            held = min(max(kp * (goal[k // every] - q), -6.0), 6.0) if on[k // every] else 0.0
-        motor, weight = (held - 0.3 * v if on[k // every] else 0.0), -0.9 * np.sin(q)
-        dry = 0.05 + 0.25 * abs(motor) + 0.15 * abs(weight) + 0.004 * warmer[k // every]
-        free = v + step * (motor + weight - 0.02 * v) / 0.012
-        after = np.sign(free) * max(abs(free) - step * dry / 0.012, 0.0)
-        q, v = q + 0.5 * step * (v + after), after
-    drive = Drive(output="torque", kp=kp, limit=6.0, rate=1 / (every * step))
-    torque = on * np.clip(kp * (goal - path), -6.0, 6.0)
-    known = {"reference": goal, "drive": drive, "enabled": on, "temperature": 25.0 + warmer}
-    return Recording(f"{kp}", time[::every], np.array(path), torque, **known)
-
-
 def test_what_a_motor_loses_by_turning_presses_no_gear_and_what_warms_up_rubs_more():
-    rollouts = Rollouts((geared(4.0, 1), geared(8.0, 2)))
+    rollouts = Rollouts(tuple(under_voltage(kp, k, 0.25, 0.15, 0.004) for k, kp in enumerate((2.0, 4.0))))
     terms = (*BASE, BackEmf(), effects()["load_dependent_friction"](), TemperatureDependentFriction())
     start = Point(terms, np.array([0.01, 0.8, 0.05, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0]))
     found = fit(rollouts, start, np.r_[TYPICAL[:4], 0.05, 0.05, 0.05, 1e-3, 1e-3], share=0.0)
-    assert found.point.theta[:7] == pytest.approx([0.012, 0.9, 0.02, 0.05, 0.3, 0.25, 0.15], rel=0.05, abs=2e-3)
+    assert found.point.theta[:7] == pytest.approx([*TRUE.values(), 0.25, 0.25, 0.15], rel=0.05, abs=5e-3)
     assert found.point.theta[7:] == pytest.approx([0.0, 0.004], abs=3e-4)
 
 
@@ -367,7 +347,7 @@ def test_a_drive_that_acts_on_the_speed_is_asked_how_often_it_looks(plain):
         damped = [replace(own, drive=replace(own.drive, rate=rate, kd=kd)) for own in plain[:2]]
         return any(own.kind is Kind.SPEED_RATE_UNKNOWN for own in diagnose(damped, only=["stribeck"]).findings)
 
-    assert asked(None, 0.03) and not asked(None, 1e-6) and not asked(1000.0, 0.03)
+    assert asked(None, 0.03) and not asked(1000.0, 0.03)
 
 
 def test_command_line_diagnoses_compares_and_reports_in_the_loop(pressed, tmp_path, capsys, monkeypatch):

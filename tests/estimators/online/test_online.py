@@ -139,6 +139,12 @@ def test_covariance_stays_positive_definite_whatever_comes(rows):
         assert (np.linalg.eigvalsh(ours.P) > -1e-9 * np.abs(ours.P).max()).all()
 
 
+def test_parameters_that_wander_are_known_no_worse_than_at_first():
+    ours = SquareRootLeastSquares((1, 1), 2, PRIOR)
+    ours.widen(np.array([[[PRIOR, 0.0]]]))
+    np.testing.assert_allclose(ours.P[0, 0], PRIOR * np.eye(2))
+
+
 def test_what_is_not_excited_returns_to_the_prior_and_the_rest_still_follows():
     ours = SquareRootLeastSquares((1, 1), 2, PRIOR, 0.99)
     for k in range(4000):

@@ -37,6 +37,8 @@ def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
     assert [own.name for own in violations(Model.build(terms, little), motions)] == ["driving_friction"]
     both = [*terms, coupled("elbow,-wrist", True)()]
     assert violations(Model.build(both, [*little, 0.01, 0.2, 0.3]), motions) == []
+    (told,) = driving_friction(Model.build(terms, [0.1, 0.2, -0.2, 0.1], 0.01))
+    assert told == Finding(Kind.FRICTION_NEGATIVE, parameters=("viscous@wrist",))
     (wrong,) = violations(Model.build(both, [*little, -5.0, 0.2, 0.3]), motions)
     assert (wrong.name, wrong.value) == ("coupling.inertia@elbow,-wrist", -5.0)
 
@@ -56,12 +58,6 @@ def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
 def test_friction_that_surely_drives_is_said_whatever_else_outweighs_it(terms, theta, std, told):
     found = driving_friction(Model.build(terms, [0.1, *theta], [0.01, 0.01, 0.01, std, *theta[3:]]))
     assert found == ([Finding(Kind.FRICTION_NEGATIVE, parameters=tuple(told.split()))] if told else [])
-
-
-def test_driving_friction_of_an_arm_is_said_with_its_joint():
-    terms = [placed(own, joint) for joint in ("elbow", "wrist") for own in BASE[2:]]
-    (told,) = driving_friction(Model.build(terms, [0.1, 0.2, -0.2, 0.1], 0.01))
-    assert told == Finding(Kind.FRICTION_NEGATIVE, parameters=("viscous@wrist",))
 
 
 def swinging(load: KnownLoad = UNLOADED) -> Samples:

@@ -134,13 +134,6 @@ def test_windows_of_several_recordings_share_equations_but_no_cluster():
     np.testing.assert_array_equal(equations.y[:first], join_windows(parts[:1]).equations(BASE).y)
 
 
-def test_a_noisier_recording_counts_less():
-    experiments = [Experiment(rate=500, seconds=6, torque_noise=noise) for noise in (0.02, 0.2)]
-    data = prepare(recorded(Plant(), *experiments), [0.012, 0.012])
-    first = len(data.windows[0].centers)
-    assert data.weights[0] > 3 * data.weights[first]
-
-
 @pytest.fixture(scope="module")
 def coarse() -> SimulatedRecording:
     (run,) = simulate([(Plant(), Experiment(rate=500, seconds=8, counts=4096))])

@@ -144,17 +144,17 @@ def test_reset_starts_estimation_anew():
 
 def test_reward_is_the_growth_of_the_information():
     env = InformationReward(EstimateParameters(gym.make(PENDULUM)), prior=1e-3)
-    _, info = env.reset(seed=0)
-    rows, total = [], 0.0
-    for k in range(2000):
-        action = POLICY.predict(np.zeros(3), (k,))[0]
-        _, reward, _, _, info = env.step(action)
-        rows.append(info["regressor"])
-        total += reward
-        assert reward >= 0
-    rows = np.array(rows)
+
+    def gained(steps):
+        env.reset(seed=0)
+        taken = [env.step(POLICY.predict(np.zeros(3), (k,))[0]) for k in range(steps)]
+        return np.array([reward for _, reward, *_ in taken]), np.array([info["regressor"] for *_, info in taken])
+
+    rewards, rows = gained(2000)
     information = 1e-3 * np.eye(4) + rows.T @ rows
-    assert total == pytest.approx(np.linalg.slogdet(information)[1] - 4 * np.log(1e-3), rel=1e-9)
+    assert (rewards >= 0).all()
+    assert rewards.sum() == pytest.approx(np.linalg.slogdet(information)[1] - 4 * np.log(1e-3), rel=1e-9)
+    np.testing.assert_allclose(gained(400)[0], rewards[:400], rtol=1e-9, atol=1e-9)  # all begins anew
     env.reset()
     assert sum(env.step(np.zeros(1, dtype=np.float32))[1] for _ in range(200)) == 0  # at rest
 

@@ -6,18 +6,15 @@ import pytest
 
 pytest.importorskip("pinocchio")
 
-from benchmarks.two_link import TwoLink
-from pendulum_env.arms import read_body
 from pendulum_env.arms.joints import arm_base, at_joint, coupling
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import ModelError, effect
+from tests import two_link
 
 
 @pytest.fixture(scope="module")
-def body(tmp_path_factory):
-    path = tmp_path_factory.mktemp("arm") / "arm.urdf"
-    path.write_text(TwoLink().urdf())
-    return read_body(path)
+def body():
+    return two_link.body()
 
 
 @pytest.fixture
