@@ -9,7 +9,6 @@ from scipy.integrate import solve_ivp
 
 from pendulum_env.recording import Recording
 from tests import once
-from tests.cases import recording
 from tests.pendulum_env.rigs import until_in_time
 
 # a busy machine is no mistake: no test asserts how long it takes
@@ -47,9 +46,3 @@ def swing() -> Recording:
 
     position, velocity = solve_ivp(slope, (0, time[-1]), [0, 0], t_eval=time, rtol=1e-7, max_step=0.01).y
     return Recording("swing", time, position, torque(time), velocity)
-
-
-@pytest.fixture(scope="session")
-def bouncing() -> Recording:
-    """A light arm that is driven against two stiff stops, where it turns round within a few samples."""
-    return recording("bouncing")

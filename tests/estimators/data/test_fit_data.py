@@ -53,8 +53,8 @@ def test_what_is_said_of_recordings_goes_with_them_when_others_are_left_out():
     assert mixed().without([first]).timing(True)[0].recordings == ()
 
 
-def test_data_that_come_from_another_process_are_prepared_again_alike(bouncing):
-    data = FitData.of([bouncing]).with_impacts(BASE)
+def test_data_that_come_from_another_process_are_prepared_again_alike():
+    data = FitData.of([recording("bouncing")]).with_impacts(BASE)
     again = pickle.loads(pickle.dumps(data))
     assert data.parts[0].data.impacts >= 2
     for one, other in zip(data.parts, again.parts, strict=True):

@@ -97,7 +97,7 @@ def test_actions_drawn_at_random_raise_no_alarm():
 
 
 @pytest.mark.slow
-def test_stops_that_turn_the_joint_round_within_a_few_samples_are_found(bouncing):
+def test_stops_that_turn_the_joint_round_within_a_few_samples_are_found():
     found = diagnosed("bouncing")
     assert found.selected == ("hard_stop",)
     stops = found.model.terms[-1].nonlinear_values
@@ -105,7 +105,7 @@ def test_stops_that_turn_the_joint_round_within_a_few_samples_are_found(bouncing
     base, last = found.steps[0].errors["holdout"], found.steps[-1].errors["holdout"]
     assert last.torque_rms < 0.3 * base.torque_rms
     assert last.position_rms < 0.1 * base.position_rms
-    (windows,) = prepare([bouncing]).windows
+    (windows,) = prepare([recording("bouncing")]).windows
     assert found.noise_floor == pytest.approx(windows.noise(0.03), rel=0.1)  # however wrong the base model is
 
 

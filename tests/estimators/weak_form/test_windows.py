@@ -15,7 +15,7 @@ from estimators.weak_form.torque_windows import TorqueWindows, choose_half_width
 from estimators.weak_form.windows import cut
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
 from pendulum_env.recording import Recording
-from tests.cases import TRUTH, WALLS, recorded, told
+from tests.cases import TRUTH, WALLS, recorded, recording, told
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +203,8 @@ def knocked(prepared: RegressionData, terms: Sequence[Term] = BASE) -> TorqueWin
     return with_impacts((prepared, prepared), terms)[0].data
 
 
-def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met(bouncing):
+def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met():
+    bouncing = recording("bouncing")
     prepared = RegressionData.of([bouncing])
     (before,), (after,) = prepared.data.windows, (data := knocked(prepared)).windows
     added = bouncing.position[np.setdiff1d(after.centers, before.centers)]
