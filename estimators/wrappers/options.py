@@ -165,13 +165,14 @@ class Plant:
         return arm_base(self.body) if terms is None else chosen_terms(model_terms(terms, self.body))
 
     def effects(self, names: Sequence[str] | None) -> dict[str, type[Term]]:
-        """Effects that may be missing, by id; `stribeck` is at each joint of an arm; by default all that are known.
+        """Effects that may be missing, by id; `stribeck` is at each joint of an arm; by default all that `info` shows.
 
         Raises:
             ValueError: if there is no such effect or joint.
         """
-        known = [id for id in effects_of(self.body) if id != Coupling.id] if names is None else names
-        return {kind.id: kind for kind in kinds_at(known, self.body)}
+        if names is None:
+            names = [id for id, kind in effects_of(self.body).items() if id != Coupling.id and not kind.needs]
+        return {kind.id: kind for kind in kinds_at(names, self.body)}
 
 
 def make(
