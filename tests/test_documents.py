@@ -74,6 +74,16 @@ def test_what_a_page_names_exists(path):
     assert not set(named) - {*extras, ""}
 
 
+def test_the_page_on_the_road_names_classes_and_functions_where_they_are():
+    page = (ROOT / "docs" / "how-it-works.md").read_text(encoding="utf-8")
+    rows = re.findall(r"(?m)^\|[^|\n]*\| ((?:`\w+`(?:, )?)+) \| `([\w/.]+\.py)` \|", page)
+    told = re.findall(r"`(\w+)(?:\.\w+)?` in `([\w/.]+\.py)`", page)
+    pairs = [(name, file) for names, file in rows for name in re.findall(r"\w+", names)] + told
+    assert len(pairs) > 15
+    for name, file in pairs:
+        assert re.search(rf"(?m)^(class|def) {name}\b", (ROOT / file).read_text(encoding="utf-8")), (name, file)
+
+
 def test_the_extra_all_has_all_that_the_page_lists_and_constraints_pin_it():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     (everything,) = extras["all"]
