@@ -181,7 +181,7 @@ def distance(name: str, prepared: RegressionData, model: Model) -> Distance:
     return Distance(name, with_loop_errors(model, prepared.recordings, errors), prepared.floors, unstable)
 
 
-def joined(parts: Sequence[RegressionData]) -> RegressionData:
+def join_recordings(parts: Sequence[RegressionData]) -> RegressionData:
     """Prepared data of several recordings, with what link states of each."""
     data = join_windows([window for part in parts for window in part.data.windows])
     link_states = {id: [x for part in parts for x in part.data.link_states[id]] for id in parts[0].data.link_states}
@@ -209,7 +209,7 @@ def compare(model: Model | HasModel, recordings: Recordings) -> Comparison:
     that_may_show({term.id: type(term) for term in model.terms if term.needs}, recordings)
     joints = model.terms if isinstance(model.body, Body) else ()
     alone = [] if joints else [_prepared(recording, model) for recording in recordings]
-    together = joined(alone) if alone else RegressionData.of_arm(recordings, joints)
+    together = join_recordings(alone) if alone else RegressionData.of_arm(recordings, joints)
     joint = distance("all", together, model)
     left = together.residual(model.terms, model.theta)
     fits = own_fits([together.data], model.terms) if alone and not are_driven(recordings) else []

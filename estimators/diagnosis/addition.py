@@ -101,15 +101,15 @@ def add(
     return Addition(shown, after, evaluator.residuals.floors, objection, data.doubt)
 
 
-def loosened(evaluator: ModelEvaluator, terms: tuple[Term, ...]) -> tuple[Term, ...]:
+def release_significant(evaluator: ModelEvaluator, terms: tuple[Term, ...]) -> tuple[Term, ...]:
     """The terms with nonlinear parameters released from their usual values, while that is significant."""
     for looser in sorted(release_parameters(evaluator, terms), key=evaluator.screening_score):
         if evaluator.is_significant(looser, terms) and not evaluator.violations(looser):
-            return loosened(evaluator, looser)
+            return release_significant(evaluator, looser)
     return terms
 
 
-def _longer(evaluator: ModelEvaluator, terms: tuple[Term, ...], kind: type[Term]) -> tuple[Term, ...]:
+def _add_best_variant(evaluator: ModelEvaluator, terms: tuple[Term, ...], kind: type[Term]) -> tuple[Term, ...]:
     """The terms with the best variant of an effect; raises IdentificationError where the motion does not show it."""
     trial = best_variant(evaluator, terms, kind)
     if trial is None:
@@ -123,6 +123,6 @@ def _search_effect(evaluator: ModelEvaluator, kind: type[Term]) -> tuple[Step, S
     evaluator.progress("fitting without it", 0.1)
     before = evaluator.fit_with_std(None, refit_nonlinear(evaluator, evaluator.base))
     evaluator.progress(f"searching {kind.id}", 0.3)
-    longer = _longer(evaluator, before.model.terms, kind)
+    longer = _add_best_variant(evaluator, before.model.terms, kind)
     evaluator.progress(f"fitting with {kind.id}", 0.8)
-    return before, evaluator.fit_with_std(kind.id, refit_nonlinear(evaluator, loosened(evaluator, longer)))
+    return before, evaluator.fit_with_std(kind.id, refit_nonlinear(evaluator, release_significant(evaluator, longer)))

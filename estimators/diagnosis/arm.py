@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from estimators.diagnosis.experiment import Limits
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.treatments import time_beside_effects
-from estimators.diagnosis.unexplained import fit_holdout_too, holdout_names
+from estimators.diagnosis.unexplained import holdout_names
 from estimators.findings import Finding, Kind
 from estimators.schemes.identifiability import unidentifiable
 from estimators.selection.evaluator import ModelEvaluator
@@ -59,69 +59,42 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     return replace(trial.found, steps=[*others, replace(last, model=model)]), ()
 
 
-def find_regions(trial: Trial) -> Sequence[Region]:
-    """Find where the residual stands out at the joints that have one."""
-    return where_it_stands_out(trial.evaluator, trial.terms, *left_at_joints(trial.evaluator, trial.terms))
+def find_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, float], list[Region]]:
+    """Return the residual of each joint that is no noise [N m], and the region where it stands out most.
+
+    The residual is the part that neighbouring windows share, or all of it. Held-out data count at joints where nothing
+    is left of the fitted data.
+    """
+    sizes, regions, criterion = dict[str, float](), list[Region](), evaluator.criterion
+    residuals = evaluator.train.residual(terms), evaluator.residuals.holdout_residual(terms)
+    parts = zip(evaluator.parts, residuals, ((), holdout_names(evaluator)), strict=True)
+    for (part, residual, names), found in zip(parts, evaluator.residuals.structures(terms), strict=True):
+        for at, own in found.items():
+            floor = max(evaluator.residuals.noise_floor(part, at), part.data.negligible(at))
+            if at not in sizes and not criterion.is_noise(own, floor):
+                sizes[at] = own.correlated_rms if own.z_score > criterion.z_score else own.rms
+                region = next(iter(part.stand_out(residual, at, most=1)), everywhere(at=at, units=part.units(at)))
+                regions.append(replace(region, held_out=names))
+    return sizes, regions
 
 
 def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     """Add the residual of each joint, tables that explain it, and the next step."""
     evaluator, terms = trial.evaluator, trial.terms
-    left, unseen = left_at_joints(evaluator, terms)
-    by_law = ([table for table in evaluator.tables if table.at == at] for at in left)
+    left, regions = find_residuals(evaluator, terms)
+    joints = [region.at for region in regions if not region.held_out]
+    by_law = ([table for table in evaluator.tables if table.at == at] for at in joints)
     tables = tuple(id for laws in by_law if (id := find_explaining_law(evaluator, terms, laws)) is not None)
-    forbidden = what_is_open(found.ambiguous, tables, bool(left or unseen))
-    if unseen and not left:
-        forbidden = fit_holdout_too(
-            evaluator, Kind.FIT_HELD_OUT_OR_PAYLOAD if trial.data.holdout else Kind.FIT_HELD_OUT
-        )
+    forbidden = Finding(Kind.NO_EFFECT_OPEN) if left else None
+    if left and not joints:
+        kind = Kind.FIT_HELD_OUT_OR_PAYLOAD if trial.data.holdout else Kind.FIT_HELD_OUT
+        forbidden = Finding(kind, recordings=holdout_names(evaluator))
+    elif found.ambiguous:
+        forbidden = Finding(Kind.TIED, effects=found.ambiguous[0])
+    elif tables:
+        forbidden = Finding(Kind.TABLE_HELPS, effects=tables)
     findings = (*driving_friction(found.model), *trial.data.corrections)
-    return replace(found, findings=findings, forbidden=forbidden, tables=tables, left=left | unseen)
-
-
-def left_at_joints(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, float], dict[str, float]]:
-    """Torque that terms leave of joints and that is no noise [N m]: what neighbouring windows share, or all.
-
-    The second are of the held-out data, at joints where nothing is left of what was fitted.
-    """
-    fitted, unseen = (
-        {
-            at: own.correlated_rms if own.z_score > evaluator.criterion.z_score else own.rms
-            for at, own in found.items()
-            if not evaluator.criterion.is_noise(
-                own, max(evaluator.residuals.noise_floor(part, at), part.data.negligible(at))
-            )
-        }
-        for part, found in zip(evaluator.parts, evaluator.residuals.structures(terms), strict=True)
-    )
-    return fitted, {at: size for at, size in unseen.items() if at not in fitted}
-
-
-def where_it_stands_out(
-    evaluator: ModelEvaluator, terms: Terms, joints: Collection[str], unseen: Collection[str]
-) -> tuple[Region, ...]:
-    """Where what terms leave stands out most of the noise, one region of each joint, everywhere if it does nowhere.
-
-    Of the joints `unseen`, where that is in held-out data.
-    """
-    regions = []
-    for part, residual, places, names in (
-        (evaluator.train, evaluator.train.residual(terms), joints, ()),
-        (evaluator.holdout, evaluator.residuals.holdout_residual(terms), unseen, holdout_names(evaluator)),
-    ):
-        for at in places:
-            region = next(iter(part.stand_out(residual, at, most=1)), everywhere(at=at, units=part.units(at)))
-            regions.append(replace(region, held_out=names))
-    return tuple(regions)
-
-
-def what_is_open(groups: Sequence[tuple[str, ...]], tables: Sequence[str], is_left: bool) -> Finding | None:
-    """Return what would settle what is open at joints, or that nothing would; None if nothing is open."""
-    if groups:
-        return Finding(Kind.TIED, effects=groups[0])
-    if tables:
-        return Finding(Kind.TABLE_HELPS, effects=tuple(tables))
-    return Finding(Kind.NO_EFFECT_OPEN) if is_left else None
+    return replace(found, findings=findings, forbidden=forbidden, tables=tables, left=left)
 
 
 ARM = Case(
@@ -130,7 +103,7 @@ ARM = Case(
     search=search,
     refit=lambda found, start: found,
     refine=refine,
-    unexplained=find_regions,
+    unexplained=lambda trial: find_residuals(trial.evaluator, trial.terms)[1],
     present=lambda trial, step: step,
     conclude=conclude,
     reveal=lambda data, base, kind: data,

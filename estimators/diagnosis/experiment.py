@@ -163,11 +163,11 @@ def questions(
         asked_already = candidate.effect in {question.aim.effect for question in asked}
         if candidate.verdict is Verdict.NOT_EXCITED and not out_of_reach and not asked_already:
             inertia = evaluator.train.recordings[0].known_inertia
-            asked.append(Question(Aim(candidate.effect), tuple(terms), of_typical_size(kind, inertia)))
+            asked.append(Question(Aim(candidate.effect), tuple(terms), typical_effect(kind, inertia)))
     return asked
 
 
-def of_typical_size(kind: type[Term], inertia: float = 0.0) -> tuple[Term, Array]:
+def typical_effect(kind: type[Term], inertia: float = 0.0) -> tuple[Term, Array]:
     """An effect as a rig might have it, and its linear parameters (P,).
 
     Of a free swing, torques are in the proportion of its inertia to that of the paper's rig.

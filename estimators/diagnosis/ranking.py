@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimators.diagnosis.reasons import about_table, fall, rejection
+from estimators.diagnosis.reasons import about_table, error_fall, rejection
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.candidates import screen_library, screen_replacements
@@ -55,13 +55,13 @@ def rank_effects(
         if id not in verdicts:
             reason = rejection(gates) or Finding(Kind.OTHERS_BETTER)
             verdicts[id] = Candidate(id, 0.0, Verdict.REJECTED, 1.0, reason, gates=gates)
-    return doubted(by_verdict(verdicts.values()), doubts), groups
+    return mark_imitators(sort_by_verdict(verdicts.values()), doubts), groups
 
 
-def doubted(candidates: Sequence[Candidate], doubts: Sequence[Finding]) -> list[Candidate]:
+def mark_imitators(candidates: Sequence[Candidate], doubts: Sequence[Finding]) -> list[Candidate]:
     """Return candidates, where an effect that imitates a term of the model in these data is not rejected."""
     alike = dict(doubt.rivals for doubt in doubts if doubt.rivals is not None)
-    return by_verdict(
+    return sort_by_verdict(
         replace(one, verdict=Verdict.NOT_EXCITED, reason=Finding(Kind.IMITATES, effects=(alike[one.effect],)))
         if one.verdict is Verdict.REJECTED and one.effect in alike
         else one
@@ -69,7 +69,7 @@ def doubted(candidates: Sequence[Candidate], doubts: Sequence[Finding]) -> list[
     )
 
 
-def by_verdict(candidates: Iterable[Candidate]) -> list[Candidate]:
+def sort_by_verdict(candidates: Iterable[Candidate]) -> list[Candidate]:
     """Return candidates in the order of their verdicts, the likelier first."""
     order = list(Verdict)
     return sorted(candidates, key=lambda candidate: (order.index(candidate.verdict), -candidate.score))
@@ -94,7 +94,7 @@ def _rank_selected(found: SearchResult, final: Terms, before: Step, after: Step)
     score = evaluator.criterion.max_score * share
     if evaluator.train.segments or before.errors["holdout"].is_in_loop:
         less, more = (step.errors["holdout"].at(term.at) for step in (after, before))
-        reason = fall(before, after)
+        reason = error_fall(before, after)
     else:  # without a simulation, windows give the errors of the final model, as they give the score
         less, more = (_held_out_rms(evaluator, terms, term.at) for terms in (final, others))
         reason = Finding(Kind.ERROR_FALLS_AT_JOINT, {"share": Quantity(less / more)}, joints=(term.at,))

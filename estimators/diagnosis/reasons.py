@@ -38,7 +38,7 @@ def about_table(kind: Kind, table: Table) -> Finding:
     return Finding(kind, numbers, effects=(table.id,))
 
 
-def fall(before: Step, after: Step) -> Finding:
+def error_fall(before: Step, after: Step) -> Finding:
     """Return the fall of the held-out errors from one step to the next."""
     old, new = before.errors["holdout"], after.errors["holdout"]
     numbers: dict[str, Quantity] = {}

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimators.diagnosis.experiment import of_typical_size
+from estimators.diagnosis.experiment import typical_effect
 from estimators.diagnosis.result import Detectable
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.residuals import Terms
@@ -17,14 +17,14 @@ CLEAR = 2.0  # times what counts as structure: windows next to each other share 
 DOUBT = 3.0  # times the gain that chance may give, which is then found nearly always
 
 
-def smallest(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -> float | None:
+def detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -> float | None:
     """Smallest size of an effect that would have shown beside the terms, in the unit of its first parameter.
 
     An effect whose torque has a root mean square r after a fit of the terms gains about N/2 log(1 + r^2 / s^2) nats
     over N windows whose noise is s; and r has to be structure, not noise, which N windows may be too few to tell. None
     if no size would do, or the data do not depend on it.
     """
-    term, theta = of_typical_size(kind)
+    term, theta = typical_effect(kind)
     if not len(theta):
         return None
     (columns,) = evaluator.train.columns([term])
@@ -50,10 +50,10 @@ def smallest(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -> float
 
 def detectable(evaluator: ModelEvaluator, terms: Terms, library: Mapping[str, type[Term]]) -> tuple[Detectable, ...]:
     """What would have shown beside the terms, and from which size on."""
-    sizes = {id: smallest(evaluator, terms, library[id]) for id in TOLD if id in library}
+    sizes = {id: detectable_size(evaluator, terms, library[id]) for id in TOLD if id in library}
     units = JointUnits(evaluator.train.recordings[0].torque_unit)
     found = [
-        Detectable(id, size, units.unit(of_typical_size(library[id])[0].columns[0].unit))
+        Detectable(id, size, units.unit(typical_effect(library[id])[0].columns[0].unit))
         for id, size in sizes.items()
         if size is not None
     ]

@@ -51,7 +51,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     from viscous friction where the motor was off for a while.
     """
     data = FitData.of(recordings, holdout, setting.base)
-    more = [GravityTilt(), *([BackEmf()] if are_ever_off(data.recordings) else [])]
+    more = [GravityTilt(), *([BackEmf()] if has_unpowered_motor(data.recordings) else [])]
     base = (*setting.base, *(term for term in more if term.id not in ids(setting.base)))
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
     criterion = replace(setting.criterion, explained_share=LOOP.needed, needed_share=LOOP.needed)
@@ -70,7 +70,7 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
         setting = replace(setting, base=(*setting.base, BackEmf()))
     windows = RegressionData.of(fitted, part=first).torque
     ways = [RolloutRows(Rollouts(fitted, is_held=held, shares=first), windows) for held in (True, False)]
-    train = likeliest_way(ways, setting.base, list(setting.library.values()))
+    train = choose_way(ways, setting.base, list(setting.library.values()))
     rest = Rollouts(unseen, is_held=train.rollouts.is_held, shares=last)
     check = RolloutRows(rest, RegressionData.of(unseen, part=last).torque, train)
     return setting.evaluator((train.data, check.data))
@@ -107,7 +107,7 @@ def present(trial: Trial, step: Step) -> Step:
 
     They are until the motor is off, or its gear rubs under its torque; or if viscous friction is limited.
     """
-    if BackEmf.id not in step.model.estimates or are_ever_off(trial.data.recordings) or rubs(step):
+    if BackEmf.id not in step.model.estimates or has_unpowered_motor(trial.data.recordings) or has_gear_friction(step):
         return step
     theta = {column.name: value for column, value in zip(step.model.columns, step.model.theta, strict=True)}
     viscous = next((column for column in step.model.columns if column.name == "viscous"), None)
@@ -127,7 +127,7 @@ def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:
     """
     is_pressed = LoadDependentFriction.id in ids(terms) and BackEmf.id not in ids(terms)
     finding = Finding(Kind.BACK_EMF_INCLUDED, effects=(BackEmf.id,))
-    return data.treated(finding) if is_pressed and under_voltage(data.recordings) else None
+    return data.treated(finding) if is_pressed and driven_by_voltage(data.recordings) else None
 
 
 def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
@@ -157,7 +157,7 @@ def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:
     return found
 
 
-def likeliest_way(ways: Sequence[RolloutRows], base: Sequence[Term], effects: Sequence[type[Term]]) -> RolloutRows:
+def choose_way(ways: Sequence[RolloutRows], base: Sequence[Term], effects: Sequence[type[Term]]) -> RolloutRows:
     """That of several ways to look at recordings under which a model is likeliest, with one more effect if need be.
 
     A goal that is held is late by half a sample, which a model without what is missing may well prefer.
@@ -173,17 +173,17 @@ def likeliest_way(ways: Sequence[RolloutRows], base: Sequence[Term], effects: Se
     return min(ways, key=of)
 
 
-def rubs(step: Step) -> bool:
+def has_gear_friction(step: Step) -> bool:
     """Whether a gear surely rubs under the motor's torque, which back-EMF is no part of."""
     return significant_sign(step.model, LoadDependentFriction.id) > 0
 
 
-def are_ever_off(recordings: Sequence[Recording]) -> bool:
+def has_unpowered_motor(recordings: Sequence[Recording]) -> bool:
     """Whether a motor that a voltage drives is off for a while."""
-    return not all(recording.powered.all() for recording in under_voltage(recordings))
+    return not all(recording.powered.all() for recording in driven_by_voltage(recordings))
 
 
-def under_voltage(recordings: Sequence[Recording]) -> list[Recording]:
+def driven_by_voltage(recordings: Sequence[Recording]) -> list[Recording]:
     """Recordings whose drive gives the motor a voltage, not a torque."""
     return [own for own in recordings if own.drive is not None and own.drive.output in ("duty", "voltage")]
 

@@ -53,12 +53,8 @@ def find_unexplained(found: SearchResult) -> list[Region]:
 
 def find_holdout_structure(evaluator: ModelEvaluator, final: Sequence[Term]) -> Finding | None:
     """Return a finding where held-out data alone show more."""
-    return fit_holdout_too(evaluator) if evaluator.residuals.is_noise_by_part(tuple(final)) == (True, False) else None
-
-
-def fit_holdout_too(evaluator: ModelEvaluator, kind: Kind = Kind.FIT_HELD_OUT) -> Finding:
-    """Return the finding that the fitted data are explained, and the held-out data are not."""
-    return Finding(kind, recordings=holdout_names(evaluator))
+    is_there = evaluator.residuals.is_noise_by_part(tuple(final)) == (True, False)
+    return Finding(Kind.FIT_HELD_OUT, recordings=holdout_names(evaluator)) if is_there else None
 
 
 def holdout_names(evaluator: ModelEvaluator) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Diagnosis
 from estimators.data.split import gather
-from estimators.diagnosis.experiment import DESIGN, Limits, Question, of_typical_size, suggest
+from estimators.diagnosis.experiment import DESIGN, Limits, Question, suggest, typical_effect
 from estimators.diagnosis.result import Verdict
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.findings import Finding, Kind
@@ -106,7 +106,7 @@ def test_the_suggested_motion_stays_within_what_the_rig_bears():
 
 def test_an_experiment_goes_where_most_is_left(evaluator):
     model = evaluator.fit_with_std(None, BASE).model
-    asked = [Question(Aim("spring"), BASE, of_typical_size(effects()["spring"]))]
+    asked = [Question(Aim("spring"), BASE, typical_effect(effects()["spring"]))]
     low, high = evaluator.train.reach()
 
     def tried(place: float, **limits: float) -> tuple[Suggestion | None, Finding | None]:

@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.split import gather
-from estimators.diagnosis.sensitivity import detectable, smallest
+from estimators.diagnosis.sensitivity import detectable, detectable_size
 from estimators.selection.evaluator import ModelEvaluator
 from pendulum_env.physics import BASE, effects
 from tests.cases import diagnosed, recorded
@@ -20,7 +20,7 @@ def evaluator() -> ModelEvaluator:
 @pytest.mark.slow
 @pytest.mark.parametrize(("id", "parameter"), [("quadratic_drag", "drag"), ("spring", "spring_k")])
 def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(evaluator, id, parameter):
-    size = smallest(evaluator, BASE, effects()[id])
+    size = detectable_size(evaluator, BASE, effects()[id])
     assert size is not None
     large, small = (recorded(Plant(effects={id: {parameter: share * size}}), EXPERIMENT) for share in (2, 0.1))
     found = diagnosed(large)
@@ -30,5 +30,5 @@ def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(evaluator, id, p
 
 def test_it_is_told_with_sizes_and_with_the_angles_that_were_reached(evaluator):
     found = {one.effect: one for one in detectable(evaluator, BASE, effects())}
-    assert found["stribeck"].above == smallest(evaluator, BASE, effects()["stribeck"])
+    assert found["stribeck"].above == detectable_size(evaluator, BASE, effects()["stribeck"])
     assert found["stribeck"].unit == "N m" and found["hard_stop"].between == evaluator.train.reach()
