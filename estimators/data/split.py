@@ -39,7 +39,7 @@ def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), s
     Raises:
         IdentificationError: if a part holds too little motion, or torque is never applied.
     """
-    if not any(recording.is_driven or recording.known_inertia for recording in recordings):
+    if not any(recording.has_torque or recording.known_inertia for recording in recordings):
         names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(
             f"{names}: torque is never applied, so that only ratios of parameters are known: take `FitData.of`"

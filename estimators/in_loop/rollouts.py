@@ -19,6 +19,7 @@ from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.servo.drive import LONGEST
 from pendulum_env.servo.loop import Servos, follow
+from pendulum_env.servo.torque import bus_voltage
 
 GRAIN = 0.02  # [s] between the positions that are compared,
 STEPS, FINE = 11, 20  # of the integrator while models are searched for, and in the end
@@ -75,7 +76,7 @@ class Rollouts:
             drives,
             step,
             held(goals) if self.is_held else between(goals),
-            held([part.bus for part in parts]),
+            held([bus_voltage(part) for part in parts]),
             held([part.powered for part in parts]),
             np.array([part.position[0] for part in parts]),
             np.array([_velocity_at_start(part) for part in parts]),

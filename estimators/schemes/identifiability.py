@@ -47,7 +47,7 @@ def identifiability(
 
     doubts: list[Finding] = []
     is_free = not any(m.held.any() for m in measurements)
-    if not is_free and not any(is_driven(m) for m in measurements):
+    if not is_free and not any(has_effective_torque(m) for m in measurements):
         mean = float(np.mean([m.held.mean() for m in measurements]))
         is_constant = all(np.ptp(m.held) <= CONSTANT * abs(mean) for m in measurements)
         kind = Kind.TORQUE_IS_CONSTANT if is_constant else Kind.TORQUE_IS_NOISE
@@ -127,7 +127,7 @@ def is_determined(estimate: Estimate, large: float) -> bool:
     return estimate.is_significant or estimate.std <= large
 
 
-def is_driven(m: Measurements) -> bool:
+def has_effective_torque(m: Measurements) -> bool:
     """Test whether torque changes by more than noise, or the motion follows a torque that is constant or white."""
     if np.std(m.held) > max(3 * m.torque_noise, 1e-9):
         return True

@@ -25,9 +25,9 @@ from estimators.schemes.fitting import Identified, Segments, fitted, regressions
 from estimators.schemes.identifiability import (
     CONSTANT,
     find_unidentifiable,
+    has_effective_torque,
     identifiability,
     inseparable,
-    is_driven,
     unidentifiable,
 )
 from estimators.schemes.six import SCHEMES, LowPass, Regression, Regressor, Scheme, chosen_schemes
@@ -203,7 +203,7 @@ def _of_one_joint(
     terms = swing_terms(original, recordings)
     segments = _measure_joints(recordings, terms)
     measurements = [m for own in segments for (m,) in own]
-    if not (all(own.is_free for own in recordings) or any(is_driven(m) for m in measurements)):
+    if not (all(own.is_free for own in recordings) or any(has_effective_torque(m) for m in measurements)):
         raise IdentificationError(f"{_names(recordings)}: {_undriven(recordings)}")
     chosen, slowed = _at_rate(schemes, segments)
     doubts = (*identifiability(measurements, terms, given.unit), *slowed)

@@ -153,12 +153,12 @@ def read_arm_recording(
 
 def read_of(body: Mechanism, source: Readable, format: Source, name: str | None = None) -> Recording:
     """Read a recording of a pendulum or of an arm in the format of a log; raises as the functions that read either."""
-    columns, unwrap = format.columns or None, format.unwrap
     if not isinstance(body, Body):
-        read = read_recording(source, name=name, columns=columns, unwrap=unwrap, drive=format.drive)
-        return replace(read, load=format.load)
+        return replace(read_recording(source, name=name, **format.reading), load=format.load)
     still = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
-    return read_arm_recording(source, body.joints, held=still, name=name, columns=columns, unwrap=unwrap)
+    return read_arm_recording(
+        source, body.joints, held=still, name=name, columns=format.columns or None, unwrap=format.unwrap
+    )
 
 
 def find_logged_joints(

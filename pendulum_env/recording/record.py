@@ -289,20 +289,13 @@ class Recording:
         return {quantity: values for quantity, values in every.items() if values is not None}
 
     @property
-    def bus(self) -> Array:
-        """Voltage of the bus (N,) [V]: as recorded, or else what the drive says."""
-        if self.supply is not None:
-            return self.supply
-        return np.full(len(self), 1.0 if self.drive is None or self.drive.supply is None else self.drive.supply)
-
-    @property
     def powered(self) -> Array:
         """1 while the motor is powered and 0 while it is open (N,): as recorded, or else all along."""
         return np.ones(len(self)) if self.enabled is None else self.enabled
 
     @property
-    def is_driven(self) -> bool:
-        """True if the motor or a measured load torque, by more than its noise, drives the joint."""
+    def has_torque(self) -> bool:
+        """True if the motor or a measured load torque, by more than its noise, acts on the joint."""
         if (np.abs(self.torque) > NO_TORQUE).any():
             return True
         if self.load_torque is None:
@@ -324,18 +317,7 @@ class Recording:
     @property
     def is_free(self) -> bool:
         """True if the joint swings freely: nothing drives it, and no controller is known."""
-        return self.drive is None and not self.is_driven
-
-    @property
-    def asked_torque(self) -> Array:
-        """Torque (N,) that its drive asked for along the recording, which has a reference, in the drive's unit."""
-        assert self.drive is not None
-        parts = []
-        for part in self.segments:
-            assert part.reference is not None  # there is no drive without one
-            velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
-            parts.append(self.drive.torque(part.reference, part.position, velocity, part.bus, part.powered))
-        return np.concatenate(parts)
+        return self.drive is None and not self.has_torque
 
     def slice(self, start: int | None, stop: int | None) -> Self:
         """Samples start to stop - 1, indices as in Python slicing; time is not shifted.

@@ -36,6 +36,7 @@ from pendulum_env.recording.table import Find, Table
 from pendulum_env.recording.text import read_csv, read_excel
 from pendulum_env.recording.vocabulary import OUTPUTS
 from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.torque import MOTOR, complete_torque
 
 READERS: dict[str, Callable[[Path, Find], Table]] = {
     ".csv": read_csv,
@@ -255,7 +256,7 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
         with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is left out like an empty cell
             values[quantity] *= column.scale
             values[quantity] += column.offset
-    source = drive or Drive(output="torque")  # of torque
+    source = drive or MOTOR
     if source.output == "duty" and source.supply is None and "supply" not in values:
         raise RecordingError(
             "a duty is a share of the supply: name its column (supply=...), or give the drive a supply [V]"
@@ -305,13 +306,7 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
         log_format=describe_reading(named, unwrap, drive),
         start_date=log.clock.date or (table.date and table.date + timedelta(seconds=log.clock.start)),
     )
-    if drive is not None and "torque" not in columns:
-        asked = Note(NoteKind.TORQUE_OF_DRIVE)
-        recording = replace(recording, torque=recording.asked_torque, notes=(*recording.notes, asked))
-    elif is_output:
-        logged = Note(NoteKind.TORQUE_BY_OUTPUT, headers=(source.unit,), text=str(source.output))
-        torque = source.scale(recording.bus) * recording.torque
-        recording = replace(recording, torque=torque, torque_unit=source.unit, notes=(*recording.notes, logged))
+    recording = complete_torque(recording)
     checks.refuse_too_short(recording, origin)
     checks.refuse_foreign_reference(recording, origin)
     checks.refuse_torque_twice(recording, origin)

@@ -87,10 +87,15 @@ class Source:
         return replace(self.within_range(_of_one_joint), load=self.load)
 
     @property
+    def reading(self) -> dict[str, Any]:
+        """Arguments of `read_recording`."""
+        return {"columns": self.columns, "unwrap": self.unwrap, "drive": self.drive}
+
+    @property
     def format(self) -> JSON:
         """How it is read, in the words of a study, as far as anything is said."""
         load = None if self.load is None else asdict(self.load)
-        said = {**describe_reading(self.columns, self.unwrap, self.drive), "load": load}
+        said = {**describe_reading(**self.reading), "load": load}
         return {key: said[key] for key in FORMAT if said.get(key)}
 
     def within_range(self, read: Callable[..., Sliced], *arguments: Hashable) -> Sliced:
@@ -124,7 +129,7 @@ def _read_once(read: Callable[..., Any], source: Source, written: int | None, *a
 
 def _of_one_joint(source: Source) -> Recording:
     try:
-        return read_recording(source.file, unwrap=source.unwrap, columns=source.columns, drive=source.drive)
+        return read_recording(source.file, **source.reading)
     except ColumnError as error:
         if not source.said_by:
             raise
