@@ -16,7 +16,6 @@ from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import swing
 from estimators.in_loop.fit import with_loop_errors
-from estimators.in_loop.rollouts import are_driven
 from estimators.prediction import Prediction, predictions
 from estimators.regression.equations import IdentificationError
 from estimators.selection.errors import Errors, of_one
@@ -212,7 +211,7 @@ def compare(model: Model | HasModel, recordings: Recordings) -> Comparison:
     together = join_recordings(alone) if alone else RegressionData.of_arm(recordings, joints)
     joint = distance("all", together, model)
     left = together.residual(model.terms, model.theta)
-    fits = own_fits([together.data], model.terms) if alone and not are_driven(recordings) else []
+    fits = own_fits([together.data], model.terms) if alone and not joint.errors.is_in_loop else []
     failing, most = joint.floors if _is_logged(recordings) else (), max(1, SHOWN // len(joint.floors))
     return Comparison(
         model,

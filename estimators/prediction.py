@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -12,8 +12,7 @@ import numpy as np
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.figure import Figure, before_and_after, broken
-from estimators.in_loop.fit import choose_rollouts
-from estimators.in_loop.rollouts import are_driven
+from estimators.in_loop.fit import simulate_from_goals
 from estimators.regression.equations import IdentificationError
 from estimators.simulation.free_running import Segments, follow
 from estimators.weak_form import links
@@ -132,18 +131,17 @@ def predictions(model: Model, data: FitData) -> tuple[Prediction, ...]:
     """Predict the recordings that a result is of: those that were fitted, then those that were held out."""
     is_same = data.holdout is data.recordings  # compared, all alike
     seen = data.recordings if is_same else (*data.recordings, *data.holdout)
-    is_driven = are_driven(seen)
-    found = [replace(_without_values(model, recording), is_in_loop=is_driven) for recording in seen]
+    paths = simulate_from_goals(model, seen)
+    found = [replace(_without_values(model, recording), is_in_loop=bool(paths)) for recording in seen]
     if is_same:
         found = [replace(own, is_held_out=None) for own in found]
-    with suppress(*[IdentificationError] * is_driven):  # a servo may move too little for a regression of its torque
+    with suppress(*[IdentificationError] * bool(paths)):  # a servo may move too little for a regression of its torque
         fitted, unseen = data.parts
         _predict(model, fitted, found[: len(data.recordings)], False)
         if not is_same:
             _predict(model, unseen, found[len(data.recordings) if data.holdout else 0 :], True)
-    if is_driven:
-        for own, path in zip(found, _in_loop(model, seen), strict=True):
-            own.simulated_position[:] = path
+    for own, path in zip(found, paths, strict=False):
+        own.simulated_position[:] = path
     return tuple(found)
 
 
@@ -218,17 +216,3 @@ def _simulate(model: Model, segments: Segments, position: Array) -> None:
     index = segments.first + np.arange(len(path))[:, None]
     position[segments.first] = path[0]
     position[index[1:].T.ravel()] = path[1:].T.ravel()
-
-
-def _in_loop(model: Model, recordings: Sequence[Recording]) -> Iterator[Array]:
-    """Positions (N,) [rad] of servos, simulated from their goals, for each recording."""
-    rollouts, missed = choose_rollouts(model, recordings)
-    simulated = rollouts.position + missed
-    for k, recording in enumerate(recordings):
-        own, path = rollouts.recording_of == k, []
-        for part in recording.segments:
-            time = part.time - recording.time[0]
-            within = own & (rollouts.time > time[0]) & (rollouts.time <= time[-1])
-            known = np.r_[time[0], rollouts.time[within]], np.r_[part.position[0], simulated[within]]
-            path.append(np.interp(time, *known, right=np.nan))
-        yield np.concatenate(path)

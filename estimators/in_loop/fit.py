@@ -201,6 +201,23 @@ def simulate_recording(model: Model, recording: Recording) -> tuple[Array, Array
     return rollouts.time, rollouts.position + missed, rollouts.position
 
 
+def simulate_from_goals(model: Model, recordings: Sequence[Recording]) -> list[Array]:
+    """Return simulated positions (N,) [rad] of each recording of a servo; none without drives."""
+    if not are_driven(recordings):
+        return []
+    rollouts, missed = choose_rollouts(model, recordings)
+    simulated, paths = rollouts.position + missed, []
+    for k, recording in enumerate(recordings):
+        own, path = rollouts.recording_of == k, []
+        for part in recording.segments:
+            time = part.time - recording.time[0]
+            within = own & (rollouts.time > time[0]) & (rollouts.time <= time[-1])
+            known = np.r_[time[0], rollouts.time[within]], np.r_[part.position[0], simulated[within]]
+            path.append(np.interp(time, *known, right=np.nan))
+        paths.append(np.concatenate(path))
+    return paths
+
+
 def with_loop_errors(model: Model, recordings: Sequence[Recording], errors: Errors) -> Errors:
     """Return the errors of a model with those in the loop, if the recordings have drives."""
     if not are_driven(recordings):

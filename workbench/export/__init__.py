@@ -4,8 +4,6 @@
 arm, and names what of a model it cannot hold.
 """
 
-from dataclasses import replace
-
 from pendulum_env.arguments import check_order
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.lookup import find
@@ -33,8 +31,7 @@ def export(model: Model, format: str, request: Request | None = None) -> Exporte
         if format != "mjcf":
             raise InputError(f"an arm is exported to mjcf, not to {format}")
         return joints.mjcf(model, request)
-    if request.drive is not None:
-        request = replace(request, drive=servo.in_units_of(model, request.drive))
+    request = servo.in_units_of(model, request)
     if format == "mjcf":
         return mjcf.export(model, request)
     return program.export(model, request, "c" if format == "c" else "python")

@@ -14,14 +14,14 @@ import numpy as np
 
 from pendulum_env.physics import Estimate, Model, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
-from pendulum_env.physics.simulation import LONGEST_STEP, Balance, in_symbols, step
+from pendulum_env.physics.simulation import Balance, in_symbols, step
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, in_order, labelled, name
 from pendulum_env.physics.term import ROOM, Memory
 from pendulum_env.recording.vocabulary import SI
 from pendulum_env.servo.drive import UNIT, Drive
 from pendulum_env.servo.loop import GAINS, Given, State, control, gains_of, taps
 from pendulum_env.words import listing
-from workbench.export.request import ExportError
+from workbench.export.request import ExportError, Request
 from workbench.export.servo import supply_of
 
 RESERVED = frozenset(  # names that the exported programs and their languages have themselves
@@ -78,18 +78,18 @@ class Dynamics:
         return late if share == 0 else f"{1.0 - share!r} * {late} + {share!r} * {later}"
 
 
-def written(model: Model, seconds: float = LONGEST_STEP, drive: Drive | None = None) -> Dynamics:
-    """The step of a model, of that length [s], under a torque; or under a goal, with a drive.
+def written(model: Model, request: Request) -> Dynamics:
+    """The step of a model under a torque; or under a goal, with a drive.
 
     Raises ExportError if a law of the model is not made of what can be written down.
     """
     with _formulas():
-        parts = _Parts.of(model, model.terms, drive, seconds)
-        x = step(parts.balance, parts.x, seconds)
+        parts = _Parts.of(model, model.terms, request)
+        x = step(parts.balance, parts.x, request.step)
     return parts.dynamics({"time": x.time, "position": x.position, "velocity": x.velocity} | parts.memory(x.memory))
 
 
-def beside(model: Model, terms: Sequence[Term], drive: Drive | None, seconds: float = LONGEST_STEP) -> Dynamics:
+def beside(model: Model, terms: Sequence[Term], request: Request) -> Dynamics:
     """What some terms of a model, and perhaps a drive, add to each step of an engine that has the other terms.
 
     The step is given where the joint is, and returns the torque to apply and the largest dry friction to allow.
@@ -97,7 +97,7 @@ def beside(model: Model, terms: Sequence[Term], drive: Drive | None, seconds: fl
     Raises ExportError if a law of the model is not made of what can be written down, or adds inertia that varies.
     """
     with _formulas():
-        parts = _Parts.of(model, terms, drive, seconds)
+        parts, seconds = _Parts.of(model, terms, request), request.step
         balance, x = parts.balance, parts.x
         results = {
             Quantity("applied", model.torque_unit): _operand(balance.net(x)),
@@ -131,7 +131,7 @@ class _Parts:
     delay: float = 0.0  # of a torque that is given [s]
 
     @classmethod
-    def of(cls, model: Model, terms: Sequence[Term], drive: Drive | None, seconds: float) -> _Parts:
+    def of(cls, model: Model, terms: Sequence[Term], request: Request) -> _Parts:
         """The terms of a model, under the torque of a drive if there is one."""
         balance, x, _ = in_symbols(terms)
         named: list[tuple[str, str, Any, float]] = [
@@ -170,14 +170,14 @@ class _Parts:
             remembered[id] = [f"{id}_memory{end}" for end in ends]
             for symbol, text, at_rest in zip(symbols, remembered[id], long_ago[id], strict=True):
                 symbol.label, start[text] = text, at_rest
-        parts = cls(seconds, balance, x, remembered, parameters, given, start)
-        if drive is None:
-            parts.delay = sum(term.delay for term in terms)
+        parts = cls(request.step, balance, x, remembered, parameters, given, start)
+        if request.drive:
+            parts.take_goal(model, request.drive)
         else:
-            parts.drive(model, drive)
+            parts.delay = sum(term.delay for term in terms)
         return parts
 
-    def drive(self, model: Model, drive: Drive) -> None:
+    def take_goal(self, model: Model, drive: Drive) -> None:
         """Put a drive, which is given a goal, in the place of the torque."""
         seconds, x = self.seconds, self.x
         looks_always = drive.rate is None or drive.rate * seconds >= 1.0

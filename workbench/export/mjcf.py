@@ -14,17 +14,14 @@ import numpy as np
 
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS
 from pendulum_env.physics import Model, Samples, Term
-from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.transmission import JointFlexibility
-from pendulum_env.servo.drive import Drive
 from workbench.export.arm import EVERY, Body, Friction, Stop, arm, holds_spring, value
 from workbench.export.dynamics import beside
 from workbench.export.program import ACTUATOR, JOINT, program
 from workbench.export.request import Exported, ExportError, Language, Request, comment, keep, load_mujoco, title
-from workbench.export.servo import Servo
+from workbench.export.servo import Motor, Servo, actuation
 
-BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects that its joints have, beside those of `EVERY`,
-ASKED = ("torque_offset", "coulomb_asymmetry", "actuator_lag", "dead_time")  # and its motors
+BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects that its joints have, beside those of `EVERY`
 # Impedance of the stop: MuJoCo's lower bound of 0.0001. A constraint with impedance d replaces the share d of what else
 # accelerates the joint, so that a small one only adds to it, as a spring does.
 SOFT = (1e-4, 1e-4, 0.001, 0.5, 2.0)
@@ -47,10 +44,10 @@ def export(model: Model, request: Request) -> Exported:
         held.remove("spring")
     if request.callback is not None:
         return _with_callback(model, held, request, request.callback)
-    held |= set(ASKED if request.drive is None else ASKED[:2])
+    kind = actuation(request)
+    held |= set(kind.held)
     friction, stop = Friction.of(model, held), Stop.of(model)
-    servo = None if request.drive is None else Servo.of(request.drive)
-    missing = (*friction.missing, *stop.missing, *(() if servo is None else servo.missing))
+    missing = (*friction.missing, *stop.missing, *kind.missing)
     notes = keep(missing, request)
     spec = mujoco.MjSpec()
     spec.modelname, spec.comment = "pendulum", comment((title(model), *notes))
@@ -83,7 +80,7 @@ def export(model: Model, request: Request) -> Exported:
         joint.range = [math.degrees(end) for end in stop.ends]
         joint.solref_limit = -stop.stiffness / inertia, -stop.damping / inertia
         joint.solimp_limit = SOFT
-    _actuate(mujoco, spec, model, request)
+    _actuate(mujoco, spec, model, kind)
     spec.compile()
     return Exported(spec.to_xml(), notes)
 
@@ -111,7 +108,7 @@ def _with_callback(model: Model, held: Collection[str], request: Request, langua
         raise ExportError("a link behind the motor has all of the arm's inertia: no body is left that the motor turns")
     body = replace(model, terms=terms, estimates=estimates, correlation=())
     exported = export(body, replace(request, drive=None, callback=None))
-    step = beside(model, others, request.drive, request.step)
+    step = beside(model, others, request)
     return replace(exported, callback=program(language, model, step, "joint"))
 
 
@@ -132,41 +129,11 @@ def _inertia_of(model: Model, terms: Sequence[Term]) -> float:
     return total
 
 
-def _actuate(mujoco: Any, spec: Any, model: Model, request: Request) -> None:
+def _actuate(mujoco: Any, spec: Any, model: Model, kind: Motor | Servo) -> None:
     """The actuator: a torque with what lies between the command and the joint, or a servo."""
     offset = value(model, "torque_offset") + value(model, "coulomb_asymmetry")
     actuator = spec.add_actuator(name=ACTUATOR, target=JOINT, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    if request.drive is None:
-        _ask(mujoco, actuator, model, request)
-    else:
-        _servo(mujoco, actuator, request.drive, offset)
+    kind.actuate(mujoco, actuator, model, offset)
     if offset:
         actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
         actuator.biasprm = [-offset, *actuator.biasprm[1:]]
-
-
-def _servo(mujoco: Any, actuator: Any, drive: Drive, offset: float) -> None:
-    """A servo: MuJoCo's torque is gain times goal, less gain times angle, less damping times speed."""
-    servo = Servo.of(drive)
-    if drive.acts_on_speed:
-        actuator.set_to_velocity(kv=servo.damping)
-    else:
-        actuator.set_to_position(kp=servo.stiffness, kv=servo.damping)
-    if math.isfinite(servo.limit):
-        actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-        actuator.forcerange = -servo.limit - offset, servo.limit - offset
-
-
-def _ask(mujoco: Any, actuator: Any, model: Model, request: Request) -> None:
-    """A motor, behind a lag and a delay."""
-    actuator.set_to_motor()
-    delay = sum(term.delay for term in model.terms)
-    for term in model.terms:
-        if isinstance(term, ActuatorLag):
-            actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
-            actuator.dynprm = [term.time_constant, *([0.0] * 9)]
-            actuator.actearly = True  # what the filter has reached at the end of a step acts in it: half a step early
-            delay += 0.5 * request.step
-    if delay:
-        actuator.delay, actuator.interp = delay, 1  # between commands, as ours
-        actuator.nsample = math.ceil(delay / request.step) + 2

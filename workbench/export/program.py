@@ -54,7 +54,7 @@ def number(language: Language, value: float) -> str:
 
 def export(model: Model, request: Request, language: Language) -> Exported:
     """A module, or a file of C: parameters by name, the state, its start, and its step."""
-    return Exported(program(language, model, written(model, request.step, request.drive)))
+    return Exported(program(language, model, written(model, request)))
 
 
 def program(language: Language, model: Model, dynamics: Dynamics, prefix: str = "pendulum") -> str:

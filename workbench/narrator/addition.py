@@ -8,7 +8,7 @@ from estimators.selection.errors import Step
 from pendulum_env.physics.term import loads
 from pendulum_env.units import JointUnits
 from pendulum_env.words import listing
-from workbench.narrator.reasons import describe_objection
+from workbench.narrator.reasons import ERRORS, describe_objection
 
 FORMS = {
     "power": "|q'|^{0}",
@@ -17,7 +17,6 @@ FORMS = {
     "bump": "a bump at {0} {rad}, {1} {rad} wide",
     "step": "a step at {0} {rad}, {1} {rad} wide",
 }
-ERRORS = {"in_loop": "in the loop", "torque_rms": "torque", "position_rms": "position"}
 SIGNIFICANT = 3.0  # times its standard errors, from which a table has a shape
 
 

@@ -31,7 +31,8 @@ HELD_OUT = {
     "holdout_position": "error of free-running simulation",
     "holdout_torque": "torque error",
 }
-FALLS = {"in_loop": "in the loop", "torque_rms": "torque", "position_rms": "free-running position"}
+ERRORS = {"in_loop": "in the loop", "torque_rms": "torque", "position_rms": "position"}
+FALLS = ERRORS | {"position_rms": "free-running position"}
 
 
 def describe_reason(candidate: Candidate) -> str:

@@ -20,7 +20,7 @@ from pendulum_env.physics.model_card import parameters_table
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.units import JointUnits
 from pendulum_env.words import Table, bar, listing, number_text
-from workbench.narrator.addition import ERRORS, describe_addition, describe_table
+from workbench.narrator.addition import describe_addition, describe_table
 from workbench.narrator.comparison import caveat, errors_in_loop
 from workbench.narrator.diagnosis import (
     describe_detectable,
@@ -30,7 +30,7 @@ from workbench.narrator.diagnosis import (
     describe_unexplained,
 )
 from workbench.narrator.findings import describe
-from workbench.narrator.reasons import describe_reason
+from workbench.narrator.reasons import ERRORS, describe_reason
 
 RUNNERS_UP = 5  # rejected candidates that are shown
 BIASED = "Biased by a missing effect; the size of the bias is unknown."
