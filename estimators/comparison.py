@@ -221,7 +221,7 @@ def compare(model: Model | HasModel, recordings: Recordings) -> Comparison:
         tuple(region for at in failing for region in _fails(together, left, at, most)),
         (*disagreements_with(model, fits), *misfits(fits)),
         recordings[0].torque_constant,
-        FitData(recordings, recordings, terms=joints).holding((together, together)),
+        FitData(recordings, recordings, terms=joints).with_parts((together, together)),
     )
 
 

@@ -11,7 +11,7 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, PER_INERTIA, TorqueConstant
 from pendulum_env.settings import Blank, setting
 
-Several = tuple[Recording, ...]
+Recordings = tuple[Recording, ...]
 
 
 def calibrate(
@@ -19,10 +19,10 @@ def calibrate(
     holdout: Sequence[Recording],
     constant: TorqueConstant | None,
     known: Mapping[str, float],
-) -> tuple[Several, Several, Finding | None]:
-    """Return recordings in N m, and why the torque constant is unknown; see `FitData.of` for what raises.
+) -> tuple[Recordings, Recordings, Finding | None]:
+    """Return recordings in N m, and a finding if the torque constant is unknown; `FitData.of` says what it raises.
 
-    The torque of a controller whose integral is not known stays as it is.
+    Torque of a controller with an integral part stays in the unit of the log: the state of the integral is unknown.
     """
     fitted, unseen = tuple(recordings), tuple(holdout)
     every = (*fitted, *unseen)
@@ -41,8 +41,8 @@ def calibrate(
 
 
 def _by_known_value(
-    fitted: Several, unseen: Several, driven: Sequence[Recording], known: Mapping[str, float]
-) -> tuple[Several, Several, Finding | None]:
+    fitted: Recordings, unseen: Recordings, driven: Sequence[Recording], known: Mapping[str, float]
+) -> tuple[Recordings, Recordings, Finding | None]:
     """Scale free swings by a known parameter, else by an inertia of 1; some held-out recordings may be driven."""
     inertia = scale_swings(fitted, known)
     unit = PER_INERTIA if inertia is None else NEWTON_METRE
@@ -58,9 +58,9 @@ def _by_known_value(
 
 
 def _by_constant(
-    fitted: Several, unseen: Several, constant: TorqueConstant | None
-) -> tuple[Several, Several, Finding | None]:
-    """Turn what was logged into torque, by a torque constant that is known or that known loads determine."""
+    fitted: Recordings, unseen: Recordings, constant: TorqueConstant | None
+) -> tuple[Recordings, Recordings, Finding | None]:
+    """Convert logged currents into torque, by a torque constant that is known or that known loads determine."""
     unit = unit_of((*fitted, *unseen))
     if unit == NEWTON_METRE:
         return fitted, unseen, None
@@ -74,13 +74,13 @@ def _by_constant(
 
 
 def _in_newton_metres(recording: Recording, constant: TorqueConstant) -> Recording:
-    """Return a recording in N m, whose drive has the constant for a gain."""
+    """Return a recording in N m; the gain of its drive is the torque constant."""
     torque, drive = constant.value * recording.torque, recording.drive
     if drive is not None and drive.unit == constant.of:
         drive = replace(drive, gain=constant.value)
     return replace(recording, torque=torque, torque_unit=NEWTON_METRE, torque_constant=constant, drive=drive)
 
 
-def _scaled(recordings: Several, inertia: float, torque_unit: str) -> Several:
-    """Return recordings, free swings among them scaled by an inertia."""
+def _scaled(recordings: Recordings, inertia: float, torque_unit: str) -> Recordings:
+    """Return the recordings, with free swings scaled by an inertia."""
     return tuple(swing(recording, inertia, torque_unit) for recording in recordings)

@@ -1,6 +1,6 @@
-"""Data of a fit: recordings with torque in N m and in time, split, and cut into windows and segments; each once.
+"""Data of a fit: recordings with calibrated and timed torque, split, and cut into windows and segments.
 
-`diagnose`, `compare`, `add`, `fit`, `identify`, the report and the app all stand on what is made here.
+`diagnose`, `compare`, `add`, `fit`, `identify`, the report and the app use the same data.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from estimators.checks.channel import align_each
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.calibration import calibrate
 from estimators.data.regression_data import RegressionData, with_impacts
-from estimators.data.split import Parts, gather, parted
+from estimators.data.split import Parts, gather, split_arm
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import known_values
 from estimators.selection.criterion import Criterion
@@ -30,20 +30,20 @@ from pendulum_env.recording.record import TorqueConstant
 
 @dataclass(frozen=True, eq=False)
 class FitData:
-    """Recordings as models are fitted to them, and what was done to them; each step makes another one.
+    """Recordings as models are fitted to them, and their treatments; each treatment returns new data.
 
     Attributes:
-        recordings: to fit; in N m where their known loads tell the torque constant, else in the unit of the log.
-        holdout: to check on; if there are none, the end of each recording to fit is.
-        doubt: why the torque constant is unknown; None if it is known, or torque was logged.
+        recordings: to fit; in N m if the torque constant is known, else in the unit of the log.
+        holdout: to check on; if there are none, the end of each recording is held out.
+        doubt: finding if the torque constant is unknown; None if it is known, or torque was logged.
         alignments: time between torque and motion in each recording, fitted ones first; torque that was logged late or
-            filtered is corrected by it. Empty before anybody looked.
+            filtered is corrected by it. Empty before `timed`.
         window_share: length of the windows, relative to the length that the noise asks for.
-        impacts_beside: terms beside which turns that miss torque are among the windows; None where they are not.
+        impact_terms: terms by whose residual windows at impacts were added; None if none were.
         terms: of an arm, that may be fitted to it, the links first.
         treatments: of the recordings, in order.
-        excluded: recordings that were left out, since they show another plant.
-        whole: the data before recordings were left out; None if none was.
+        excluded: recordings that disagree with the others, and are not fitted.
+        whole: the data before recordings were excluded; None if none was.
         untimed: the data before torque was timed; None if it was not.
     """
 
@@ -52,7 +52,7 @@ class FitData:
     doubt: Finding | None = None
     alignments: tuple[Alignment, ...] = ()
     window_share: float = 1.0
-    impacts_beside: tuple[Term, ...] | None = None
+    impact_terms: tuple[Term, ...] | None = None
     terms: tuple[type[Term] | Term, ...] = ()
     treatments: tuple[Finding, ...] = ()
     excluded: tuple[Disagreement, ...] = ()
@@ -69,11 +69,11 @@ class FitData:
         constant: TorqueConstant | None = None,
         known: Mapping[str, float] | None = None,
     ) -> Self:
-        """Recordings in N m: by a torque constant that is known, or else that the known loads of the fitted ones tell.
+        """Convert torque to N m, by a known torque constant or by the known loads of the fitted recordings.
 
-        Torque that is logged a little late is no hindrance: to first order, what comes of it is odd in the velocity.
-        Free swings alone are in N m if a parameter is known, or else relative to the inertia. Currents of an arm, and
-        of a controller whose integral is no part of the torque, stay as they are.
+        Torque that is logged slightly late gives the same constant: to first order its error is odd in the velocity,
+        and inertia and gravity of a load are even. Free swings alone are in N m if a parameter is known, or else
+        relative to the inertia. Currents of an arm, and of a controller with an integral part, are not converted.
 
         Args:
             recordings: to fit.
@@ -83,8 +83,8 @@ class FitData:
             known: values of known parameters by name, which scale free swings; by default those of the terms.
 
         Raises:
-            IdentificationError: if units differ, from that of the constant, too, or if the recordings hold too little
-                motion to tell anything, or if torque is applied in held-out recordings only and no parameter is known.
+            IdentificationError: if units differ, also from that of the constant; if there is too little motion; or if
+                torque is applied in held-out recordings only and no parameter is known.
         """
         if isinstance(body_of(terms), Body):
             return cls(tuple(recordings), tuple(holdout), terms=tuple(terms))
@@ -93,9 +93,9 @@ class FitData:
         if data.constant is None:
             return data
         value = Quantity(data.constant.value, data.constant.std, data.constant.unit)
-        return data.treated(Finding(Kind.TORQUE_CONSTANT, {"torque_constant": value}))
+        return data.with_treatment(Finding(Kind.TORQUE_CONSTANT, {"torque_constant": value}))
 
-    def treated(self, treatment: Finding, **changes: Any) -> Self:
+    def with_treatment(self, treatment: Finding, **changes: Any) -> Self:
         """Return the data after one more treatment, with the fields that it changes."""
         return replace(self, treatments=(*self.treatments, treatment), **changes)
 
@@ -103,32 +103,32 @@ class FitData:
         """Return whether the data had a treatment."""
         return any(treatment.kind is kind for treatment in self.treatments)
 
-    def timed(self, beside: Sequence[Term] = ()) -> FitData:
-        """Return the data with the torque that acted, beside effects that joints have: see `estimators.align`.
+    def timed(self, effects: Sequence[Term] = ()) -> FitData:
+        """Correct the time between torque and motion under a model with some effects: see `estimators.align`.
 
         The timing of the log is no part of the model, so held-out and excluded recordings determine it, too.
         """
         if self.whole is not None:
-            return self.whole.timed(beside).without(self.excluded)
+            return self.whole.timed(effects).without(self.excluded)
         raw, terms = self.untimed or self, [term for term in self.terms if isinstance(term, Term)]
         every, count = (*raw.recordings, *raw.holdout), len(raw.recordings)
-        alignments = align_each(every, [*terms, *beside])
+        alignments = align_each(every, [*terms, *effects])
         moved = tuple(one.apply(recording) for one, recording in zip(alignments, every, strict=True))
         earlier = tuple(treatment for treatment in self.treatments if treatment not in self.corrections)
         changes: dict[str, Any] = {"recordings": moved[:count], "holdout": moved[count:], "untimed": raw}
         timed = replace(self, **changes, alignments=tuple(alignments))
-        asked = [Finding(Kind.TIMED_BESIDE, effects=tuple(term.id for term in beside))] if beside else []
-        return replace(timed, treatments=(*earlier, *asked, *timed.corrections))
+        beside = [Finding(Kind.TIMED_BESIDE, effects=tuple(term.id for term in effects))] if effects else []
+        return replace(timed, treatments=(*earlier, *beside, *timed.corrections))
 
     def without(self, outliers: Sequence[Disagreement]) -> FitData:
-        """Return the data without fitted recordings that disagree with the others."""
-        odd, count = {one.recording for one in outliers}, len(self.recordings)
-        kept = [k for k in range(count) if k + 1 not in odd]
+        """Return the data without the fitted recordings that disagree with the others."""
+        excluded, count = {one.recording for one in outliers}, len(self.recordings)
+        kept = [k for k in range(count) if k + 1 not in excluded]
         if len(kept) == count:
             return self
         alignments = [self.alignments[k] for k in (*kept, *range(count, len(self.alignments))) if self.alignments]
         names = tuple(own.name for k, own in enumerate(self.recordings) if k not in kept)
-        return self.treated(
+        return self.with_treatment(
             Finding(Kind.RECORDINGS_EXCLUDED, recordings=names),
             recordings=tuple(self.recordings[k] for k in kept),
             alignments=tuple(alignments),
@@ -136,29 +136,29 @@ class FitData:
             whole=self,
         )
 
-    def narrowed(self, share: float = Criterion.shorter_window) -> Self:
-        """Return the data in narrower windows."""
-        return self.treated(Finding(Kind.NARROWER_WINDOWS, {"share": Quantity(share)}), window_share=share)
+    def with_narrower_windows(self, share: float = Criterion.shorter_window) -> Self:
+        """Return the data in windows of a share of their length."""
+        return self.with_treatment(Finding(Kind.NARROWER_WINDOWS, {"share": Quantity(share)}), window_share=share)
 
     def with_impacts(self, terms: Sequence[Term]) -> Self:
-        """Return the data with the turns that miss torque beside some terms, as they are where these are too few."""
+        """Return the data with windows at impacts, found by the residual of some terms; the same if these are few."""
         parts = with_impacts(self.parts, terms)
         if parts is self.parts:
             return self
-        return self.treated(Finding(Kind.IMPACTS_INCLUDED), impacts_beside=tuple(terms)).holding(parts)
+        return self.with_treatment(Finding(Kind.IMPACTS_INCLUDED), impact_terms=tuple(terms)).with_parts(parts)
 
-    def holding(self, parts: Parts) -> Self:
-        """Return the data with parts that are prepared already."""
-        vars(self)["parts"] = parts  # where the property would keep them
+    def with_parts(self, parts: Parts) -> Self:
+        """Set the parts, which are not computed again, and return the data."""
+        vars(self)["parts"] = parts  # where the cached property keeps them
         return self
 
-    def fresh(self, terms: tuple[Term, ...] = ()) -> Self:
-        """Return the data, of an arm for given terms, without columns that a search tried and earlier data."""
-        fresh = replace(self, terms=terms if self.terms else (), whole=None, untimed=None)
+    def without_history(self, terms: tuple[Term, ...] = ()) -> Self:
+        """Return the data without memoised columns and earlier data; of an arm, with the given terms only."""
+        result = replace(self, terms=terms if self.terms else (), whole=None, untimed=None)
         if "parts" in vars(self):
             train, holdout = map(replace, self.parts)
-            fresh.holding((train, holdout))
-        return fresh
+            result.with_parts((train, holdout))
+        return result
 
     @cached_property
     def parts(self) -> Parts:
@@ -168,23 +168,23 @@ class FitData:
             IdentificationError: if a part holds too little motion, or torque is never applied.
         """
         if self.terms:
-            train, holdout = parted(self.recordings, self.holdout)
+            train, holdout = split_arm(self.recordings, self.holdout)
             return RegressionData.of_arm(train, self.terms), RegressionData.of_arm(holdout, self.terms)
         parts = gather(self.recordings, self.holdout, self.window_share)
-        return parts if self.impacts_beside is None else with_impacts(parts, self.impacts_beside)
+        return parts if self.impact_terms is None else with_impacts(parts, self.impact_terms)
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but the parts, which are large, and are made again where they are needed."""
+        """Pickle all but the parts, which are large and are computed again."""
         return {name: value for name, value in vars(self).items() if name != "parts"}
 
     @property
     def constant(self) -> TorqueConstant | None:
-        """By which currents were turned into torque; None if they were not."""
+        """Torque constant by which currents were converted; None if they were not."""
         return self.recordings[0].torque_constant
 
     @property
     def unit(self) -> str:
-        """Of the torque: `N m`, or that of what was logged."""
+        """Unit of the torque: `N m`, or that of the log."""
         return self.recordings[0].torque_unit
 
     @property
@@ -193,7 +193,7 @@ class FitData:
         return any(one.is_late for one in self.alignments)
 
     def agrees(self, other: FitData) -> bool:
-        """Whether torque is corrected alike in another's recordings, as far as both know."""
+        """Return whether other data have the same corrections of torque, within their standard errors."""
         return all(
             np.isinf(one.delay_std + two.delay_std) or (one.is_late == two.is_late and one.agrees(two))
             for one, two in zip(self.alignments, other.alignments, strict=True)
@@ -209,7 +209,7 @@ class FitData:
         return [replace(finding, kind=kinds[finding.kind]) for finding in self.timing(True)]
 
     def timing(self, is_late: bool) -> tuple[Finding, ...]:
-        """Findings on torque that is logged late, or that acts late; with names of recordings where they differ."""
+        """Return findings on torque that is logged late, or acts late; with names of recordings if these differ."""
         every = zip((*self.recordings, *self.holdout), self.alignments, strict=bool(self.alignments))
         found: list[Finding] = []
         names: list[list[str]] = []

@@ -1,4 +1,4 @@
-"""Split of recordings into what is fitted and what is held out, as windows and segments."""
+"""Split of recordings into fitted and held-out data, as windows and segments."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -11,17 +11,17 @@ from estimators.selection.criterion import Criterion
 from estimators.weak_form.torque_windows import choose_half_width, prepare
 from pendulum_env.recording import Recording
 
-HELD_OUT = 0.3  # end of each recording that is held out when no recording is
-MOTION = 0.5  # of the motion, that has to come before what is held out of the end of recordings
-SHORTEST = 0.25  # share of the windows' length, the least, where longer windows are too few
+HELD_OUT = 0.3  # share of each recording, at its end, that is held out if no recording is
+MOTION = 0.5  # least share of the motion that is fitted, if the end of each recording is held out
+SHORTEST = 0.25  # least factor on the lengths of windows, if longer windows are too few
 
 Parts = tuple[RegressionData, RegressionData]  # fitted and held out
 
 
-def parted(
+def split_arm(
     recordings: Sequence[Recording], holdout: Sequence[Recording] = ()
 ) -> tuple[list[Recording], list[Recording]]:
-    """What is fitted of an arm and what is held out: the last 30 % of each recording, where no others are."""
+    """Return fitted and held-out recordings of an arm: by default the last 30 % of each recording is held out."""
     if holdout:
         return list(recordings), list(holdout)
     pairs = [recording.split(1 - HELD_OUT) for recording in recordings]
@@ -29,12 +29,12 @@ def parted(
 
 
 def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), shorter: float = 1.0) -> Parts:
-    """Training and held-out data, prepared; without held-out recordings, the end of each recording is held out.
+    """Prepare fitted and held-out data; without held-out recordings, the end of each recording is held out.
 
     Args:
         recordings: to fit.
         holdout: to check on.
-        shorter: factor on the lengths of the windows, which are shorter still where they would be too few.
+        shorter: factor on the lengths of the windows; it is reduced further if they are too few.
 
     Raises:
         IdentificationError: if a part holds too little motion, or torque is never applied.

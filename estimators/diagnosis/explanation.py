@@ -1,4 +1,4 @@
-"""Explanation of a search: verdicts on effects, what is left, and the next step."""
+"""Explanation of a search: verdicts on effects, the unexplained residual, and the next step."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,8 +9,8 @@ from estimators.diagnosis.result import Diagnosis, TriedTreatment
 from pendulum_env.recording.study import format_of
 
 
-def explain(trial: Trial, tried: Sequence[TriedTreatment] = ()) -> Diagnosis:
-    """Rank the effects of a trial, and say what follows: findings, what is left, and the next step."""
+def explain(trial: Trial, tried: Sequence[TriedTreatment]) -> Diagnosis:
+    """Rank the effects of a trial, and add findings, the residual and the next step."""
     trial.setting.progress("judging", 0.93)
     candidates, groups = rank_effects(trial.final, trial.terms, trial.doubts)
     *others, last = (trial.case.present(trial, step) for step in trial.final.steps)
@@ -26,7 +26,7 @@ def explain(trial: Trial, tried: Sequence[TriedTreatment] = ()) -> Diagnosis:
         alignments=(data.whole or data).alignments,
         torque_unit=data.unit,
         torque_constant=data.constant,
-        data=data.fresh(last.model.terms),
+        data=data.without_history(last.model.terms),
         evaluator=trial.evaluator,
         treatments=tuple(tried),
     )

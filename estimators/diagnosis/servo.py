@@ -127,7 +127,7 @@ def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:
     """
     is_pressed = LoadDependentFriction.id in ids(terms) and BackEmf.id not in ids(terms)
     finding = Finding(Kind.BACK_EMF_INCLUDED, effects=(BackEmf.id,))
-    return data.treated(finding) if is_pressed and driven_by_voltage(data.recordings) else None
+    return data.with_treatment(finding) if is_pressed and driven_by_voltage(data.recordings) else None
 
 
 def conclude(trial: Trial, found: Diagnosis) -> Diagnosis:

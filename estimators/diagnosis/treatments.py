@@ -72,7 +72,7 @@ def narrow_windows(trial: Trial) -> FitData | None:
         return None
     if not evaluator.residuals.is_noise_by_part(found.terms)[0] or not is_misfit(evaluator, found.steps[-1]):
         return None
-    return trial.data.narrowed(evaluator.criterion.shorter_window)
+    return trial.data.with_narrower_windows(evaluator.criterion.shorter_window)
 
 
 def include_impacts(trial: Trial) -> FitData | None:

@@ -14,7 +14,7 @@ from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.torque_constant import with_torque_constant
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
-from estimators.data.split import parted
+from estimators.data.split import split_arm
 from estimators.diagnosis.addition import fit
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.findings import Finding
@@ -167,7 +167,7 @@ def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: boo
 def prepare_arm(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: bool, asked: Asked) -> Prepared:
     """The same of an arm, which is neither aligned nor known; raises alike."""
     train, holdout = ([one.recording for one in loaded if one.held_out is held] for held in (False, True))
-    fitted, _ = parted(train, holdout)
+    fitted, _ = split_arm(train, holdout)
     found = identify(fitted, terms, SCHEMES)
     model, data = found[SAVED].model, FitData.of(train, holdout, found[SAVED].model.terms)
     errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
